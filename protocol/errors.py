@@ -37,7 +37,7 @@ class ProtocolError(Exception):
 
 
 class DialectError(ProtocolError):
-    """A dialect does not compile. `detail` is what the generator had to say."""
+    """A dialect does not compile. `detail` is the generator's message."""
 
     def __init__(self, path: str, detail: str) -> None:
         self.path, self.detail = path, detail
@@ -111,7 +111,7 @@ class UnmatchedLink(KeyFileError):
     def __init__(self, path: Path, address: str, patterns: Iterable[str]) -> None:
         self.address, self.patterns = address, tuple(patterns)
         problem = f"no pattern matches the links of {address}; there is {', '.join(self.patterns)}"
-        super().__init__(path, f"{problem}; add a line for them, or say --key none to do without")
+        super().__init__(path, f"{problem}; add a line for them, or write --key none to do without")
 
 
 class LinkError(ProtocolError):
@@ -131,7 +131,7 @@ class BadUrl(LinkError):
 
 
 class LinkRefused(LinkError):
-    """The link could not be opened. `cause` is the system's word for it."""
+    """The link could not be opened. `cause` is the error of the operating system."""
 
     def __init__(self, address: str, cause: str) -> None:
         self.cause = cause

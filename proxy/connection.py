@@ -24,7 +24,14 @@ from robotree.protocol.links.url import connect
 from robotree.protocol.messages import AnyMessage
 from robotree.protocol.services.peer import Send
 from robotree.protocol.services.statustext import Sentence
-from robotree.proxy.session import SUPERVISOR_SYSTEM, ControllerSession, Effect, Event, OnlineChanged, Redial
+from robotree.proxy.session import (
+    SUPERVISOR_SYSTEM,
+    ControllerSession,
+    OnlineChanged,
+    Redial,
+    SessionEffect,
+    SessionEvent,
+)
 from robotree.vr.running.runner import Runner, Threads
 
 _log = logging.getLogger(__name__)
@@ -88,7 +95,7 @@ class Connection:
         url: str,
         session: ControllerSession,
         *,
-        on_event: Callable[[Event], None],
+        on_event: Callable[[SessionEvent], None],
         dial: Dial = connect,
         chance: random.Random | None = None,
         security: LinkSecurity = UNSIGNED,
@@ -172,14 +179,14 @@ class Connection:
         finally:
             self._awaited.remove(entry)
 
-    def perform(self, effects: Sequence[Effect]) -> None:
+    def perform(self, effects: Sequence[SessionEffect]) -> None:
         """Carry out what the session asks for and pass its events on. On the loop only."""
         self._carry_out(effects)
         self._plan_tick()
 
     # -- inside ------------------------------------------------------------------------------------
 
-    def _carry_out(self, effects: Sequence[Effect]) -> None:
+    def _carry_out(self, effects: Sequence[SessionEffect]) -> None:
         for effect in effects:
             match effect:
                 case Send(message=message):

@@ -33,7 +33,7 @@ class NoKind(ProxyError):
 class SeveralKinds(ProxyError):
     """The file defines several kinds of robots and none was named."""
 
-    sentence = "{path} defines several kinds of robots ({known}); say which: {path}:CLASS"
+    sentence = "{path} defines several kinds of robots ({known}); name one: {path}:CLASS"
 
 
 class BadController(ProxyError):

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from robotree.protocol.services.goal_client import GoalEnded, GoalProgress, GoalSilent
 from robotree.proxy.connection import Connection
 from robotree.proxy.motion import Request
-from robotree.proxy.session import Event
+from robotree.proxy.session import SessionEvent
 from robotree.vr.author.context import Activity
 from robotree.vr.running.runner import Waiter
 
@@ -102,7 +102,7 @@ class PendingGoals:
 
     # -- on the loop -------------------------------------------------------------------------------
 
-    def handle(self, event: Event) -> None:
+    def handle(self, event: SessionEvent) -> None:
         """Take an event of the session; those that are about no pending goal are ignored."""
         match event:
             case GoalProgress(key=key, progress=fraction) if key in self._goals:

@@ -28,7 +28,14 @@ from robotree.proxy.mode_requests import ModeRequest, ModeRequests
 from robotree.proxy.motion import Hold, Motion
 from robotree.proxy.outcome import error_of, silence_in_words, unclear
 from robotree.proxy.pending_goals import NotSent, OutcomeLost, PendingGoal, PendingGoals
-from robotree.proxy.session import CONTROLLER, SETTLED, ControllerSession, Event, HeldChanged, OnlineChanged
+from robotree.proxy.session import (
+    CONTROLLER,
+    SETTLED,
+    ControllerSession,
+    HeldChanged,
+    OnlineChanged,
+    SessionEvent,
+)
 from robotree.proxy.translate import READERS, UNITS, Readers, Target, component_of, goal_key, time_to_live
 from robotree.vr.author.command import command, commands_of
 from robotree.vr.author.context import Activity, running
@@ -335,7 +342,7 @@ class RobotProxy(Robot):
     def _failed(self, detail: str) -> CommandFailed:
         return CommandFailed(robot=self.name, command=self.context.command, detail=detail)
 
-    def _handle(self, event: Event) -> None:
+    def _handle(self, event: SessionEvent) -> None:
         match event:
             case OnlineChanged(online=online):
                 self.online = online

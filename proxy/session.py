@@ -41,8 +41,7 @@ from robotree.protocol.messages import (
     Statustext,
 )
 from robotree.protocol.services.claim_client import ClaimClient, ClaimDenied, ClaimGranted
-from robotree.protocol.services.command_client import CommandClient
-from robotree.protocol.services.command_client import Effect as CommandEffect
+from robotree.protocol.services.command_client import CommandClient, CommandClientEffect
 from robotree.protocol.services.goal_client import GoalClient, GoalEnded, GoalProgress, GoalSilent
 from robotree.protocol.services.heartbeat import SILENCE, HeartbeatSender
 from robotree.protocol.services.peer import Send
@@ -97,9 +96,9 @@ class Redial:
 
 Claim = ClaimGranted | ClaimDenied
 Goal = GoalProgress | GoalEnded | GoalSilent
-Event = OnlineChanged | HeldChanged | Answer | Claim | Goal | Picture | Sentence
+SessionEvent = OnlineChanged | HeldChanged | Answer | Claim | Goal | Picture | Sentence
 """What the session reports."""
-Effect = Send | Redial | Event
+SessionEffect = Send | Redial | SessionEvent
 """What the session reports, and what it asks the connection to do."""
 
 
@@ -208,7 +207,7 @@ class ControllerSession:
 
     # -- the link ----------------------------------------------------------------------------------
 
-    def opened(self, now: float) -> list[Effect]:
+    def opened(self, now: float) -> list[SessionEffect]:
         """A link was opened; the controller has not been heard on it yet."""
         self._open = True
         self._opened_at = now
@@ -221,18 +220,18 @@ class ControllerSession:
         self._goals.opened()
         return self.tick(now)
 
-    def closed(self, trouble: str) -> list[Effect]:
+    def closed(self, trouble: str) -> list[SessionEffect]:
         """The link ended, or could not be opened; `trouble` says why, in one clause."""
         self._open = False
         self._pictures.link_closed(None)
         return self._set_online(online=False, trouble=trouble)
 
-    def receive(self, frame: Frame, now: float) -> list[Effect]:
+    def receive(self, frame: Frame, now: float) -> list[SessionEffect]:
         """Take one intact frame."""
         if frame.system != self.controller.system:
             self._note_same_system(frame)
             return []
-        effects: list[Effect] = []
+        effects: list[SessionEffect] = []
         message = frame.message
         if type(message) in FROM_ANY_COMPONENT:
             effects += self._pictures.receive(frame, None)
@@ -256,7 +255,7 @@ class ControllerSession:
             effects += self._set_online(online=True, trouble="") + self._ask_for_rates(now)
         return effects
 
-    def _hear(self, frame: Frame, message: AnyMessage, now: float) -> list[Effect]:
+    def _hear(self, frame: Frame, message: AnyMessage, now: float) -> list[SessionEffect]:
         """Take a message of the controller, other than its mode."""
         match message:
             case Heartbeat():
@@ -291,9 +290,9 @@ class ControllerSession:
         beat = self._heartbeats.due_for(math.inf if claim is not None and claim.granted else silence)
         return min(due, claimed, beat, self._commands.due, max(self._opened_at, self.heard_at) + DEAD)
 
-    def tick(self, now: float) -> list[Effect]:
+    def tick(self, now: float) -> list[SessionEffect]:
         """Send what is due (heartbeats, repetitions) and notice silence. Call it when it is `due`."""
-        effects: list[Effect] = [*self._listener.tick(now)]
+        effects: list[SessionEffect] = [*self._listener.tick(now)]
         if self.online and now >= self.heard_at + SILENCE:
             silent = f"its controller has been silent for {SILENCE:g} s"
             effects += self._set_online(online=False, trouble=self.rejection or silent)
@@ -316,7 +315,7 @@ class ControllerSession:
 
     def start(
         self, key: int, request: Request, *, epoch: int, ttl: float, now: float, repeatable: bool = False
-    ) -> list[Effect]:
+    ) -> list[SessionEffect]:
         """Ask for a movement under the `epoch` of a lease; the rest is as for `GoalClient.start`."""
         verb, args = request
         under = self._epoch(epoch)
@@ -324,16 +323,16 @@ class ControllerSession:
         goal = self._goals.start(key, verb, args, epoch=under, now=now, ttl=ttl, repeatable=repeatable)
         return [*claim, *goal]
 
-    def cancel(self, key: int, *, epoch: int, now: float) -> list[Effect]:
+    def cancel(self, key: int, *, epoch: int, now: float) -> list[SessionEffect]:
         """Ask for the end of a movement; repeated until the controller confirms it."""
         return [*self._goals.cancel(key, epoch=self._epoch(epoch), now=now)]
 
-    def stop(self, now: float) -> list[Effect]:
+    def stop(self, now: float) -> list[SessionEffect]:
         """Protective stop, now, again until it is confirmed, and whenever the controller is not stopped."""
         self._desired.stop()
         return self._repeat_mode(now) + self._held_change()
 
-    def release(self, epoch: int, now: float) -> list[Effect]:
+    def release(self, epoch: int, now: float) -> list[SessionEffect]:
         """Release the stop; sent again until the controller has answered, for RELEASE_TIMEOUT at most.
 
         This releases the stop that the controller reported last, or our own unconfirmed one; a stop that
@@ -347,12 +346,12 @@ class ControllerSession:
         self._desired.release(self._epoch(epoch), stops, now, life)
         return self._repeat_mode(now) + self._held_change()
 
-    def withdraw(self, now: float) -> list[Effect]:
+    def withdraw(self, now: float) -> list[SessionEffect]:
         """Drop the release, because its caller no longer waits; if it was sent, a stop follows it."""
         self._desired.withdraw()
         return self._repeat_mode(now) + self._held_change()
 
-    def release_claim(self) -> list[Effect]:
+    def release_claim(self) -> list[SessionEffect]:
         """Release our claim, so that the next proxy does not have to wait until we count as silent."""
         return [*self._claim.release()] if self._claim is not None and self._open else []
 
@@ -375,7 +374,7 @@ class ControllerSession:
         told = self._report is not None and self._report.heard_at >= self._opened_at
         return self._beats > 1 or (self._beats == 1 and told)
 
-    def _keep_claim(self, now: float, *, beats: bool = False) -> list[Effect]:
+    def _keep_claim(self, now: float, *, beats: bool = False) -> list[SessionEffect]:
         """Send the claim, if it is due or a heartbeat goes out."""
         if self._claim is None or not self._open:
             return []
@@ -404,7 +403,7 @@ class ControllerSession:
     def _for_us(self, status: GoalStatus | ClaimStatus) -> bool:
         return (status.target_system, status.target_component) == (SUPERVISOR_SYSTEM, self.component)
 
-    def _set_online(self, *, online: bool, trouble: str) -> list[Effect]:
+    def _set_online(self, *, online: bool, trouble: str) -> list[SessionEffect]:
         self.trouble = trouble
         if online == self.online:
             return []
@@ -416,10 +415,10 @@ class ControllerSession:
         claimed = self._claim is not None and self._claim.granted
         return self._silence_reported() if self._goals.pursuing and not claimed else math.inf
 
-    def _ask_for_rates(self, now: float) -> list[Effect]:
+    def _ask_for_rates(self, now: float) -> list[SessionEffect]:
         """Ask for our rates; the controller keeps them for one link and one life."""
         self._commands = CommandClient(*self.controller)
-        effects: list[Effect] = []
+        effects: list[SessionEffect] = []
         for kind, rate in self._rates.items():
             wish = (kind.codec.definition.id, 1e6 / rate)
             effects += _sends(self._commands.send(MavCmd.SET_MESSAGE_INTERVAL, wish, now))
@@ -427,11 +426,11 @@ class ControllerSession:
 
     def _compare_mode(
         self, mode: Mode, before: Mode | None, last: Report | None, this: Report
-    ) -> list[Effect]:
+    ) -> list[SessionEffect]:
         """The controller has reported a mode, in `this` report; before, it was another one in the `last`."""
         now, was_stopped = this.heard_at, before is not None and before.mode == ModeKind.SAFE_STOP
         former = last if last is not None and has_restarted(last, this) else None
-        effects: list[Effect] = []
+        effects: list[SessionEffect] = []
         if former is not None:
             effects += self._goals.restarted(mode.life)
             self._note_former_life(former.life, mode.life, now)
@@ -454,16 +453,16 @@ class ControllerSession:
         former = {**self._lives, before: now + LONGEST_DELAY} if before else self._lives
         self._lives = {each: former[each] for each in list(former)[-FORMER_LIVES:] if each != life}
 
-    def _held_change(self) -> list[Effect]:
+    def _held_change(self) -> list[SessionEffect]:
         if (held := self.held) == self._held_reported:
             return []
         self._held_reported = held
         return [HeldChanged(held)]
 
-    def _repeat_mode(self, now: float) -> list[Effect]:
+    def _repeat_mode(self, now: float) -> list[SessionEffect]:
         return [Send(message) for message in self._desired.messages_due(now)] if self._open else []
 
 
-def _sends(effects: Sequence[CommandEffect]) -> list[Effect]:
+def _sends(effects: Sequence[CommandClientEffect]) -> list[SessionEffect]:
     """The messages to send for a command. Its result does not matter: without rates everything is sent."""
     return [effect for effect in effects if isinstance(effect, Send)]

@@ -17,7 +17,7 @@ from robotree.protocol.messages import Joints, LocalPositionNed, MavComponent, M
 from robotree.protocol.services.peer import Send
 from robotree.protocol.services.picture import Picture
 from robotree.proxy.connection import Connection, Dial
-from robotree.proxy.session import ControllerSession, Event
+from robotree.proxy.session import ControllerSession, SessionEvent
 from robotree.proxy.translate import UNITS
 from robotree.vr.base.errors import BadArgument, CommandFailed
 
@@ -177,7 +177,7 @@ class WorkspaceView:
         if not ended.cancelled():
             ended.exception()  # was told to everyone who still looks
 
-    def _hear(self, event: Event) -> None:
+    def _hear(self, event: SessionEvent) -> None:
         if isinstance(event, Picture):
             expected = self._expected.get(event.peer.component)
             if expected is not None and not expected.done():

@@ -82,7 +82,7 @@ class UnknownKind(SimError):
 
 
 class CannotListen(SimError, OSError):
-    """Nobody can be served at that address. `cause` is the system's word for it."""
+    """No client can be served at that address. `cause` is the error of the operating system."""
 
     def __init__(self, address: str, cause: str) -> None:
         self.address, self.cause = address, cause

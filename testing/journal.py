@@ -13,7 +13,7 @@ import msgspec
 
 from robotree.vr.base.requests import Returned
 from robotree.vr.core import events as on
-from robotree.vr.core.events import Event
+from robotree.vr.core.events import CoreEvent
 
 ROUNDING = 1e-9
 """By which numbers may differ and still count as the same: 30 cm are 0.30000000000000004 m."""
@@ -169,7 +169,7 @@ class Journal:
         self._paths, self._now = paths, now
         self._by_key: dict[tuple[str, str], Step] = {}
 
-    def append(self, robot: str, now: float, event: Event) -> int:
+    def append(self, robot: str, now: float, event: CoreEvent) -> int:
         """See `running.process.Journal.append`."""
         del now  # of the robot's own process
         if isinstance(event, on.Invoke):

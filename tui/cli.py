@@ -279,7 +279,7 @@ async def _supervise(realm: str, *, readonly: bool) -> int:
 
 
 async def _agent(line: Line, realm: str, *, tether: bool) -> int:
-    """Be one agent until told otherwise."""
+    """Run one agent until the process is ended."""
     from robotree.tui.processes.serving import serve
 
     await serve(partial(AGENTS[line.verb], line, realm), tether=tether)

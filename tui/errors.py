@@ -64,7 +64,7 @@ class NeedsTerminal(UsageError):
     """The full screen was asked for where there is none."""
 
     def __init__(self, without: str) -> None:
-        """Say what is missing, behind the word *terminal*, and what works without it."""
+        """Name what the terminal lacks, and what works without it."""
         super().__init__(
             f"the full screen needs a terminal, and {without}; use verbs, for example `robotree ls`"
         )
@@ -101,7 +101,7 @@ class ValueRefused(SupervisorError, ValueError):
     """A typed value that does not fit its field; the sentence stands beside the field."""
 
     def __init__(self, field: str, reason: str) -> None:
-        """Name the field and say what would be right."""
+        """Name the field and the values that it accepts."""
         self.field, self.reason = field, reason
         super().__init__(f"{field}: {reason}")
 
@@ -116,7 +116,7 @@ class NothingToAsk(SupervisorError):
 
 
 class OldList(SupervisorError):
-    """A list was asked for while no lookup service lives: what follows is what is known without one."""
+    """A list was asked for while no lookup service runs: what follows is what is known without one."""
 
     def __init__(self) -> None:
         """Say what is wrong with the list."""
@@ -126,7 +126,7 @@ class OldList(SupervisorError):
 
 
 class SomeHang(SupervisorError):
-    """Some robots live in processes that answer nobody: what is shown of them is not how they are."""
+    """Some robots are in processes that do not answer: what is shown of them may be out of date."""
 
     def __init__(self, hanging: Sequence[tuple[str, str, str]]) -> None:
         """Keep name, place and remedy of each."""
@@ -148,7 +148,7 @@ class DemoRuns(SupervisorError):
 
 
 class MemberFailed(SupervisorError):
-    """A process of a crew ended, or said nothing, before it was ready. What it said last is the message."""
+    """A process of a crew ended, or did not report that it is ready. Its last output is the message."""
 
     def __init__(self, words: Sequence[str], reason: str, last_words: str) -> None:
         """Keep the command, the reason and the last lines of its standard error."""
@@ -165,7 +165,7 @@ class Interrupted(SupervisorError):
 
 
 def sentence(error: Exception) -> str:
-    """Return what an error says to a person: those of the system name the file, not their number."""
+    """Return the text of an error for people: one of the operating system names the file, not its number."""
     if isinstance(error, OSError) and error.strerror:
         what = f"{error.filename!s}: " if error.filename is not None else ""
         return f"{what}{error.strerror[:1].lower()}{error.strerror[1:]}"

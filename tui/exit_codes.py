@@ -12,7 +12,7 @@ REFUSED = 1
 USAGE = 2
 """The line was not understood; nothing was done."""
 NOBODY = 3
-"""Nobody answers: the agent has ended, the network is cut, the realm is empty, or no lookup service lives."""
+"""Nobody answers: the agent has ended, the network is cut, the realm is empty, or no lookup service runs."""
 INTERRUPTED = 130
 """Ctrl-C, as shells count it."""
 

@@ -123,14 +123,14 @@ def complain(error: Exception | str) -> None:
         return
     import json
 
-    data, missing = told(known), not _answer.given
+    data, missing = error_data(known), not _answer.given
     if missing:
         put_data(data)
     if not (missing and sys.stdout.isatty() and sys.stderr.isatty()):
         note(json.dumps(data, ensure_ascii=False))
 
 
-def told(error: Exception) -> dict[str, Any]:
+def error_data(error: Exception) -> dict[str, Any]:
     """Return an error as plain data: its name, its sentence, and all mistakes of a script."""
     data: dict[str, Any] = {"error": type(error).__name__, "message": sentence(error)}
     if isinstance(error, BadScript):

@@ -53,7 +53,7 @@ class ClaimDenied(msgspec.Struct, frozen=True):
     """The highest that the controller has obeyed."""
 
 
-Effect = Send | ClaimGranted | ClaimDenied
+ClaimClientEffect = Send | ClaimGranted | ClaimDenied
 
 
 class ClaimClient:
@@ -126,7 +126,7 @@ class ClaimClient:
             self._lease = lease
             self.epoch = lease if self.epoch < lease < self._too_high else _above(self.epoch)
 
-    def receive(self, status: ClaimStatus, *, for_us: bool) -> list[Effect]:
+    def receive(self, status: ClaimStatus, *, for_us: bool) -> list[ClaimClientEffect]:
         """Take the controller's report of its claim.
 
         Args:
@@ -190,7 +190,7 @@ class ClaimClient:
             return PERIOD if self.denied else RESEND
         return min(PERIOD, silence / BEATS) if moving else PERIOD
 
-    def _have(self, status: ClaimStatus) -> list[Effect]:
+    def _have(self, status: ClaimStatus) -> list[ClaimClientEffect]:
         if status.reason == Reason.BAD_EPOCH:  # of the lease that began last
             self.epoch, self._too_high = _above(status.epoch), self.epoch
         self.epoch, news = max(self.epoch, status.epoch), not self.granted
@@ -208,7 +208,7 @@ class ClaimClient:
             return
         self.granted, self.denied, self._asked = False, None, float("-inf")
 
-    def _deny(self, status: ClaimStatus, reason: Reason) -> list[Effect]:
+    def _deny(self, status: ClaimStatus, reason: Reason) -> list[ClaimClientEffect]:
         denied = ClaimDenied(reason, status.name, status.epoch)
         news = self.denied is None or self.granted or self.denied.name != denied.name
         self.granted, self.denied = False, denied

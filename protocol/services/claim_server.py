@@ -77,7 +77,7 @@ class ClaimRefused(msgspec.Struct, frozen=True):
     name: str
 
 
-Effect = Send | ClaimChanged | ClaimRefused
+ClaimServerEffect = Send | ClaimChanged | ClaimRefused
 
 
 class ClaimServer:
@@ -129,9 +129,9 @@ class ClaimServer:
 
     # -- what happens
 
-    def receive(self, claim: Claim, peer: Peer, now: float) -> list[Effect]:
+    def receive(self, claim: Claim, peer: Peer, now: float) -> list[ClaimServerEffect]:
         """Take a claim that is addressed to this controller."""
-        effects: list[Effect] = [*self.tick(now)]
+        effects: list[ClaimServerEffect] = [*self.tick(now)]
         held = self.holding
         ours = held is not None and held.holder == claim.holder
         if (reason := self._malformed(claim)) != Reason.NONE:
@@ -181,18 +181,18 @@ class ClaimServer:
         refusal = self.fence.objection(claim.epoch)
         return Reason.NONE if refusal is None else refusal[0]
 
-    def _grant(self, claim: Claim, peer: Peer, now: float) -> list[Effect]:
+    def _grant(self, claim: Claim, peer: Peer, now: float) -> list[ClaimServerEffect]:
         before, term = self.holding, min(max(claim.term_ms / 1000, SHORTEST_TERM), LONGEST_TERM)
         self.fence.grant(max(claim.epoch, self.fence.epoch), claim.holder, claim.name)
         self.holding = after = Holding(claim.holder, claim.name, peer, now + term, term)
         return [] if before is not None and before.holder == claim.holder else [ClaimChanged(before, after)]
 
-    def _release(self) -> list[Effect]:
+    def _release(self) -> list[ClaimServerEffect]:
         before, self.holding = self.holding, None
         self.fence.grant(self.fence.epoch, 0, "")
         return [ClaimChanged(before, None)]
 
-    def _tell_both(self, held: Holding, claim: Claim, peer: Peer, now: float) -> list[Effect]:
+    def _tell_both(self, held: Holding, claim: Claim, peer: Peer, now: float) -> list[ClaimServerEffect]:
         told = self._refused.pop(claim.holder, -BETWEEN_NEWS)
         self._refused[claim.holder] = told if now - told < BETWEEN_NEWS else now
         while len(self._refused) > MAX_PEERS:

@@ -94,7 +94,7 @@ class CommandAbandoned(msgspec.Struct, frozen=True):
     command: int
 
 
-Effect = Send | CommandAbandoned
+CommandServerEffect = Send | CommandAbandoned
 
 
 class _Record(msgspec.Struct):
@@ -143,7 +143,7 @@ class CommandServer:
 
     def receive(
         self, message: CommandLong | CommandInt | CommandCancel, peer: Peer, now: float
-    ) -> list[Effect]:
+    ) -> list[CommandServerEffect]:
         """Take a message that is addressed to this component."""
         if isinstance(message, CommandCancel):
             return self._cancel(message.command, peer, now)
@@ -166,7 +166,7 @@ class CommandServer:
             return [_ack(peer, command, MavResult.TEMPORARILY_REJECTED)]
         return self._carry_out(request, confirmation, now)
 
-    def progress(self, peer: Peer, command: int, fraction: float, now: float) -> list[Effect]:
+    def progress(self, peer: Peer, command: int, fraction: float, now: float) -> list[CommandServerEffect]:
         """A command goes on; told on at most every `PROGRESS_PERIOD`."""
         record = self._open(peer, command)
         if record is None:
@@ -177,7 +177,7 @@ class CommandServer:
 
     def finish(
         self, peer: Peer, command: int, result: MavResult, now: float, detail: int = 0
-    ) -> list[Effect]:
+    ) -> list[CommandServerEffect]:
         """A command in progress is over. Ignored when it was before."""
         record = self._open(peer, command)
         if record is None:
@@ -186,13 +186,13 @@ class CommandServer:
         record.since, record.turn = now, self._turn()
         return self._tell(record, now)
 
-    def tick(self, now: float) -> list[Effect]:
+    def tick(self, now: float) -> list[CommandServerEffect]:
         """Tell those who wait that their command still goes on."""
         records = [self._records[key] for key in self.in_progress]
         due = [record for record in records if now - record.told >= PROGRESS_PERIOD]
         return [send for record in due for send in self._tell(record, now)]
 
-    def _carry_out(self, request: Request, confirmation: int, now: float) -> list[Effect]:
+    def _carry_out(self, request: Request, confirmation: int, now: float) -> list[CommandServerEffect]:
         handler = self._once.get(request.command)
         if handler is None:
             return [_ack(request.peer, request.command, MavResult.UNSUPPORTED)]
@@ -203,7 +203,7 @@ class CommandServer:
             self._records.pop((request.peer, request.command), None)
         return _sends(request, answer)
 
-    def _cancel(self, command: int, peer: Peer, now: float) -> list[Effect]:
+    def _cancel(self, command: int, peer: Peer, now: float) -> list[CommandServerEffect]:
         record = self._records.get((peer, command))
         if record is None:
             return []
@@ -222,7 +222,7 @@ class CommandServer:
         lately = now - record.since < REPETITION and record.turn == self._turn()
         return lately and record.ack.result == MavResult.ACCEPTED
 
-    def _tell(self, record: _Record, now: float) -> list[Effect]:
+    def _tell(self, record: _Record, now: float) -> list[CommandServerEffect]:
         record.told = now
         return [Send(record.ack, record.peer.via)]
 
@@ -255,7 +255,7 @@ def _answer_ack(request: Request, answer: Answer) -> CommandAck:
     return _ack_message(request.peer, request.command, answer.result, answer.detail, progress)
 
 
-def _sends(request: Request, answer: Answer) -> list[Effect]:
+def _sends(request: Request, answer: Answer) -> list[CommandServerEffect]:
     via = request.peer.via
     return [Send(_answer_ack(request, answer), via), *(Send(message, via) for message in answer.messages)]
 

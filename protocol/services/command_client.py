@@ -46,7 +46,7 @@ class CommandDone(msgspec.Struct, frozen=True):
     detail: int = 0
 
 
-Effect = Send | CommandProgress | CommandDone
+CommandClientEffect = Send | CommandProgress | CommandDone
 
 
 class _Asked(msgspec.Struct):
@@ -74,7 +74,7 @@ class CommandClient:
         self._quiet: dict[int, float] = {}
         """[s] When the answers to the last command of a kind are in."""
 
-    def send(self, command: int, params: Sequence[float], now: float) -> list[Effect]:
+    def send(self, command: int, params: Sequence[float], now: float) -> list[CommandClientEffect]:
         """Ask for a command, after those of its kind that were asked for before.
 
         Args:
@@ -88,7 +88,7 @@ class CommandClient:
         queue.append(_Asked(message))
         return self._begin(queue[0], now) if len(queue) == 1 else []
 
-    def cancel(self, command: int, now: float) -> list[Effect]:
+    def cancel(self, command: int, now: float) -> list[CommandClientEffect]:
         """Cancel a command; its `CommandDone` reports the result."""
         if not (queue := self._queues.get(command)):
             return []
@@ -97,7 +97,7 @@ class CommandClient:
         queue[0].cancelled = True
         return self._ask(queue[0], now)
 
-    def receive(self, ack: CommandAck, now: float) -> list[Effect]:
+    def receive(self, ack: CommandAck, now: float) -> list[CommandClientEffect]:
         """Take an answer from the component that is addressed to us."""
         queue = self._queues.get(ack.command)
         if not queue or not queue[0].attempts:  # a further answer to the one before
@@ -123,9 +123,9 @@ class CommandClient:
                 due = min(due, asked.asked + RESEND)
         return due
 
-    def tick(self, now: float) -> list[Effect]:
+    def tick(self, now: float) -> list[CommandClientEffect]:
         """Repeat what is due, and give up what nobody answers."""
-        effects: list[Effect] = []
+        effects: list[CommandClientEffect] = []
         for queue in list(self._queues.values()):
             asked = queue[0]
             if asked.heard is not None and now >= asked.heard + PATIENCE:
@@ -135,7 +135,7 @@ class CommandClient:
                 effects += self._give_up(queue, now) if gone else self._ask(asked, now)
         return effects
 
-    def _begin(self, asked: _Asked, now: float) -> list[Effect]:
+    def _begin(self, asked: _Asked, now: float) -> list[CommandClientEffect]:
         """Ask for the first time, at once or at the tick that finds it quiet."""
         quiet = self._quiet.get(asked.message.command, now)
         if now >= quiet:
@@ -143,7 +143,7 @@ class CommandClient:
         asked.asked = quiet - RESEND
         return []
 
-    def _ask(self, asked: _Asked, now: float) -> list[Effect]:
+    def _ask(self, asked: _Asked, now: float) -> list[CommandClientEffect]:
         asked.asked = now
         command = asked.message.command
         if asked.cancelled:
@@ -153,7 +153,7 @@ class CommandClient:
         asked.attempts += 1
         return [Send(message, self.via)]
 
-    def _give_up(self, queue: deque[_Asked], now: float) -> list[Effect]:
+    def _give_up(self, queue: deque[_Asked], now: float) -> list[CommandClientEffect]:
         command = queue[0].message.command
         cancel = Send(CommandCancel(self.system, self.component, command), self.via)
         self._keep_quiet(command, now + PATIENCE)
@@ -166,7 +166,7 @@ class CommandClient:
         if queue and not queue[0].attempts:
             queue[0].asked = self._quiet[command] - RESEND
 
-    def _done(self, queue: deque[_Asked], event: CommandDone, now: float) -> list[Effect]:
+    def _done(self, queue: deque[_Asked], event: CommandDone, now: float) -> list[CommandClientEffect]:
         if queue.popleft().attempts > 1:
             self._keep_quiet(event.command, now + RESEND)
         if not queue:

@@ -41,7 +41,7 @@ class ControlChanged(msgspec.Struct, frozen=True):
     owner: Peer | None
 
 
-Effect = Send | ControlStatus | ControlChanged
+ControlEffect = Send | ControlStatus | ControlChanged
 """A `ControlStatus` is for everyone, on all links."""
 
 
@@ -58,7 +58,7 @@ class OperatorControl:
         self._heard = 0.0
         self._asked = float("-inf")
         self._due = float("-inf")
-        self._waiting: list[Effect] = []
+        self._waiting: list[ControlEffect] = []
 
     @property
     def status(self) -> ControlStatus:
@@ -108,7 +108,7 @@ class OperatorControl:
         """Tell everyone at the next `tick`."""
         self._due = -inf
 
-    def tick(self, now: float) -> list[Effect]:
+    def tick(self, now: float) -> list[ControlEffect]:
         """What changed, and the status when its time has come."""
         if self.owner is not None and now >= self._heard + SILENCE:
             self._give(None, takeover=False, now=now)

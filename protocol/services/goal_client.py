@@ -75,7 +75,7 @@ class GoalSilent(msgspec.Struct, frozen=True):
     """Whether the controller ever answered."""
 
 
-Effect = Send | GoalProgress | GoalEnded | GoalSilent
+GoalClientEffect = Send | GoalProgress | GoalEnded | GoalSilent
 
 
 class _Pursuit(msgspec.Struct):
@@ -144,7 +144,7 @@ class GoalClient:
         now: float,
         ttl: float = 0.0,
         repeatable: bool = False,
-    ) -> list[Effect]:
+    ) -> list[GoalClientEffect]:
         """Ask for a movement. With a key that is being pursued, the same request is sent once more.
 
         Args:
@@ -165,17 +165,17 @@ class GoalClient:
         )
         return [Send(goal, self.via)]
 
-    def cancel(self, key: int, *, epoch: int, now: float) -> list[Effect]:
+    def cancel(self, key: int, *, epoch: int, now: float) -> list[GoalClientEffect]:
         """Ask for the end of a goal; repeated until the end is heard."""
         if (pursuit := self._pursuits.get(key)) is not None:
             pursuit.cancelled, pursuit.asked = True, now
             pursuit.goal = msgspec.structs.replace(pursuit.goal, epoch=epoch)
         return [Send(GoalCancel(key, epoch, self.system, self.component, self.life), self.via)]
 
-    def restarted(self, life: int) -> list[Effect]:
+    def restarted(self, life: int) -> list[GoalClientEffect]:
         """The controller has begun another life, of this number; 0: not reported."""
         self.life = life
-        effects: list[Effect] = []
+        effects: list[GoalClientEffect] = []
         for key, pursuit in list(self._pursuits.items()):
             if pursuit.cancelled and not life:
                 continue  # the goal itself may still be under way, and this controller would begin it
@@ -209,7 +209,7 @@ class GoalClient:
         """Ask no more about a goal."""
         self._pursuits.pop(key, None)
 
-    def receive(self, status: GoalStatus, now: float) -> list[Effect]:
+    def receive(self, status: GoalStatus, now: float) -> list[GoalClientEffect]:
         """Take a status that came from the controller and is addressed to us."""
         pursuit = self._pursuits.get(status.key)
         if pursuit is None:
@@ -234,7 +234,7 @@ class GoalClient:
         pursuit.sequence = status.sequence if news else pursuit.sequence
         return [GoalProgress(status.key, state, status.progress)] if news else []
 
-    def _make_sure(self, refusal: GoalStatus, pursuit: _Pursuit, now: float) -> list[Effect]:
+    def _make_sure(self, refusal: GoalStatus, pursuit: _Pursuit, now: float) -> list[GoalClientEffect]:
         """The controller keeps no such refusal: call the goal off, so that none of its repetitions begins."""
         pursuit.heard, pursuit.silent, pursuit.refusal = now, False, refusal
         if pursuit.cancelled:
@@ -246,9 +246,9 @@ class GoalClient:
         """When to call `tick` next, [s]."""
         return min(map(self._due, self._pursuits.values())) if self._pursuits else inf
 
-    def tick(self, now: float) -> list[Effect]:
+    def tick(self, now: float) -> list[GoalClientEffect]:
         """Repeat and ask what is due."""
-        effects: list[Effect] = []
+        effects: list[GoalClientEffect] = []
         for key, pursuit in list(self._pursuits.items()):
             if not pursuit.silent and now >= pursuit.heard + self._patience:
                 pursuit.silent = True
@@ -259,7 +259,7 @@ class GoalClient:
                 effects += self._remind(pursuit, now)
         return effects
 
-    def _remind(self, pursuit: _Pursuit, now: float) -> list[Effect]:
+    def _remind(self, pursuit: _Pursuit, now: float) -> list[GoalClientEffect]:
         if _overdue(pursuit, now):
             pursuit.cancelled = True  # one that is still under way must not begin any more
         if now < self._reminder(pursuit):

@@ -62,7 +62,7 @@ class Abandon(msgspec.Struct, frozen=True):
     reason: Reason
 
 
-Effect = Send | Begin | Abandon
+GoalServerEffect = Send | Begin | Abandon
 _Speaker = tuple[int, int]
 """System and component."""
 
@@ -131,7 +131,7 @@ class GoalServer:
         """Obey an epoch from now on; False: it is older than one already obeyed, or not honest."""
         return self._fence.admit(epoch) is None
 
-    def receive(self, message: Goal | GoalCancel, peer: Peer, now: float) -> list[Effect]:
+    def receive(self, message: Goal | GoalCancel, peer: Peer, now: float) -> list[GoalServerEffect]:
         """Take a message that is addressed to this controller."""
         id_ = GoalId(peer.system, peer.component, message.key)
         denial = self._guard(peer)
@@ -153,7 +153,7 @@ class GoalServer:
             self.fence(message.epoch)
         return self._answer(id_, peer, may=may)
 
-    def activate(self, id_: GoalId, now: float) -> list[Effect]:
+    def activate(self, id_: GoalId, now: float) -> list[GoalServerEffect]:
         """The movement has begun."""
         record = self._open(id_)
         if record is None or record.state == GoalState.ACTIVE:
@@ -161,7 +161,7 @@ class GoalServer:
         record.state = GoalState.ACTIVE
         return [self._changed(id_, record, now)]
 
-    def progress(self, id_: GoalId, fraction: float, now: float) -> list[Effect]:
+    def progress(self, id_: GoalId, fraction: float, now: float) -> list[GoalServerEffect]:
         """Progress, 0 to 1. Sent at most every `PROGRESS_PERIOD`."""
         if (record := self._open(id_)) is None:
             return []
@@ -170,7 +170,7 @@ class GoalServer:
 
     def finish(
         self, id_: GoalId, state: GoalState, now: float, reason: Reason = Reason.NONE, text: str = ""
-    ) -> list[Effect]:
+    ) -> list[GoalServerEffect]:
         """The movement has ended. Ignored when the goal has ended before.
 
         Raises:
@@ -184,12 +184,12 @@ class GoalServer:
         record.progress = 1.0 if state == GoalState.SUCCEEDED else record.progress
         return [self._changed(id_, record, now)]
 
-    def abandon_all(self, reason: Reason, now: float, text: str = "") -> list[Effect]:
+    def abandon_all(self, reason: Reason, now: float, text: str = "") -> list[GoalServerEffect]:
         """End every unfinished goal, because of a stop, a hold or silence."""
         state = GoalState.CANCELLED
         return [effect for id_ in self.unfinished for effect in self._abandon(id_, state, reason, text, now)]
 
-    def tick(self, now: float) -> list[Effect]:
+    def tick(self, now: float) -> list[GoalServerEffect]:
         """End the goals whose time to live is over."""
         late = [id_ for id_, record in self._records.items() if now >= record.deadline]
         text = "Its time to live was over before it was reached."
@@ -197,7 +197,9 @@ class GoalServer:
             effect for id_ in late for effect in self._abandon(id_, GoalState.EXPIRED, Reason.NONE, text, now)
         ]
 
-    def _new(self, goal: Goal, id_: GoalId, peer: Peer, denial: Refusal | None, now: float) -> list[Effect]:
+    def _new(
+        self, goal: Goal, id_: GoalId, peer: Peer, denial: Refusal | None, now: float
+    ) -> list[GoalServerEffect]:
         if self._is_forgotten(id_):
             return [self._unknown(id_, peer)]
         if (denial := self._denial(goal, denial)) is not None:
@@ -230,7 +232,7 @@ class GoalServer:
 
     def _cancel_whichever(
         self, cancel: GoalCancel, id_: GoalId, peer: Peer, now: float, *, may: bool
-    ) -> list[Effect]:
+    ) -> list[GoalServerEffect]:
         if self._is_of_another_life(cancel):
             return [self._refusal(id_, peer, Reason.OTHER_LIFE, OTHER_LIFE)]
         refusal = self._fence.admit(cancel.epoch) if may else self._fence.objection(cancel.epoch)
@@ -241,7 +243,9 @@ class GoalServer:
     def _is_of_another_life(self, message: Goal | GoalCancel) -> bool:
         return bool(self._life) and message.life not in {0, self._life}
 
-    def _cancel(self, cancel: GoalCancel, id_: GoalId, peer: Peer, now: float, *, may: bool) -> list[Effect]:
+    def _cancel(
+        self, cancel: GoalCancel, id_: GoalId, peer: Peer, now: float, *, may: bool
+    ) -> list[GoalServerEffect]:
         if id_ not in self._records and not self._is_forgotten(id_):
             self._forget(id_)  # the goal itself may still be under way: it must not begin
         if id_ not in self._records and self._is_of_another_life(cancel):
@@ -253,7 +257,9 @@ class GoalServer:
         effects = self._abandon(id_, GoalState.CANCELLED, Reason.OPERATOR, "", now)
         return effects if record.peer == peer else [*effects, self._status(id_, record, peer)]
 
-    def _abandon(self, id_: GoalId, state: GoalState, reason: Reason, text: str, now: float) -> list[Effect]:
+    def _abandon(
+        self, id_: GoalId, state: GoalState, reason: Reason, text: str, now: float
+    ) -> list[GoalServerEffect]:
         return [Abandon(id_, reason), *self.finish(id_, state, now, reason, text)]
 
     def _open(self, id_: GoalId) -> _Record | None:
@@ -282,7 +288,7 @@ class GoalServer:
     def _is_forgotten(self, id_: GoalId) -> bool:
         return id_ in self._forgotten.get((id_.system, id_.component), ())
 
-    def _answer(self, id_: GoalId, peer: Peer, *, may: bool) -> list[Effect]:
+    def _answer(self, id_: GoalId, peer: Peer, *, may: bool) -> list[GoalServerEffect]:
         if (record := self._records.get(id_)) is None:
             return [self._unknown(id_, peer)]
         record.peer = peer if may else record.peer

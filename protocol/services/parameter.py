@@ -67,7 +67,7 @@ class Changed(msgspec.Struct, frozen=True):
     value: float
 
 
-Effect = Send | Changed
+ParameterEffect = Send | Changed
 
 
 class ParameterServer:
@@ -93,7 +93,7 @@ class ParameterServer:
 
     def receive(
         self, message: ParamRequestRead | ParamRequestList | ParamSet, peer: Peer, now: float
-    ) -> list[Effect]:
+    ) -> list[ParameterEffect]:
         """Take a message that is addressed to this component."""
         if isinstance(message, ParamRequestList):
             if peer in self._lists or len(self._lists) < MAX_PEERS:
@@ -115,12 +115,12 @@ class ParameterServer:
         """When to call `tick` next, [s]."""
         return self._due if self._lists else inf
 
-    def tick(self, now: float) -> list[Effect]:
+    def tick(self, now: float) -> list[ParameterEffect]:
         """The next parameter of every list that is being sent."""
         if not self._lists or now < self._due:
             return []
         self._due = now + PACE
-        effects: list[Effect] = []
+        effects: list[ParameterEffect] = []
         for peer, index in list(self._lists.items()):
             if index < len(self._names):
                 effects.append(self._tell(self._names[index], peer))
@@ -134,7 +134,7 @@ class ParameterServer:
         """A link ended, and with it the lists that were sent on it."""
         self._lists = {peer: index for peer, index in self._lists.items() if peer.via != via}
 
-    def _set(self, message: ParamSet, peer: Peer) -> list[Effect]:
+    def _set(self, message: ParamSet, peer: Peer) -> list[ParameterEffect]:
         name = message.param_id
         parameter = self._parameters.get(name)
         if parameter is None:
@@ -159,13 +159,13 @@ class ParameterServer:
             return MavParamError.VALUE_OUT_OF_RANGE
         return None
 
-    def told(self, name: str) -> ParamValue:
+    def value_message(self, name: str) -> ParamValue:
         """A parameter as it is told; for the others, when one peer has changed it."""
         index = self._names.index(name)
         return ParamValue(name, self[name], MavParamType.REAL32, len(self._names), index)
 
     def _tell(self, name: str, peer: Peer) -> Send:
-        return Send(self.told(name), peer.via)
+        return Send(self.value_message(name), peer.via)
 
 
 def _on_the_wire(value: float) -> float:

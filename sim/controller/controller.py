@@ -12,7 +12,7 @@ from collections.abc import Hashable, Iterable, Mapping
 import msgspec
 
 from robotree.protocol.frame import Frame
-from robotree.sim.controller.inbox import Event, Inbox, Opened, Received
+from robotree.sim.controller.inbox import Inbox, InboxEvent, Opened, Received
 from robotree.sim.firmware import COMPONENT, Firmware, Outgoing
 from robotree.sim.physics.cell import Cell
 
@@ -79,7 +79,7 @@ class Controller:
         return out
 
 
-def _take(program: Firmware, event: Event, now: int) -> list[Outgoing]:
+def _take(program: Firmware, event: InboxEvent, now: int) -> list[Outgoing]:
     if isinstance(event, Received):
         return program.receive(event.frame, event.via, now, arrived=event.arrived, overtaken=event.overtaken)
     return program.greet(event.via, now) if isinstance(event, Opened) else program.leave(event.via, now)

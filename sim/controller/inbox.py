@@ -71,7 +71,7 @@ class Closed(NamedTuple):
     via: Hashable
 
 
-Event = Opened | Received | Closed
+InboxEvent = Opened | Received | Closed
 
 
 class Inbox:
@@ -87,7 +87,7 @@ class Inbox:
         self._lock = threading.Lock()
         self._arrived = 0
         self._stops: dict[Hashable, deque[Received]] = {}
-        self._queues: dict[Hashable, deque[Event]] = {}
+        self._queues: dict[Hashable, deque[InboxEvent]] = {}
         self._debts: dict[Hashable, int] = {}
         self.dropped = 0
         """Frames that found their link's queue full, or that waited when it ended."""
@@ -131,12 +131,12 @@ class Inbox:
         with self._lock:
             self._queues.setdefault(via, deque()).append(Closed(via))
 
-    def take(self) -> list[Event]:
+    def take(self) -> list[InboxEvent]:
         """The events for the next batch: all stops, then as many frames of each link as its credit covers."""
         if not self._stops and not self._queues:
             return []
         with self._lock:
-            events: list[Event] = [event for queue in self._stops.values() for event in queue]
+            events: list[InboxEvent] = [event for queue in self._stops.values() for event in queue]
             self._stops.clear()
             credit = min(CREDIT, max(ALL_CREDIT // max(len(self._queues), 1), 1))
             for via, queue in self._queues.items():
@@ -148,12 +148,12 @@ class Inbox:
             self._queues = {via: queue for via, queue in self._queues.items() if queue or via in self._debts}
         return events
 
-    def _marked(self, event: Event) -> Event:
+    def _marked(self, event: InboxEvent) -> InboxEvent:
         if isinstance(event, Received) and event.stops < self._arrived:
             return event._replace(overtaken=True)
         return event
 
-    def _pop(self, via: Hashable, queue: deque[Event], credit: int) -> Iterator[Event]:
+    def _pop(self, via: Hashable, queue: deque[InboxEvent], credit: int) -> Iterator[InboxEvent]:
         """The events that a link's credit covers; the last one may cost more, which is deducted next time."""
         credit -= self._debts.pop(via, 0)
         while queue and credit > 0:
@@ -164,7 +164,7 @@ class Inbox:
             self._debts[via] = -credit
 
 
-def _cost(event: Event) -> int:
+def _cost(event: InboxEvent) -> int:
     if not isinstance(event, Received):
         return 1
     message = event.frame.message

@@ -10,7 +10,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from robotree.protocol.messages import Claim, MavSeverity, Reason
-from robotree.protocol.services.claim_server import ClaimChanged, ClaimRefused, Effect, Holder, Holding
+from robotree.protocol.services.claim_server import (
+    ClaimChanged,
+    ClaimRefused,
+    ClaimServerEffect,
+    Holder,
+    Holding,
+)
 from robotree.sim.firmware.outgoing import Announcer, Outgoing, sends
 
 if TYPE_CHECKING:
@@ -55,7 +61,7 @@ class Claims:
         """A link has ended."""
         self._server.link_closed(via, now / 1000)
 
-    def _carry_out(self, effects: Iterable[Effect], now: int) -> list[Outgoing]:
+    def _carry_out(self, effects: Iterable[ClaimServerEffect], now: int) -> list[Outgoing]:
         out: list[Outgoing] = []
         for effect in effects:
             if isinstance(effect, ClaimChanged):

@@ -252,7 +252,7 @@ class Commands:
 
     def _reboot(self, _: Request, __: float) -> Answer:
         return self._refuse(
-            MavResult.DENIED, "It reboots for nobody on the wire; end its process and start it again."
+            MavResult.DENIED, "It accepts no reboot over the wire; end its process and start it again."
         )
 
     def _released(self, request: Request) -> Answer:

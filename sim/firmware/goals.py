@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 from robotree.protocol.messages import Goal, GoalCancel, GoalState, Reason
 from robotree.protocol.services.fence import Refusal
-from robotree.protocol.services.goal_server import Abandon, Begin, Effect, GoalId, GoalServer
+from robotree.protocol.services.goal_server import Abandon, Begin, GoalId, GoalServer, GoalServerEffect
 from robotree.protocol.services.peer import Peer
 from robotree.sim.errors import GoalRefused
 from robotree.sim.firmware.device import Device, Start
@@ -74,7 +74,7 @@ class Goals:
             return refusal.reason, str(refusal)
         return None
 
-    def _carry_out(self, effects: Iterable[Effect], now: int) -> list[Outgoing]:
+    def _carry_out(self, effects: Iterable[GoalServerEffect], now: int) -> list[Outgoing]:
         out: list[Outgoing] = []
         for effect in effects:
             if isinstance(effect, Begin):

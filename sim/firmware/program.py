@@ -309,7 +309,7 @@ class Firmware:
     # -- what is told without a device
 
     def _own_streams(self) -> tuple[Stream, ...]:
-        def told(kind: type[Message], period: int | None, read: Callable[[int], Message]) -> Stream:
+        def stream_of(kind: type[Message], period: int | None, read: Callable[[int], Message]) -> Stream:
             def one(now: int, _: bool) -> Sequence[Message]:  # noqa: FBT001  the shape of Stream.read
                 return (read(now),)
 
@@ -317,12 +317,12 @@ class Firmware:
 
         identity = self._identity
         return (
-            told(Mode, MODE_PERIOD, self._modes.mode),
-            told(ClaimStatus, round(1000 * claim_server.PERIOD), lambda _: self._rights.claims.status()),
-            told(SysStatus, STATUS_PERIOD, self._sys_status),
-            told(SystemTime, None, partial(description.system_time, identity)),
-            told(AutopilotVersion, None, lambda _: description.autopilot_version(identity)),
-            told(ProtocolVersion, None, lambda _: description.protocol_version()),
+            stream_of(Mode, MODE_PERIOD, self._modes.mode),
+            stream_of(ClaimStatus, round(1000 * claim_server.PERIOD), lambda _: self._rights.claims.status()),
+            stream_of(SysStatus, STATUS_PERIOD, self._sys_status),
+            stream_of(SystemTime, None, partial(description.system_time, identity)),
+            stream_of(AutopilotVersion, None, lambda _: description.autopilot_version(identity)),
+            stream_of(ProtocolVersion, None, lambda _: description.protocol_version()),
         )
 
     def _questions(self) -> dict[int, Handler]:

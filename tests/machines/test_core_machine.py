@@ -35,7 +35,7 @@ from robotree.vr.core.events import (
     AskPart,
     Begin,
     ChildGone,
-    Event,
+    CoreEvent,
     Interrupt,
     LeaseChanged,
     RenewLease,
@@ -71,7 +71,7 @@ def invocation(
     return on.Invoke(call=call, arguments={}, deadline_at=deadline_at, reads=reads)
 
 
-def asked_parts(effects: list[on.Effect]) -> set[tuple[int, str]]:
+def asked_parts(effects: list[on.CoreEffect]) -> set[tuple[int, str]]:
     """Return generation and part of those that are to be asked."""
     return {(one.generation, one.part) for one in effects if isinstance(one, AskPart)}
 
@@ -108,7 +108,7 @@ class CoreMachine(RuleBasedStateMachine):
 
     # -- how events are handled ------------------------------------------------------------------
 
-    def handle(self, event: Event) -> list[on.Effect]:
+    def handle(self, event: CoreEvent) -> list[on.CoreEffect]:
         """Let an event happen; raises the refusal, which changed nothing."""
         if self.core.due <= self.now and not isinstance(event, on.Tick):
             self.handle(on.Tick(unix=UNIX + self.now))
@@ -125,7 +125,7 @@ class CoreMachine(RuleBasedStateMachine):
         self.take(effects)
         return effects
 
-    def take(self, effects: list[on.Effect]) -> None:
+    def take(self, effects: list[on.CoreEffect]) -> None:
         for effect in effects:
             match effect:
                 case Begin(key=key):
@@ -153,7 +153,7 @@ class CoreMachine(RuleBasedStateMachine):
                 case _:
                     self.take_of_bonds(effect)
 
-    def take_of_bonds(self, effect: on.Effect) -> None:
+    def take_of_bonds(self, effect: on.CoreEffect) -> None:
         match effect:
             case RenewLease(slot=slot):
                 assert slot in self.granted, "only a lease in force is renewed"

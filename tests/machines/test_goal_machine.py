@@ -13,10 +13,8 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 from robotree.protocol import Frame
 from robotree.protocol.messages import Goal, GoalCancel, GoalState, GoalStatus, Message, Reason, Verb
 from robotree.protocol.services.fence import Fence, Refusal
-from robotree.protocol.services.goal_client import Effect as ClientEffect
-from robotree.protocol.services.goal_client import GoalClient, GoalEnded
-from robotree.protocol.services.goal_server import Abandon, Begin, GoalId, GoalServer
-from robotree.protocol.services.goal_server import Effect as ServerEffect
+from robotree.protocol.services.goal_client import GoalClient, GoalClientEffect, GoalEnded
+from robotree.protocol.services.goal_server import Abandon, Begin, GoalId, GoalServer, GoalServerEffect
 from robotree.protocol.services.peer import Peer, Send
 
 SENDERS = (255, 254)
@@ -61,7 +59,7 @@ class GoalMachine(RuleBasedStateMachine):
     def _guard(self, peer: Peer) -> Refusal | None:
         return None if self.owner in {None, peer.system} else (Reason.NOT_IN_CONTROL, "Another one is.")
 
-    def _client(self, sender: int, effects: list[ClientEffect]) -> None:
+    def _client(self, sender: int, effects: list[GoalClientEffect]) -> None:
         for effect in effects:
             if isinstance(effect, Send):
                 message = Frame.of(effect.message, system=sender).message
@@ -78,7 +76,7 @@ class GoalMachine(RuleBasedStateMachine):
         lives.add(goal.life)
         assert repeatable or len(lives) == 1, "what adds up is asked of one life of the controller only"
 
-    def _server(self, effects: list[ServerEffect]) -> None:
+    def _server(self, effects: list[GoalServerEffect]) -> None:
         for effect in effects:
             if isinstance(effect, Begin):
                 assert effect.id not in self.moving
@@ -185,7 +183,7 @@ class GoalMachine(RuleBasedStateMachine):
         self.begun[id_] = goal
         self.highest = goal.epoch
 
-    def _judge_the_repetition(self, first: Goal, again: Goal, effects: list[ServerEffect]) -> None:
+    def _judge_the_repetition(self, first: Goal, again: Goal, effects: list[GoalServerEffect]) -> None:
         (send,) = effects
         assert isinstance(send, Send)
         assert isinstance(send.message, GoalStatus)

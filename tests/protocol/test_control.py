@@ -14,7 +14,7 @@ from robotree.protocol.messages import (
     MavResult,
 )
 from robotree.protocol.services.command import Request
-from robotree.protocol.services.control import PERIOD, ControlChanged, Effect, OperatorControl
+from robotree.protocol.services.control import PERIOD, ControlChanged, ControlEffect, OperatorControl
 from robotree.protocol.services.peer import Peer, Send
 
 ANN, BOB, SELF = Peer("link 1", 255, 190), Peer("link 2", 254, 190), Peer("link 3", 1, 191)
@@ -37,7 +37,7 @@ def _ask(control: OperatorControl, peer: Peer, now: float, *, takeover: float = 
     return control.handle(_request(peer, 1.0, takeover, 10.0, peer.system), now).result
 
 
-def _statuses(effects: list[Effect]) -> list[tuple[int, int]]:
+def _statuses(effects: list[ControlEffect]) -> list[tuple[int, int]]:
     return [(each.flags, each.gcs_main) for each in effects if isinstance(each, ControlStatus)]
 
 

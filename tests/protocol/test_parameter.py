@@ -95,7 +95,7 @@ def test_what_cannot_be_done_is_said_at_once(
     assert server["ADM_MASS"] == 2.5
     known = isinstance(message, ParamSet) and error != MavParamError.DOES_NOT_EXIST
     # Tools that know no PARAM_ERROR look for the value.
-    assert effects[1:] == ([Send(server.told(message.param_id), peer.via)] if known else [])
+    assert effects[1:] == ([Send(server.value_message(message.param_id), peer.via)] if known else [])
 
 
 def test_a_bound_is_reached_although_the_wire_rounds_it(server: ParameterServer) -> None:

@@ -31,13 +31,19 @@ from robotree.protocol.messages import (
 from robotree.protocol.services.claim_server import ClaimServer
 from robotree.protocol.services.fence import Fence, Refusal
 from robotree.protocol.services.goal_client import GoalEnded
-from robotree.protocol.services.goal_server import Abandon, Begin, Effect, GoalServer
+from robotree.protocol.services.goal_server import Abandon, Begin, GoalServer, GoalServerEffect
 from robotree.protocol.services.heartbeat import HeartbeatSender
 from robotree.protocol.services.peer import Peer, Send
 from robotree.protocol.services.picture import split
 from robotree.proxy.motion import Request
-from robotree.proxy.session import SUPERVISOR_SYSTEM, ControllerSession, HeldChanged, OnlineChanged, Redial
-from robotree.proxy.session import Effect as SessionEffect
+from robotree.proxy.session import (
+    SUPERVISOR_SYSTEM,
+    ControllerSession,
+    HeldChanged,
+    OnlineChanged,
+    Redial,
+    SessionEffect,
+)
 
 LONG_AGO = float("-inf")
 GRIP = Request(Verb.GRIP, (0.02,))
@@ -190,7 +196,7 @@ class Controller:
         now = round(1000 * (self.now - self._began))
         self.say(Mode(now, self.goals.epoch, 1000, self.mode, reason, self.stops, self.life))
 
-    def _carry_out(self, effects: list[Effect]) -> None:
+    def _carry_out(self, effects: list[GoalServerEffect]) -> None:
         for effect in effects:
             match effect:
                 case Send(message=message):

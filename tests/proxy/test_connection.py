@@ -20,7 +20,7 @@ from robotree.protocol.services.goal_client import GoalEnded
 from robotree.proxy.connection import Connection
 from robotree.proxy.motion import Request
 from robotree.proxy.pending_goals import NotSent, OutcomeLost, PendingGoal, PendingGoals
-from robotree.proxy.session import ControllerSession, Event, OnlineChanged
+from robotree.proxy.session import ControllerSession, OnlineChanged, SessionEvent
 from robotree.vr.world.testing import until
 
 Controller = Any
@@ -42,7 +42,7 @@ class Bench:
     """A connection to one address, its desk, and all that it told."""
 
     def __init__(self, url: str) -> None:
-        self.events: list[Event] = []
+        self.events: list[SessionEvent] = []
         self.session = ControllerSession()
         self.connection = Connection(url, self.session, on_event=self._hear, chance=random.Random(1))
         self.pending = PendingGoals(self.connection)
@@ -50,7 +50,7 @@ class Bench:
     def start(self, key: int = 7) -> PendingGoal:
         return self.pending.start(key, GRIP, activity=COMMAND, ttl=0.0, repeatable=False)
 
-    def _hear(self, event: Event) -> None:
+    def _hear(self, event: SessionEvent) -> None:
         self.events.append(event)
         self.pending.handle(event)
 

@@ -57,7 +57,7 @@ def test_of_several_kinds_in_a_file_one_is_named(write: Path) -> None:
     (write / "doors.py").write_text(f'{DOOR}\n\nclass Gate(Door):\n    """A large door."""\n')
     assert kinds.make("doors.py:Gate", "gate", URL).kinds()[:2] == ("Gate", "Door")
     with pytest.raises(
-        SeveralKinds, match=r"doors\.py defines several kinds of robots \(Door, Gate\); say which: doors\.py:"
+        SeveralKinds, match=r"doors\.py defines several kinds of robots \(Door, Gate\); name one: doors\.py:"
     ):
         kinds.make("doors.py", "gate", URL)
 

@@ -12,7 +12,7 @@ from robotree.protocol.services.goal_client import GoalEnded, GoalProgress
 from robotree.protocol.services.peer import Send
 from robotree.proxy.desired_mode import RELEASE_TIMEOUT
 from robotree.proxy.motion import Request
-from robotree.proxy.session import SUPERVISOR_SYSTEM, ControllerSession, Effect
+from robotree.proxy.session import SUPERVISOR_SYSTEM, ControllerSession, SessionEffect
 from robotree.sim.testing import RoverBench
 
 STEP = 0.1
@@ -27,7 +27,7 @@ class Talk:
     def __init__(self) -> None:
         self.controller = RoverBench().controller
         self.session = ControllerSession()
-        self.told: list[Effect] = []
+        self.told: list[SessionEffect] = []
         self._link: Hashable = None
         self._tick_at = 0.0
 
@@ -65,7 +65,7 @@ class Talk:
                     frame = Frame.of(outgoing.message, system=1, component=1)
                     self._carry_out(self.session.receive(frame, self.now))
 
-    def _carry_out(self, effects: list[Effect]) -> None:
+    def _carry_out(self, effects: list[SessionEffect]) -> None:
         for effect in effects:
             if not isinstance(effect, Send):
                 self.told.append(effect)

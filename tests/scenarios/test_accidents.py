@@ -140,7 +140,7 @@ async def test_a_stop_that_cannot_reach_a_robot_names_its_process_and_fails(crew
         os.kill(host, signal.SIGCONT)
     assert (stopping.returncode, out) == (exit_codes.NOBODY, b"")
     (first, last), where = err.decode().splitlines(), f"talker (in process {host}, which hangs)"
-    assert first == f"robotree: the protective stop goes on, with no word yet from {where}"
+    assert first == f"robotree: the protective stop goes on, without an answer yet from {where}"
     assert f"by nobody but NOT by {where}" in last
     assert await robotree("stop") == (exit_codes.DONE, "stopped: talker\n")
     removed = (place / "robotree" / REALM).rename(place / "robotree" / "removed")

@@ -99,7 +99,7 @@ def test_why_a_robot_is_not_listed_is_said() -> None:
     said = {name: told(agents.missed(name, "x", robots, {"arm-2"}, [])) for name in (*robots, "arm-4")}
     assert "enslaved by mover.arm" in said["arm-1"]
     assert "robotree release mover.arm" in said["arm-1"]
-    assert "lives, answers and is listed" in said["arm-2"]
+    assert "runs, answers and is listed" in said["arm-2"]
     assert "no lookup service lists it" in said["arm-3"]
     assert "did you mean arm-" in said["arm-4"]
 

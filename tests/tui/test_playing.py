@@ -10,7 +10,7 @@ import pytest
 
 from robotree.tui.errors import SessionError
 from robotree.tui.session.playing import Player, placed, read_file
-from robotree.tui.session.script import Report, Told, read
+from robotree.tui.session.script import PlayedStep, Report, read
 
 if TYPE_CHECKING:
     from conftest import Realm
@@ -19,8 +19,8 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 BESIDE = str(EXAMPLES / "a.session")
 
 
-async def play(realm: Realm, text: str) -> tuple[Report, list[Told]]:
-    told: list[Told] = []
+async def play(realm: Realm, text: str) -> tuple[Report, list[PlayedStep]]:
+    told: list[PlayedStep] = []
     report = await Player(realm.fleet, read(text, BESIDE), told.append).play()
     return report, told
 

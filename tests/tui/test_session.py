@@ -9,7 +9,7 @@ import pytest
 from robotree.tui.errors import BadScript
 from robotree.tui.session import conditions
 from robotree.tui.session import script as session
-from robotree.tui.session.script import Do, Expect, Pause, Report, Told, read, transcript
+from robotree.tui.session.script import Do, Expect, Pause, PlayedStep, Report, read, transcript
 
 SCRIPT = """\
 # closes the lever
@@ -76,8 +76,8 @@ def test_who_may_only_look_plays_no_script_that_changes_robots() -> None:
         read("stop\nenslave mover.arm arm-1\n", "a", readonly=True)
 
 
-def told(*, held: bool, seen: str = "") -> Told:
-    return Told(step=read("stop", "a").steps[0], held=held, seen=seen, began=1.234, took=0.1)
+def told(*, held: bool, seen: str = "") -> PlayedStep:
+    return PlayedStep(step=read("stop", "a").steps[0], held=held, seen=seen, began=1.234, took=0.1)
 
 
 def test_a_report_is_good_only_when_all_was_played_and_held() -> None:

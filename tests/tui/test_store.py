@@ -11,7 +11,7 @@ from robotree.tui.seen.store import FLASH, SILENCE, Store
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import BondSpec, CommandSpec, Listing, RobotDescription, SlotSpec
 from robotree.vr.base.presence import Held
-from robotree.vr.base.requests import Said, State
+from robotree.vr.base.requests import LoggedLine, State
 
 
 def address(name: str, incarnation: str = "1") -> Address:
@@ -83,7 +83,7 @@ def test_who_hangs_leaves_with_no_wording_of_a_departure(store: Store) -> None:
     """Its listing expires while its presence still stands."""
     store.take_lists([], [], 1.0, {address("arm-1")})
     store.take_silent([Held("robot/arm-1/1", "process 31555", "`kill -9 31555` ends it")], 2.0)
-    assert texts(store) == ["arm-1 (Arm): its process hangs, it answers nobody; `kill -9 31555` ends it"]
+    assert texts(store) == ["arm-1 (Arm): its process hangs and does not answer; `kill -9 31555` ends it"]
     assert store.doing("arm-1", 3.0) == "HANGS (pid 31555)"
     assert store.missed == {}
 
@@ -258,7 +258,7 @@ def test_the_tree_is_looked_at_again_only_when_something_hints_at_a_change(store
 
 
 def test_the_log_tells_why_a_command_failed_that_another_program_asked_for(store: Store) -> None:
-    failed = Said(1, 0.0, "failed", "arm-1.go_to failed: it is out of reach", "go_to")
+    failed = LoggedLine(1, 0.0, "failed", "arm-1.go_to failed: it is out of reach", "go_to")
     store.take_state("arm-1", State(), 1.0)
     with store.asking("arm-1"):
         store.take_state("arm-1", State(busy="go_to"), 2.0)
@@ -266,10 +266,10 @@ def test_the_log_tells_why_a_command_failed_that_another_program_asked_for(store
     store.take_line("arm-1", failed, 3.0)
     assert texts(store) == [], "what was asked for here is told by its result"
     store.take_state("arm-1", State(busy="go_to"), 4.0)
-    store.take_line("arm-1", Said(2, 0.0, "failed", "arm-1.get_info failed", "get_info"), 4.0)
+    store.take_line("arm-1", LoggedLine(2, 0.0, "failed", "arm-1.get_info failed", "get_info"), 4.0)
     store.take_state("arm-1", State(), 5.0)
     store.take_line("arm-1", failed, 5.1)
-    store.take_line("arm-1", Said(4, 0.0, "warning", "it is warm"), 6.0)
+    store.take_line("arm-1", LoggedLine(4, 0.0, "warning", "it is warm"), 6.0)
     told = [(one.weight, one.text) for one in store.entries]
     assert told == [
         ("plain", "arm-1.go_to has begun, asked for elsewhere"),

@@ -303,7 +303,7 @@ def test_every_verb_of_a_script_has_a_function() -> None:
 
 async def test_an_empty_log_says_that_it_is_empty(realm: Realm) -> None:
     said = await do(realm, "log arm-1")
-    assert (said.data, said.text) == ([], "arm-1 has said nothing")
+    assert (said.data, said.text) == ([], "arm-1 has logged nothing")
 
 
 async def test_show_and_watch_tell_readings_with_their_units(realm: Realm) -> None:

@@ -16,7 +16,7 @@ import robotree.vr.running.live
 from robotree.protocol.messages import Goal, GoalCancel, SetMode, Verb
 from robotree.protocol.services.claim_server import ClaimServer
 from robotree.protocol.services.fence import Fence
-from robotree.protocol.services.goal_server import Effect, GoalId, GoalServer
+from robotree.protocol.services.goal_server import GoalId, GoalServer, GoalServerEffect
 from robotree.protocol.services.peer import Peer
 from robotree.proxy.desired_mode import DesiredMode
 from robotree.proxy.guard import EpochCheck
@@ -66,7 +66,9 @@ def _only_once(self: DesiredMode, now: float) -> list[SetMode]:
     return [] if asked else _messages_due(self, now)
 
 
-def _every_goal_is_new(self: GoalServer, message: Goal | GoalCancel, peer: Peer, now: float) -> list[Effect]:
+def _every_goal_is_new(
+    self: GoalServer, message: Goal | GoalCancel, peer: Peer, now: float
+) -> list[GoalServerEffect]:
     if isinstance(message, Goal) and message.verb != Verb.STATUS:
         self._records.pop(GoalId(peer.system, peer.component, message.key), None)
     return _receive(self, message, peer, now)

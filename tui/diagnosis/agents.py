@@ -74,13 +74,13 @@ def missed(
     robot = robots.get(name)
     if robot is not None and robot.bond is not None:
         parent = f"{robot.bond.parent.name}.{robot.bond.slot}"
-        told = f"{name} lives and is enslaved by {parent}: it is in `robotree tree`, not in `robotree ls`"
+        told = f"{name} runs and is enslaved by {parent}: it is in `robotree tree`, not in `robotree ls`"
         yield Finding("robot", "good", told, f"to command it yourself: robotree release {parent}")
     elif robot is not None and name in listed:
-        yield Finding("robot", "good", f"{name} lives, answers and is listed")
+        yield Finding("robot", "good", f"{name} runs, answers and is listed")
     elif robot is not None:
         yield Finding(
-            "robot", "bad", f"{name} lives and answers, but no lookup service lists it",
+            "robot", "bad", f"{name} runs and answers, but no lookup service lists it",
             "start one if there is none: robotree lookup lookup-1; else it is listed within 2 s",
         )  # fmt: skip
     elif holders:

@@ -92,11 +92,18 @@ def clock(now: float | None = None) -> Finding:
     told = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(now))
     remedy = "set the clock, for example with `timedatectl set-ntp true`: signed links refuse what is too old"
     if now < SIGNING_BEGINS:
-        return Finding("clock", "bad", f"it says {told}, before signatures can count", remedy)
+        return Finding(
+            "clock",
+            "bad",
+            f"the clock shows {told}, too early for signatures",
+            remedy,
+        )
     newest = max((path.stat().st_mtime for path in Path(__file__).parent.glob("*.py")), default=0.0)
     if now < newest - 86_400:
-        return Finding("clock", "bad", f"it says {told}, which is before robotree was installed", remedy)
-    return Finding("clock", "good", f"it says {told}")
+        return Finding(
+            "clock", "bad", f"the clock shows {told}, which is before robotree was installed", remedy
+        )
+    return Finding("clock", "good", f"the clock shows {told}")
 
 
 def terminal() -> Iterator[Finding]:

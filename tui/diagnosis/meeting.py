@@ -180,7 +180,10 @@ def processes(found: list[Entry]) -> Iterator[Finding]:
         yield Finding("processes", "good", f"{alive} of {len(found)} live and answer the system")
     else:
         yield Finding(
-            "processes", "bad", "nobody lives in this realm", "start something, for example `robotree demo`"
+            "processes",
+            "bad",
+            "no process runs in this realm",
+            "start something, for example `robotree demo`",
         )
 
 
@@ -193,13 +196,13 @@ def roles(found: list[Entry]) -> Iterator[Finding]:
         yield Finding("lookups", "good", f"{', '.join(lookups)} live")
     else:
         yield Finding(
-            "lookups", "bad", "no lookup service lives, so lists may be old", "robotree lookup lookup-1"
+            "lookups", "bad", "no lookup service runs, so lists may be old", "robotree lookup lookup-1"
         )
     if hosts:
         yield Finding("hosts", "good", f"{', '.join(hosts)} live")
     else:
         yield Finding(
-            "hosts", "doubt", "no host lives, so no virtual robot can be made", "robotree host host-1"
+            "hosts", "doubt", "no host runs, so no virtual robot can be created", "robotree host host-1"
         )
 
 

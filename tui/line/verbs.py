@@ -23,7 +23,7 @@ if TYPE_CHECKING:  # help must not wait for the agents
 
     from robotree.tui.line.page_files import PageFiles
     from robotree.vr.base.description import CommandSpec, Listing, RobotDescription
-    from robotree.vr.base.requests import Reloaded, Said, State
+    from robotree.vr.base.requests import LoggedLine, Reloaded, State
     from robotree.vr.supervision.fleet import Fleet
 
 CALL_LIMIT = 120.0
@@ -245,18 +245,18 @@ async def log(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
         raise BadLine("log: NAME is missing", "log NAME [--follow]")
     if not line.flag("--follow"):
         said = await fleet.read_log(name)
-        told = "\n".join(map(wording.said, said)) or f"{name} has said nothing"
+        told = "\n".join(map(wording.log_line, said)) or f"{name} has logged nothing"
         return Outcome([plain(one) for one in said], told)
     last = 0
 
-    def tell(_: str, said: Sequence[Said]) -> None:
+    def tell(_: str, said: Sequence[LoggedLine]) -> None:
         nonlocal last
         for one in said:
             if one.number > last:
                 last = one.number
-                teller.outcome(Outcome(plain(one), wording.said(one)))
+                teller.outcome(Outcome(plain(one), wording.log_line(one)))
 
-    def tell_new(name: str, said: Sequence[Said]) -> None:
+    def tell_new(name: str, said: Sequence[LoggedLine]) -> None:
         nonlocal last
         if said and said[0].number < last:  # it was made anew
             last = 0

@@ -18,7 +18,7 @@ from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
     from robotree.vr.base.description import RobotDescription
-    from robotree.vr.base.requests import Said, State
+    from robotree.vr.base.requests import LoggedLine, State
     from robotree.vr.base.transport import Registration
     from robotree.vr.supervision.fleet import Fleet
 
@@ -82,7 +82,7 @@ class Feed:
         if self.store.shape != shape:
             self._hint.set()
 
-    def _take_lines(self, name: str, lines: Sequence[Said]) -> None:
+    def _take_lines(self, name: str, lines: Sequence[LoggedLine]) -> None:
         for line in lines:
             self.store.take_line(name, line, self.clock())
 

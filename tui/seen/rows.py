@@ -198,7 +198,7 @@ def _matching(store: Store, placements: Sequence[Placement], now: float, letters
     found: list[Placement] = []
     for placement in placements:
         above = depths.get(placement.parent, -1)
-        if matching.matches(wanted, said(store, row(store, placement, now))):
+        if matching.matches(wanted, filter_fields(store, row(store, placement, now))):
             depths[placement.name] = above + 1
             found.append(Placement(placement.name, above + 1, placement.parent, placement.slot))
         else:
@@ -206,7 +206,7 @@ def _matching(store: Store, placements: Sequence[Placement], now: float, letters
     return found
 
 
-def said(store: Store, one: RobotRow) -> dict[str, str]:
+def filter_fields(store: Store, one: RobotRow) -> dict[str, str]:
     """Return what a filter looks at."""
     robot = store.described(one.name)
     return {

@@ -19,7 +19,7 @@ from robotree.tui.terminal import one_line
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import Lack, Listing, RobotDescription
 from robotree.vr.base.presence import Held
-from robotree.vr.base.requests import Level, Said, State
+from robotree.vr.base.requests import Level, LoggedLine, State
 
 SILENCE = 4.0
 """[s] without a state after which a robot counts as silent: states come at least once a second."""
@@ -97,7 +97,7 @@ class Missed:
 
 
 @dataclass(slots=True)
-class Heard:
+class LatestState:
     """The newest state of a robot, and when it came."""
 
     state: State
@@ -124,7 +124,7 @@ class Store:
     processes: dict[str, str] = field(default_factory=dict[str, str])
     """By robot: the process that holds it, where this machine knows it: `process 4711`."""
     stale: bool = False
-    """No lookup service lives: the lists are as old as that."""
+    """No lookup service runs: the lists are as old as that."""
     joined: bool = False
     """The realm has been joined; before that emptiness means nothing."""
     entries: deque[LogEntry] = field(default_factory=lambda: deque[LogEntry](maxlen=MEMORY))
@@ -140,7 +140,7 @@ class Store:
     """Robots by name that hang or have gone, until they are dismissed or back."""
     remembered: dict[str, RobotDescription] = field(default_factory=dict[str, RobotDescription])
     """How those described themselves who do not answer now."""
-    _heard: dict[str, Heard] = field(default_factory=dict[str, Heard])
+    _heard: dict[str, LatestState] = field(default_factory=dict[str, LatestState])
     _were_listed: bool = True
     """A lookup service said so of the robots and views that are known; else they were only seen."""
     _came: dict[str, float] = field(default_factory=dict[str, float])
@@ -279,7 +279,7 @@ class Store:
         pid = hangs.where.removeprefix("process ") if hangs else ""
         if hangs:
             self.tell(
-                f"{what}: its process hangs, it answers nobody; {hangs.remedy}", "error", now, address.name
+                f"{what}: its process hangs and does not answer; {hangs.remedy}", "error", now, address.name
             )
         else:
             self.tell(f"{what}: its process has gone", "error", now, address.name)
@@ -342,7 +342,7 @@ class Store:
         self.revision += 1
         before = self._heard.get(name)
         if before is None:
-            self._heard[name] = Heard(state, now, now, now)
+            self._heard[name] = LatestState(state, now, now, now)
             self.shape += 1
             if state.stopped and self.stop:
                 self.stop.confirm(name, now)
@@ -410,7 +410,7 @@ class Store:
             self._elsewhere[name] = after.busy
             self.tell(f"{name}.{after.busy} has begun, asked for elsewhere", "plain", now, name)
 
-    def take_line(self, name: str, line: Said, now: float) -> None:
+    def take_line(self, name: str, line: LoggedLine, now: float) -> None:
         """Take a line of a robot's log: what its code says, and why a command of others failed."""
         if line.level in SAYS:
             self.tell(f"{name}: {line.text}", SAYS[line.level], now, name)
@@ -505,7 +505,7 @@ class Store:
         return [
             robot
             for name, robot in self.descriptions.items()
-            if name not in self.robots and (told := self._told(name)) and told.bond is not None
+            if name not in self.robots and (told := self._condition_of(name)) and told.bond is not None
         ]
 
     def state(self, name: str) -> State | None:
@@ -533,7 +533,7 @@ class Store:
             return "hangs" if absent.hangs else "gone"
         if self._silent(name, now) or name in self._unexplained:
             return "silent"
-        told = self._told(name)
+        told = self._condition_of(name)
         return status.status_of(told, self._lacks(name)) if told else "free"
 
     def doing(self, name: str, now: float) -> str:
@@ -544,7 +544,7 @@ class Store:
             return f"silent {status.span(self.age(name, now) or 0.0)}"
         if name in self._unexplained:
             return "does not answer"
-        told, heard = self._told(name), self._heard.get(name)
+        told, heard = self._condition_of(name), self._heard.get(name)
         if told is None:
             return "free"
         if told.bond is not None and status.status_of(told, self._lacks(name)) == "enslaved":
@@ -589,7 +589,7 @@ class Store:
         age = self.age(name, now)
         return age is not None and age > SILENCE
 
-    def _told(self, name: str) -> Condition | None:
+    def _condition_of(self, name: str) -> Condition | None:
         """Return what a robot reports of itself: its newest state; before the first one its description."""
         return self.state(name) or self.described(name)
 

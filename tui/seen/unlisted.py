@@ -1,4 +1,4 @@
-"""Who is known while no lookup service lives: those that are seen alive say themselves what they are."""
+"""Who is known while no lookup service runs: those that are seen alive say themselves what they are."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from robotree.tui.seen.angles import IN_DEGREES, as_shown, in_degrees
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.description import CommandSpec, FieldSpec, RobotDescription, SlotSpec
-    from robotree.vr.base.requests import Said
+    from robotree.vr.base.requests import LoggedLine
 
 
 def columns(rows: Sequence[Sequence[str]]) -> str:
@@ -248,7 +248,7 @@ def vacant(slot: SlotSpec) -> str:
     return "empty, optional" if slot.optional else "empty"
 
 
-def said(line: Said) -> str:
+def log_line(line: LoggedLine) -> str:
     """Return one line of a robot's log: when, how important, what."""
     clock = time.strftime("%H:%M:%S", time.localtime(line.unix))
     return f"{clock}  {line.level:9}  {line.text}"

@@ -20,7 +20,7 @@ from robotree.tui.line.grammar import Line
 from robotree.tui.line.shell import Console
 from robotree.tui.line.verbs import Teller
 from robotree.tui.session.conditions import Scene, Verdict
-from robotree.tui.session.script import Do, Expect, Pause, Report, Script, Step, Told, read, transcript
+from robotree.tui.session.script import Do, Expect, Pause, PlayedStep, Report, Script, Step, read, transcript
 from robotree.tui.terminal import aside, put
 
 if TYPE_CHECKING:  # a script is read before the agents are needed
@@ -38,7 +38,7 @@ LARGEST = 1_000_000
 STDIN = "-"
 """What is given instead of a file to read standard input."""
 
-Tell = Callable[[Told], None]
+Tell = Callable[[PlayedStep], None]
 
 
 class Player:
@@ -73,13 +73,13 @@ class Player:
 
     async def _play(self) -> Report:
         began = time.monotonic()
-        told: list[Told] = []
+        told: list[PlayedStep] = []
         for position, step in enumerate(self.script.steps):
             start = time.monotonic()
             verdict, data = await self._step(step)
             now = time.monotonic()
             told.append(
-                Told(
+                PlayedStep(
                     step=step,
                     held=verdict.holds,
                     seen=verdict.seen,
@@ -94,7 +94,7 @@ class Player:
                 return self._report(told, began, left)
         return self._report(told, began, ())
 
-    def _report(self, told: list[Told], began: float, left: tuple[str, ...]) -> Report:
+    def _report(self, told: list[PlayedStep], began: float, left: tuple[str, ...]) -> Report:
         wall = time.monotonic() - began
         return Report(script=self.script.path, told=tuple(told), wall_s=wall, left=left)
 
@@ -229,7 +229,7 @@ async def play_file(path: str, realm: str, *, as_json: bool, readonly: bool = Fa
 
     console = Console(as_json=as_json)
 
-    def tell(told: Told) -> None:
+    def tell(told: PlayedStep) -> None:
         console.settle()
         aside(transcript(told))
 

@@ -83,7 +83,7 @@ class Script:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Told:
+class PlayedStep:
     """One step, played."""
 
     step: Step
@@ -102,7 +102,7 @@ class Report:
     """A session, played."""
 
     script: str
-    told: tuple[Told, ...] = ()
+    told: tuple[PlayedStep, ...] = ()
     wall_s: float = 0.0
     left: tuple[str, ...] = field(default=())
     """Steps that were not played any more because one before them did not hold."""
@@ -199,7 +199,7 @@ def _expect(text: str) -> Expect:
     return Expect(condition(found[1]), within)
 
 
-def transcript(told: Told) -> str:
+def transcript(told: PlayedStep) -> str:
     """Return a played step as one line of a transcript, with what was seen below it where that is long."""
     mark = "✓" if told.held else "✗"
     lines = told.seen.splitlines() or [""]

@@ -72,7 +72,7 @@ async def _relay(line: Line, faults: Faults) -> int:
         relay.on_refused = complain
         address = relay.address
         answer(f"ready {address}", lambda: {"ready": address})
-        note(told(faults))  # so that --delay 20 is seen to be 20 s
+        note(faults_in_words(faults))  # so that --delay 20 is seen to be 20 s
         loop = asyncio.get_running_loop()
         threading.Thread(target=_read, args=(loop, relay), name="faults", daemon=True).start()
         await here.wait()
@@ -88,7 +88,7 @@ async def _relay(line: Line, faults: Faults) -> int:
     return here.exit_code()
 
 
-def told(faults: Faults, cut_left: float = 0.0) -> str:
+def faults_in_words(faults: Faults, cut_left: float = 0.0) -> str:
     """What is done to the link, for people; a cut has `cut_left` [s] to go."""
     loss, duplication = f"{faults.loss * 100:.3g}%", f"{faults.duplication * 100:.3g}%"
     delay, jitter = _time(faults.delay), _time(faults.jitter)
@@ -130,4 +130,4 @@ def obey(relay: Relay, text: str) -> None:
     except SupervisorError as error:
         complain(error)
     else:
-        note(told(relay.faults, relay.cut_left))
+        note(faults_in_words(relay.faults, relay.cut_left))

@@ -176,5 +176,5 @@ def _worth(line: Line, recorder: Recorder, doubt: str) -> int:
         note(f"{line.text('--connect')}: {doubt}")
     if recorder.frames:
         return exit_codes.DONE
-    complain(f"nobody at {line.text('--connect')} said anything that could be recorded")
+    complain(f"no frame that could be recorded came from {line.text('--connect')}")
     return exit_codes.NOBODY

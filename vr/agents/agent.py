@@ -60,7 +60,7 @@ from robotree.vr.base.requests import (
 from robotree.vr.base.transport import Registration, Transport
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import DEFAULT_TERM, Lessor, Slots
-from robotree.vr.core.events import Effect, LeaseChanged, LeaseEnded
+from robotree.vr.core.events import CoreEffect, LeaseChanged, LeaseEnded
 from robotree.vr.core.machine import Calls, RobotState
 from robotree.vr.core.stop import Stop
 from robotree.vr.exchange.answering import Say, conversing, not_for
@@ -333,7 +333,7 @@ class RobotAgent:
         with contextlib.suppress(RuntimeError):  # the loop is closed: nobody wants to know
             self._loop.call_soon_threadsafe(action)
 
-    def _take_effect(self, effect: Effect) -> None:
+    def _take_effect(self, effect: CoreEffect) -> None:
         if isinstance(effect, LeaseEnded):
             _log.info("%s is free again: %s", self.robot.name, effect.reason)
             self._on_loop(self._lease_changed)

@@ -267,7 +267,7 @@ class Publisher:
             running = calls.live.get(calls.running)
             return State(
                 caller="" if running is None else running.caller,
-                note="" if running is None else live.said.get(running.key, (0.0, ""))[1],
+                note="" if running is None else live.shown_progress.get(running.key, (0.0, ""))[1],
                 bond=None if tenure is None else tenure.parent,
                 readings=readings,
                 **self._condition(core),
@@ -303,7 +303,7 @@ class Publisher:
 
     def _readings(self) -> dict[str, float]:
         readings = dict(self._hooks.readings())
-        fraction = self._live.said.get(self._live.core.state.calls.running, (math.nan, ""))[0]
+        fraction = self._live.shown_progress.get(self._live.core.state.calls.running, (math.nan, ""))[0]
         if not math.isnan(fraction):
             readings["progress"] = fraction
         return readings

@@ -40,7 +40,7 @@ def _differences(command: CommandSpec, promise: CommandSpec) -> Iterator[str]:
         if own is None:
             yield f"takes no {field.name}"
         elif not _takes(own, field):
-            yield f"takes {field.name} as {_told(own)} instead of {_told(field)}"
+            yield f"takes {field.name} as {_type_of(own)} instead of {_type_of(field)}"
         elif own.required and not field.required:
             yield f"cannot do without {field.name}"
     yield from (f"also needs {own.name}" for own in takes.values() if own.required)
@@ -50,7 +50,7 @@ def _differences(command: CommandSpec, promise: CommandSpec) -> Iterator[str]:
         if own is None:
             yield f"returns no {field.name or 'single value'}"
         elif not _takes(field, own):
-            yield f"returns {field.name or 'a value'} as {_told(own)} instead of {_told(field)}"
+            yield f"returns {field.name or 'a value'} as {_type_of(own)} instead of {_type_of(field)}"
 
 
 def _takes(own: FieldSpec, given: FieldSpec) -> bool:
@@ -78,6 +78,6 @@ def _takes_parts(own: FieldSpec, given: FieldSpec) -> bool:
     )
 
 
-def _told(field: FieldSpec) -> str:
+def _type_of(field: FieldSpec) -> str:
     kind = f"one of {', '.join(field.choices)}" if field.type == "choice" else field.type
     return f"{kind} in {field.unit}" if field.unit else kind

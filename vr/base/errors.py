@@ -159,7 +159,7 @@ class CommandError(VrError):
     """
 
     def __init__(self, *values: Any, **data: Any) -> None:
-        """Take the data of the sentence by name, or, but for `robot` and `command`, in the sentence's order.
+        """Take the data of the sentence by name; or all but `robot` and `command`, in their order there.
 
         Raises:
             TypeError: some are missing, too many, or given twice.
@@ -216,7 +216,7 @@ class CommandFailed(CommandError):
 
 
 class Failed(CommandFailed):
-    """An author's code says why its command cannot succeed: `raise Failed("the shelf is empty", shelf=3)`.
+    """An author's code reports why its command cannot succeed: `raise Failed("the shelf is empty", shelf=3)`.
 
     Who catches it finds the reason as `detail`, and what else was given under its name: `error.shelf`.
     """
@@ -293,7 +293,8 @@ class UnderWay(CommandError):
     """The command runs once at a time, and it runs or waits for its turn already."""
 
     sentence = (
-        "{robot}.{command} is under way already, for {caller}; end that first with `robotree cancel {robot}`"
+        "{robot}.{command} already runs or waits for its turn, called by {caller}; end it first with "
+        "`robotree cancel {robot}`"
     )
 
 
@@ -340,7 +341,7 @@ class StaleEpoch(LeaseError):
 
 
 class Retracted(LeaseError):
-    """The petition came after its parent had given up waiting and had taken it back."""
+    """The petition came after its parent had stopped waiting for the answer and had withdrawn it."""
 
     sentence = "{parent} has taken back its petition for {robot}, because no answer came; enslave it again"
 
@@ -404,13 +405,13 @@ class GroupFull(BondError):
 
 
 class WrongKind(BondError):
-    """The child is not of the kind that the slot wants."""
+    """The child is not of the kind that the slot requires."""
 
     sentence = "{robot}.{slot} takes a robot of kind {wanted}; {child} is of kind {kind}"
 
 
 class DoesNotFit(BondError):
-    """The child is called as the slot wants, and lacks what robots of this kind can do."""
+    """The child has the kind that the slot requires, but lacks commands that robots of this kind have."""
 
     sentence = "{robot}.{slot} takes a robot of kind {wanted}; {child} has this kind, but {reason}"
 
@@ -447,7 +448,7 @@ class NoAnswer(TransportError):
 
 
 class NotConfirmed(TransportError):
-    """Not all who were told to do something at once have confirmed it.
+    """Not all robots that received an urgent order have confirmed it.
 
     Its data: `order`, the names `told`, pairs (name, reason) `untold`, and the steps of the `advice`.
     """
@@ -544,7 +545,7 @@ class NoVirtualRobot(BundleError):
 class SeveralVirtualRobots(BundleError):
     """The source defines several virtual robots and none was named."""
 
-    sentence = "{path} defines several virtual robots ({known}); say which: {path}:CLASS"
+    sentence = "{path} defines several virtual robots ({known}); name one: {path}:CLASS"
 
 
 class BrokenScript(BundleError):

@@ -285,7 +285,7 @@ Level = Literal["debug", "info", "warning", "error", "done", "failed", "cancelle
 """How important a line is; of the last three, how a command ended."""
 
 
-class Said(msgspec.Struct, frozen=True):
+class LoggedLine(msgspec.Struct, frozen=True):
     """One line of a robot's log."""
 
     number: int
@@ -301,7 +301,7 @@ class Said(msgspec.Struct, frozen=True):
 class Logged(_Message, frozen=True, kw_only=True):
     """Lines of a robot's log, the oldest first."""
 
-    lines: tuple[Said, ...] = ()
+    lines: tuple[LoggedLine, ...] = ()
 
 
 class Granted(_Message, frozen=True, kw_only=True):
@@ -412,7 +412,7 @@ class Unlisted(_Message, frozen=True, kw_only=True):
 class LogLines(_Message, frozen=True, kw_only=True):
     """A robot publishes what its code says, under its key + `/log`."""
 
-    lines: tuple[Said, ...]
+    lines: tuple[LoggedLine, ...]
 
 
 class State(_Message, frozen=True, kw_only=True):
@@ -446,15 +446,15 @@ Reply = (
     Described | Accepted | Progress | Returned | Granted | HostDescribed | Reloaded | Logged | Registered
     | Found | Picture | ViewDescribed | Done | Raised
 )  # fmt: skip
-Event = LogLines | Listed | Unlisted | State
+Published = LogLines | Listed | Unlisted | State
 
 _R = TypeVar("_R")
 _encoder = msgspec.msgpack.Encoder()
 _replies: msgspec.msgpack.Decoder[Reply] = msgspec.msgpack.Decoder(Reply)
-_events: msgspec.msgpack.Decoder[Event] = msgspec.msgpack.Decoder(Event)
+_events: msgspec.msgpack.Decoder[Published] = msgspec.msgpack.Decoder(Published)
 
 
-def encode(message: Reply | Event) -> bytes:
+def encode(message: Reply | Published) -> bytes:
     """Pack a reply or an event; a request needs an envelope, see `envelope.seal`."""
     return _encoder.encode(message)
 
@@ -468,7 +468,7 @@ def decode_reply(body: bytes, *, key: str) -> Reply:
     return _decode(_replies, body, key)
 
 
-def decode_event(body: bytes, *, key: str) -> Event:
+def decode_event(body: bytes, *, key: str) -> Published:
     """Read an event from `key`.
 
     Raises:

@@ -258,7 +258,7 @@ class ReleaseAsked(_Value, frozen=True, kw_only=True):
     generation: int
 
 
-Event = (
+CoreEvent = (
     Invoke | Finish | DetachAsked | CancelAsked | CancelAll | Abandon | Gone | Tick | ParentAsked
     | Prolong | EndLease | Obeyed | Reserve | Unreserve | Bind | FreeAsked | Lose | Renewed
     | ChildDescribed | Set | PageReloaded | StopAsked | Halted | Restored | StopAnswered | ReleaseAsked
@@ -343,7 +343,7 @@ class FieldsChanged(_Value, frozen=True, kw_only=True):
     """Settings or declared state have other values: those who look at the robot are to see them."""
 
 
-Effect = (
+CoreEffect = (
     Begin | Interrupt | Settled | LeaseChanged | LeaseEnded | RenewLease | ChildGone | FieldsChanged
     | AskPart | StopSettled
 )  # fmt: skip

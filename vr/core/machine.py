@@ -38,8 +38,8 @@ from robotree.vr.core.events import (
     AskPart,
     Begin,
     ChildGone,
-    Effect,
-    Event,
+    CoreEffect,
+    CoreEvent,
     FieldsChanged,
     Interrupt,
     LeaseChanged,
@@ -59,7 +59,7 @@ MOST_KEPT = 256
 MOST_CALLERS = 256
 """Callers that number their calls and are remembered."""
 
-Effects = list[Effect]
+Effects = list[CoreEffect]
 
 
 class AcceptedCall(msgspec.Struct, kw_only=True):
@@ -282,7 +282,7 @@ class RobotCore:
         self.due = self._due()
         """[s] when `Tick` will change something if nothing else does before."""
 
-    def handle(self, event: Event, now: float) -> Effects:
+    def handle(self, event: CoreEvent, now: float) -> Effects:
         """Change the state; return what is to be done, in this order.
 
         Args:
@@ -459,7 +459,7 @@ class RobotCore:
         call = calls.live.get(event.key)
         if call is None:
             return []
-        reason = "it was given up at the moment when it ended"  # so the order to give it up comes too late
+        reason = "it was abandoned at the moment when it ended"  # so the order to give it up comes too late
         cause = CommandCancelled(robot=self.name, command=call.command, reason=reason)
         return self._settle(call, call.cause or Raised.of(cause))
 

@@ -31,6 +31,7 @@ from robotree.vr.base.requests import (
     Granted,
     HostDescribed,
     Logged,
+    LoggedLine,
     Look,
     Petition,
     Picture,
@@ -46,7 +47,6 @@ from robotree.vr.base.requests import (
     Retract,
     Returned,
     SafeStop,
-    Said,
     ViewDescribed,
     decode_reply,
 )
@@ -307,7 +307,7 @@ class RobotClient:
         """Ask for its description; `urgent`: ahead of everything else, as a stop is."""
         return (await self._ask(Describe(), Described, urgent=urgent)).robot
 
-    async def read_log(self, after: int = 0) -> Sequence[Said]:
+    async def read_log(self, after: int = 0) -> Sequence[LoggedLine]:
         """Ask what its code has said, the oldest line first; `after`: the number of the last line known."""
         return (await self._ask(ReadLog(after=after), Logged)).lines
 

@@ -99,7 +99,7 @@ class Directory:
 
     @property
     def stale(self) -> bool:
-        """Whether no lookup service lives, so that the list may be old."""
+        """Whether no lookup service runs, so that the list may be old."""
         return not self._union.services
 
     @property

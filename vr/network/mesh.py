@@ -929,7 +929,7 @@ class Mesh:
 
 def _held(process: int, keys: Iterable[str]) -> list[Held]:
     sleeps = asleep(process)
-    how = "which hangs" if sleeps else "which lives and could not be reached from here"
-    end = f"ask again from another terminal; should nobody get an answer, `kill {process}` ends it"
+    how = "which hangs" if sleeps else "which runs and could not be reached from here"
+    end = f"try again from another terminal; if that fails too, `kill {process}` ends it"
     advice = remedy(process, end)
     return [Held(key, f"process {process}", advice, how, sleeps) for key in sorted(keys)]

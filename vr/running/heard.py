@@ -100,7 +100,7 @@ class _NoInput(io.TextIOBase):
         Raises:
             OSError: always.
         """
-        raise OSError("nobody types into a page: make what it asks for a parameter of the command")
+        raise OSError("a page cannot read from the keyboard: make its question a parameter of the command")
 
     def readline(self, size: int = -1, /) -> str:  # type: ignore[override] # the stubs have two other forms
         """Refuse, as `read`."""

@@ -32,7 +32,7 @@ from robotree.vr.base.errors import BadArgument, CommandCancelled, CommandFailed
 from robotree.vr.base.requests import PATIENCE, Call, Cancel, Detach, Level, Raised, Returned
 from robotree.vr.base.transport import Transport
 from robotree.vr.core import events as on
-from robotree.vr.core.events import Begin, Effect, Event, Interrupt, Settled
+from robotree.vr.core.events import Begin, CoreEffect, CoreEvent, Interrupt, Settled
 from robotree.vr.core.machine import AcceptedCall, RobotCore
 from robotree.vr.running.frame import DEEPEST, Frame, Listener, Manner, PendingCall
 from robotree.vr.running.log import Log
@@ -78,10 +78,10 @@ class LiveRobot:
     """Whether something has changed that others may see; set back by what publishes it."""
     _last_obeyed: int = -1
     _written: int = 0
-    """What the journal has said of the last event."""
+    """The number that the journal returned for the last event."""
 
     _at_work = ("", 0)
-    """The call that runs and how many wait, as others were last told."""
+    """The call that runs and how many wait, as it was last published."""
 
     def __init__(
         self,
@@ -92,7 +92,7 @@ class LiveRobot:
         transport: Transport,
         describe_child: Callable[[NotDescribed, OnDescribed], None],
         obeyed: Callable[[], int | None] | None,
-        on_effect: Callable[[Effect], None],
+        on_effect: Callable[[CoreEffect], None],
     ) -> None:
         """Prepare; nothing runs before the first call.
 
@@ -117,9 +117,9 @@ class LiveRobot:
             self._give_state(robot)
         self.frames: dict[str, Frame] = {}
         """Its running commands, by key."""
-        self.said: dict[str, tuple[float, str]] = {}
+        self.shown_progress: dict[str, tuple[float, str]] = {}
         """How far its running commands are, by key, as others see it."""
-        self._own: dict[str, tuple[float, str]] = {}  # the same without what their children say
+        self._own_progress: dict[str, tuple[float, str]] = {}  # without the progress of their children
         self.describe_child = describe_child
         self._transport, self._obeyed = transport, obeyed
         self._on_effect = on_effect
@@ -131,7 +131,7 @@ class LiveRobot:
         self._commands = commands_of(type(robot))
         self._exposures = exposures_of(type(robot))
         self.log = Log(self._runner.now, self._runner.unix)
-        """What its code says."""
+        """The output of its code, and how its commands ended."""
         self._listeners: dict[str, list[Listener]] = {}
         self._turns: dict[str, PendingCall] = {}
         """Calls whose caller waits on its worker and would carry the command out itself."""
@@ -147,7 +147,7 @@ class LiveRobot:
 
     def post(
         self,
-        event: Event,
+        event: CoreEvent,
         *,
         listener: Listener | None = None,
         turn: PendingCall | None = None,
@@ -166,7 +166,7 @@ class LiveRobot:
         """
         now, refusal = self._runner.now(), None
         with self._lock:
-            effects: list[Effect] = []
+            effects: list[CoreEffect] = []
             if self.core.due <= now and not isinstance(event, on.Tick):
                 effects = self._handle(on.Tick(unix=self._runner.unix()), now)
             try:
@@ -212,7 +212,7 @@ class LiveRobot:
                 self._coming = None
         return waits
 
-    def _turn_page(self, effects: list[Effect], now: float) -> Callable[[], None] | None:
+    def _turn_page(self, effects: list[CoreEffect], now: float) -> Callable[[], None] | None:
         """Go on with the page that waits, if this is a boundary between commands. Under the lock.
 
         Returns:
@@ -256,7 +256,7 @@ class LiveRobot:
         if turn is not None:
             self._turns[key] = turn
 
-    def _handle(self, event: Event, now: float) -> list[Effect]:
+    def _handle(self, event: CoreEvent, now: float) -> list[CoreEffect]:
         """Let an event change the state, and write it down; returns what follows. Under the lock."""
         effects = self.core.handle(event, now)
         if self._journal is not None:
@@ -279,7 +279,7 @@ class LiveRobot:
             self.pass_time()
         self._remind_at(self.core.due)
 
-    def _carry_out(self, effects: list[Effect]) -> None:
+    def _carry_out(self, effects: list[CoreEffect]) -> None:
         for effect in effects:
             if isinstance(effect, Begin):
                 turn = self._turns.pop(effect.key, None)
@@ -290,8 +290,8 @@ class LiveRobot:
                     self.process.work(run)
             elif isinstance(effect, Settled):
                 self._turns.pop(effect.key, None)
-                self.said.pop(effect.key, None)
-                self._own.pop(effect.key, None)
+                self.shown_progress.pop(effect.key, None)
+                self._own_progress.pop(effect.key, None)
                 for listener in self._listeners.pop(effect.key, ()):
                     try:
                         listener.settle(effect.reply)
@@ -300,7 +300,7 @@ class LiveRobot:
             else:
                 self._carry_out_other(effect)
 
-    def _shows(self, effects: list[Effect]) -> bool:
+    def _shows(self, effects: list[CoreEffect]) -> bool:
         """Whether others can see it: a call that only reads, and a renewal, show nowhere. Under the lock."""
         calls = self.core.state.calls
         before, self._at_work = self._at_work, (calls.running, len(calls.waiting))
@@ -308,7 +308,7 @@ class LiveRobot:
             not isinstance(one, Begin | Settled | on.RenewLease | on.AskPart) for one in effects
         )
 
-    def _carry_out_other(self, effect: Effect) -> None:
+    def _carry_out_other(self, effect: CoreEffect) -> None:
         if isinstance(effect, Interrupt):
             if frame := self.frames.get(effect.key):
                 frame.cancel(effect.cause.revive(), final=effect.final)
@@ -440,17 +440,17 @@ class LiveRobot:
 
     def note(self, key: str, fraction: float, text: str) -> None:
         """Take how far a running command is."""
-        self._own[key] = (fraction, text)
+        self._own_progress[key] = (fraction, text)
         self._show(key, fraction, text)
 
     def note_child(self, key: str, child: str, text: str) -> None:
         """Take what a child of a running command says of its progress: shown beside the command's own."""
         if key in self.frames:
-            fraction, own = self._own.get(key, (math.nan, ""))
+            fraction, own = self._own_progress.get(key, (math.nan, ""))
             self._show(key, fraction, f"{own}; {child}: {text}" if own else f"{child}: {text}")
 
     def _show(self, key: str, fraction: float, text: str) -> None:
-        self.said[key] = (fraction, text[:LONGEST_NOTE])
+        self.shown_progress[key] = (fraction, text[:LONGEST_NOTE])
         for listener in self._listeners.get(key, ()):
             listener.note(fraction, text)
         self.changed()
@@ -764,7 +764,7 @@ class _Ledger:
         return self._last, min(self.numbers)
 
 
-def _begins(effect: Effect, key: str) -> bool:
+def _begins(effect: CoreEffect, key: str) -> bool:
     return isinstance(effect, Begin) and effect.key == key
 
 

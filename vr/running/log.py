@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from robotree.vr.base.requests import Level, Said
+from robotree.vr.base.requests import Level, LoggedLine
 
 KEPT = 500
 """Lines of each robot."""
@@ -36,7 +36,7 @@ class Log:
         self._news = False
         """Whether there are lines that nobody has asked for."""
         self._now, self._unix = now, unix
-        self._lines: deque[Said] = deque(maxlen=KEPT)
+        self._lines: deque[LoggedLine] = deque(maxlen=KEPT)
         self._lock = threading.Lock()
         self._number = 0
         self._room, self._at = float(BURST), now()
@@ -84,7 +84,7 @@ class Log:
         if first:
             self.on_line()
 
-    def since(self, number: int) -> list[Said]:
+    def since(self, number: int) -> list[LoggedLine]:
         """Return the lines after the one of a number, the oldest first."""
         with self._lock:
             self._news = False
@@ -99,4 +99,4 @@ class Log:
 
     def _append(self, level: Level, text: str, command: str = "") -> None:
         self._number += 1
-        self._lines.append(Said(self._number, self._unix(), level, text, command))
+        self._lines.append(LoggedLine(self._number, self._unix(), level, text, command))

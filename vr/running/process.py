@@ -23,7 +23,7 @@ from typing import Any, Protocol
 
 from robotree.vr.base.address import Address
 from robotree.vr.base.errors import VrError
-from robotree.vr.core.events import Event
+from robotree.vr.core.events import CoreEvent
 from robotree.vr.core.machine import RobotCore, RobotState
 from robotree.vr.running.interruptible import Interrupted
 from robotree.vr.running.pools import hand_on
@@ -121,7 +121,7 @@ class Worker:
 class Journal(Protocol):
     """Where the events of robots are written, in their order, before they have consequences."""
 
-    def append(self, robot: str, now: float, event: Event) -> int:
+    def append(self, robot: str, now: float, event: CoreEvent) -> int:
         """Take an event; never blocks.
 
         Args:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 from robotree.vr.scripts.engine import Engine, Firing
-from robotree.vr.scripts.happening import said
+from robotree.vr.scripts.happening import order_line
 from robotree.vr.scripts.program import MESSAGE, PARAMETER, Condition, Program, Rule
 from robotree.vr.scripts.shown import in_words
 
@@ -34,7 +34,7 @@ def why(engine: Engine, name: str) -> str:
     if not name:
         latest = list(engine.firings)[-LATEST:]
         told = (
-            f"{one.number}: {one.rule}" + "".join(f"\n    {said(order)}" for order in one.orders)
+            f"{one.number}: {one.rule}" + "".join(f"\n    {order_line(order)}" for order in one.orders)
             for one in latest
         )
         return "\n".join(told) or "no rule has fired"
@@ -47,7 +47,7 @@ def why(engine: Engine, name: str) -> str:
     if fired is not None:
         lines.append(f"{name} fired last at happening {fired.number} of {engine.happened}, because of")
         lines += [f"  {one}" for one in _because(fired, rule, engine.program)]
-        lines += [f"  → {said(order)}" for order in fired.orders]
+        lines += [f"  → {order_line(order)}" for order in fired.orders]
     return "\n".join([*lines, *_why_not(engine, rule, fired)])
 
 

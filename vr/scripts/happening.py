@@ -81,7 +81,7 @@ class ScriptEnd(msgspec.Struct, frozen=True, kw_only=True):
 Order = Do | ScriptReply | Wait | CancelAct | Play | LogLine | ScriptEnd
 
 
-def said(order: Order) -> str:
+def order_line(order: Order) -> str:
     """Write an order in one line, as tables of tests and dry runs show it."""
     match order:
         case Do(partner=partner, act=act, values=values, named=named):

@@ -79,9 +79,9 @@ class ScriptRun:
         self.missing = ""
         """What it needs and does not have, as words; empty: it is active."""
         self.answers: dict[str, ScriptReply] = {}
-        self.asked: set[str] = set()
+        self.open_conversations: set[str] = set()
         """Conversations in which somebody waits for an answer."""
-        self.said = ""
+        self.last_log = ""
         self._robot, self._program, self._now = robot, program, activity.now
         self._seats = dict.fromkeys((one.name for one in program.partners), "")
         self._acts: dict[int, _Act] = {}
@@ -222,7 +222,7 @@ class ScriptRun:
             case Play(partner=partner, role=role):
                 self._do(Do(conversation="role", partner=partner, act="play", named={"role": role}))
             case ScriptReply(conversation=conversation):
-                if conversation in self.asked:
+                if conversation in self.open_conversations:
                     self.answers[conversation] = order
             case Wait(seconds=seconds):
                 self._timers.append((self._now() + seconds, order))
@@ -306,7 +306,7 @@ class ScriptRun:
         self._timers = [] if what is None else [one for one in self._timers if one[1].conversation != what]
 
     def _say(self, text: str) -> None:
-        self.said = text
+        self.last_log = text
         running().progress(math.nan, text)
 
 

@@ -128,7 +128,7 @@ class Script(VirtualRobot):
         waits = performative in {"request", "query"}
         run = self._running(act)
         if waits:
-            run.asked.add(conversation)
+            run.open_conversations.add(conversation)
         self._deliver(
             Happening(
                 act=act,
@@ -235,7 +235,7 @@ class Script(VirtualRobot):
                     return f"{reply.performative} {text}".strip()
                 self.sleep(PAUSE)
         finally:
-            run.asked.discard(conversation)
+            run.open_conversations.discard(conversation)
         raise self._failed(act, f"no rule answered within {within:g} s")
 
 

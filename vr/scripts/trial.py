@@ -42,7 +42,7 @@ from robotree.vr.base.written import (
 )
 from robotree.vr.scripts.engine import Engine, ScriptError
 from robotree.vr.scripts.expression import show
-from robotree.vr.scripts.happening import Happening, said
+from robotree.vr.scripts.happening import Happening, order_line
 from robotree.vr.scripts.program import Program
 from robotree.vr.scripts.shown import in_words, parts
 from robotree.vr.scripts.when_then import new_fact
@@ -56,7 +56,7 @@ class Step(msgspec.Struct, frozen=True, kw_only=True):
 
     when: str
     then: tuple[str, ...] | None
-    """Orders, as `said` writes them; None: whatever follows."""
+    """Orders, as `order_line` writes them; None: whatever follows."""
     facts: tuple[str, ...] = ()
     mark: Mark = Mark()
 
@@ -239,7 +239,7 @@ class Rehearsal:
         fault = ""
         orders: tuple[str, ...] = ()
         try:
-            orders = tuple(map(said, self.engine.feed(told)))
+            orders = tuple(map(order_line, self.engine.feed(told)))
         except ScriptError as error:
             fault = str(error)
         fired = tuple(one.rule for one in self.engine.firings if one.number == before)

@@ -17,10 +17,10 @@ from robotree.vr.base.errors import NoAnswer, NoHost, NoPage, NotVirtual, Unreac
 from robotree.vr.base.presence import Held
 from robotree.vr.base.requests import (
     HostDescribed,
+    LoggedLine,
     LogLines,
     Picture,
     Reloaded,
-    Said,
     State,
     ViewDescribed,
     decode_event,
@@ -82,7 +82,7 @@ class Fleet:
 
     @property
     def stale(self) -> bool:
-        """Whether no lookup service lives, so that the lists may be old."""
+        """Whether no lookup service runs, so that the lists may be old."""
         return self.directory.stale
 
     def robots(self) -> Sequence[Listing]:
@@ -135,7 +135,7 @@ class Fleet:
         return registration if name is not None else _Watch(registration, self._releases)
 
     async def watch_log(
-        self, name: str | None, callback: Callable[[str, Sequence[Said]], None]
+        self, name: str | None, callback: Callable[[str, Sequence[LoggedLine]], None]
     ) -> Registration:
         """Hear what the code of one robot says, whenever it lives, or of all.
 
@@ -167,7 +167,7 @@ class Fleet:
         pattern = everyone("robot", "*" if name is None else check_name(name))
         return await self._transport.subscribe(f"{pattern}/{what}", hear)
 
-    async def read_log(self, name: str) -> Sequence[Said]:
+    async def read_log(self, name: str) -> Sequence[LoggedLine]:
         """Ask a robot what its code has said, the oldest line first."""
         return await self._ask(name, lambda robot: robot.read_log())
 
@@ -275,7 +275,7 @@ class Fleet:
             on_late=on_late,
             counted=self._releases.count,
         )
-        return await order.give()
+        return await order.carry_out()
 
     async def resume(self, name: str | None, *, given: float | None = None) -> Sequence[str]:
         """Release the protective stop of one robot, or of all; parents pass it on to their children.

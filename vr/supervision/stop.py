@@ -1,8 +1,8 @@
-"""One protective stop, for one robot or all: no robot delays the others, and what was missed is named.
+"""One protective stop, for one robot or all: no robot delays the others; an error names each that was missed.
 
-The robots are read from the record that the machine keeps of what lives, so no search comes first. A robot
-that has not even said that it has the stop is named soon, with its process; one that has it may take as long
-as its hardware needs.
+The robots are read from the presence record of this machine, so no search comes first. A robot that has not
+acknowledged the stop is named soon, with its process; one that has acknowledged it may take as long as its
+hardware needs.
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ from robotree.vr.exchange.client import RobotClient, fresh_key
 from robotree.vr.lookup.directory import Directory
 
 CONFIRM = 3.0
-"""[s] for a robot to confirm a stop: a round trip over 1 s each way, and some. The stop itself waits for
-nothing; this is how long it takes to say that somebody has not confirmed it."""
+"""[s] for a robot to confirm a stop: a round trip of 1 s each way, and a reserve. The stop itself does not
+wait; after this time the robots that have not confirmed it are reported."""
 
 LOOK = 0.05
-"""[s] between two looks at who is there and has not been told."""
+"""[s] between two searches for robots that have not received the stop."""
 
 LATE = 0.5
-"""[s] without a word from a robot, after which it is named."""
+"""[s] without an answer from a robot, after which it is named."""
 
 ASLEEP = 0.2
-"""[s] without a word from a robot whose process is stopped, after which it is named."""
+"""[s] without an answer from a robot whose process is stopped, after which it is named."""
 
 HOPELESS = 0.6
-"""[s] after which nobody waits any more for a robot whose process is stopped: somebody may wake it."""
+"""[s] after which the stop no longer waits for a robot whose process is stopped; somebody may wake it."""
 
 UNLISTED = 0.8
-"""[s] for a process without a name to take one: each looks twice a second whether its own is there."""
+"""[s] for a process without an entry to write one: each checks twice a second that its entry exists."""
 
 OnLate = Callable[[str], None]
 """Takes a sentence that names the robots that have not answered yet."""
@@ -47,23 +47,23 @@ Counted = Callable[[str, int], None]
 """Takes the key of a robot and how many stops it has counted."""
 
 
-class _Told:
+class _StopRequest:
     """One robot that was asked to stop."""
 
     def __init__(self, address: Address, now: float) -> None:
         self.address, self.since = address, now
-        self.heard = False
-        """Whether it has said that it has the stop."""
+        self.acknowledged = False
+        """Whether the robot has acknowledged the stop."""
         self.answer: Sequence[str] | VrError | None = None
-        self.telling: asyncio.Task[None] | None = None
+        self.task: asyncio.Task[None] | None = None
 
-    def hear(self) -> None:
-        self.heard = True
+    def acknowledge(self) -> None:
+        self.acknowledged = True
 
     @property
     def waiting(self) -> bool:
         """Whether an answer may still come."""
-        return self.telling is not None and not self.telling.done()
+        return self.task is not None and not self.task.done()
 
 
 class StopOrder:
@@ -96,22 +96,22 @@ class StopOrder:
         self._directory, self._transport, self._name = directory, transport, name
         self._reason, self._on_late, self._counted = reason, on_late, counted
         self._order = fresh_key()
-        self._told: dict[Address, _Told] = {}
+        self._requests: dict[Address, _StopRequest] = {}
         self._held: dict[Address, Held] = {}
         self._unlisted: dict[str, tuple[Held, float]] = {}
-        """Processes of which nobody knows what they hold, by name, and since when [s]."""
+        """Processes whose robots are not known, by name, and since when [s]."""
         self._named: set[str] = set()
         """Keys of the robots and processes that `on_late` has named."""
 
-    async def give(self) -> Sequence[str]:
-        """Tell all robots that it concerns, also those that appear meanwhile, and wait for what they say.
+    async def carry_out(self) -> Sequence[str]:
+        """Send the stop to all robots that it concerns, also to new ones, and wait for their answers.
 
         Returns:
             The names of those that have confirmed it.
 
         Raises:
             NoSuchRobot: there is none of this name.
-            NotConfirmed: one has not confirmed it, or may have been missed; it names both sides.
+            NotConfirmed: a robot has not confirmed it, or may not have been reached; names both groups.
         """
         try:
             while True:
@@ -124,10 +124,10 @@ class StopOrder:
         finally:
             await self._end()
 
-    # -- telling ----------------------------------------------------------------------------------
+    # -- requests --------------------------------------------------------------------------------
 
     def _look(self) -> None:
-        """Look which robots are there, and ask those that were not asked before."""
+        """Find the robots that are there, and send the stop to those that have not received it."""
         held = self._transport.presence.held(self._pattern)
         lost, was = {one.where: one for one in held if not one.key}, self._held
         addresses = ((Address.parse(one.key), one) for one in held)
@@ -140,33 +140,33 @@ class StopOrder:
         self._unlisted = {one.where: (one, before.get(one.where, new)[1]) for one in held if not one.key}
         seen = set(self._directory.present("robot", self._name or "*"))
         for address in sorted(seen | self._held.keys()):
-            if address not in self._told:
-                told = self._told[address] = _Told(address, _now())
-                told.telling = asyncio.ensure_future(self._tell(told))
-        if self._name is not None and self._told:
+            if address not in self._requests:
+                request = self._requests[address] = _StopRequest(address, _now())
+                request.task = asyncio.ensure_future(self._send(request))
+        if self._name is not None and self._requests:
             self._unlisted.clear()  # the robot that is meant is found
 
-    async def _tell(self, told: _Told) -> None:
+    async def _send(self, request: _StopRequest) -> None:
         """Ask one robot to stop, until it has answered or its time is over."""
-        client, until = RobotClient(self._transport, told.address), told.since + CONFIRM
+        client, until = RobotClient(self._transport, request.address), request.since + CONFIRM
         while (left := until - _now()) > LEAST:
             try:
-                told.answer = await client.safe_stop(
+                request.answer = await client.safe_stop(
                     self._reason,
                     order=self._order,
                     timeout=left,
-                    accepted=told.hear,
-                    counted=partial(self._counted, told.address.key),
+                    accepted=request.acknowledge,
+                    counted=partial(self._counted, request.address.key),
                 )
             except Unreachable as error:  # its process has ended, or is on its way
-                if told.address in self._held or self._unlisted:
+                if request.address in self._held or self._unlisted:
                     await asyncio.sleep(LOOK)
                     continue
-                told.answer = error
+                request.answer = error
             except NoAnswer:
                 pass
             except VrError as error:
-                told.answer = error
+                request.answer = error
             return
 
     # -- judging ----------------------------------------------------------------------------------
@@ -174,38 +174,40 @@ class StopOrder:
     def _settled(self, now: float) -> bool:
         """Whether nothing more can come of it, or all time is over."""
         fresh = any(now < since + UNLISTED for _, since in self._unlisted.values())
-        return not fresh and not any(self._awaited(told, now) for told in self._told.values())
+        return not fresh and not any(self._awaited(request, now) for request in self._requests.values())
 
-    def _awaited(self, told: _Told, now: float) -> bool:
-        held = self._held.get(told.address)
-        hopeless = not told.heard and held is not None and held.asleep and now > told.since + HOPELESS
-        return told.waiting and not hopeless
+    def _awaited(self, request: _StopRequest, now: float) -> bool:
+        held = self._held.get(request.address)
+        hopeless = (
+            not request.acknowledged and held is not None and held.asleep and now > request.since + HOPELESS
+        )
+        return request.waiting and not hopeless
 
     def _name_the_late(self, now: float) -> None:
         late: dict[str, str] = {}
-        for address, told in self._told.items():
+        for address, request in self._requests.items():
             held = self._held.get(address)
             if (
-                not told.heard
-                and told.waiting
-                and now > told.since + (ASLEEP if held and held.asleep else LATE)
+                not request.acknowledged
+                and request.waiting
+                and now > request.since + (ASLEEP if held and held.asleep else LATE)
             ):
                 late[address.key] = address.name if held is None else f"{address.name} (in {held.in_words})"
         late |= {where: where for where, (_, since) in self._unlisted.items() if now > since + LATE}
         if names := [words for key, words in late.items() if key not in self._named]:
             self._named.update(late)
-            self._on_late(f"the protective stop goes on, with no word yet from {', '.join(names)}")
+            self._on_late(f"the protective stop goes on, without an answer yet from {', '.join(names)}")
 
     def _verdict(self) -> Sequence[str]:
-        if self._name is not None and not self._told and not self._unlisted:
+        if self._name is not None and not self._requests and not self._unlisted:
             raise NoSuchRobot(name=self._name)
         confirmations = Confirmations("the protective stop")
-        for address, told in self._told.items():
-            held, answer = self._held.get(address), told.answer
+        for address, request in self._requests.items():
+            held, answer = self._held.get(address), request.answer
             if answer is not None and not (held and isinstance(answer, Unreachable)):
                 confirmations.take(address.name, answer)
-            elif told.heard:
-                confirmations.deny(address.name, "it has the stop and has not confirmed it")
+            elif request.acknowledged:
+                confirmations.deny(address.name, "it has received the stop and has not confirmed it")
             elif held is not None:
                 confirmations.miss(address.name, f"in {held.in_words}", held.remedy)
             else:
@@ -218,16 +220,16 @@ class StopOrder:
 
     async def _news(self) -> None:
         """Wait until a robot has answered, or for a moment."""
-        if tellings := [told.telling for told in self._told.values() if told.telling and told.waiting]:
-            await asyncio.wait(tellings, timeout=LOOK, return_when=asyncio.FIRST_COMPLETED)
+        if tasks := [request.task for request in self._requests.values() if request.task and request.waiting]:
+            await asyncio.wait(tasks, timeout=LOOK, return_when=asyncio.FIRST_COMPLETED)
         else:
             await asyncio.sleep(LOOK)
 
     async def _end(self) -> None:
-        tellings = [told.telling for told in self._told.values() if told.telling]
-        for telling in tellings:
-            telling.cancel()
-        await asyncio.gather(*tellings, return_exceptions=True)
+        tasks = [request.task for request in self._requests.values() if request.task]
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
 
 
 def _now() -> float:

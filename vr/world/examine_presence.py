@@ -70,7 +70,7 @@ async def presence_is_seen_by_early_and_late(join: Join) -> None:
     one = await member.announce("robot/a/1")
     await member.announce("view/a/1")
     await until(lambda: seen == [("robot/a/1", True)], "an arrival is told once, if the pattern matches")
-    promise(early.presence.there("robot/a/1"), "what was told can be asked")
+    promise(early.presence.there("robot/a/1"), "what was reported can be queried")
     await until_present(late, "*/a/*", ["robot/a/1", "view/a/1"])
     first: list[tuple[str, bool]] = []
     watching = late.presence.watch("robot/*/*", lambda key, there: first.append((key, there)))

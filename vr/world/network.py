@@ -373,7 +373,7 @@ class MemoryNetwork:
     def held(self, member: MemoryTransport, key: str) -> Held:
         """Return what the record says of something that a member holds."""
         asleep = member in self._frozen or member.paused
-        how = "which hangs" if asleep else "which lives and could not be reached from here"
+        how = "which hangs" if asleep else "which runs and could not be reached from here"
         return Held(key, member.name, f"thaw {member.name}", how, asleep)
 
     def listeners(self, key: str) -> list[MemoryTransport]:

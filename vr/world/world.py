@@ -28,8 +28,7 @@ import msgspec
 from robotree.vr.base import chance
 from robotree.vr.base.envelope import on_clock
 from robotree.vr.base.errors import VrError
-from robotree.vr.core.events import Effect
-from robotree.vr.core.events import Event as CoreEvent
+from robotree.vr.core.events import CoreEffect, CoreEvent
 from robotree.vr.core.machine import RobotCore, RobotState, decode_state, encode_state
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
 from robotree.vr.world.virtual_loop import VirtualLoop
@@ -40,7 +39,7 @@ Main = Callable[["SimulatedProcess"], Coroutine[Any, Any, None]]
 
 _encode = msgspec.msgpack.Encoder(enc_hook=repr).encode
 
-Event = tuple[Any, ...]
+TraceEntry = tuple[Any, ...]
 """One line of the trace: when [s], in which process, what, and details."""
 
 
@@ -130,7 +129,7 @@ class TracedCore(RobotCore):
         super().__init__(state)
         self._world = world
 
-    def handle(self, event: CoreEvent, now: float) -> list[Effect]:
+    def handle(self, event: CoreEvent, now: float) -> list[CoreEffect]:
         """See `RobotCore.handle`."""
         try:
             effects = super().handle(event, now)
@@ -165,7 +164,7 @@ class World:
             delay=delay, lease=lease, agenda=self.runner, chance=random.Random(f"{seed} network").random
         )
         self.network.on_message = self._message
-        self.trace: list[Event] = []
+        self.trace: list[TraceEntry] = []
         self.complaints: list[str] = []
         """What event loops report and nobody handles: faults, if there are any."""
         self.processes: list[SimulatedProcess] = []

@@ -89,7 +89,7 @@ async def test_a_process_that_hangs_has_not_gone(realm: Realm, operate: Operate)
     async with operate(realm.fleet) as operator:
         await operator.sees("rover-1")
         realm.network.freeze(realm.members["rover-1"])
-        await operator.sees("✗ rover-1 (Rover): its process hangs, it answers nobody")
+        await operator.sees("✗ rover-1 (Rover): its process hangs and does not answer")
         realm.network.thaw(realm.members["rover-1"])
         await operator.sees("✓ rover-1 (Rover) answers again")
         await operator.until(lambda: not operator.app.store.missed, "it is back")

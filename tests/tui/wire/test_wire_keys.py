@@ -67,7 +67,7 @@ def test_a_recording_of_nothing_is_no_success(say: Any, tmp_path: Path) -> None:
         dumb.setblocking(False)
         heard = Parser().feed(dumb.recv(2048))
     assert said.code == exit_codes.NOBODY
-    assert f"nobody at {address} said anything that could be recorded" in said.err
+    assert f"no frame that could be recorded came from {address}" in said.err
     assert [frame.name for frame in heard] == ["HEARTBEAT"]
 
 

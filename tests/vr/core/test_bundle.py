@@ -145,7 +145,7 @@ def test_type_hints_and_dataclasses_of_a_bundle_work() -> None:
         (
             HEAD + "class A(VirtualRobot): ...\nclass B(VirtualRobot): ...",
             "",
-            "robot.py defines several virtual robots (A, B); say which: robot.py:CLASS",
+            "robot.py defines several virtual robots (A, B); name one: robot.py:CLASS",
         ),
         ("def f(:", "", "robot.py cannot be loaded: line 1: invalid syntax (this host runs Python 3."),
         ("x = 1\0", "", "robot.py cannot be loaded: source code string cannot contain null bytes"),

@@ -13,7 +13,7 @@ from robotree.vr import Child, Robot, VirtualRobot, command
 from robotree.vr.base.address import Address
 from robotree.vr.base.errors import CommandCancelled, StaleEpoch
 from robotree.vr.core import events as on
-from robotree.vr.core.events import Event
+from robotree.vr.core.events import CoreEvent
 from robotree.vr.core.machine import encode_state
 from robotree.vr.running.process import Process
 
@@ -22,10 +22,10 @@ class Book:
     """A journal that remembers how far it was committed."""
 
     def __init__(self) -> None:
-        self.events: list[Event] = []
+        self.events: list[CoreEvent] = []
         self.committed = 0
 
-    def append(self, _robot: str, _now: float, event: Event) -> int:
+    def append(self, _robot: str, _now: float, event: CoreEvent) -> int:
         self.events.append(event)
         return len(self.events)
 
@@ -64,7 +64,7 @@ async def test_accepted_is_said_when_the_call_is_committed(realm: Any) -> None:
     said: list[bool] = []
     post = page.live.post
 
-    def look(event: Event, *, accepted: Callable[[], None] | None = None, **rest: Any) -> None:
+    def look(event: CoreEvent, *, accepted: Callable[[], None] | None = None, **rest: Any) -> None:
         def accept() -> None:
             said.append(book.is_whole)
             if accepted is not None:

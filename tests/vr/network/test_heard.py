@@ -12,7 +12,7 @@ import pytest
 
 from robotree.vr.agents.host import Host
 from robotree.vr.base.errors import BundleError, CommandCancelled, CommandFailed
-from robotree.vr.base.requests import LogLines, Said, decode_event
+from robotree.vr.base.requests import LoggedLine, LogLines, decode_event
 from robotree.vr.bundle import Bundle
 from robotree.vr.exchange.client import HostClient, RobotClient
 from robotree.vr.running.heard import listening
@@ -135,7 +135,7 @@ async def test_a_page_that_asks_for_input_fails_at_once_and_reads_nothing_of_the
     asking = "from robotree.vr import VirtualRobot\n\nNAME = input('?')\n\n\nclass Asking(VirtualRobot): ..."
     async with on_stage() as stage:
         client = HostClient(stage.operator, stage.host.address)
-        with pytest.raises(BundleError, match="line 3: OSError: nobody types into a page: make what it asks"):
+        with pytest.raises(BundleError, match="line 3: OSError: a page cannot read from the keyboard"):
             await client.create(Bundle(asking, "asking.py"), "asking")
 
 
@@ -195,7 +195,7 @@ async def test_a_flood_is_bounded_and_owns_up() -> None:
 @pytest.mark.filterwarnings("default")
 async def test_who_follows_hears_each_line_once() -> None:
     async with on_stage() as stage:
-        heard: list[Said] = []
+        heard: list[LoggedLine] = []
 
         def hear(key: str, body: bytes) -> None:
             event = decode_event(body, key=key)

@@ -246,7 +246,7 @@ async def test_a_newcomer_says_at_once_whom_its_stop_did_not_reach(start: Start,
         await newcomer.stop()
     assert newcomer.took < AT_ONCE
     (late,) = newcomer.late
-    assert late.endswith(f"no word yet from frozen (in process {frozen.process.pid}, which hangs)")
+    assert late.endswith(f"without an answer yet from frozen (in process {frozen.process.pid}, which hangs)")
     frozen.signal(signal.SIGCONT)
     assert await newcomer.stop() == ["awake", "frozen"]
     assert await newcomer.stop("frozen") == ["frozen"]
@@ -263,7 +263,7 @@ async def test_nobody_is_told_to_end_by_force_a_process_that_only_is_not_heard(
     pid = deaf.process.pid
     with pytest.raises(NotConfirmed) as caught:
         await newcomer.stop()
-    assert f"NOT by deaf (in process {pid}, which lives and could not be reached" in str(caught.value)
+    assert f"NOT by deaf (in process {pid}, which runs and could not be reached" in str(caught.value)
     assert f"`kill {pid}` ends it" in str(caught.value)
     assert "kill -9" not in str(caught.value)
     assert len(newcomer.late) == 1

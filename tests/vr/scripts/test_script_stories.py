@@ -62,7 +62,7 @@ async def test_a_message_goes_through_the_rules_to_the_robot_and_its_end_comes_b
 
 async def test_a_script_that_leads_is_not_started_twice(stage: Stage) -> None:
     _, script, running = await led(stage)
-    with pytest.raises(UnderWay, match=r"guide.start is under way already, for operator; end that first"):
+    with pytest.raises(UnderWay, match=r"guide.start already runs or waits for its turn, called by operator"):
         await stage.call("guide", "start")
     await stage.call("guide", "finish")
     stage.begin("guide")  # it waits for the end of the first one

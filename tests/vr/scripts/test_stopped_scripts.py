@@ -40,13 +40,13 @@ async def test_a_script_whose_partner_alone_is_stopped_goes_on_when_it_is_releas
     await stage.call("guide", "go", place="hall")
     await stage.until(lambda: stage.agents["c1"].description().busy == "go_to")
     await stage.client("c1").safe_stop("a child is in the way")
-    await stage.until(lambda: "a child is in the way" in script._run.said)
+    await stage.until(lambda: "a child is in the way" in script._run.last_log)
     assert script.condition == "active"
     robot.go.set()
     heard = script._run.engine.happened
     await stage.call("guide", "go", place="kitchen")
     await stage.until(lambda: script._run.engine.happened == heard + 2)
-    assert "c1 is stopped (a child is in the way)" in script._run.said, "refused, and told to the rules"
+    assert "c1 is stopped (a child is in the way)" in script._run.last_log, "refused, and told to the rules"
     await stage.client("guide").resume()
     await stage.call("guide", "go", place="garden")
     await stage.until(lambda: robot.done == ["go_to garden at 0.5"])

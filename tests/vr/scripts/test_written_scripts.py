@@ -10,7 +10,7 @@ import yaml
 
 from robotree.vr.base.errors import BrokenScript
 from robotree.vr.scripts.engine import Engine
-from robotree.vr.scripts.happening import Happening, said
+from robotree.vr.scripts.happening import Happening, order_line
 from robotree.vr.scripts.program import TAKEN
 from robotree.vr.scripts.script import Script, read_program
 from robotree.vr.scripts.trial import Rehearsal, read_table, run
@@ -164,7 +164,7 @@ def test_no_garbled_script_raises_anything_else(seed: int) -> None:
 
 def one(when: str, then: str, *happenings: Happening) -> list[str]:
     engine = Engine(read_yaml(rule(when, then), "s.yaml"))
-    return [said(order) for happening in happenings for order in engine.feed(happening)]
+    return [order_line(order) for happening in happenings for order in engine.feed(happening)]
 
 
 SEEN = Happening(act="seen", sender="op", arguments=("Ä b", 3))
@@ -201,7 +201,7 @@ def test_a_list_of_values_can_be_asked_for_one_of_them() -> None:
         "begin with:\n  - cup: {id: a, colours: [blue, red]}\n  - cup: {id: b, colours: [blue]}\n"
     )
     engine = Engine(read_yaml(source, "s.yaml"))
-    assert [said(order) for order in engine.feed(SEEN)] == ["log a"]
+    assert [order_line(order) for order in engine.feed(SEEN)] == ["log a"]
 
 
 def test_the_listing_has_one_rule_of_clips_for_each_rule_of_yaml() -> None:
@@ -318,7 +318,8 @@ def test_the_same_happenings_in_the_same_order_give_the_same_orders() -> None:
         story = [chance.choice(kinds)(chance, chance.choice(people)) for _ in range(6)]
         chance.shuffle(story)
         told = [
-            tuple(said(order) for one in story for order in engine.feed(one)) for engine in (first, second)
+            tuple(order_line(order) for one in story for order in engine.feed(one))
+            for engine in (first, second)
         ]
         assert told[0] == told[1]
         assert first.facts() == second.facts()
@@ -341,7 +342,8 @@ def test_a_new_engine_gives_the_orders_that_the_old_one_gave() -> None:
         ),
     ]
     runs = [
-        [said(order) for one in story for order in engine.feed(one)] for engine in map(Engine, [program] * 10)
+        [order_line(order) for one in story for order in engine.feed(one)]
+        for engine in map(Engine, [program] * 10)
     ]
     assert runs == [runs[0]] * 10
     assert len(runs[0]) == 4

@@ -190,7 +190,7 @@ class TeleopPage(Page):
         told = cast("dict[str, Any]", info) if isinstance(info, Mapping) else {}
         if set(AXES) <= told.keys():
             return {axis: float(told[axis]) for axis in AXES}
-        self._tell(f"{self.robot.name}.{GET_INFO} does not tell x, y, z and twist")
+        self._tell(f"{self.robot.name}.{GET_INFO} does not return x, y, z and twist")
         return None
 
     @work(exit_on_error=False, group="go", exclusive=False)

@@ -45,7 +45,7 @@ class KeyLine(Part, Footer):
 
     async def recompose(self) -> None:
         """Put new keys in place of the old ones if any of them differs: most changes are of hidden keys."""
-        if self.is_attached and [*map(_said, self.compose())] != [*map(_said, self.children)]:
+        if self.is_attached and [*map(_appearance, self.compose())] != [*map(_appearance, self.children)]:
             await super().recompose()
 
     def _as_listed(self, keys: Iterable[Widget]) -> list[Widget]:
@@ -105,7 +105,7 @@ def fitting(widths: Sequence[int], room: int, needed: int | None) -> list[int]:
     return kept
 
 
-def _said(key: Widget) -> tuple[object, ...]:
+def _appearance(key: Widget) -> tuple[object, ...]:
     """Return all that an operator sees of a key, and what it does."""
     if not isinstance(key, FooterKey):
         return (key,)
