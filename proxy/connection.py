@@ -112,7 +112,7 @@ class Connection:
         self._dial = dial
         self._backoff = Backoff(chance or random.Random())
         self._told_offline = False
-        """Whether the log says that it is offline."""
+        """Whether the log has the entry that it is offline."""
         self._endpoint: Endpoint | None = None
         self._heard = False
         """Whether the latest bytes had a frame that the session took."""

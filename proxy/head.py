@@ -103,7 +103,7 @@ class Head(RobotProxy):
     reading_units: ClassVar[Mapping[str, str]] = {"tags": "count"}
 
     def readings(self) -> dict[str, float]:
-        """Return the last known readings; what was heard last is told beside them, as an attribute."""
+        """Return the last known readings; the last utterance heard is beside them, as an attribute."""
         latest = self._session.twin.latest(Speech)
         if latest is not None:
             self.attributes[HEARD] = f"{latest.number} {latest.speaker} {latest.text}"

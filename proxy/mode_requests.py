@@ -32,7 +32,7 @@ REMEDIES = {
     Reason.STOPPED: "another stop came after the one that was to end; when it is safe, resume again",
     Reason.STALE_EPOCH: "a newer lease is already obeyed; resume again",
 }
-"""What to do about a refusal whose reason does not say it."""
+"""What to do about a refusal whose reason does not name a remedy."""
 
 Hook = Literal["safe_stop", "resume"]
 """The hook of a robot that makes a request."""

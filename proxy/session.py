@@ -221,7 +221,7 @@ class ControllerSession:
         return self.tick(now)
 
     def closed(self, trouble: str) -> list[SessionEffect]:
-        """The link ended, or could not be opened; `trouble` says why, in one clause."""
+        """The link ended, or could not be opened; `trouble` is the reason, in one clause."""
         self._open = False
         self._pictures.link_closed(None)
         return self._set_online(online=False, trouble=trouble)

@@ -175,7 +175,7 @@ class Evening:
     # -- what people do
 
     async def _listen(self) -> None:
-        """Hear what a visitor says, and tell the script who has come and who goes."""
+        """Take the utterances of visitors, and report to the script who has come and who goes."""
         heard = (await self._fleet.describe("head")).attributes.get("heard", "")
         number, _, rest = heard.partition(" ")
         tag, _, text = rest.partition(" ")

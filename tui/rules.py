@@ -126,7 +126,7 @@ def _dry_run(line: Line) -> int:
 
 
 def _tried(rehearsal: Rehearsal, text: str) -> Played:
-    """Play a line as it was typed; one that cannot be played is told, and the next one may be better."""
+    """Play a line as it was typed; one that cannot be played is reported, and the next line is read."""
     from robotree.vr.base.errors import BrokenScript
     from robotree.vr.scripts.trial import Played
 

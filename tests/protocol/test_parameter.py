@@ -21,8 +21,8 @@ from robotree.protocol.services.parameter import (
     MAX_PEERS,
     PACE,
     Changed,
-    Effect,
     Parameter,
+    ParameterEffect,
     ParameterServer,
 )
 from robotree.protocol.services.peer import Peer, Send
@@ -42,7 +42,7 @@ def server() -> ParameterServer:
     )
 
 
-def _one(effects: list[Effect]) -> object:
+def _one(effects: list[ParameterEffect]) -> object:
     (send,) = effects
     assert isinstance(send, Send)
     return Frame.of(send.message).message

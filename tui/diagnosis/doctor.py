@@ -19,7 +19,7 @@ from robotree.vr.network.rendezvous import runtime_directory
 
 
 def run(line: Line, realm: str) -> int:
-    """Carry out all checks and tell what they have found.
+    """Carry out all checks and report what they have found.
 
     Returns:
         The exit code: 0 when nothing is bad, 1 else.

@@ -1,4 +1,4 @@
-"""What a check has found, and how it is told. Pure."""
+"""What a check has found, and how it is written. Pure."""
 
 from __future__ import annotations
 

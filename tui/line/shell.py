@@ -104,7 +104,7 @@ class Console:
                 note(row)
 
     def settle(self) -> None:
-        """End the progress line before something else is printed; the last progress is always told."""
+        """End the progress line before something else is printed; the last progress is always printed."""
         if self._open:
             note("")
             self._open = False

@@ -30,7 +30,7 @@ class Surface(NamedTuple):
     everywhere: Mapping[str, str] = MappingProxyType({})
     """Options that every verb takes here, as in `Shape.options`."""
     internal: Mapping[str, str] = MappingProxyType({})
-    """The same, for programs: no person is told of them."""
+    """The same, for programs: they are not shown to people."""
     shell: str = "robotree"
     """How a line begins in a shell that reaches the same robots."""
 

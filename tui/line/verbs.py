@@ -37,21 +37,21 @@ PICTURE = (640, 360)
 
 
 class Outcome(NamedTuple):
-    """What a verb has to tell."""
+    """The result of a verb."""
 
     data: Any
     """Plain data: what `--json` prints."""
     text: str = ""
     """The same for people; may be empty."""
     doubt: SupervisorError | None = None
-    """Why it may not be the whole truth: said beside the result, and shown by the exit code."""
+    """Why the result may be incomplete: printed beside it, and shown by the exit code."""
 
 
 class Teller(Protocol):
     """Who hears of a verb while it goes on."""
 
     def progress(self, fraction: float, text: str) -> None:
-        """Take how far a command is: 0 to 1, NaN when it cannot be said."""
+        """Take the progress of a command: 0 to 1, NaN where it is unknown."""
         ...
 
     def warn(self, text: str) -> None:
@@ -388,7 +388,7 @@ async def _follow_saves(
 
 
 async def _take_over(fleet: Fleet, name: str, files: PageFiles, teller: Teller, *, now: bool) -> None:
-    """Have a robot go on with the page as it is now, however long its running command takes; tell mistakes.
+    """Have a robot go on with the page as it is now, however long its running command takes; print mistakes.
 
     Raises:
         NoSuchRobot: it is gone.
@@ -548,7 +548,7 @@ async def role(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
 
 
 async def _way_down(fleet: Fleet, name: str) -> tuple[str, str]:
-    """Return who must be told to change a robot's role, and the path of slots from there down to it."""
+    """Return the robot that gets the order to change a role, and the path of slots from it downwards."""
     from robotree.vr.base.errors import NoRoles
 
     robot = await fleet.describe(name)

@@ -40,7 +40,7 @@ class Member:
 
     @property
     def log(self) -> str:
-        """What it has said on standard error so far."""
+        """Its standard error output so far."""
         size = os.fstat(self._log.fileno()).st_size
         return os.pread(self._log.fileno(), size, 0).decode(errors="replace")
 

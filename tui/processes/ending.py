@@ -32,7 +32,7 @@ CREW_LAST_WORDS = 4.0
 
 
 class Ending:
-    """A context in which a process can be told to end, on the running event loop.
+    """A context in which a process can be asked to end, on the running event loop.
 
     Args:
         end: called on the loop, once, when the end is first asked for.

@@ -1,4 +1,4 @@
-"""A process that is one agent: up, `ready ADDRESS`, and down again when it is told or its starter ends.
+"""A process that is one agent: starts, prints `ready ADDRESS`, and ends on a signal or when its starter ends.
 
 `--tether` is for starters: the agent holds the read end of a pipe as its standard input and ends when the
 pipe closes, so that no agent outlives the program that started it, even one that was killed.
@@ -17,7 +17,7 @@ from robotree.tui.processes.ending import LAST_WORDS, Ending
 from robotree.tui.terminal import put
 
 Ready = Callable[[str], None]
-"""To be told the agent's address once it is up."""
+"""Takes the agent's address once it runs."""
 
 Run = Callable[[Ready], Coroutine[Any, Any, None]]
 """Is an agent until it is cancelled."""

@@ -1,4 +1,4 @@
-"""A form that is carrying something out takes nothing; and what is dropped is told.
+"""A form that is carrying out a command accepts no keys, and reports the keys that it drops.
 
 Hasty keys after the one that sends a form would fill it in anew and send it again: robots nobody asked for.
 So while a form carries something out, only the keys work of which the registry says so (`while_busy`).
@@ -21,10 +21,10 @@ from robotree.tui.screen.keymap import Keymap
 from robotree.tui.screen.keys_in_order import KeysInOrder
 
 SOON = 0.2
-"""[s] after the last dropped key until all of them are told at once."""
+"""[s] after the last dropped key until all of them are reported together."""
 
 LISTED = 8
-"""Dropped keys that are told by name."""
+"""Dropped keys that are reported by name."""
 
 
 class Form:
@@ -55,7 +55,7 @@ class BusyForms(KeysInOrder[ReturnType]):
         self.keymap = Keymap()
         """The operator's keys."""
         self._lost: list[str] = []
-        """Keys that were dropped and are still to be told."""
+        """Keys that were dropped and are not reported yet."""
 
     def drops(self, event: Event) -> str:
         """Drop what is meant for a form that is carrying something out (`KeysInOrder.drops`)."""

@@ -42,7 +42,7 @@ log = logging.getLogger(__name__)
 
 
 class CallListener(Protocol):
-    """What asked for a command and is told its progress and result; it may be closed meanwhile."""
+    """The page that started a command and gets its progress and result; it may be closed meanwhile."""
 
     def started(self) -> None:
         """The command was sent."""
@@ -145,7 +145,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         return self.now() if self._under_way is None else self._under_way.event.time
 
     def certain(self) -> bool:
-        """Whether a key is meant for the robot that is selected now; else it is told why nothing is done."""
+        """Whether a key is meant for the robot that is selected now; else the log shows the reason."""
         refusal = self.selection.refusal(self.asked)
         if refusal:
             self.tell(refusal, "warning")
@@ -166,7 +166,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         self.tell(outcome.text)
 
     async def attempt(self, line: Line) -> str:
-        """Carry out a verb and tell what came of it.
+        """Carry out a verb and report its result.
 
         Returns:
             Why it was refused or failed; empty: it was done.
@@ -221,7 +221,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
     async def call(
         self, robot: str, command: str, arguments: Mapping[str, Any], listener: CallListener
     ) -> None:
-        """Have a command carried out beside everything else, and tell the listener."""
+        """Carry out a command in the background, and notify the listener."""
         listener.started()
         began = self.now()
         try:

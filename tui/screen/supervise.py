@@ -55,7 +55,7 @@ def _logging_to_a_file(realm: str) -> Generator[None]:
 
 
 def wants_calm() -> bool:
-    """Whether the line to the terminal is said to be slow: `robotree --calm`, or `$ROBOTREE_CALM=1`."""
+    """Whether the user has marked the terminal as slow: `robotree --calm`, or `$ROBOTREE_CALM=1`."""
     return os.environ.get(CALM, "") not in {"", "0"}
 
 

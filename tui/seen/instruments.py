@@ -13,7 +13,7 @@ DECIMALS: Mapping[str, int] = {
     "m": 3, "mm": 0, "m/s": 2, "rad": 1, "°": 1, "rad/s": 1, "N": 1, "N m": 2, "s": 1, "V": 1, "A": 2, "%": 0,
     "count": 0,
 }  # fmt: skip
-"""Digits behind the point, by unit: what an arm can tell apart, and no more. Another unit has `OTHER`."""
+"""Digits behind the point, by unit: what an arm can distinguish, and no more. Another unit has `OTHER`."""
 
 OTHER = 3
 LARGE = 1e6

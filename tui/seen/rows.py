@@ -61,7 +61,7 @@ class RobotRow:
     epoch: str = ""
     """Of its newest lease; it, `lease` and `process` only where the list is wide."""
     lease: str = ""
-    """How long its parent's lease still holds, as was told last."""
+    """How long its parent's lease still holds, in the latest report."""
     process: str = ""
     """The process that holds it."""
     unguarded: bool = False

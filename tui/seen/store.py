@@ -165,7 +165,7 @@ class Store:
     _offered: set[tuple[str, str]] = field(default_factory=set[tuple[str, str]])
     """Places of `lost` that were offered to be filled again."""
     _hanging: set[Address] = field(default_factory=set[Address])
-    """Whose process hangs, as was told."""
+    """Robots whose process hangs, as the log shows."""
 
     # -- what is told ------------------------------------------------------------------------------
 
@@ -183,7 +183,7 @@ class Store:
         now: float,
         present: Container[Address] | None = None,
     ) -> None:
-        """Take the lists of the lookup services, or what is known without one; tell who came and left.
+        """Take the lists of the lookup services, or what is known without one; log who came and left.
 
         Args:
             robots: that are free.
@@ -243,7 +243,7 @@ class Store:
             self._lose(address, missed.who, now)
 
     def take_silent(self, silent: Iterable[Held], now: float) -> None:
-        """Take who lives in processes that hang: tell it once, and keep the robots among them in the list."""
+        """Take who lives in processes that hang: log it once, and keep the robots among them in the list."""
         for one in silent:
             address = Address.parse(one.key)
             if address is None:
@@ -256,7 +256,7 @@ class Store:
 
     @property
     def hanging(self) -> frozenset[Address]:
-        """Whose process hangs, as far as that was told."""
+        """Robots whose process hangs, as far as the log shows it."""
         return frozenset(self._hanging)
 
     def fade(self, address: Address, now: float) -> None:
@@ -273,7 +273,7 @@ class Store:
         now: float,
         hangs: Held | None = None,
     ) -> None:
-        """Keep a robot in the list that hangs or has gone, and tell it."""
+        """Keep a robot in the list that hangs or has gone, and log it."""
         kind, attributes = (who.kind, who.attributes) if who else ("", {})
         what = f"{address.name} {wording.inserted(kind or address.role, attributes)}"
         pid = hangs.where.removeprefix("process ") if hangs else ""
@@ -338,7 +338,7 @@ class Store:
         self.revision += 1
 
     def take_state(self, name: str, state: State, now: float) -> None:
-        """Take the state that a robot told. Called ten thousand times a second where there are many."""
+        """Take a state that a robot published. Called ten thousand times a second where there are many."""
         self.revision += 1
         before = self._heard.get(name)
         if before is None:
@@ -501,7 +501,7 @@ class Store:
 
     @property
     def enslaved(self) -> list[RobotDescription]:
-        """Robots under a parent, as far as they said so: they are on no list that they could leave."""
+        """Robots under a parent, as far as they reported it: they are on no list that they could leave."""
         return [
             robot
             for name, robot in self.descriptions.items()
@@ -514,7 +514,7 @@ class Store:
         return heard.state if heard else None
 
     def age(self, name: str, now: float) -> float | None:
-        """Return [s] since a robot told its state; None: never."""
+        """Return [s] since a robot published its state; None: never."""
         heard = self._heard.get(name)
         return now - heard.at if heard else None
 

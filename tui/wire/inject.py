@@ -54,7 +54,7 @@ ACCIDENTS: dict[str, Callable[[str], float]] = {
 
 
 def run(line: Line) -> int:
-    """Relay until told otherwise."""
+    """Relay until the process is ended."""
     settings = {
         name: read(line.text(f"--{name}")) for name, read in ACCIDENTS.items() if line.text(f"--{name}")
     }

@@ -17,7 +17,7 @@ ALL = "*"
 
 
 def run(line: Line) -> int:
-    """Make the file, and tell by what its key can be told from others."""
+    """Make the file, and print the fingerprint of its key."""
     path, pattern = Path(line.text("FILE")), line.text("--links", ALL)
     create(path, pattern, passphrase() if line.flag("--passphrase") else None)
     ((links, key),) = Keyring(path).keys

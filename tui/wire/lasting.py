@@ -1,4 +1,4 @@
-"""What lasts until it is told to end: by Ctrl-C or SIGTERM, by `--for TIME`, or because a link ended."""
+"""A verb that runs until it is ended: by Ctrl-C or SIGTERM, by `--for TIME`, or because a link ended."""
 
 from __future__ import annotations
 

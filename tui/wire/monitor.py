@@ -51,7 +51,7 @@ class Watched:
         self.gauge.receive(data, self._clock())
 
     def ask(self) -> None:
-        """Say what has to be said to learn the delay."""
+        """Send the message that measures the delay."""
         for question in self.gauge.questions(self._clock()):
             self._mouth.send(question, telemetry=True)
 

@@ -91,7 +91,7 @@ SERVICES: dict[str, Callable[[], Asker]] = {"ping": ByPing, "timesync": ByTimesy
 
 
 def run(line: Line) -> int:
-    """Ask some times, and tell what it took."""
+    """Send a number of requests, and print the times."""
     by, count = line.text("--by", "ping"), line.text("--count", str(COUNT))
     if by not in SERVICES:
         raise ValueRefused("SERVICE", f"{by!r} is no service; there is {' and '.join(SERVICES)}")

@@ -55,7 +55,7 @@ class Tape:
         self._keep(bytes(self._early))
 
     def speak(self) -> None:
-        """Say that we are there; a robot that listens on a port has to be told."""
+        """Send a heartbeat: a robot that listens on a port does not know us before."""
         self._mouth.send(heartbeat(), telemetry=True)
 
     def received(self, data: bytes) -> None:

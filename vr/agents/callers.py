@@ -140,7 +140,7 @@ class Callers:
 
 
 class _End:
-    """Is told when one command ends: a `Listener`."""
+    """Gets a call when one command ends: a `Listener`."""
 
     def __init__(self, callers: Callers, key: str) -> None:
         self._callers, self._key = callers, key

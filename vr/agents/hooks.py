@@ -31,14 +31,14 @@ UNCONFIRMED = "its controller has not confirmed it"
 """What it means that a hook has begun and nothing more is heard, as a clause."""
 
 STILL_STOPPING = "its safe_stop has not ended"
-"""What is said of a robot whose author's hook still stops it: nothing may begin meanwhile."""
+"""The reason shown while an author's hook still carries out a stop: nothing may begin meanwhile."""
 
 Hook = Callable[[], Awaitable[None] | None]
 """A hook with its arguments."""
 
 
 class HookFailed(Exception):
-    """An author's hook has raised something, which has been logged; the text says so as a clause."""
+    """An author's hook has raised something, which has been logged; the text describes it as a clause."""
 
 
 class Confirming:
@@ -93,7 +93,7 @@ class Hooks:
     """The hooks of one robot."""
 
     def __init__(self, robot: Robot, runner: Runner, voice: Voice) -> None:
-        """Take the robot whose hooks are meant, what runs them, and what takes what they say."""
+        """Take the robot whose hooks these are, what runs them, and what takes their output."""
         self._voice = voice
         self._robot, self._runner = robot, runner
         self._latest: dict[str, float] = {}

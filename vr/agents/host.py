@@ -49,7 +49,7 @@ _log = logging.getLogger(__name__)
 
 
 def _listen(make: Callable[[], VirtualRobot]) -> tuple[VirtualRobot, list[tuple[Level, str, bool]]]:
-    """Make a robot; return it with what its page said meanwhile."""
+    """Make a robot; return it with the output of its page meanwhile."""
     heard: list[tuple[Level, str, bool]] = []
 
     def hear(level: Level, text: str, *, piece: bool = False) -> None:

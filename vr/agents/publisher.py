@@ -1,4 +1,4 @@
-"""What a robot shows of itself: description, state, listing, and what its code says.
+"""What a robot publishes: its description, state, listing, and the output of its code.
 
 A change may come from any thread and very often; it only sets a flag (`LiveRobot.has_news`). The state is
 looked at at once after a change, and ten times a second while a command runs. It is published when it is
@@ -287,7 +287,7 @@ class Publisher:
         )
 
     def _condition(self, core: RobotCore) -> dict[str, Any]:
-        """Return what its description and its state say alike."""
+        """Return the fields that its description and its state share."""
         calls, stop = core.state.calls, core.state.stop
         running = calls.live.get(calls.running)
         return {

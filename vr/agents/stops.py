@@ -162,7 +162,7 @@ class Stops:
             self._releases -= 1
 
     def _stops_seen(self, request: Resume) -> int:
-        """How many stops the asker knows of; all, where it does not say so or none is in force."""
+        """How many stops the asker has seen; all, if it does not report a number or no stop is in force."""
         stops = self._live.stops
         if not self._stop.in_force:
             return stops

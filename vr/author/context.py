@@ -54,7 +54,7 @@ class CallFuture(Protocol[R_co]):
 
     @property
     def progress(self) -> float:
-        """How far it is: 0 to 1, NaN while it has said nothing."""
+        """Progress, 0 to 1; NaN before the first report."""
         ...
 
     def result(self, timeout: float | None = None) -> R_co:

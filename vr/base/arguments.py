@@ -140,7 +140,7 @@ def _read_parts(
 
 
 def _is_none(field: FieldSpec, value: str | None) -> bool:
-    """Whether there is none, or a person has typed so, where none is needed; of texts that cannot be told."""
+    """Whether there is none, or a person has typed so, where none is needed; not decidable for texts."""
     return field.optional and (
         value is None or (field.type != "str" and value.strip().lower() in {"none", "null"})
     )

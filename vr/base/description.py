@@ -26,7 +26,7 @@ end (go to a point, close). once: adds up (move by, dispense)."""
 
 
 LINK, OPEN_LINK, SIGNED_LINK = "link", "open", "signed"
-"""The attribute of a robot with a controller that says how its link is guarded, and its values. Open: the
+"""The attribute of a robot with a controller that shows how its link is guarded, and its values. Open: the
 controller obeys every program that reaches it (docs/security.md)."""
 
 
@@ -169,7 +169,7 @@ class _Agent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class RobotDescription(_Agent, frozen=True, kw_only=True, omit_defaults=True):
-    """All that a robot says of itself. Any agent may ask for it, also while the robot is enslaved."""
+    """The description of a robot. Any agent may ask for it, also while the robot is enslaved."""
 
     commands: tuple[CommandSpec, ...] = ()
     slots: tuple[SlotSpec, ...] = ()

@@ -1,4 +1,4 @@
-"""What agents say to each other: one tagged value per request and per reply, as MessagePack.
+"""The messages between agents: one tagged value per request and per reply, as MessagePack.
 
 A request is answered by one reply, except `Call`, which is answered by `Accepted`, any number of
 `Progress` and one `Returned`, and `SafeStop`, by `Accepted` and `Done`; `Raised` may end any of them.
@@ -196,7 +196,7 @@ class DescribeHost(_Message, frozen=True, kw_only=True):
 
 
 class ReadLog(_Message, frozen=True, kw_only=True):
-    """Asked of a robot: what has its code said? Answered by `Logged`."""
+    """Asks a robot for its log. Answered by `Logged`."""
 
     after: int = 0
     """Number of the last line that is known; 0: none is."""
@@ -262,7 +262,7 @@ class Progress(_Message, frozen=True, kw_only=True):
 
     key: str
     fraction: float
-    """0 to 1; NaN when it cannot be said."""
+    """0 to 1; NaN where it is unknown."""
     text: str = ""
 
 
@@ -410,7 +410,7 @@ class Unlisted(_Message, frozen=True, kw_only=True):
 
 
 class LogLines(_Message, frozen=True, kw_only=True):
-    """A robot publishes what its code says, under its key + `/log`."""
+    """A robot publishes the output of its code, under its key + `/log`."""
 
     lines: tuple[LoggedLine, ...]
 
@@ -426,7 +426,7 @@ class State(_Message, frozen=True, kw_only=True):
     stopped: bool = False
     stop_reason: str = ""
     stops: int = -1
-    """How many stops have begun; -1: it does not say."""
+    """How many stops have begun; -1: not reported."""
     abandoned: tuple[str, ...] = ()
     """Commands that were ended and whose code still runs."""
     readings: dict[str, float] = {}
@@ -434,7 +434,7 @@ class State(_Message, frozen=True, kw_only=True):
     caller: str = ""
     """Who asked for the command that runs, for people to read."""
     note: str = ""
-    """What the command that runs says last of how far it is, for people to read."""
+    """The latest progress text of the running command, for people."""
 
 
 Request = (

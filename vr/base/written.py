@@ -30,7 +30,7 @@ class Mark(msgspec.Struct, frozen=True):
     column: int = 0
 
     def error(self, reason: str) -> BrokenScript:
-        """Return the error that says what is wrong here."""
+        """Return the error for a mistake at this place."""
         return BrokenScript(path=self.path, line=self.line, column=self.column, reason=reason)
 
 

@@ -325,9 +325,9 @@ class Bond(msgspec.Struct, kw_only=True):
     description: RobotDescription
     """As the child last gave it."""
     depth: int = 0
-    """Levels of robots below the child, as it said last."""
+    """Levels of robots below the child, in its latest report."""
     ways: float = 0.0
-    """[s] that the ways down through these levels and back take together, as it said last."""
+    """[s] for the way down through these levels and back, in its latest report."""
 
 
 class Slot(msgspec.Struct):

@@ -25,7 +25,7 @@ LONGEST = 60.0
 NO_ANSWER = "it did not answer"
 UNREACHED = "it ended or cannot be reached"
 HEARSAY = frozenset((NO_ANSWER, UNREACHED))
-"""What somebody else may say of a robot. What it says itself counts more."""
+"""Reports that other agents may give about a robot. Its own report counts more."""
 
 Order = Literal["the protective stop", "the resume"]
 
@@ -119,7 +119,7 @@ class Confirmations:
         return sorted(self._confirmed)
 
     def _open(self) -> list[tuple[str, str]]:
-        """Return who has not confirmed, and why, without what others say of one that answers itself."""
+        """Return who has not confirmed, and why; a robot's own answer replaces reports of others."""
         return [
             (name, reason)
             for name, reason in self._unconfirmed

@@ -30,7 +30,7 @@ class Invoke(_Value, frozen=True, kw_only=True):
     """[s] on the robot's clock."""
     reads: bool = False
     stops_seen: int = -1
-    """Stops that the robot had been told of when the call came; -1: no matter."""
+    """Stops that the robot had received when the call came; -1: not checked."""
     alone: bool = False
     """It is refused while another call of the same command runs or waits."""
 
@@ -183,7 +183,7 @@ class Renewed(_Value, frozen=True, kw_only=True):
     child: Address
     epoch: int
     sent: float
-    """[s] As the effect `RenewLease` said."""
+    """[s] The time in the effect `RenewLease`."""
     term: float
     depth: int = 0
     ways: float = 0.0
@@ -192,7 +192,7 @@ class Renewed(_Value, frozen=True, kw_only=True):
 
 
 class ChildDescribed(_Value, frozen=True, kw_only=True):
-    """The child in a slot has said anew who it is."""
+    """The child in a slot has sent its description again."""
 
     slot: str
     child: Address
@@ -239,7 +239,7 @@ class Restored(_Value, frozen=True, kw_only=True):
 
 
 class Halted(_Value, frozen=True, kw_only=True):
-    """The robot says itself that it is stopped, or that it is not any more."""
+    """The robot itself reports that it is stopped, or that it no longer is."""
 
     reason: str
 
@@ -284,7 +284,7 @@ class Interrupt(_Value, frozen=True, kw_only=True):
 
 
 class Settled(_Value, frozen=True, kw_only=True):
-    """A call has ended: tell those who wait for it."""
+    """A call has ended: notify its listeners."""
 
     key: str
     reply: Returned | Raised

@@ -152,7 +152,7 @@ class Calls(msgspec.Struct, kw_only=True):
         return call
 
     def late(self, source: str, number: int) -> bool:
-        """Whether a numbered call comes after its caller has said that it is over."""
+        """Whether a numbered call arrives after its caller has marked it as ended."""
         return number < self.lowest.get(source, 0)
 
     def enter(self, call: AcceptedCall, robot: str) -> bool:

@@ -39,7 +39,7 @@ class Stop(msgspec.Struct, kw_only=True):
     reason: str = ""
     """Of the ordered stop that is in force; empty: none is."""
     halted: str = ""
-    """Why the robot says itself that it is stopped; empty: it does not."""
+    """The reason if the robot itself reports a stop; empty: it reports none."""
     generation: int = 0
     """How many stops have begun."""
     moment: float = 0.0
@@ -92,7 +92,7 @@ class Stop(msgspec.Struct, kw_only=True):
         return self.generation
 
     def hear(self, halted: str, now: float) -> bool:
-        """Take what the robot says of itself; returns whether that is the beginning of a stop."""
+        """Take the robot's own report of a stop; return whether a stop begins with it."""
         begins = bool(halted) and not self.halted
         if begins:
             self.generation += 1

@@ -66,7 +66,7 @@ def answering_at_once(answer: AnswerAtOnce, who: str) -> RequestHandler:
 
 
 def _raised(error: Exception, who: str) -> Raised:
-    """Return what the asker is told of an error."""
+    """Return the reply to the asker for an error."""
     if isinstance(error, VrError):
         return Raised.of(error)
     _log.error("%s: an answer failed", who, exc_info=error)

@@ -57,7 +57,7 @@ from robotree.vr.core.confirmation import unmeasured
 DEFAULT_DEADLINE = 60.0
 """[s] for a command when the caller names none."""
 MARGIN = LONGEST_CLEANUP + 5.0
-"""[s] after the deadline in which the robot may still say how its command ended."""
+"""[s] after the deadline in which the robot may still report how its command ended."""
 LOADING = 20.0
 """[s] for a robot to be made: twice the loader's limit, for source and constructor, and the way."""
 RELOADING = 10.0
@@ -308,7 +308,7 @@ class RobotClient:
         return (await self._ask(Describe(), Described, urgent=urgent)).robot
 
     async def read_log(self, after: int = 0) -> Sequence[LoggedLine]:
-        """Ask what its code has said, the oldest line first; `after`: the number of the last line known."""
+        """Return its log, the oldest line first; `after`: the number of the last line known."""
         return (await self._ask(ReadLog(after=after), Logged)).lines
 
     async def enslave(self, slot: str, child: Address) -> RobotDescription:

@@ -58,14 +58,14 @@ class Directory:
         self._forgetting: asyncio.TimerHandle | None = None
 
     async def start(self) -> None:
-        """Begin to look; returns when the services that are there have said what they hold."""
+        """Begin to look; returns when the services that are there have sent their lists."""
         # news first: what changes after a service has answered must not be missed
         self._declared.append(await self._transport.subscribe(NEWS_PATTERN, self._news))
         self._unwatch = self._transport.presence.watch("*/*/*", self._seen)
         await self.settled(FIRST_LOOK)
 
     async def settled(self, limit: float) -> None:
-        """Wait until all services that live have said what they hold, or for `limit` [s]."""
+        """Wait until all present services have sent their lists, for `limit` [s] at most."""
         waiting = [asyncio.create_task(event.wait()) for event in self._answered.values()]
         if waiting:
             await asyncio.wait(waiting, timeout=limit)
@@ -104,7 +104,7 @@ class Directory:
 
     @property
     def remembers(self) -> bool:
-        """Whether some may be listed only because a service said so that is lost now."""
+        """Whether some may be listed only because a service listed them that is lost now."""
         return self._union.remembers
 
     def find(self, template: Template) -> tuple[Listing, ...]:

@@ -145,7 +145,7 @@ class _Keeper:
         """What the service has acknowledged to be listed under the lease."""
         self._waiting: dict[Address, asyncio.Future[None]] = {}
         self._changed = asyncio.Event()
-        """Whether it has something to say."""
+        """Whether it has something to send."""
         self._loop = asyncio.get_running_loop()
         self._task = asyncio.create_task(self._run(), name=f"lease in {service}")
 

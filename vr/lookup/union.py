@@ -1,7 +1,7 @@
-"""One list made of what several lookup services say: pure.
+"""One list made from the lists of several lookup services: pure.
 
-Each service has its view. A listing counts once, in its latest revision, if nobody has said that its agent
-withdrew it, and if the agent is seen alive.
+Each service has its view. A listing counts once, in its latest revision, unless its agent has withdrawn it,
+and if the agent is present.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from robotree.vr.base.requests import Listed, Unlisted
 from robotree.vr.lookup.table import LOST
 
 MOST_ABSENT = 1024
-"""Withdrawals by agents that are not seen alive that are remembered: those who may come to sight (again)
-before every service has heard of it."""
+"""Withdrawals that are remembered of agents that are not present: such an agent may appear (again)
+before every service has the withdrawal."""
 
 
 class Change(msgspec.Struct, frozen=True):
@@ -29,18 +29,18 @@ class Change(msgspec.Struct, frozen=True):
 
 
 class Union:
-    """What the services say, put together. Each method returns what it changed."""
+    """The lists of the services, put together. Each method returns what it changed."""
 
     def __init__(self, alive: Callable[[Address], bool]) -> None:
-        """Begin with no service; `alive` says who is present now."""
+        """Begin with no service; `alive` returns whether an agent is present now."""
         self.listings: dict[Address, Listing] = {}
-        """What is to be seen."""
+        """The combined list."""
         self._alive = alive
         self._views: dict[str, dict[Address, Listing]] = {}
         self._memory: dict[Address, Listing] = {}
         self._withdrawn: dict[Address, int] = {}
         self._absent: dict[Address, None] = {}
-        """Who of these is not seen alive, the latest last."""
+        """Agents of these that are not present, the latest last."""
 
     @property
     def services(self) -> tuple[str, ...]:
@@ -49,15 +49,15 @@ class Union:
 
     @property
     def remembers(self) -> bool:
-        """Whether anything is kept of what lost services said."""
+        """Whether entries of lost services are kept."""
         return bool(self._memory)
 
     def add_service(self, service: str) -> None:
-        """Count a service from now on. It has said nothing yet."""
+        """Count a service from now on. It has sent no list yet."""
         self._views.setdefault(service, {})
 
     def lose_service(self, service: str) -> list[Change]:
-        """Count it no longer, but remember what it said: its agents are not gone."""
+        """Count it no longer, but keep its entries: its agents are not gone."""
         view = self._views.pop(service, {})
         for address, listing in view.items():
             known = self._memory.get(address)
@@ -66,14 +66,14 @@ class Union:
         return self._look(view)
 
     def forget_lost(self) -> list[Change]:
-        """Forget what lost services said: others say what is true now."""
+        """Forget the entries of lost services: the others have the current ones."""
         memory, self._memory = self._memory, {}
         return self._look(memory)
 
     def replace(
         self, service: str, listings: Iterable[Listing], heard: Iterable[Listed | Unlisted] = ()
     ) -> list[Change]:
-        """Take what a service holds in all, and then the news that came while it said so."""
+        """Take the whole list of a service, and then the news that came while it was sent."""
         if service not in self._views:
             return []
         touched = set(self._views[service])
@@ -87,7 +87,7 @@ class Union:
         return self._look((self._apply(service, news),))
 
     def see(self, address: Address) -> list[Change]:
-        """Take notice that an agent has come to life or died."""
+        """Note that an agent has appeared or ended."""
         if not self._alive(address):
             self._memory.pop(address, None)
         self._bound_withdrawn(address)

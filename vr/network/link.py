@@ -200,7 +200,7 @@ class PeerLink:
         self.dialed = bool(member)
         """Whether this side dialed."""
         self.refused = False
-        """Whether the far end is going to give it up for another one, so that nothing it says here counts."""
+        """Whether the far end will close it for another one, so that its messages here do not count."""
         self.closed = False
         self.full = False
         """Whether the last piece was a whole one, so that more may have come."""
@@ -214,7 +214,7 @@ class PeerLink:
 
     @property
     def user(self) -> int:
-        """User id of the process at the far end, as the kernel says (SO_PEERCRED, unix(7))."""
+        """User id of the process at the far end, from the kernel (SO_PEERCRED, unix(7))."""
         size = _CREDENTIALS.size
         packed = self.socket.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size)
         _, user, _ = _CREDENTIALS.unpack(packed)

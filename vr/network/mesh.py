@@ -61,7 +61,7 @@ HANGS: Final = 2.0
 """[s] without a beat after which a process counts as silent; 1 s is too little on a busy machine."""
 
 GREETING: Final = 0.3
-"""[s] that a newcomer waits at most for processes that hang to say who they are."""
+"""[s] that a new process waits at most for the greeting of processes that hang."""
 
 LOST: Final = 2
 """Ticks in a row in which a process is found by nobody, after which it knows that nobody can reach it."""
@@ -109,13 +109,13 @@ class _Peer:
         self.refused: list[PeerLink] = []
         """Connections that it has dialed and is going to give up: see `_settle_who_dialed`."""
         self.greeted: set[Channel] = set()
-        """On which channels it has said who it is."""
+        """The channels on which its greeting has come."""
         self.known: dict[Topic, set[str]] = {topic: set() for topic in Topic}
         self.beat: Beat | None = None
         self.since = self.last_sign = now
         """[s] Since when it is known, and the last sign of life."""
         self.awake = False
-        """Whether it has said who it is and does not hang: only then it is present."""
+        """Whether its greeting has come and it does not hang: only then it is present."""
         self.exchanges: dict[int, _Exchange] = {}
         """Requests that it has yet to answer."""
 
@@ -184,7 +184,7 @@ class Mesh:
     # -- coming and leaving
 
     def open(self, greeting: float = GREETING) -> None:
-        """Enter; returns when all others have said who they are, or after a while.
+        """Enter; returns when the greetings of all others have come, or after a time limit.
 
         Args:
             greeting: [s] to wait at most for those that show no sign of life; 0: wait for nobody. One that
@@ -214,7 +214,7 @@ class Mesh:
         self._await_greetings(greeting)
 
     def _await_greetings(self, patience: float) -> None:
-        """Wait until all others have said who they are; `HANGS` at most, for those with a sign of life."""
+        """Wait for the greetings of all others; `HANGS` at most, for those with a sign of life."""
         latest = time.monotonic() + HANGS
         while not self._complete.wait(patience) and patience and time.monotonic() < latest:
             with self._lock:
@@ -223,7 +223,7 @@ class Mesh:
                 return
 
     def _beats(self, tag: str) -> bool:
-        """Whether a process that has said nothing yet is only busy: its last sign of life is new."""
+        """Whether a process that has sent no greeting yet is only busy: its last sign of life is new."""
         return not asleep(process_of(tag)) and time.monotonic() - self._sign_of(tag) < 2 * TICK
 
     def _sign_of(self, tag: str) -> float:
@@ -443,7 +443,7 @@ class Mesh:
         on_reply(None)
 
     def _leave(self, key: str, body: bytes) -> None:
-        """Leave a request in the socket of a process that hangs, or has not said yet who it is.
+        """Leave a request in the socket of a process that hangs, or has not sent its greeting yet.
 
         It stays there if this process ends first: so a process that missed a stop stops when it wakes.
         """
@@ -457,7 +457,7 @@ class Mesh:
                     link.send(packed)
 
     def _served_by(self, peer: _Peer) -> Iterable[str]:
-        """Return the keys that a process has said it serves, or else those that it has written down."""
+        """Return the keys that a process has announced, or else those in its file."""
         return peer.known[Topic.SERVES] if peer.met else self.place.keys_of(peer.tag) or ()
 
     def _ask_peer(
@@ -559,7 +559,7 @@ class Mesh:
         link.send(pack(Hello(VERSION, self.place.tag, link.channel, known)))
 
     def _take_greeting(self, link: PeerLink, hello: Hello) -> None:
-        """A process says who it is."""
+        """The greeting of a process has come."""
         with self._lock:
             self._take_hello(link, hello)
 
@@ -741,7 +741,7 @@ class Mesh:
         return not link.closed and link.full
 
     def _ended(self, link: PeerLink) -> None:
-        """The far end has closed. What it said before on the other channel counts."""
+        """The far end has closed. Its earlier messages on the other channel still count."""
         with self._lock:
             peer = self._peers.get(link.member)
             if peer is None or link.channel is None or peer.links.get(link.channel) is not link:
@@ -816,7 +816,7 @@ class Mesh:
                 self._say(link, packed)
 
     def _say(self, link: PeerLink, packed: bytes) -> None:
-        """Send what must not be lost; if it would be, disconnect, and all is said anew on the next link."""
+        """Send what must not be lost; if it would be, disconnect: all is sent again on the next link."""
         try:
             link.send(packed)
         except Overflow:
@@ -849,7 +849,7 @@ class Mesh:
         self._judge_itself(trouble)
 
     def _judge_itself(self, trouble: str) -> None:
-        """See whether any other process can reach this one, and tell it when that changes.
+        """Check whether any other process can reach this one, and report each change.
 
         Args:
             trouble: why nobody who comes now can find this process; empty: it can be found.

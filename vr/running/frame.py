@@ -93,11 +93,11 @@ class CallingRobot(Protocol):
         ...
 
     def say(self, key: str, level: Level, text: str, *, piece: bool) -> None:
-        """Take what the command says."""
+        """Take output of the command's code."""
         ...
 
     def note_child(self, key: str, child: str, text: str) -> None:
-        """Take what a child of the command says of its progress."""
+        """Take the progress that a child of the command reports."""
         ...
 
     def cancel(self, key: str, reason: str, *, final: bool = False) -> None:
@@ -125,7 +125,7 @@ class Listener(Protocol):
     """Who wants to know how a call fares. Called in any thread; must not block."""
 
     def note(self, fraction: float, text: str) -> None:
-        """Take how far it is: 0 to 1, NaN when it cannot be said."""
+        """Take the progress: 0 to 1, NaN where it is unknown."""
         ...
 
     def settle(self, reply: Returned | Raised) -> None:
@@ -145,7 +145,7 @@ class Frame:
     final: bool = False
     """Whether not even a clean-up may command children any more: see `core.machine.AcceptedCall.final`."""
     raised: int = 0
-    """How often it was told."""
+    """How many progress reports have come."""
     steps: int = 0
     """How many steps it has taken: each has the path key `key/step`."""
     shield: float = -math.inf
@@ -314,7 +314,7 @@ class Frame:
             worker.arm(self)
 
     def pass_on(self, slot: str, command: str, arguments: Mapping[str, Any]) -> Any:
-        """Carry out an exposed command: call the child's, and tell its progress as our own."""
+        """Carry out an exposed command: call the child's, and report its progress as our own."""
         worker = self._leave_author()
         try:
             return self.live.call_child(self, slot, command, arguments, "passed on").get()
@@ -466,7 +466,7 @@ class Frame:
         return f"{self.context.key}/{self.steps}"
 
     def cancel(self, cause: VrError, *, final: bool = False) -> None:
-        """Have it end. From any thread; the frames above it are told by the robots that they belong to."""
+        """Ask it to end. From any thread; the robots that own the frames above it notify those frames."""
         self.cause = cause
         if final:
             self.final, self.shield = True, -math.inf

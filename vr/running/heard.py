@@ -1,4 +1,4 @@
-"""What the code of robots says: `print`, warnings and `logging` go to the log of the robot that runs them.
+"""The output of robots' code: `print`, warnings and `logging` go to the log of the robot that runs them.
 
 A host is one process with one standard output and many robots. Whose line it is follows from the context in
 which it is written: that of a running command (`context.activity_here`), also in a thread that the command
@@ -23,7 +23,7 @@ from robotree.vr.running.page_trace import authors_file
 
 
 class Voice(Protocol):
-    """Takes what is said."""
+    """Takes output of a robot's code."""
 
     def __call__(self, level: Level, text: str, *, piece: bool = False) -> None:
         """Take one text, or a piece of one that ends with a line break when its line does."""
@@ -38,7 +38,7 @@ _voice: ContextVar[Voice | None] = ContextVar("robotree_voice", default=None)
 
 @contextlib.contextmanager
 def speaking(voice: Voice) -> Generator[None]:
-    """Let what is said in the block be that of one robot."""
+    """Send all output in the block to the log of one robot."""
     token = _voice.set(voice)
     try:
         yield
@@ -47,13 +47,13 @@ def speaking(voice: Voice) -> Generator[None]:
 
 
 def voice_here() -> Voice | None:
-    """Return who takes what is said here; None: nobody."""
+    """Return what takes the output of the code that runs here; None: nothing does."""
     activity = activity_here()
     return _voice.get() if activity is None else activity.say
 
 
 class _Stream(io.TextIOBase):
-    """A standard stream that hands on what robots say."""
+    """A standard stream that hands on the output of robots' code."""
 
     def __init__(self, stream: TextIO, level: Level) -> None:
         super().__init__()
@@ -117,7 +117,7 @@ def _level(number: int) -> Literal["debug", "info", "warning", "error"]:
 
 @contextlib.contextmanager
 def listening() -> Generator[None]:
-    """Hear what robots say in this process, and let them read no input: for the process of a host."""
+    """Collect the output of robots in this process, and let them read no input: for the process of a host."""
     before, typed = (sys.stdout, sys.stderr, warnings.showwarning), sys.stdin
     root, handler = logging.getLogger(), _Handler(logging.NOTSET)
     level = root.level

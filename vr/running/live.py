@@ -41,7 +41,7 @@ from robotree.vr.running.page_trace import begin_of, line_at_work, words_of
 from robotree.vr.running.process import Process, Worker
 
 LONGEST_NOTE = 80
-"""Characters of what a command says of its progress that its robot's state repeats to everybody."""
+"""Characters of a command's progress text that the state of its robot contains."""
 
 LATE = 0.001
 """[s] that a deadline may be noticed late, so that deadlines which differ by rounding share one timer."""
@@ -327,12 +327,12 @@ class LiveRobot:
 
     @property
     def stops(self) -> int:
-        """How many stops have begun, the one included that the robot says of itself and has not notified."""
+        """How many stops have begun, with the one that the robot itself has and has not reported yet."""
         self.look_at_robot()
         return self.core.state.stop.generation
 
     def look_at_robot(self) -> None:
-        """Take what the robot and the controller behind it say, if it has changed."""
+        """Take the report of the robot and of the controller behind it, if it has changed."""
         halted, obeyed = self.robot.halted, None if self._obeyed is None else self._obeyed()
         if halted != self.core.state.stop.halted:
             self.post(on.Halted(reason=halted))
@@ -444,7 +444,7 @@ class LiveRobot:
         self._show(key, fraction, text)
 
     def note_child(self, key: str, child: str, text: str) -> None:
-        """Take what a child of a running command says of its progress: shown beside the command's own."""
+        """Take the progress that a child of a running command reports: shown beside the command's own."""
         if key in self.frames:
             fraction, own = self._own_progress.get(key, (math.nan, ""))
             self._show(key, fraction, f"{own}; {child}: {text}" if own else f"{child}: {text}")
@@ -456,7 +456,7 @@ class LiveRobot:
         self.changed()
 
     def say(self, key: str, level: Level, text: str, *, piece: bool = False) -> None:
-        """Take what a running command says; empty key: what other code of the robot says."""
+        """Take output of a running command; empty key: of other code of the robot."""
         if piece:
             self.log.write(key, level, text)
         else:

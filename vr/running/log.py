@@ -1,4 +1,4 @@
-"""What one robot says: the lines of its code, and how its commands ended.
+"""The log of one robot: the output of its code, and how its commands ended.
 
 A log keeps the last `KEPT` lines, and takes `BURST` lines at once and `RATE` a second after that; of what
 comes quicker it says how many lines were dropped.
@@ -62,7 +62,7 @@ class Log:
             self.say(level, line)
 
     def end(self, key: str) -> None:
-        """A command has ended: say what has no line break."""
+        """A command has ended: log its last output, which has no line break."""
         for place in [one for one in self.begun if one.rpartition("|")[0] == key]:
             level: Any = place.rpartition("|")[2]
             self.say(level, self.begun.pop(place))

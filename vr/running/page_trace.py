@@ -67,7 +67,7 @@ def trace(error: BaseException) -> str:
 
 
 def words_of(error: BaseException) -> str:
-    """Return kind and text of an error; one whose text cannot be written is told by its kind alone.
+    """Return kind and text of an error; if its text cannot be written, only its kind.
 
     Names of private modules and folders are left out: an author knows `helper`, and `map.json` beside it.
     """

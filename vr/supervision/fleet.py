@@ -65,7 +65,7 @@ class Fleet:
         self._caller = _Caller(transport)
 
     async def start(self) -> None:
-        """Begin to look; returns when the lookup services that are there have said what they hold."""
+        """Begin to look; returns when the lookup services that are there have sent their lists."""
         await self.directory.start()
 
     async def close(self) -> None:
@@ -137,7 +137,7 @@ class Fleet:
     async def watch_log(
         self, name: str | None, callback: Callable[[str, Sequence[LoggedLine]], None]
     ) -> Registration:
-        """Hear what the code of one robot says, whenever it lives, or of all.
+        """Receive the output of one robot's code, whenever the robot runs, or of all.
 
         Args:
             name: of the robot; None: all.
@@ -168,7 +168,7 @@ class Fleet:
         return await self._transport.subscribe(f"{pattern}/{what}", hear)
 
     async def read_log(self, name: str) -> Sequence[LoggedLine]:
-        """Ask a robot what its code has said, the oldest line first."""
+        """Return the log of a robot, the oldest line first."""
         return await self._ask(name, lambda robot: robot.read_log())
 
     # -- what they are ----------------------------------------------------------------------------
@@ -394,7 +394,7 @@ class Fleet:
         return await self._awake(question(view))
 
     async def _awake(self, answer: Awaitable[_R]) -> _R:
-        """Wait for an answer; if there is none because a process hangs, say which."""
+        """Wait for an answer; if there is none because a process hangs, name the process in the error."""
         try:
             return await answer
         except (NoAnswer, Unreachable) as error:  # of the one that was asked, or of one that it asked

@@ -51,7 +51,7 @@ class Releases:
         """How many watches of all states are open; without any, the counts are asked for."""
 
     def count(self, key: str, stops: int) -> None:
-        """Note how many stops a robot has counted; -1: it does not say."""
+        """Note how many stops a robot has counted; -1: it does not report a number."""
         most = max(self._counts.pop(key, -1), stops)
         if most >= 0:
             self._counts[key] = most  # at the end
@@ -138,7 +138,7 @@ class Releases:
 
 
 async def _seen(address: Address, looks: Looks) -> dict[str, int]:
-    """Return how often a robot and those below it have been stopped, of all that have told it, by key.
+    """Return how often a robot and those below it have been stopped, of all that have reported it, by key.
 
     Raises:
         VrError: the robot has not.

@@ -82,7 +82,7 @@ def _stop(app: OperatorApp, text: Text) -> None:
 
 
 def _actions(app: OperatorApp, scope: Scope) -> Iterable[tuple[str, str]]:
-    """Return keys and meanings of the actions of a scope; the stop has been told."""
+    """Return keys and meanings of the actions of a scope, without the stop, which is shown before."""
     for action in app.keyboard.actions:
         if action.key and action.scope is scope and action.verb != "stop":
             keys = [*app.keymap.keys(action.verb), *filter(None, [action.typing_key])]

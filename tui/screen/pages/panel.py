@@ -172,7 +172,7 @@ class PanelPage(Page):
 
     @property
     def _ready(self) -> CommandForm | None:
-        """The same for a key; a person is told that it came too early."""
+        """The same for a key; a message shows that it came too early."""
         form, at = self._in_front, self._at
         if form is None and at is not None:
             self.app.tell(f"the form of {self.robot.commands[at].name} is being made: press again", "warning")

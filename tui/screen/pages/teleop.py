@@ -43,7 +43,7 @@ FAR = 0.003
 """[m] from the target at which a robot that rests counts as held back; tracking errors are below 1 mm."""
 
 FELT, HIGH = 3.0, 15.0
-"""[N] from which on a force is told, and told in red: the arm's controller bounds it at 35 N."""
+"""[N] from which on a force is shown, and shown in red: the arm's controller bounds it at 35 N."""
 
 OLD_NEWS = 1.5
 """[s] after our own movement in which the robot's state may still speak of it."""

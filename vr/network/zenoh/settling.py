@@ -40,7 +40,7 @@ class Settling:
                 await self._complete
 
     def change(self, key: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler itself
-        """Take what the network says."""
+        """Take a report of the network."""
         self._awaited.discard(key)
         if not self._awaited and self._complete is not None and not self._complete.done():
             self._complete.set_result(None)

@@ -131,7 +131,7 @@ class ZenohTransport:
     def request(
         self, key: str, body: bytes, *, timeout: float, urgent: bool = False, void_at: float = 0.0
     ) -> AsyncIterator[bytes]:
-        """See `Transport.request`: Zenoh cannot tell a process that hangs from one that has ended."""
+        """See `Transport.request`: Zenoh cannot distinguish a process that hangs from one that has ended."""
         del void_at
         session = self._open(key)
         replies = Replies(key, timeout)
@@ -224,7 +224,7 @@ class ZenohTransport:
         await asyncio.sleep(within)
 
     async def watch_itself(self, handler: CutOffHandler) -> Registration:
-        """See `Transport.watch_itself`: who may come and find this process nobody can tell here."""
+        """See `Transport.watch_itself`: it is not known here whether a new process could reach this one."""
         self._open("")
         del handler
         return _Nothing()
@@ -239,7 +239,7 @@ class ZenohTransport:
     # -- inside -----------------------------------------------------------------------------------
 
     async def _fill(self) -> None:
-        """Have the table follow what Zenoh says of tokens, from now on."""
+        """Have the table follow Zenoh's reports of tokens, from now on."""
         session = self._open("")
         settling = Settling(lambda key, there: self.presence.count(key, there=there))
         inbox = SampleInbox[tuple[str, bool]](self._turns, lambda item: settling.change(*item))
