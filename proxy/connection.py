@@ -40,7 +40,7 @@ GRID = 0.05
 """[s] What is due within it is done together, at the end of it: so a process wakes up less often."""
 
 KEY_CHANGED = "its signing key was changed"
-"""Why a link is given up at once: the next one finds the new key in our file."""
+"""Why a link is closed at once: the next one finds the new key in our file."""
 
 Dial = Callable[[str, Accept], Awaitable[Link]]
 """Opens a link, as `links.url.connect` does."""

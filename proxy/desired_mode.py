@@ -24,7 +24,7 @@ from robotree.proxy.translate import Target
 REPEAT_PERIOD = 0.25
 """[s] between two repetitions of what is not confirmed."""
 RELEASE_TIMEOUT = 2.2
-"""[s] from its request within which a release is confirmed or given up, also while the controller is offline:
+"""[s] from its request within which a release is confirmed or fails, also while the controller is offline:
 a robot must not be released by a request from long ago. A stop is repeated without end. This is less than an
 agent waits for the answer, so that the caller learns why it failed."""
 HOLDING_MODES = {
@@ -56,7 +56,7 @@ class ReleaseRefused:
 
 @dataclass(frozen=True, slots=True)
 class ReleaseUnanswered:
-    """The release was given up: the controller has not answered it within RELEASE_TIMEOUT."""
+    """The release has failed: the controller has not answered it within RELEASE_TIMEOUT."""
 
 
 Answer = StopConfirmed | ReleaseConfirmed | ReleaseRefused | ReleaseUnanswered
@@ -67,7 +67,7 @@ Answer = StopConfirmed | ReleaseConfirmed | ReleaseRefused | ReleaseUnanswered
 class _Release:
     epoch: int
     until: float
-    """[s] When it is given up."""
+    """[s] When it ends without success."""
     stops: int | None
     """The count of the stop that it ends; None: not reported yet."""
     sent: bool = False

@@ -183,7 +183,7 @@ class StopMachine(RuleBasedStateMachine):
             self.run(self.begin_anew(agent))
 
     async def begin_anew(self, agent: RobotAgent) -> None:
-        """Nobody remembers whom the stops of its state have asked."""
+        """The restored state does not contain which parts its stops have asked."""
         agent._stops = Stops(agent.live, agent._hooks, agent._children)
         agent.live.post(on.Restored())
 

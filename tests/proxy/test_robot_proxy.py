@@ -250,7 +250,7 @@ async def test_a_dead_controller_fails_commands_at_once_and_leaves_old_readings(
 
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A goal without an answer is given up soon, and its controller counts as silent."""
+    """A goal without an answer fails soon, and its controller counts as silent."""
     monkeypatch.setattr(session, "GoalClient", partial(GoalClient, patience=0.3))
     monkeypatch.setattr(outcome, "PERIOD", 0.1)
 

@@ -113,7 +113,7 @@ class Conversation(RuleBasedStateMachine):
     @precondition(lambda self: self.linked)
     @rule()
     def peace(self) -> None:
-        """Nothing happens until all that was wished for is done or given up; then what is told is true."""
+        """Wait until all requests are done or have failed; then the reported state is the true one."""
         self.wait(RELEASE_TIMEOUT + 1.0)
         assert bool(self.talk.session.held) == (self.talk.controller.mode == ModeKind.SAFE_STOP)
         assert self.talk.session.held or not self.stop_wanted

@@ -100,7 +100,7 @@ def realms() -> list[str]:
 
 
 def entries(realm: str) -> list[Entry]:
-    """Return the processes that have entered a realm, dead ones included. Its folder must be sound."""
+    """Return the processes that have entered a realm, also ended ones. Its folder must be sound."""
     place = Rendezvous(realm)
     found: list[Entry] = []
     for tag in place.others():
@@ -155,7 +155,7 @@ def command_of(pid: int) -> str:
 
 
 def processes(found: list[Entry]) -> Iterator[Finding]:
-    """Say of each process that is dead or hangs which it is, and what to do."""
+    """Report each process that has ended or hangs, and what to do."""
     for one in found:
         match one.condition:
             case "dead":

@@ -1,4 +1,4 @@
-"""A crew of robotree processes that lives exactly as long as the one who started it.
+"""A crew of robotree processes that ends when the process that started it ends.
 
 Each member is a real process of the same command line that a person would type. It says `ready ADDRESS`
 on its standard output when it is up, and it holds the read end of a pipe (`--tether`): when the starter

@@ -33,7 +33,7 @@ LOG_SIZE = 1_000_000
 """Bytes, after which the log begins anew; the one before is kept."""
 
 CRASHES = 3
-"""Screens that may end by an error within `CRASH_WINDOW`, before the supervisor gives up."""
+"""Screens that may end by an error within `CRASH_WINDOW`, before the supervisor ends."""
 CRASH_WINDOW = 30.0
 """[s]"""
 

@@ -83,7 +83,7 @@ class Absent:
 
     @property
     def hangs(self) -> bool:
-        """Whether its process lives: it may still move."""
+        """Whether its process runs: the robot may still move."""
         return bool(self.pid)
 
 
@@ -220,7 +220,7 @@ class Store:
         self.tell(f"{who.name} {_inserted(who)} left the list", "plain", now, who.name)
 
     def found(self, address: Address, now: float) -> None:
-        """Note that an agent lives that was missed: it is on no list only because it has a parent."""
+        """Note that a missing agent runs: it is on no list only because it has a parent."""
         missed, robot = self.missed.pop(address, None), self.descriptions.get(address.name)
         self.family += 1
         if missed and robot and robot.bond:
@@ -234,7 +234,7 @@ class Store:
             self._tell_departure(missed.who, now)
 
     def departed(self, address: Address, now: float) -> None:
-        """Take that an agent that was missed lives nowhere: it took its leave, or its process has gone."""
+        """Note that a missing agent runs nowhere: it has left, or its process has ended."""
         missed = self.missed.pop(address)
         if missed.present:
             self._tell_departure(missed.who, now)
@@ -243,7 +243,7 @@ class Store:
             self._lose(address, missed.who, now)
 
     def take_silent(self, silent: Iterable[Held], now: float) -> None:
-        """Take who lives in processes that hang: log it once, and keep the robots among them in the list."""
+        """Take the agents in processes that hang: log each once, and keep robots among them in the list."""
         for one in silent:
             address = Address.parse(one.key)
             if address is None:

@@ -41,7 +41,7 @@ RECEIPT = 2.0
 RETRY = 0.2
 """[s] before that message is repeated to a child that cannot be reached."""
 REUNION = 2.0
-"""[s] for the link to a child that lives to come back: it is dialled at least once a second."""
+"""[s] for the link to a running child to come back: it is dialled at least once a second."""
 
 _log = logging.getLogger(__name__)
 

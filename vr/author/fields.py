@@ -103,7 +103,7 @@ class Field:
 
 
 class Setting(Field):
-    """A number, truth, text, choice or tuple that people may change while the robot lives."""
+    """A number, truth, text, choice or tuple that people may change while the robot runs."""
 
     def __init__(self, default: Any, spec: FieldSpec, annotation: Any) -> None:
         """Take what a form and a check need of it, and the type that the page reads."""
@@ -166,7 +166,7 @@ class StateField(Field):
 
 
 class Kept:
-    """The fields of one robot: before it lives its own, from then on those of its core."""
+    """The fields of one robot: its own before it starts, from then on those of its core."""
 
     def __init__(self, cls: type[Any]) -> None:
         """Begin with the defaults of a class."""

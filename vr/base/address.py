@@ -37,7 +37,7 @@ def check_name(name: str) -> str:
 
 
 class Address(msgspec.Struct, frozen=True, order=True):
-    """One incarnation of an agent, whatever process it lives in."""
+    """One incarnation of an agent, in any process."""
 
     role: Role
     name: str

@@ -106,43 +106,43 @@ class BadName(AddressError):
 
 
 class DuplicateName(AddressError):
-    """A living agent has this name already."""
+    """A running agent has this name already."""
 
     sentence = "a {role} named {name!r} is already running; choose another name or end that one first"
 
 
 class NameInSilence(AddressError):
-    """An agent that lives and cannot be reached has this name; when it wakes there would be two."""
+    """An agent that runs and cannot be reached has this name; if it continues, there would be two."""
 
     sentence = "a {role} named {name!r} is in {where}; choose another name, or: {remedy}"
 
 
 class Hanging(AddressError):
-    """An agent of this name lives in a process that does not answer."""
+    """The agent of this name is in a process that does not answer."""
 
     sentence = "the {role} {name!r} is in {where} and does not answer; {remedy}"
 
 
 class NoSuchRobot(AddressError):
-    """No living robot has this name."""
+    """No running robot has this name."""
 
     sentence = "no robot named {name!r} is running; `robotree ls` shows those that are"
 
 
 class NoSuchHost(AddressError):
-    """No living host has this name."""
+    """No running host has this name."""
 
     sentence = "no host named {name!r} is running; start one with `robotree host {name}`"
 
 
 class NoHost(AddressError):
-    """No host lives at all."""
+    """No host runs at all."""
 
     sentence = "no host is running; start one with `robotree host NAME`"
 
 
 class NoSuchView(AddressError):
-    """No living view has this name."""
+    """No running view has this name."""
 
     sentence = "no view named {name!r} is running; `robotree ls --views` shows those that are"
 

@@ -140,7 +140,7 @@ class Presence:
         return True
 
     async def hanging(self, pattern: str) -> list[Held]:
-        """Return who under a pattern lives in a process that hangs, as soon as that is certain of all.
+        """Return the agents under a pattern in processes that hang, as soon as that is certain for all.
 
         Presence alone cannot tell a process that hangs from one that never was, least of all to a newcomer.
         Where somebody else knows who lives, the transport compares. A process that is in doubt for `LONGEST`
@@ -158,7 +158,7 @@ class Presence:
             await asyncio.sleep(LOOK)
 
     def lives(self, key: str) -> bool:
-        """Whether somebody lives under a key, heard or not."""
+        """Whether an agent is present under a key, also if its link is not up yet."""
         return self.there(key) or bool(self._unheard(key))
 
     def held(self, pattern: str) -> list[Held]:

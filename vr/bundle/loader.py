@@ -44,9 +44,9 @@ _T = TypeVar("_T")
 _Robot = TypeVar("_Robot", bound=Robot)
 _numbers = itertools.count(1)
 _pages: dict[str, tuple[str, str]] = {}
-"""Path and hash of the page of each living module, by the module's name."""
+"""Path and hash of the page of each loaded module, by the module's name."""
 _texts: Counter[str] = Counter()
-"""How many living modules were made of each text, by the name that it has in tracebacks."""
+"""How many loaded modules were made of each text, by the name that it has in tracebacks."""
 _lock = threading.Lock()
 _log = logging.getLogger(__name__)
 _READ_BY = f"(this host runs Python {sys.version_info[0]}.{sys.version_info[1]})"

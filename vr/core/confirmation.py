@@ -92,7 +92,7 @@ class Confirmations:
         self._unconfirmed[name, reason] = None
 
     def miss(self, name: str, reason: str, remedy: str) -> None:
-        """Note one that lives and could not even be asked; nobody knows better.
+        """Note a robot that runs and could not be asked; no other agent has reported about it.
 
         Args:
             name: of the robot, or of what may have robots.

@@ -129,7 +129,7 @@ class Calls(msgspec.Struct, kw_only=True):
     abandoned: dict[str, str] = {}
     """Commands that have ended and whose code runs on, by key."""
     places: dict[str, str] = {}
-    """The lines of their pages at which they were given up, in words, by key."""
+    """The lines of their pages at which they were abandoned, in words, by key."""
     counts: dict[str, int] = {}
     """How often each command was accepted."""
 
@@ -459,7 +459,7 @@ class RobotCore:
         call = calls.live.get(event.key)
         if call is None:
             return []
-        reason = "it was abandoned at the moment when it ended"  # so the order to give it up comes too late
+        reason = "it was abandoned at the moment when it ended"  # so the order to abandon it comes too late
         cause = CommandCancelled(robot=self.name, command=call.command, reason=reason)
         return self._settle(call, call.cause or Raised.of(cause))
 

@@ -1,4 +1,4 @@
-"""The asking side of agents: how operators and parents reach a robot, a host or a view, wherever it lives."""
+"""The asking side of agents: how operators and parents reach a robot, a host or a view in any process."""
 
 from __future__ import annotations
 

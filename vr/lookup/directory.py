@@ -1,4 +1,4 @@
-"""What all living lookup services hold together, as one process sees it.
+"""The combined lists of all running lookup services, as one process sees them.
 
 An agent that several services list counts once, so losing one of several changes nothing. What a lost
 service held is remembered for a while, and when all are lost, until one returns: the robots are still
@@ -142,7 +142,7 @@ class Directory:
         return next((address for address in found if address in self._union.listings), found[0])
 
     async def expect_awake(self, pattern: str) -> None:
-        """See that nobody under a pattern lives in a process that hangs.
+        """Check that no agent under a pattern is in a process that hangs.
 
         Raises:
             Hanging: somebody does.

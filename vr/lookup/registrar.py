@@ -1,4 +1,4 @@
-"""Keeps the agents of one process listed in every lookup service that lives.
+"""Keeps the agents of one process listed in every lookup service that runs.
 
 One registrar serves all agents of a process. For each service it has one keeper, which holds one lease there,
 on which all listings of the process depend: it enters, changes and withdraws listings, many in one request,

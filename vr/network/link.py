@@ -26,7 +26,7 @@ PIECE = 1 << 16
 """[bytes] read in one go."""
 
 MOST_WAITING = 64 << 20
-"""[bytes] of requests and replies that may wait for one receiver; it is given up when there are more."""
+"""[bytes] of requests and replies that may wait for one receiver; with more, its connection is closed."""
 
 MOST_SAMPLES = 1 << 20
 """[bytes] of samples that may wait for one receiver; of more, the newest of each key are kept."""

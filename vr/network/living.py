@@ -56,7 +56,7 @@ def asleep(pid: int) -> bool:
 
 
 def remedy(pid: int, otherwise: str) -> str:
-    """Return what a person can do about a process that lives and does not answer.
+    """Return what a person can do about a process that runs and does not answer.
 
     Only of one that is stopped is it certain that it answers nobody. No other one is to be ended by force.
 

@@ -76,7 +76,7 @@ REPLACE: Final = "process {} runs another version of robotree; start it again wi
 """What a person can do about a process that is not understood."""
 
 LOST_FILES: Final = "its files in the realm's folder are gone, so that nobody who comes now can reach it"
-"""Why it is not known what a process holds that lives."""
+"""Why it is not known which robots a running process holds."""
 
 Respond = Callable[[bytes], None]
 Answer = Callable[[bytes, bool, Respond, Callable[[bytes | None], None]], None]
@@ -107,7 +107,7 @@ class _Peer:
         self.tag = tag
         self.links: dict[Channel, PeerLink] = {}
         self.refused: list[PeerLink] = []
-        """Connections that it has dialed and is going to give up: see `_settle_who_dialed`."""
+        """Connections that it has dialed and is going to close: see `_settle_who_dialed`."""
         self.greeted: set[Channel] = set()
         """The channels on which its greeting has come."""
         self.known: dict[Topic, set[str]] = {topic: set() for topic in Topic}

@@ -78,7 +78,7 @@ def realm_name(realm: str | None) -> str:
 
 
 def met(realm: str) -> bool:
-    """Whether a realm's folder is there, or somebody lives who has made it. Looking makes nothing."""
+    """Whether a realm's folder is there, or a process that made it still runs. Creates no folder."""
     directory = runtime_directory() / realm
     return directory.is_dir() or bool(listening(directory))
 
@@ -210,7 +210,7 @@ class Rendezvous:
     # -- the others
 
     def others(self) -> list[str]:
-        """Return the tags of all other processes that can be seen, dead ones included."""
+        """Return the tags of all other processes with an entry, also of those that have ended."""
         found: list[str] = []
         with contextlib.suppress(OSError), os.scandir(self.directory) as entries:
             for entry in entries:
@@ -263,7 +263,7 @@ class Rendezvous:
         return list(keys.elements())
 
     def forget(self, tag: str) -> None:
-        """Remove the files of a process that is dead."""
+        """Remove the files of a process that has ended."""
         for end in (_SOCKET, _BEAT, _HELD):
             with contextlib.suppress(OSError):
                 (self.directory / f"{tag}{end}").unlink()

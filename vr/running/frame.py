@@ -109,7 +109,7 @@ class CallingRobot(Protocol):
         ...
 
     def gone(self, key: str) -> None:
-        """The command's code, which was given up, has ended."""
+        """The command's code, which was abandoned, has ended."""
         ...
 
     def pass_time(self) -> None:
@@ -134,7 +134,7 @@ class Listener(Protocol):
 
 
 class Abandoned(BaseException):
-    """Raised in an author's code that was given up, whatever it still tries."""
+    """Raised in an author's code that was abandoned, at each further call."""
 
 
 class Frame:
@@ -550,7 +550,7 @@ class Frame:
         Raises:
             VrError: it was asked to end.
             Interrupted: it was, and did not.
-            Abandoned: it was given up.
+            Abandoned: the command's code was abandoned.
         """
         worker = self.worker
         if worker.dead:
@@ -599,7 +599,7 @@ class Frame:
 
         Raises:
             VrError: it was asked to end.
-            Abandoned: it was given up.
+            Abandoned: the command's code was abandoned.
         """
         worker = self.worker
         end = worker.now() + max(timeout, 0.0)

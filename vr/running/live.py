@@ -425,8 +425,8 @@ class LiveRobot:
             self.log.say("warning", f"{call.command} has ended and its code still runs: {where or '?'}")
         self.post(on.Abandon(key=key, where=where))
         frame = self.frames.get(key)
-        if frame is not None and not frame.worker.dead:  # a part of it was given up, on another worker
-            reason = "a part of it was given up, because it ignores every cancel"
+        if frame is not None and not frame.worker.dead:  # a part of it was abandoned, on another worker
+            reason = "a part of it was abandoned, because it ignores every cancel"
             cause = CommandCancelled(robot=self.name, command=frame.context.command, reason=reason)
             frame.cancel(cause, final=True)
 
@@ -667,7 +667,7 @@ class LiveRobot:
         return pending
 
     def _call_here(self, pending: PendingCall, child: LiveRobot, call: Call, *, nested: bool) -> None:
-        """Call a child that lives in this process."""
+        """Call a child in this process."""
         frame = pending.frame
         may_run_here = nested and not child.isolated and len(frame.worker.stack) < DEEPEST
         listener = None if call.oneway else pending
@@ -706,7 +706,7 @@ class LiveRobot:
             raise error
 
     def _call_afar(self, pending: PendingCall, key: str, call: Call) -> None:
-        """Call a child that lives in another process, where it answers under a key."""
+        """Call a child in another process, where it answers under a key."""
         now, epoch = self._runner.now(), call.epoch
         source = f"{self.key}/{pending.slot}/{epoch}"
         with self._lock:

@@ -51,7 +51,7 @@ class OnWorker(Protocol):
         ...
 
     def abandon(self, at: FrameType | None) -> None:
-        """Take note that its code is given up; `at` is what its thread carries out."""
+        """Note that its code is abandoned; `at` is the line that its thread carries out."""
         ...
 
 

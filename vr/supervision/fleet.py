@@ -94,7 +94,7 @@ class Fleet:
         return self.directory.find(Template(role="view"))
 
     def inhabited(self) -> bool:
-        """Whether any agent lives on this machine, as far as its own record shows. Needs no `start`."""
+        """Whether any agent runs on this machine, by the machine's own record. Needs no `start`."""
         return bool(self._transport.presence.held("*/*/*"))
 
     async def hosts(self) -> Sequence[HostDescribed]:
@@ -115,7 +115,7 @@ class Fleet:
         return self.directory.on_change(lambda _: callback())
 
     async def watch_state(self, name: str | None, callback: OnState = lambda _, __: None) -> Registration:
-        """Hear the states of one robot, whenever it lives, or of all.
+        """Receive the states of one robot, whenever it runs, or of all.
 
         While all are heard, `resume` knows which stops had been told here before it was asked for.
 

@@ -216,7 +216,7 @@ async def a_closed_transport_says_so(join: Join) -> None:
 
 
 async def a_handler_may_close_its_transport(join: Join) -> None:
-    """The request that ends a process is no dead end."""
+    """The caller of a request that ends the process gets an error soon."""
     server, caller = await join(), await join()
 
     async def handler(_: bytes, respond: Respond) -> None:

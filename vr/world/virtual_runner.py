@@ -34,7 +34,7 @@ THROWS = 20
 """How often a greenlet that catches its end is ended, before it is left alone."""
 
 MOST_SWITCHES = 1_000_000
-"""Switches at one moment after which time is thought to stand still: something wakes itself without end."""
+"""Switches at one moment after which time is thought to stand still: some code wakes itself without end."""
 
 FIRST_PID = 1000
 """Numbers of simulated processes begin above it."""

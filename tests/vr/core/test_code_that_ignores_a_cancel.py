@@ -1,4 +1,4 @@
-"""Code that ignores a cancel: it is interrupted, or given up, and then nothing moves beside it."""
+"""Code that ignores a cancel: it is interrupted, or abandoned, and then no other command moves the robot."""
 
 from __future__ import annotations
 

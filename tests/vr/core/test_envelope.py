@@ -1,4 +1,4 @@
-"""What was given up does not begin when the process that hung reads what lies in its socket."""
+"""An expired request does not begin when the process that hung reads its socket."""
 
 from __future__ import annotations
 

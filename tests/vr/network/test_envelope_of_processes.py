@@ -1,4 +1,4 @@
-"""A real process that hangs and wakes: what was given up meanwhile does not begin."""
+"""A real process that hangs and wakes: requests that expired meanwhile do not begin."""
 
 from __future__ import annotations
 
