@@ -1,4 +1,4 @@
-"""What the running arm is told in vain is counted, or refused in one sentence, and the arm keeps its time.
+"""Bad input to the running arm is counted, or refused in one sentence, and the arm keeps its time.
 
 A real `robotree sim arm` is thrown at over real TCP. Meanwhile a witness on a connection of its own asks PING
 and compares the simulated clock in the telemetry with the clock on the wall. Forgiven is only what a busy
@@ -73,7 +73,7 @@ M = TypeVar("M", bound=AnyMessage)
 
 
 class Client:
-    """Somebody with a connection to the arm, who says what the test wants."""
+    """A client with a connection to the arm, which sends what the test chooses."""
 
     def __init__(self, component: int = 190) -> None:
         self.component = component
@@ -113,7 +113,7 @@ class Client:
 
     @property
     def told(self) -> list[str]:
-        """What the arm said in words."""
+        """The texts that the arm has sent."""
         return [status.text for status in self.of(Statustext)]
 
     async def until(self, holds: Callable[[], object], otherwise: str) -> None:
@@ -150,7 +150,7 @@ class Witness(Client):
 
     @property
     def counted(self) -> int:
-        """What came to the arm in vain so far, as it says."""
+        """The arm's own count of bad input so far."""
         return max((status.errors_comm for status in self.of(SysStatus)), default=0)
 
     async def counts(self, number: int) -> None:

@@ -68,7 +68,7 @@ def say(folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.Mo
 
 
 ARM = {"address", "kinds", "doc", "attributes", "commands", "calls"}
-"""What a description says of an arm; what is as usual (nothing runs, nobody commands it) is left out."""
+"""The description of an arm; usual values (nothing runs, it has no commander) are left out."""
 STATE = {"name", "readings"}
 
 SHAPES: list[tuple[str, type, set[str]]] = [

@@ -1,4 +1,4 @@
-"""A crew lives exactly as long as the one who started it."""
+"""A crew ends when the process that started it ends."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ asyncio.run(main())
 
 
 def is_running(pid: int) -> bool:
-    """Whether the process exists and is not a zombie that nobody has reaped."""
+    """Whether the process exists and is not a zombie."""
     try:
         state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
     except FileNotFoundError:

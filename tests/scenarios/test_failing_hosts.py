@@ -1,4 +1,4 @@
-"""Hosts that freeze, die, and are stuck with code that does not end: what the command line says of it."""
+"""Hosts that freeze, end, or run code that does not end: the output of the command line."""
 
 from __future__ import annotations
 

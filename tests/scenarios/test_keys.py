@@ -1,4 +1,4 @@
-"""Who has the key commands the arm; who has another one, or none, is told so; and nobody is told the key."""
+"""A client with the key commands the arm; one without it gets an error; the key is never shown."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ REALM = "keys"
 
 
 class Guarded:
-    """A cell whose arm hears nobody without its key, and four who try."""
+    """A cell whose arm accepts no message without its key, and four clients that try."""
 
     def __init__(self, folder: Path, crew: Crew, fleet: Fleet, address: str) -> None:
         self.folder, self.crew, self.fleet, self.address = folder, crew, fleet, address
@@ -141,7 +141,7 @@ def test_the_verbs_of_the_wire_take_the_key_from_the_line_or_the_environment(cel
 
 
 def test_a_recording_is_signed_anew_by_who_has_the_key(cell: Guarded) -> None:
-    """Old words have old signatures; who has the key may say them again."""
+    """Recorded frames have old signatures; a client with the key may send their content again."""
     key = cell.folder / "ours.key"
     tape, signed = cell.folder / "words.tlog", cell.folder / "signed.tlog"
     recorded = robotree("wire", "record", "--connect", cell.address, tape, "--for", "1s")
@@ -203,7 +203,7 @@ async def change_key(address: str, file: Path, secret: bytes) -> None:
 
 
 def test_nobody_is_told_the_key(cell: Guarded) -> None:
-    """Not in the list of processes, not in what they say, not in their environment."""
+    """Not in the list of processes, not in their output, not in their environment."""
     secrets = cell.secrets
     shown = [log.read_text() for log in cell.folder.glob("*.log")]
     for member in cell.crew.members:

@@ -56,7 +56,7 @@ BEAT = Heartbeat(MavType.GCS, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)
 
 
 class Track:
-    """Where the arm was, and when, in its own time, told 200 times a second."""
+    """The places of the arm, with its own time, 200 times a second."""
 
     def __init__(self) -> None:
         self.places: list[tuple[float, tuple[float, float, float]]] = []

@@ -1,4 +1,4 @@
-"""What another user of this machine can do to a robot: docs/security.md says it, here it is tried.
+"""What another user of this machine can do to a robot: each line of docs/security.md is tried here.
 
 The attacker is a process of its own that has nothing but Python and an address. Where the tests run as root
 it runs as another user; else as ours, which can do no less.
@@ -87,7 +87,7 @@ def attack(script: str, *words: str, said: bytes = b"") -> str:
 
 
 def spoken(*messages: Message) -> bytes:
-    """What a ground station says without a key; it has the ids of our own proxies."""
+    """The frames of a ground station without a key; it has the ids of our own proxies."""
     return b"".join(
         encode(message, sequence=number, system=255, component=190) for number, message in enumerate(messages)
     )

@@ -1,4 +1,4 @@
-"""What somebody has recorded of a signed link moves nothing when the controller was killed and is back."""
+"""A recording of a signed link moves nothing when the controller was killed and is back."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ pytestmark = pytest.mark.e2e
 
 
 class Operator:
-    """Has the key, and keeps the bytes of all that it says, as anybody on the way can."""
+    """Has the key, and keeps all bytes that it sends, as any program on the way can."""
 
     def __init__(self, key: Path, first_link: int) -> None:
         self._security = Security(Keyring(key), time.time, first_link=first_link)

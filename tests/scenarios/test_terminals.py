@@ -24,7 +24,7 @@ from tests.withheld import Withheld
 pytestmark = [pytest.mark.e2e, pytest.mark.usefixtures("place")]
 
 LED_BY_MAKE = "make"
-"""The session's leader is `make`, as in `xterm -e make demo`: it alone is told of a hang-up, and waits."""
+"""The session's leader is `make`, as in `xterm -e make demo`: it alone gets the hang-up signal, and waits."""
 END = 3.0
 """[s] in which everything has to be gone; what threads waited for a processor is forgiven."""
 CREW = 8
@@ -40,7 +40,7 @@ import fcntl, os, sys, termios
 fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 os.execvp(sys.argv[1], sys.argv[1:])
 """
-"""Makes standard input the terminal of its session, and is what it is told from then on."""
+"""Makes standard input the terminal of its session, and then runs the given program."""
 
 
 class Terminal:
@@ -77,7 +77,7 @@ class Terminal:
         os.close(inside)
 
     def close(self) -> None:
-        """Close it, as a window is closed whose program asks nobody; again: nothing."""
+        """Close it, as a window that closes without a question; a second time: nothing."""
         if self._master >= 0:
             os.close(self._master)
             self._master = -1
@@ -146,7 +146,7 @@ def led_by(leader: str, folder: Path, *words: str) -> tuple[str, ...]:
 
 
 def gone(terminal: Terminal, family: list[int]) -> None:
-    """Hold that nobody of the family lives after `END`."""
+    """Check that no process of the family runs after `END`."""
     began, withheld, lost = time.monotonic(), Withheld(*family), 0.0
     while left := [pid for pid in family if living(pid)]:
         terminal.is_over()

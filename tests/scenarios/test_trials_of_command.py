@@ -32,7 +32,7 @@ PROXIES = (0, 1)
 
 
 class Clockwork:
-    """A device that moves for as long as a goal says: its arguments are the goal's key and the time [s]."""
+    """A device that moves for the time in a goal: its arguments are the goal's key and the time [s]."""
 
     verbs = (Verb.MOVE,)
     setpoint_kinds = parameters = ()
@@ -155,7 +155,7 @@ class Trial:
                 self._hear(i, Frame.of(message, system=255, component=component))
 
     def _hear(self, i: int, frame: Frame) -> None:
-        """Hand a frame to the controller; nobody loses the claim to another one who has not said so."""
+        """Hand a frame to the controller; no client loses the claim to one that has not requested it."""
         rights = self.firmware._rights  # pyright: ignore[reportPrivateUsage]  the wire tells it late
         claims, said = rights.claims, frame.message
         before = claims.holding

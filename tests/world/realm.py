@@ -63,7 +63,7 @@ LIMITS: Limits = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drive(Motion):
-    """Drive for a while [s]; the ticket tells this drive from all others."""
+    """Drive for a while [s]; the ticket distinguishes this drive from all others."""
 
     seconds: float
     ticket: float
@@ -130,7 +130,7 @@ class Realm:
         return self.processes[name]
 
     def agents(self) -> dict[str, RobotAgent]:
-        """Return the agents of all robots whose process lives, by name."""
+        """Return the agents of all robots whose process runs, by name."""
         found = {name: agent for name, agent in self.carts.items() if self.processes[name].alive}
         for name, host in self.hosts.items():
             if self.processes[name].alive:

@@ -72,7 +72,7 @@ AGAIN = 2.0
 
 
 class Judge:
-    """Watches the realm, and says what must never be."""
+    """Watches the realm, and reports each broken law."""
 
     def __init__(self, realm: Realm) -> None:
         self.realm, self.world = realm, realm.world

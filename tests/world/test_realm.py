@@ -100,7 +100,7 @@ def test_a_cancelled_command_is_not_waited_for_where_nothing_can_interrupt_it() 
 
 
 def test_a_cancel_that_a_paused_robot_did_not_confirm_promises_nothing() -> None:
-    """In 1185 the operator is told that nobody answers, and the call begins when its process goes on."""
+    """With seed 1185 the operator gets NoAnswer, and the call begins when the process continues."""
     assert played(1185).broken == []
 
 

@@ -1,4 +1,4 @@
-"""Two proxies in one realm command one controller, which says which epoch it obeys and refuses none."""
+"""Two proxies in one realm command one controller, which reports the epoch that it obeys and refuses none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Virtual robots at work: they wait, tell, start, let through, pass down deadlines and cancels."""
+"""Commands of virtual robots: waiting and one-way calls, futures, exposed commands, deadlines, cancels."""
 
 from __future__ import annotations
 

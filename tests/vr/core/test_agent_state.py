@@ -1,4 +1,4 @@
-"""What a robot tells without being asked."""
+"""What a robot publishes without a request."""
 
 from __future__ import annotations
 

@@ -205,7 +205,7 @@ def test_a_source_that_does_not_end_is_interrupted(place: str) -> None:
 
 @pytest.mark.timeout(10)
 def test_a_file_that_cannot_be_read_says_why_at_once(tmp_path: Path) -> None:
-    """Not after somebody has written into a FIFO, nor after /dev/zero has filled the memory."""
+    """A FIFO and /dev/zero are refused at once, before anything is read from them."""
     os.mkfifo(tmp_path / "fifo.py")
     (tmp_path / "zero.py").symlink_to("/dev/zero")
     (tmp_path / "picture.py").write_bytes(b"\xff\xd8\xff")

@@ -64,7 +64,7 @@ class IgnoresCancels(Robot):
 
     @command
     def doze(self) -> None:
-        """Sleep where nobody can be woken."""
+        """Sleep in a call that cannot be interrupted."""
         time.sleep(0.6)
         self.done.append("woke")
 
@@ -78,7 +78,7 @@ class IgnoresCancels(Robot):
 
     @command
     def hang(self) -> None:
-        """Block where nobody can interrupt, until the test lets go."""
+        """Block in a call that cannot be interrupted, until the test releases it."""
         self.release.wait()
         self.done.append("hung")
         self.sleep(1.0)

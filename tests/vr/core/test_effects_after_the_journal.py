@@ -1,4 +1,4 @@
-"""What is said and done follows from what is written down."""
+"""Replies and effects come only after the journal has stored their cause."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ class Arm(Robot):
 
 
 class Mover(VirtualRobot):
-    """Has no arm, so that nobody knows what its command looks like."""
+    """Has no arm, so that the description of its command is not known."""
 
     arm = Child("Arm")
     go = arm.exposed()

@@ -40,7 +40,7 @@ from tests.vr.recorder import Recorder
 ASKS_OR_PROLONGS = {
     Describe, Detach, Petition, Renew, ReadLog, DescribeHost, Register, Query, Look, DescribeView,
 }  # fmt: skip
-"""Requests that are void when nobody waits for their answer any more."""
+"""Requests that are void when their caller no longer waits."""
 
 LEASE = 2.0
 """[s] of silence after which the network lets a member go."""

@@ -1,4 +1,4 @@
-"""What an author says when a command cannot succeed, and what its callers read of it."""
+"""The reason that an author gives when a command cannot succeed, and what its callers read."""
 
 from __future__ import annotations
 

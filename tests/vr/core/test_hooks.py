@@ -1,4 +1,4 @@
-"""Hooks that the author of a virtual robot writes: one after the other, and told is what they have done."""
+"""Hooks that the author of a virtual robot writes: one after the other, and their results are reported."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from tests.vr.core.crew import Where
 
 
 class Liar(Robot):
-    """Promises types, and returns whatever it is told to."""
+    """Declares result types, and returns the values that the test chooses."""
 
     truth: Any = None
 

@@ -1,4 +1,4 @@
-"""Stops and their ends among agents: what came later stays, and nobody is told of what has not happened."""
+"""Stops and their ends among agents: a later stop stays in force, and only what has happened is reported."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.vr.core.loading import held_back
 
 
 class Rover(Robot):
-    """A rover whose controller answers when the test says so."""
+    """A rover whose controller answers when the test lets it."""
 
     def __init__(self, name: str) -> None:
         super().__init__(name)

@@ -1,4 +1,4 @@
-"""Stops that a robot tells of itself, since somebody asked its controller for them, count as ordered ones."""
+"""Stops that a robot reports itself, because its controller was stopped directly, count as ordered ones."""
 
 from __future__ import annotations
 
