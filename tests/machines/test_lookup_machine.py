@@ -201,7 +201,7 @@ class LookupMachine(RuleBasedStateMachine):
 
     @rule()
     def settle(self) -> None:
-        """When every accident is over, everybody knows the truth, and nothing but the truth."""
+        """When all faults are over, all services and clients have the true list, and no other entry."""
 
         async def heal() -> None:
             members = list(self.network.members)
