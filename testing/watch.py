@@ -34,15 +34,24 @@ def watched(runner: VirtualRunner) -> Generator[None]:
     try:
         yield
     finally:
-        done.set()
+        while watcher.is_alive():
+            try:
+                done.set()
+                watcher.join()
+                for _ in range(2):  # what was raised and has not arrived arrives when a loop turns
+                    pass
+            except Endless:  # the block is left, nothing more is to be ended
+                pass
 
 
 def _watch(runner: VirtualRunner, thread: int, done: threading.Event) -> None:
+    strike = ctypes.pythonapi.PyThreadState_SetAsyncExc
+    ident, error = ctypes.c_ulong(thread), ctypes.py_object(Endless)
     seen, since = (0, 0.0), time.monotonic()
     while not done.wait(LIMIT / 10):
         now = runner.switches, runner.now()
         if now != seen:
             seen, since = now, time.monotonic()
-        elif time.monotonic() - since > LIMIT:
-            ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(Endless))
+        elif time.monotonic() - since > LIMIT and not runner.held:  # else a lock would stay held
+            strike(ident, error)
             since = time.monotonic()

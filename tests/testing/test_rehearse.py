@@ -17,6 +17,7 @@ from robotree.proxy.rover import Rover
 from robotree.testing import Fake, Page, in_turn, rehearse, watch
 from robotree.vr import BadArgument, CommandCancelled, CommandFailed, DeadlineExceeded, SlotEmpty, VrError
 from robotree.vr.base.errors import DoesNotFit, NoSuchCommand, NotInControl, Stopped, WrongKind
+from robotree.vr.world.virtual_runner import VirtualRunner
 from tests.testing.pages import Crowd, Half, Hidden, Hoist, Lift, Spinning, Swallowing, Typed
 
 
@@ -280,6 +281,23 @@ def test_a_page_that_computes_without_waiting_is_ended_with_its_line(monkeypatch
     ):
         team.call("lift")
     assert ".py" in str(caught.value)
+
+
+def test_code_that_holds_a_lock_is_interrupted_when_it_has_left_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(watch, "LIMIT", 0.1)
+    runner = VirtualRunner()
+
+    def compute(seconds: float) -> None:
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            pass
+
+    with watch.watched(runner):
+        with runner.lock():
+            compute(0.3)
+        with pytest.raises(watch.Endless):
+            compute(60.0)
+    assert not runner.held
 
 
 def test_the_same_seed_gives_the_same_story() -> None:
