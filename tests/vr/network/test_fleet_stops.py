@@ -60,7 +60,7 @@ async def test_a_stop_that_finds_nobody_at_home_is_not_confirmed(world: World) -
     """Its presence stands, its door is shut: nobody knows what its hardware does."""
     (key,) = world.agents["r1"].transport.served  # type: ignore[attr-defined]
     world.agents["r1"].transport.served.clear()  # type: ignore[attr-defined]
-    with pytest.raises(NotConfirmed, match=r"confirmed by r2 but NOT by r1 \(in r1, which lives and could"):
+    with pytest.raises(NotConfirmed, match=r"confirmed by r2 but NOT by r1 \(in r1, which runs and could"):
         await world.fleet.stop(None)
     with pytest.raises(NotConfirmed, match="confirmed by nobody but NOT by r1"):
         await world.fleet.stop("r1")
