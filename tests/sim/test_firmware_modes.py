@@ -248,7 +248,7 @@ def test_the_next_goal_ends_the_hold(arm: ArmBench) -> None:
     assert operator.mode() == (ModeKind.READY, Reason.NONE)
 
 
-def test_where_nobody_ever_spoke_nobody_is_missed(arm: ArmBench) -> None:
+def test_without_any_client_so_far_no_client_counts_as_lost(arm: ArmBench) -> None:
     arm.operator.silent = True
     arm.operator.wait(5.0)
     assert arm.operator.mode() == (ModeKind.READY, Reason.NONE)

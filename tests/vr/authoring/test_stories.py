@@ -78,7 +78,8 @@ TOLD_ELSEWHERE = {
     "units on the way": "tests/vr/core/test_exposed_units.py::"
     "test_arguments_and_results_are_converted_on_the_way",
     "six steps": "tests/vr/core/test_progress.py::test_each_of_six_quick_steps_is_told",
-    "print": "tests/vr/network/test_heard.py::test_print_logging_and_warnings_are_in_the_robots_own_log",
+    "print": "tests/vr/network/test_logs_of_robots.py::"
+    "test_print_logging_and_warnings_are_in_the_robots_own_log",
     "check": "tests/tui/test_authoring.py::test_check_prints_file_line_and_what_to_write",
     "new": "tests/tui/test_authoring.py::test_a_new_page_passes_its_check_and_nothing_is_overwritten",
     "an installed wheel": "tests/architecture/test_wheel.py::"

@@ -1,4 +1,4 @@
-"""What the controller says reaches all clients that it can, and no client is heard beyond its share."""
+"""Messages of the controller reach all clients that read, and no client gets more than its share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Links over CAN with those who are not ours: partners of other people, and frames of nobody."""
+"""Links over CAN beside devices of other makers, and with frames that belong to no link."""
 
 from __future__ import annotations
 

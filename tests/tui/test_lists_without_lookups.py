@@ -1,4 +1,4 @@
-"""Lists without a lookup service: what is known is told, and that it may be old."""
+"""Lists without a lookup service: known robots are shown, marked as possibly old."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The record of who lives misses no process, whatever happens to the realm's folder while it is read."""
+"""The record of running processes is complete, whatever happens to the realm's folder while it is read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is for another place says so, and who may only look sees nothing that changes robots."""
+"""A verb of another surface only says where it works; a screen that may only look offers no changes."""
 
 from __future__ import annotations
 

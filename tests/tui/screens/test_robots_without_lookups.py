@@ -1,4 +1,4 @@
-"""Who is in the list when no lookup service lists anybody, and how those leave it who are killed."""
+"""The list of robots while no lookup service runs, and after a process was killed."""
 
 from __future__ import annotations
 

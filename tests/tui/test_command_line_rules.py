@@ -1,4 +1,4 @@
-"""The manners of the command line: what it takes in any order, what it refuses, and what it leaves behind."""
+"""Rules of the command line: options in any order, what it refuses, and what it leaves behind."""
 
 from __future__ import annotations
 

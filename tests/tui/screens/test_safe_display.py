@@ -1,4 +1,4 @@
-"""What may never happen: a wrong target, a robot out of sight, old readings that look live."""
+"""What the screen must never show or do: a wrong target, a missing robot, old readings that look new."""
 
 from __future__ import annotations
 

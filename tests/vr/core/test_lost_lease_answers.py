@@ -1,4 +1,4 @@
-"""A petition whose answer is lost: the child must not stay bound to a parent that knows nothing of it."""
+"""A lease whose answer is lost: the child must not stay bound to a parent that does not know of it."""
 
 from __future__ import annotations
 

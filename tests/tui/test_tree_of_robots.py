@@ -1,4 +1,4 @@
-"""Parents and children, as trees: no robot is lost from sight, none appears twice."""
+"""Parents and children, as trees: each robot appears exactly once."""
 
 from __future__ import annotations
 

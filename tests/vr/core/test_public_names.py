@@ -1,3 +1,5 @@
+"""The public names of `robotree.vr`, and what their import brings along."""
+
 from __future__ import annotations
 
 import subprocess
@@ -7,7 +9,7 @@ from types import ModuleType
 from robotree import vr
 
 
-def test_the_front_door_is_the_whole_house() -> None:
+def test_all_lists_exactly_the_public_names() -> None:
     public = {
         name
         for name, value in vars(vr).items()

@@ -1,4 +1,4 @@
-"""Words from a hostile robot: they are read, they do not steer the terminal of who reads them."""
+"""Texts of a hostile robot are shown; they do not control the terminal of the reader."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the code of a robot says is in its own log, and in no other robot's."""
+"""The output of a robot's code is in its own log, and in no other robot's."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A question that somebody else has answered meanwhile is not asked any longer."""
+"""A question that another program has answered meanwhile is closed."""
 
 from __future__ import annotations
 

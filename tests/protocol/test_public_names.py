@@ -1,4 +1,4 @@
-"""What the room promises to those who come in."""
+"""The public names of the protocol, and what they promise."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BUDGET = 0.060
 """[s] of processor time, the best of a few tries; most of it is msgspec's own."""
 
 
-def test_the_front_door_lists_what_it_offers() -> None:
+def test_all_is_sorted_and_every_public_name_has_a_docstring() -> None:
     assert protocol.__all__ == sorted(protocol.__all__)
     assert len(messages.__all__) == len({*messages.__all__})
     for name in protocol.__all__:
@@ -35,7 +35,7 @@ def _run(code: str, **environment: str) -> str:
     return subprocess.run(command, env=everything, check=True, capture_output=True, text=True).stdout
 
 
-def test_the_room_opens_fast(tmp_path: Path) -> None:
+def test_the_import_is_fast(tmp_path: Path) -> None:
     """With bytecode at hand, as in any second run."""
     code = "import time; a = time.process_time(); import robotree.protocol; print(time.process_time() - a)"
     kept = {"PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": str(tmp_path)}
