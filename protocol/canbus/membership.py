@@ -146,7 +146,7 @@ class Membership:
             seat.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
                 seat.bind((HOST, port))
-                seat.listen(2 * SEATS)
+                seat.listen(socket.SOMAXCONN)  # of a full queue the system drops who dials, for a second
             except OSError:
                 seat.close()
             else:
@@ -220,7 +220,9 @@ class Membership:
     def _thin_out(self) -> None:
         silent = [fd for fd, pending in self._pending.items() if not pending.dialled]
         for descriptor in silent[: len(silent) - MOST_STRANGERS]:
-            self._pending.pop(descriptor).connection.close()
+            self._hear(self._pending[descriptor])  # it may have introduced itself meanwhile
+            if pending := self._pending.pop(descriptor, None):
+                pending.connection.close()
 
     def _hear(self, pending: PendingConnection) -> None:
         """Take the next bytes of an introduction; with the last one the stranger becomes a member."""

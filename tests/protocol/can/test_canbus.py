@@ -17,6 +17,7 @@ from robotree.protocol.canbus import LoopbackBus, channel_id, first_port
 from robotree.protocol.canbus.records import Greeting
 from robotree.protocol.canbus.seats import HOST
 from robotree.protocol.canbus.wire import GLANCE, PATIENCE, Wire
+from tests.protocol.can.ends import wait_for
 
 Buses = Callable[..., LoopbackBus]
 SOON = 60.0
@@ -278,8 +279,20 @@ def test_a_crowd_of_silent_strangers_keeps_nobody_out(buses: Buses, channel: str
         for _ in range(200):
             crowd.enter_context(socket.create_connection((HOST, first_port(channel))))
         other = buses()
+        wait_for(lambda: other.statistics.members)  # a busy member answers later than a newcomer waits
         other.send(can.Message())
         assert bus.recv(SOON)
+
+
+def test_of_a_crowd_that_is_cut_off_those_who_introduced_themselves_stay(channel: str) -> None:
+    """All come at once: the greeting of the first one waits unread while the last ones come."""
+    with LoopbackBus(channel) as bus, ExitStack() as crowd, bus._membership.lock:
+        first = crowd.enter_context(socket.create_connection((HOST, first_port(channel))))
+        first.sendall(Greeting(answer=False, channel=channel_id(channel), token=42).encode())
+        for _ in range(100):
+            crowd.enter_context(socket.create_connection((HOST, first_port(channel))))
+        bus._membership.lock.wait_for(lambda: bus._membership.outlets, SOON)
+        assert bus.statistics.members == 1
 
 
 def test_a_foreign_server_on_a_seat_is_no_member(channel: str) -> None:

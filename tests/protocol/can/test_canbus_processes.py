@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 import signal
-import time
 from collections.abc import Callable
 from subprocess import Popen
 
 import can
 import pytest
+
+from tests.protocol.can.ends import wait_for
 
 Spawn = Callable[..., "Popen[str]"]
 SOON = 60.0
@@ -41,13 +42,6 @@ def bus(channel: str) -> can.BusABC:
 
 def members(bus: can.BusABC) -> int:
     return bus.statistics.members  # type: ignore[attr-defined, no-any-return]  # it is a LoopbackBus
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + SOON
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
 
 
 @pytest.mark.parametrize("size", [0, 8, 64])

@@ -19,7 +19,7 @@ from robotree.vr import Child, VirtualRobot
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.base.address import Address
 from robotree.vr.base.envelope import seal
-from robotree.vr.base.errors import NoSuchRobot, SlotEmpty, StaleEpoch, TransportError, VrError
+from robotree.vr.base.errors import Hanging, NoSuchRobot, SlotEmpty, StaleEpoch, TransportError, VrError
 from robotree.vr.base.requests import Call, Describe, Described
 from robotree.vr.core.bonds import DEFAULT_TERM
 from robotree.vr.exchange.client import RobotClient, ask
@@ -65,7 +65,7 @@ async def answer(fleet: Fleet, name: str, command: str, arguments: dict[str, Any
         while True:
             try:
                 return await fleet.call(name, command, arguments)
-            except (TransportError, NoSuchRobot):
+            except (TransportError, NoSuchRobot, Hanging):
                 await asyncio.sleep(0.01)
             except VrError as error:
                 return error
