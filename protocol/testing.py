@@ -25,7 +25,7 @@ MakePair = Callable[["Accept", "Accept"], Awaitable[tuple["Link", "Link"]]]
 """Opens a link between two handlers."""
 Settle = Callable[[], Awaitable[None]]
 """Returns when everything under way has arrived."""
-Dial = Callable[["Accept"], Awaitable[object]]
+Attempt = Callable[["Accept"], Awaitable[object]]
 """Opens a link, or listens, where that is impossible."""
 Reference = Callable[[Definition, dict[str, "Value"], int, int, int], bytes]
 """Another encoder: definition, values by field, sequence, system, component."""
@@ -141,7 +141,7 @@ async def check_link(
     assert len(at_far.reasons) == 1, "the end is told exactly once"  # noqa: S101
 
 
-async def check_close_in_accept(dial: Dial, settle: Settle) -> None:
+async def check_close_in_accept(dial: Attempt, settle: Settle) -> None:
     """Examine a link whose handler sends a word and hangs up before it hears anything.
 
     Args:
@@ -167,7 +167,7 @@ async def check_close_in_accept(dial: Dial, settle: Settle) -> None:
     await _check_end(recorder.link, recorder, settle)
 
 
-async def check_refused(dial: Dial) -> LinkRefused:
+async def check_refused(dial: Attempt) -> LinkRefused:
     """Examine what is said of a link that cannot be had.
 
     Args:

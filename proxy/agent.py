@@ -18,14 +18,12 @@ from robotree.proxy.robot_proxy import RobotProxy
 from robotree.proxy.session import CONTROLLER
 from robotree.proxy.view import CAMERAS, WorkspaceView
 from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.agents.run import Ready
 from robotree.vr.agents.view import ViewAgent
 from robotree.vr.base.transport import Transport
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.network.local import join
 from robotree.vr.running.process import Process
-
-Ready = Callable[[str], None]
-"""Called with the address of an agent that is up."""
 
 
 def _ignore(_: str) -> None:

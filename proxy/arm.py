@@ -37,7 +37,7 @@ X = Annotated[float, Unit("m"), LIMITS["x"].range, "forward, from the foot of th
 Y = Annotated[float, Unit("m"), LIMITS["y"].range, "to the left"]
 Z = Annotated[float, Unit("m"), LIMITS["z"].range, "up, from the table"]
 Twist = Annotated[float, Unit("rad"), LIMITS["twist"].range, "of the gripper, counterclockwise from above"]
-Speed = Annotated[
+ToolSpeed = Annotated[
     float, Unit("m/s"), LIMITS["speed"].range, "along the way; slower where contact is expected"
 ]
 Width = Annotated[float, Unit("m"), LIMITS["width"].range, "between the fingers"]
@@ -93,7 +93,7 @@ class Arm(RobotProxy):
     limits = LIMITS
 
     @command(effect="repeat")
-    def go_to(self, x: X, y: Y, z: Z, twist: Twist, speed: Speed = USUAL_SPEED) -> None:
+    def go_to(self, x: X, y: Y, z: Z, twist: Twist, speed: ToolSpeed = USUAL_SPEED) -> None:
         """Move the gripper to a point, on a line if there is one, and turn it."""
         self.carry_out(GoTo(x=x, y=y, z=z, twist=twist, speed=speed))
 

@@ -12,7 +12,7 @@ from robotree.proxy.guard import Limits, Span
 from robotree.proxy.motion import Motion
 from robotree.proxy.rover import LIMITS as ROVER_LIMITS
 from robotree.proxy.rover import Rover, RoverInfo
-from robotree.proxy.translate import READERS, UNITS, Readers
+from robotree.proxy.translate import READERS, UNITS, MessageReaders
 from robotree.vr.author.command import command
 from robotree.vr.base.units import Unit
 
@@ -33,7 +33,7 @@ USUAL_SPEED = 0.4
 X = Annotated[float, Unit("m"), LIMITS["x"].range, "of the flat, forward from its middle"]
 Y = Annotated[float, Unit("m"), LIMITS["y"].range, "of the flat, to the left of its middle"]
 Heading = Annotated[float, Unit("rad"), LIMITS["heading"].range, "counterclockwise from x of the flat"]
-Speed = Annotated[float, Unit("m/s"), LIMITS["speed"].range, "along the way; slower near people"]
+BaseSpeed = Annotated[float, Unit("m/s"), LIMITS["speed"].range, "along the way; slower near people"]
 Angle = Annotated[float, Unit("rad"), LIMITS["angle"].range, "forward"]
 
 
@@ -89,7 +89,7 @@ def _status(m: SysStatus) -> dict[str, float]:
     return {"battery": m.battery_remaining / 100.0} if m.battery_remaining >= 0 else {}
 
 
-BASE_READERS: Readers = {**READERS, BaseState: _base, SysStatus: _status}
+BASE_READERS: MessageReaders = {**READERS, BaseState: _base, SysStatus: _status}
 """How the telemetry of a base reads."""
 BASE_UNITS: Mapping[str, str] = {
     **UNITS,
@@ -106,7 +106,7 @@ class Base(Rover):
     reading_units = BASE_UNITS
 
     @command(effect="repeat")
-    def drive(self, x: X, y: Y, heading: Heading, speed: Speed = USUAL_SPEED) -> None:
+    def drive(self, x: X, y: Y, heading: Heading, speed: BaseSpeed = USUAL_SPEED) -> None:
         """Drive to a place, around what stands in the way, and turn."""
         self.carry_out(Drive(x=x, y=y, heading=heading, speed=speed))
 

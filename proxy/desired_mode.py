@@ -59,7 +59,7 @@ class ReleaseUnanswered:
     """The release has failed: the controller has not answered it within RELEASE_TIMEOUT."""
 
 
-Answer = StopConfirmed | ReleaseConfirmed | ReleaseRefused | ReleaseUnanswered
+ModeAnswer = StopConfirmed | ReleaseConfirmed | ReleaseRefused | ReleaseUnanswered
 """How a stop or a release ended."""
 
 
@@ -128,7 +128,7 @@ class DesiredMode:
             self._release = _Release(epoch, now + RELEASE_TIMEOUT, reported, sent, life)
             self._sent_at = -math.inf
 
-    def receive(self, mode: Mode, *, restarted: bool, was_stopped: bool) -> list[Answer]:
+    def receive(self, mode: Mode, *, restarted: bool, was_stopped: bool) -> list[ModeAnswer]:
         """Take a report of the controller over the present link.
 
         It may have restarted since its previous report, according to which it was stopped or not.
@@ -137,7 +137,9 @@ class DesiredMode:
         if release is None and not self.stopped and restarted and was_stopped and not stopped:
             self.stop()
             return []
-        answers: list[Answer] = [StopConfirmed()] if stopped and self.stopped and not self._confirmed else []
+        answers: list[ModeAnswer] = (
+            [StopConfirmed()] if stopped and self.stopped and not self._confirmed else []
+        )
         self._confirmed = stopped
         if release is None:
             return answers
@@ -155,7 +157,7 @@ class DesiredMode:
             answers.append(ReleaseRefused(Reason(mode.reason)))
         return answers
 
-    def expire(self, now: float) -> list[Answer]:
+    def expire(self, now: float) -> list[ModeAnswer]:
         """Give up the release whose time is over."""
         if self._release is None or now < self._release.until:
             return []

@@ -12,7 +12,7 @@ from robotree.protocol.messages import Speech, Tags, Verb
 from robotree.proxy.guard import Limits, Span
 from robotree.proxy.motion import Motion
 from robotree.proxy.robot_proxy import RobotProxy
-from robotree.proxy.translate import READERS, Readers, goal_key
+from robotree.proxy.translate import READERS, MessageReaders, goal_key
 from robotree.vr.author.command import command
 from robotree.vr.base.errors import BadArgument
 from robotree.vr.base.units import Range, Unit
@@ -91,7 +91,7 @@ def _tags(m: Tags) -> dict[str, float]:
     return {"tags": float(sum(1 for age in m.age[: m.count] if age < 200))}
 
 
-HEAD_READERS: Readers = {**READERS, Tags: _tags, Speech: lambda _: {}}
+HEAD_READERS: MessageReaders = {**READERS, Tags: _tags, Speech: lambda _: {}}
 """How the telemetry of a head reads."""
 
 

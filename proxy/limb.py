@@ -43,7 +43,7 @@ POINTING: dict[str, tuple[float, float]] = {
 X = Annotated[float, Unit("m"), LIMITS["x"].range, "forward, from the middle of the base"]
 Y = Annotated[float, Unit("m"), LIMITS["y"].range, "to the left"]
 Z = Annotated[float, Unit("m"), LIMITS["z"].range, "up, from the floor"]
-Speed = Annotated[float, Unit("m/s"), LIMITS["speed"].range, "of the hand"]
+HandSpeed = Annotated[float, Unit("m/s"), LIMITS["speed"].range, "of the hand"]
 J1 = Annotated[float, Unit("rad"), LIMITS["j1"].range, "upper arm forward"]
 J2 = Annotated[float, Unit("rad"), LIMITS["j2"].range, "upper arm outward"]
 J3 = Annotated[float, Unit("rad"), LIMITS["j3"].range, "upper arm about itself, outward"]
@@ -92,7 +92,7 @@ class Limb(Arm):
     limits = LIMITS
 
     @command(effect="repeat")
-    def go_to(self, x: X, y: Y, z: Z, twist: Twist, speed: Speed = USUAL_SPEED) -> None:
+    def go_to(self, x: X, y: Y, z: Z, twist: Twist, speed: HandSpeed = USUAL_SPEED) -> None:
         """Move the hand to a point, the fingers down, and turn it."""
         self.carry_out(GoTo(x=x, y=y, z=z, twist=twist, speed=speed))
 
@@ -103,12 +103,12 @@ class Limb(Arm):
         y: Y,
         z: Z,
         hand: Literal["any", "level", "forward", "down"] = "any",
-        speed: Speed = USUAL_SPEED,
+        speed: HandSpeed = USUAL_SPEED,
     ) -> None:
         """Move the hand to a point before the body, around what is in the way."""
         self.carry_out(Reach(x=x, y=y, z=z, speed=speed, hand=[*POINTING].index(hand)))
 
     @command(effect="repeat")
-    def posture(self, j1: J1, j2: J2, j3: J3, j4: J4, j5: J5, j6: J6, speed: Speed = USUAL_SPEED) -> None:
+    def posture(self, j1: J1, j2: J2, j3: J3, j4: J4, j5: J5, j6: J6, speed: HandSpeed = USUAL_SPEED) -> None:
         """Bring the six joints to angles; the same angles look the same, mirrored, on both arms."""
         self.carry_out(Posture(j1=j1, j2=j2, j3=j3, j4=j4, j5=j5, j6=j6, speed=speed))

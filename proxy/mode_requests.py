@@ -13,7 +13,7 @@ from typing import Any, Literal
 from robotree.protocol.messages import Reason
 from robotree.proxy.desired_mode import (
     RELEASE_TIMEOUT,
-    Answer,
+    ModeAnswer,
     ReleaseConfirmed,
     ReleaseRefused,
     ReleaseUnanswered,
@@ -34,7 +34,7 @@ REMEDIES = {
 }
 """What to do about a refusal whose reason does not name a remedy."""
 
-Hook = Literal["safe_stop", "resume"]
+RequestingHook = Literal["safe_stop", "resume"]
 """The hook of a robot that makes a request."""
 
 
@@ -78,11 +78,11 @@ class ModeRequests:
 
     def __init__(self, robot: str) -> None:
         self._robot = robot
-        self._hook: Hook = "safe_stop"
+        self._hook: RequestingHook = "safe_stop"
         """What they ask for."""
         self._waiting: list[ModeRequest] = []
 
-    def add(self, hook: Hook, request: ModeRequest) -> None:
+    def add(self, hook: RequestingHook, request: ModeRequest) -> None:
         """A stop or a resume was sent."""
         if hook != self._hook:
             self._end(self._hook, REPLACED[self._hook])
@@ -97,7 +97,7 @@ class ModeRequests:
         resume.finish(CommandFailed(robot=self._robot, command="resume", detail=WITHDRAWN))
         return not self._waiting
 
-    def handle(self, answer: Answer, trouble: str) -> None:
+    def handle(self, answer: ModeAnswer, trouble: str) -> None:
         """End the requests that the controller has answered; `trouble`: why it is offline, if it is."""
         match answer:
             case StopConfirmed():
@@ -112,7 +112,7 @@ class ModeRequests:
                 remedy = "it is not released; look after the controller, then resume again"
                 self._end("resume", f"{why}; {remedy}")
 
-    def _end(self, hook: Hook, detail: str = "") -> None:
+    def _end(self, hook: RequestingHook, detail: str = "") -> None:
         while hook == self._hook and self._waiting:
             failed = CommandFailed(robot=self._robot, command=hook, detail=detail) if detail else None
             self._waiting.pop().finish(failed)

@@ -30,7 +30,7 @@ class OutcomeLost:
     trouble: str
 
 
-End = GoalEnded | GoalSilent | NotSent | OutcomeLost
+GoalOutcome = GoalEnded | GoalSilent | NotSent | OutcomeLost
 
 
 @dataclass(slots=True, eq=False)
@@ -49,7 +49,7 @@ class PendingGoal:
     """In which the command's thread waits for the end when it has been asked to end itself."""
     fraction: float = 0.0
     """Progress, 0 to 1."""
-    end: End | None = None
+    end: GoalOutcome | None = None
     """How it ended; None: it has not."""
 
     @property
@@ -71,7 +71,7 @@ class PendingGoal:
         self.fraction = fraction
         self.activity.wake()
 
-    def finish(self, end: End) -> None:
+    def finish(self, end: GoalOutcome) -> None:
         """Set the end; only the first call counts."""
         if self.end is None:
             self.end = end

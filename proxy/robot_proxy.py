@@ -36,7 +36,15 @@ from robotree.proxy.session import (
     OnlineChanged,
     SessionEvent,
 )
-from robotree.proxy.translate import READERS, UNITS, Readers, Target, component_of, goal_key, time_to_live
+from robotree.proxy.translate import (
+    READERS,
+    UNITS,
+    MessageReaders,
+    Target,
+    component_of,
+    goal_key,
+    time_to_live,
+)
 from robotree.vr.author.command import command, commands_of
 from robotree.vr.author.context import Activity, running
 from robotree.vr.author.robot import Robot
@@ -65,7 +73,7 @@ class RobotProxy(Robot):
 
     limits: Limits = NO_LIMITS
     """What is refused before the wire; a kind sets its own."""
-    readers: Readers = READERS
+    readers: MessageReaders = READERS
     """How its telemetry is read; a kind may set its own."""
     reading_units = UNITS
     """Units of the readings; a kind with its own readers adds theirs."""

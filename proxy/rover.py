@@ -29,7 +29,7 @@ USUAL_SPEED = 0.4
 
 Ahead = Annotated[float, Unit("m"), LIMITS["x"].range, "forward; negative: backward"]
 Aside = Annotated[float, Unit("m"), LIMITS["y"].range, "to the left; negative: to the right"]
-Speed = Annotated[float, Unit("m/s"), LIMITS["speed"].range, "along the way"]
+DriveSpeed = Annotated[float, Unit("m/s"), LIMITS["speed"].range, "along the way"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,7 +79,7 @@ class Rover(RobotProxy):
     limits = LIMITS
 
     @command
-    def move(self, x: Ahead, y: Aside, speed: Speed = USUAL_SPEED) -> None:
+    def move(self, x: Ahead, y: Aside, speed: DriveSpeed = USUAL_SPEED) -> None:
         """Move by a distance from here, without turning."""
         here = self.get_info()
         motion = Move(x=x, y=y, speed=speed)

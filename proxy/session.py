@@ -47,11 +47,11 @@ from robotree.protocol.services.heartbeat import SILENCE, HeartbeatSender
 from robotree.protocol.services.peer import Send
 from robotree.protocol.services.picture import Picture, PictureReceiver
 from robotree.protocol.services.statustext import Sentence, StatustextReceiver
-from robotree.proxy.desired_mode import HOLDING_MODES, Answer, DesiredMode, ReleaseConfirmed
+from robotree.proxy.desired_mode import HOLDING_MODES, DesiredMode, ModeAnswer, ReleaseConfirmed
 from robotree.proxy.motion import Request
 from robotree.proxy.outcome import reason_in_words
 from robotree.proxy.restart import LONGEST_DELAY, Report, has_restarted, is_older
-from robotree.proxy.translate import COMPONENTS, READERS, Readers, Target
+from robotree.proxy.translate import COMPONENTS, READERS, MessageReaders, Target
 from robotree.proxy.twin import Twin
 
 CONTROLLER = Target(1, MavComponent.AUTOPILOT1)
@@ -96,7 +96,7 @@ class Redial:
 
 Claim = ClaimGranted | ClaimDenied
 Goal = GoalProgress | GoalEnded | GoalSilent
-SessionEvent = OnlineChanged | HeldChanged | Answer | Claim | Goal | Picture | Sentence
+SessionEvent = OnlineChanged | HeldChanged | ModeAnswer | Claim | Goal | Picture | Sentence
 """What the session reports."""
 SessionEffect = Send | Redial | SessionEvent
 """What the session reports, and what it asks the connection to do."""
@@ -118,7 +118,7 @@ class ControllerSession:
         *,
         component: int = MavComponent.MISSIONPLANNER,
         controller: Target = CONTROLLER,
-        readers: Readers = READERS,
+        readers: MessageReaders = READERS,
         rates: Mapping[type[Message], float] = MappingProxyType({}),
         claim: ClaimClient | None = None,
     ) -> None:

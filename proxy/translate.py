@@ -116,9 +116,9 @@ def _named(m: NamedValueFloat) -> dict[str, float]:
     return {LONG_NAMES.get(m.name, m.name): m.value} if m.name else {}
 
 
-Readers = Mapping[type[Any], Callable[[Any], dict[str, float]]]
+MessageReaders = Mapping[type[Any], Callable[[Any], dict[str, float]]]
 
-READERS: Readers = {
+READERS: MessageReaders = {
     Tool: _tool,
     Gripper: _gripper,
     Joints: _joints,
@@ -141,7 +141,7 @@ UNITS: Mapping[str, str] = {
 `peak_force` are set here. A kind with its own readers may set its own units."""
 
 
-def readings_of(message: AnyMessage, readers: Readers = READERS) -> dict[str, float]:
+def readings_of(message: AnyMessage, readers: MessageReaders = READERS) -> dict[str, float]:
     """The readings in a message; empty when it is no telemetry. Numbers that are not finite are left out."""
     read = readers.get(type(message))
     return {} if read is None else {n: v for n, v in read(message).items() if math.isfinite(v)}

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar, cast
 
 from robotree.protocol.messages import AnyMessage
-from robotree.proxy.translate import READERS, Readers, readings_of
+from robotree.proxy.translate import READERS, MessageReaders, readings_of
 
 T = TypeVar("T")
 
@@ -19,7 +19,7 @@ T = TypeVar("T")
 class Twin:
     """The last known state of one robot."""
 
-    readers: Readers = field(default_factory=lambda: READERS)
+    readers: MessageReaders = field(default_factory=lambda: READERS)
     """How its telemetry is read."""
     heard_at: float = -math.inf
     """[s] when the last telemetry came."""

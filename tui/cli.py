@@ -34,7 +34,7 @@ from robotree.tui.terminal import (
 )
 
 if TYPE_CHECKING:
-    from robotree.tui.processes.serving import Ready
+    from robotree.vr.agents.run import Ready
     from robotree.vr.base.description import CommandSpec
 
 

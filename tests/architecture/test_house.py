@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -69,15 +70,28 @@ def test_setuptools_is_told_of_every_subpackage() -> None:
     assert set(project["tool"]["setuptools"]["packages"]) == found
 
 
-def test_no_class_of_agents_and_proxies_is_called_like_another() -> None:
+def test_no_type_of_agents_and_proxies_is_called_like_another() -> None:
     found: dict[str, list[str]] = {}
     for path in SOURCES:
         if relative(path).startswith(("vr/", "proxy/")):
-            for node in ast.parse(path.read_text()).body:
-                if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                    found.setdefault(node.name, []).append(relative(path))
+            for name in types_in(ast.parse(path.read_text())):
+                found.setdefault(name, []).append(relative(path))
     assert found
     assert not {name: places for name, places in found.items() if len(places) > 1}
+
+
+def types_in(module: ast.Module) -> Iterator[str]:
+    """Give the public classes of a module, and its names for other types: `Sender = Callable[…]`."""
+    for node in module.body:
+        match node:
+            case ast.ClassDef(name=name):
+                pass
+            case ast.Assign(targets=[ast.Name(id=name)], value=ast.Subscript() | ast.BinOp()):
+                pass
+            case _:
+                continue
+        if name[0].isupper() and not name.isupper():
+            yield name
 
 
 def test_functions_fit_on_a_screen() -> None:

@@ -8,8 +8,8 @@ from robotree.protocol.messages import Mode, ModeKind, Reason
 from robotree.proxy.desired_mode import (
     RELEASE_TIMEOUT,
     REPEAT_PERIOD,
-    Answer,
     DesiredMode,
+    ModeAnswer,
     ReleaseConfirmed,
     ReleaseRefused,
     ReleaseUnanswered,
@@ -27,7 +27,7 @@ def sent(desired: DesiredMode, now: float) -> list[tuple[int, int]]:
 
 def receive(
     desired: DesiredMode, mode: ModeKind, stops: int, reason: Reason = Reason.NONE, *, restarted: bool = False
-) -> list[Answer]:
+) -> list[ModeAnswer]:
     return desired.receive(
         Mode(1000, EPOCH, 1000, mode, reason, stops), restarted=restarted, was_stopped=restarted
     )

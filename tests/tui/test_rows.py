@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from robotree.tui.seen import matching, status
 from robotree.tui.seen.rails import rails
-from robotree.tui.seen.rows import GAP, GOES, ORDERS, Order, columns, family, listed, natural, row
+from robotree.tui.seen.rows import GAP, GOES, ORDERS, SortOrder, columns, family, listed, natural, row
 from robotree.tui.seen.store import Store
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import BondSpec, RobotDescription, SlotSpec
@@ -42,7 +42,7 @@ def store_of(*robots: RobotDescription) -> Store:
     return store
 
 
-def names(store: Store, order: Order = "tree", letters: str = "") -> list[str]:
+def names(store: Store, order: SortOrder = "tree", letters: str = "") -> list[str]:
     return [one.name for one in listed(store, family(store), 2.0, order=order, letters=letters)]
 
 
@@ -108,7 +108,9 @@ def test_each_line_of_a_tree_is_joined_to_the_one_above(depths: list[int]) -> No
 
 
 @given(links=st.dictionaries(NAMES, st.lists(NAMES, max_size=3), max_size=8), order=st.sampled_from(ORDERS))
-def test_whoever_commands_whom_each_robot_is_listed_once(links: dict[str, list[str]], order: Order) -> None:
+def test_whoever_commands_whom_each_robot_is_listed_once(
+    links: dict[str, list[str]], order: SortOrder
+) -> None:
     """Also where they command each other in a circle."""
     robots = [robot(name, {f"s{i}": one for i, one in enumerate(below)}) for name, below in links.items()]
     store = store_of(*robots)
@@ -125,7 +127,7 @@ def test_whoever_commands_whom_each_robot_is_listed_once(links: dict[str, list[s
         ("host", ["lever", "mover", "arm-1", "rover-2", "rover-10"]),
     ],
 )
-def test_the_list_is_sorted_by_any_column(order: Order, wanted: list[str]) -> None:
+def test_the_list_is_sorted_by_any_column(order: SortOrder, wanted: list[str]) -> None:
     store = store_of(*LEVER)
     store.take_state("arm-1", State(stopped=True, bond=address("mover")), 1.0)
     assert names(store, order) == wanted

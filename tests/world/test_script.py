@@ -12,7 +12,7 @@ from robotree.vr.base.errors import VrError
 from robotree.vr.bundle import Bundle
 from robotree.vr.exchange.client import HostClient
 from robotree.vr.scripts.engine import Engine
-from robotree.vr.scripts.happening import Happening, Order
+from robotree.vr.scripts.happening import Happening, ScriptOrder
 from robotree.vr.scripts.program import Program
 from robotree.vr.scripts.when_then import read_yaml
 from robotree.vr.supervision.fleet import Fleet
@@ -180,7 +180,7 @@ def test_the_same_facts_in_the_same_order_give_the_same_commands(orders: int) ->
     assert len(given) > 20, "the order matters"
 
 
-def commands(program: Program, happenings: list[Happening]) -> list[Order]:
+def commands(program: Program, happenings: list[Happening]) -> list[ScriptOrder]:
     """Return what new rules want done, all in all."""
     engine = Engine(program)
     return [order for happening in happenings for order in engine.feed(happening)]

@@ -11,22 +11,22 @@ import contextlib
 import os
 import signal
 from collections.abc import Callable, Coroutine
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from robotree.tui.processes.ending import LAST_WORDS, Ending
 from robotree.tui.terminal import put
 
-Ready = Callable[[str], None]
-"""Takes the agent's address once it runs."""
+if TYPE_CHECKING:
+    from robotree.vr.agents.run import Ready
 
-Run = Callable[[Ready], Coroutine[Any, Any, None]]
+RunAgent = Callable[["Ready"], Coroutine[Any, Any, None]]
 """Is an agent until it is cancelled."""
 
 STDOUT, STDERR = 1, 2
 """File descriptors."""
 
 
-async def serve(run: Run, *, tether: bool) -> None:
+async def serve(run: RunAgent, *, tether: bool) -> None:
     """Be an agent until a signal asks for the end, or the end of the tether does.
 
     Args:

@@ -17,8 +17,8 @@ from robotree.tui.seen.rails import rails
 from robotree.tui.seen.status import STATUSES, UNGUARDED, Status, span
 from robotree.tui.seen.store import Store
 
-Order = Literal["tree", "name", "kind", "state", "by", "host"]
-ORDERS: tuple[Order, ...] = get_args(Order)
+SortOrder = Literal["tree", "name", "kind", "state", "by", "host"]
+ORDERS: tuple[SortOrder, ...] = get_args(SortOrder)
 """How the list can be sorted; `tree`: by name, children below their parents."""
 
 _DIGITS = re.compile(r"([0-9]+)")
@@ -160,7 +160,7 @@ def _more(store: Store, name: str) -> tuple[str, str, str]:
     return str(epoch or ""), lease, process
 
 
-_KEYS: Mapping[Order, Callable[[RobotRow], tuple[Any, ...]]] = {
+_KEYS: Mapping[SortOrder, Callable[[RobotRow], tuple[Any, ...]]] = {
     "kind": lambda one: natural(one.kind),
     "state": lambda one: (STATUSES.index(one.status), one.state),
     "by": lambda one: (not one.by, natural(one.by)),
@@ -169,7 +169,7 @@ _KEYS: Mapping[Order, Callable[[RobotRow], tuple[Any, ...]]] = {
 
 
 def listed(
-    store: Store, placements: Sequence[Placement], now: float, *, order: Order = "tree", letters: str = ""
+    store: Store, placements: Sequence[Placement], now: float, *, order: SortOrder = "tree", letters: str = ""
 ) -> tuple[Placement, ...]:
     """Return the places that are shown.
 

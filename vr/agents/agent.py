@@ -39,6 +39,7 @@ from robotree.vr.base.errors import (
 from robotree.vr.base.presence import Undo
 from robotree.vr.base.requests import (
     Accepted,
+    AnyRequest,
     Delete,
     Describe,
     Described,
@@ -52,7 +53,6 @@ from robotree.vr.base.requests import (
     Release,
     Renew,
     Reply,
-    Request,
     Resume,
     Retract,
     SafeStop,
@@ -63,7 +63,7 @@ from robotree.vr.core.bonds import DEFAULT_TERM, Lessor, Slots
 from robotree.vr.core.events import CoreEffect, LeaseChanged, LeaseEnded
 from robotree.vr.core.machine import Calls, RobotState
 from robotree.vr.core.stop import Stop
-from robotree.vr.exchange.answering import Say, conversing, not_for
+from robotree.vr.exchange.answering import SendReply, conversing, not_for
 from robotree.vr.exchange.claim import claim, new_address
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.running.live import LiveRobot, NotDescribed, OnDescribed
@@ -367,7 +367,7 @@ class RobotAgent:
 
     # -- requests ---------------------------------------------------------------------------------
 
-    def _answer(self, request: Request, say: Say) -> Callable[[], Awaitable[None]] | None:
+    def _answer(self, request: AnyRequest, say: SendReply) -> Callable[[], Awaitable[None]] | None:
         """Answer one request, at once if that takes no time.
 
         Raises:
@@ -381,7 +381,7 @@ class RobotAgent:
         say(self._reply(request))
         return None
 
-    async def _answer_later(self, request: Request, say: Say) -> None:
+    async def _answer_later(self, request: AnyRequest, say: SendReply) -> None:
         match request:
             case SafeStop():
                 say(Accepted(key=request.order))  # the asker must know at once that it has reached us
@@ -399,7 +399,7 @@ class RobotAgent:
             case _:  # not one of `_TAKE_TIME`
                 raise not_for("robot", request)
 
-    def _reply(self, request: Request) -> Reply:
+    def _reply(self, request: AnyRequest) -> Reply:
         """Answer a request that takes no time.
 
         Raises:

@@ -19,6 +19,7 @@ from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.address import Address, check_name
 from robotree.vr.base.errors import DuplicateName, NoSuchRobot, Unreachable, VrError
 from robotree.vr.base.requests import (
+    AnyRequest,
     Create,
     Described,
     DescribeHost,
@@ -27,7 +28,6 @@ from robotree.vr.base.requests import (
     Reload,
     Reloaded,
     Reply,
-    Request,
 )
 from robotree.vr.base.transport import Registration, Transport
 from robotree.vr.bundle import Bundle
@@ -229,7 +229,7 @@ class Host:
             del self.agents[agent.robot.name]
         self._ended = [ended for ended in (*self._ended, agent) if ended.abandoned]
 
-    async def _answer(self, request: Request) -> Reply:
+    async def _answer(self, request: AnyRequest) -> Reply:
         match request:
             case Create():
                 agent = await self.create(_bundle(request), request.name, request.settings)

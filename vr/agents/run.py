@@ -17,7 +17,7 @@ from robotree.vr.network.local import join
 from robotree.vr.running.heard import listening
 
 Ready = Callable[[str], None]
-"""Told the key of an agent that is up."""
+"""Called with the key of an agent that runs."""
 
 
 TURN = 0.001

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from robotree.vr.base.description import Listing
-from robotree.vr.base.requests import DescribeView, Look, Picture, Reply, Request, ViewDescribed
+from robotree.vr.base.requests import AnyRequest, DescribeView, Look, Picture, Reply, ViewDescribed
 from robotree.vr.base.transport import Registration, Transport
 from robotree.vr.exchange.answering import answering, not_for
 from robotree.vr.exchange.claim import claim, new_address
@@ -110,7 +110,7 @@ class ViewAgent:
         for registration in reversed(declared):
             await registration.close()
 
-    async def _answer(self, request: Request) -> Reply:
+    async def _answer(self, request: AnyRequest) -> Reply:
         match request:
             case Look(camera=camera, width=width, height=height, quality=quality):
                 jpeg = await self._view.look(camera, width, height, quality)

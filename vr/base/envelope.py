@@ -23,6 +23,7 @@ import msgspec
 
 from robotree.vr.base.errors import Garbled, NoAnswer
 from robotree.vr.base.requests import (
+    AnyRequest,
     Call,
     Cancel,
     Create,
@@ -31,7 +32,6 @@ from robotree.vr.base.requests import (
     Free,
     Release,
     Reload,
-    Request,
     Resume,
     Retract,
     SafeStop,
@@ -58,7 +58,7 @@ _simulated = ""
 class Envelope(msgspec.Struct, frozen=True, array_like=True):
     """See the module."""
 
-    request: Request
+    request: AnyRequest
     sender: str
     """Key under which the asker is present; empty: it is present under none."""
     asked: float
@@ -83,7 +83,7 @@ class Sealed(NamedTuple):
 class Received(NamedTuple):
     """A request that has arrived in time."""
 
-    request: Request
+    request: AnyRequest
     sender: str
     asked: float
     """[s] on the clock of this process: when it was asked, or, from another machine, when it arrived."""
@@ -93,7 +93,7 @@ _encode = msgspec.msgpack.Encoder().encode
 _decoder: msgspec.msgpack.Decoder[Envelope] = msgspec.msgpack.Decoder(Envelope)
 
 
-def seal(request: Request, *, now: float, within: float, sender: str = "") -> Sealed:
+def seal(request: AnyRequest, *, now: float, within: float, sender: str = "") -> Sealed:
     """Put a request into its envelope.
 
     Args:

@@ -437,7 +437,7 @@ class State(_Message, frozen=True, kw_only=True):
     """The latest progress text of the running command, for people."""
 
 
-Request = (
+AnyRequest = (
     Describe | Call | Detach | Cancel | Petition | Retract | Renew | Release | SafeStop | Resume | Enslave
     | Free | Delete | Create | Reload | ReadLog | DescribeHost | Register | Query | Look
     | DescribeView

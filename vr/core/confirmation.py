@@ -27,9 +27,9 @@ UNREACHED = "it ended or cannot be reached"
 HEARSAY = frozenset((NO_ANSWER, UNREACHED))
 """Reports that other agents may give about a robot. Its own report counts more."""
 
-Order = Literal["the protective stop", "the resume"]
+ConfirmedOrder = Literal["the protective stop", "the resume"]
 
-_ADVICE: dict[Order, str] = {
+_ADVICE: dict[ConfirmedOrder, str] = {
     "the protective stop": "press the emergency stop of whatever they drive",
     "the resume": "look at them, then resume again",
 }
@@ -38,9 +38,9 @@ _ADVICE: dict[Order, str] = {
 class Confirmations:
     """What came back of one order."""
 
-    def __init__(self, order: Order) -> None:
+    def __init__(self, order: ConfirmedOrder) -> None:
         """Begin: nobody has confirmed."""
-        self._order: Order = order
+        self._order: ConfirmedOrder = order
         self._confirmed: set[str] = set()
         self._first_hand: set[str] = set()
         """Those who have answered themselves; of the others a robot above them has reported."""

@@ -9,22 +9,22 @@ from functools import partial
 
 from robotree.vr.base.envelope import opened
 from robotree.vr.base.errors import Garbled, VrError
-from robotree.vr.base.requests import Raised, Reply, Request, encode
+from robotree.vr.base.requests import AnyRequest, Raised, Reply, encode
 from robotree.vr.base.transport import RequestHandler, Respond
 
 _log = logging.getLogger(__name__)
 
-Say = Callable[[Reply], None]
+SendReply = Callable[[Reply], None]
 """Sends one reply; may be called any number of times until the request is answered."""
 
-Converse = Callable[[Request, Say], Callable[[], Awaitable[None]] | None]
+Converse = Callable[[AnyRequest, SendReply], Callable[[], Awaitable[None]] | None]
 """Answers one request with any number of replies: at once (None), or when what it returns was called and
 awaited, in a task. A `VrError` that is raised is the last of them."""
 
-Answer = Callable[[Request], Awaitable[Reply]]
+AnswerRequest = Callable[[AnyRequest], Awaitable[Reply]]
 """Answers one request; a `VrError` that it raises travels to the asker."""
 
-AnswerAtOnce = Callable[[Request], Reply]
+AnswerAtOnce = Callable[[AnyRequest], Reply]
 """The same, where nothing is waited for."""
 
 
@@ -42,7 +42,7 @@ def conversing(converse: Converse, who: str) -> RequestHandler:
             return None
         return None if rest is None else finish(rest, say)
 
-    async def finish(rest: Callable[[], Awaitable[None]], say: Say) -> None:
+    async def finish(rest: Callable[[], Awaitable[None]], say: SendReply) -> None:
         try:
             await rest()
         except Exception as error:  # noqa: BLE001 # as above
@@ -51,10 +51,10 @@ def conversing(converse: Converse, who: str) -> RequestHandler:
     return handle
 
 
-def answering(answer: Answer, who: str) -> RequestHandler:
+def answering(answer: AnswerRequest, who: str) -> RequestHandler:
     """Make a request handler of what answers with one reply; `who` answers, for people."""
 
-    async def later(request: Request, say: Say) -> None:
+    async def later(request: AnyRequest, say: SendReply) -> None:
         say(await answer(request))
 
     return conversing(lambda request, say: partial(later, request, say), who)
@@ -73,6 +73,6 @@ def _raised(error: Exception, who: str) -> Raised:
     return Raised.of(VrError(detail=f"{who}: internal error: {error!r}"))
 
 
-def not_for(role: str, request: Request) -> Garbled:
+def not_for(role: str, request: AnyRequest) -> Garbled:
     """Return the error for a request that an agent of this role does not answer."""
     return Garbled(key="a caller", detail=f"a {role} does not answer {type(request).__name__}")

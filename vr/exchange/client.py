@@ -17,6 +17,7 @@ from robotree.vr.base.requests import (
     LONGEST_CLEANUP,
     PATIENCE,
     Accepted,
+    AnyRequest,
     Call,
     Cancel,
     Create,
@@ -42,7 +43,6 @@ from robotree.vr.base.requests import (
     Reload,
     Reloaded,
     Reply,
-    Request,
     Resume,
     Retract,
     Returned,
@@ -72,7 +72,7 @@ OnProgress = Callable[[float, str], None]
 async def ask(
     transport: Transport,
     key: str,
-    request: Request,
+    request: AnyRequest,
     answer: type[_R],
     *,
     timeout: float,
@@ -380,7 +380,7 @@ class RobotClient:
 
     async def _ask(
         self,
-        request: Request,
+        request: AnyRequest,
         answer: type[_R],
         *,
         urgent: bool = False,

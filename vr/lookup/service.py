@@ -12,7 +12,7 @@ import contextlib
 from robotree.vr.base.address import Address, Role, everyone
 from robotree.vr.base.errors import VrError
 from robotree.vr.base.presence import Undo
-from robotree.vr.base.requests import Found, Query, Register, Reply, Request, encode
+from robotree.vr.base.requests import AnyRequest, Found, Query, Register, Reply, encode
 from robotree.vr.base.transport import Registration, Transport
 from robotree.vr.exchange.answering import answering_at_once, not_for
 from robotree.vr.exchange.claim import claim, new_address
@@ -81,7 +81,7 @@ class LookupService:
 
     # -- requests ---------------------------------------------------------------------------------
 
-    def _answer(self, request: Request) -> Reply:
+    def _answer(self, request: AnyRequest) -> Reply:
         now = self._clock()
         match request:
             case Register():

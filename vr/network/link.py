@@ -108,17 +108,17 @@ class Awake(msgspec.Struct, frozen=True, array_like=True, tag=6):
     """Sent by a process that has slept: the others need not wait for its next beat."""
 
 
-Frame = Hello | News | AskFrame | ReplyFrame | EndFrame | Sample | Awake
+LinkFrame = Hello | News | AskFrame | ReplyFrame | EndFrame | Sample | Awake
 
 _encode = msgspec.msgpack.Encoder().encode
-_decoder: msgspec.msgpack.Decoder[Frame] = msgspec.msgpack.Decoder(Frame)
+_decoder: msgspec.msgpack.Decoder[LinkFrame] = msgspec.msgpack.Decoder(LinkFrame)
 
 
 class NotAFrame(ValueError):
     """What came is no frame."""
 
 
-def pack(frame: Frame) -> bytes:
+def pack(frame: LinkFrame) -> bytes:
     """Return a frame's bytes, its length first."""
     body = _encode(frame)
     return len(body).to_bytes(_LENGTH, "little") + body
@@ -131,7 +131,7 @@ class Unpacker:
         """Begin at the start of a stream."""
         self._rest = bytearray()
 
-    def feed(self, data: bytes) -> Iterator[Frame]:
+    def feed(self, data: bytes) -> Iterator[LinkFrame]:
         """Take the next piece of the stream; read the iterator to its end.
 
         Returns:
@@ -144,7 +144,7 @@ class Unpacker:
             return iter((_read(memoryview(data)[_LENGTH:]),))  # one whole frame, as nearly always
         return self._cut(data)
 
-    def _cut(self, data: bytes) -> Iterator[Frame]:
+    def _cut(self, data: bytes) -> Iterator[LinkFrame]:
         self._rest += data
         begin = 0
         try:
@@ -162,7 +162,7 @@ class Unpacker:
             del self._rest[:begin]
 
 
-def _read(body: bytes | memoryview) -> Frame:
+def _read(body: bytes | memoryview) -> LinkFrame:
     try:
         return _decoder.decode(body)
     except msgspec.MsgspecError as error:
@@ -277,7 +277,7 @@ class PeerLink:
                     return True
             return False
 
-    def receive(self) -> Iterator[Frame]:
+    def receive(self) -> Iterator[LinkFrame]:
         """Read once; returns the frames that are complete, as an iterator to be read to its end.
 
         Raises:

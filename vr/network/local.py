@@ -21,7 +21,7 @@ from robotree.vr.base.transport import (
     Respond,
     SampleHandler,
 )
-from robotree.vr.network.mesh import GREETING, Answer, Mesh
+from robotree.vr.network.mesh import GREETING, Mesh, TakeRequest
 from robotree.vr.network.on_loop import LoopTurns, Replies, SampleInbox, answered
 from robotree.vr.network.rendezvous import Rendezvous, realm_name
 
@@ -69,7 +69,7 @@ class LocalTransport:
         news = SampleInbox[Callable[[], object]](self._turns, lambda action: action())
         self.presence = mesh.presence
         self.presence.hand_on = news.put
-        self._served: dict[str, Answer] = {}
+        self._served: dict[str, TakeRequest] = {}
         self._handlers: dict[str, RequestHandler] = {}
         self._tasks: set[asyncio.Future[None]] = set()
         self._asking: set[Replies] = set()

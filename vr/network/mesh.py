@@ -32,15 +32,15 @@ from typing import Any, Final
 from robotree.vr.base.errors import RealmUnusable
 from robotree.vr.base.pattern import Handlers, matches
 from robotree.vr.base.presence import Held, Presence
-from robotree.vr.base.transport import Occupied
+from robotree.vr.base.transport import End, Occupied, OnReply, Respond
 from robotree.vr.network.link import (
     VERSION,
     AskFrame,
     Awake,
     Channel,
     EndFrame,
-    Frame,
     Hello,
+    LinkFrame,
     News,
     NotAFrame,
     Overflow,
@@ -78,12 +78,9 @@ REPLACE: Final = "process {} runs another version of robotree; start it again wi
 LOST_FILES: Final = "its files in the realm's folder are gone, so that nobody who comes now can reach it"
 """Why it is not known which robots a running process holds."""
 
-Respond = Callable[[bytes], None]
-Answer = Callable[[bytes, bool, Respond, Callable[[bytes | None], None]], None]
+TakeRequest = Callable[[bytes, bool, Respond, End], None]
 """Takes a request: its body, whether it is urgent, how to reply (any number of times), and how to end the
 replies, with one more or with None."""
-OnReply = Callable[[bytes | None], None]
-"""Takes one reply to a request; None: there are no more."""
 OnSample = Callable[[str, bytes], None]
 
 _log = logging.getLogger(__name__)
@@ -137,7 +134,7 @@ class Mesh:
         self._peers: dict[str, _Peer] = {}
         self._known: dict[Topic, Counter[str]] = {topic: Counter() for topic in Topic}
         """What this process lets the others know."""
-        self._servers: dict[str, Answer] = {}
+        self._servers: dict[str, TakeRequest] = {}
         self._subscribers = Handlers[OnSample]()
         self._watchers_of_itself: dict[int, Callable[[str], None]] = {}
         self._cut_off = False
@@ -168,7 +165,7 @@ class Mesh:
         )
         self.after_reading = self._readers.after_reading
         self._complete = threading.Event()
-        self._takers: dict[type[Frame], Callable[[PeerLink, Any], None]] = {
+        self._takers: dict[type[LinkFrame], Callable[[PeerLink, Any], None]] = {
             Hello: self._take_greeting,
             News: self._take_news,
             AskFrame: self._take_request,
@@ -263,7 +260,7 @@ class Mesh:
 
     # -- what others can ask and see
 
-    def serve(self, key: str, answer: Answer) -> None:
+    def serve(self, key: str, answer: TakeRequest) -> None:
         """Answer the requests to a key.
 
         Raises:
@@ -757,7 +754,7 @@ class Mesh:
             if self._peers.get(link.member) is peer:
                 self._lose(peer)
 
-    def _take(self, link: PeerLink, frame: Frame) -> None:
+    def _take(self, link: PeerLink, frame: LinkFrame) -> None:
         if not (link.member or isinstance(frame, Hello)):
             raise NotAFrame("it did not say who it is")
         if link.refused:  # it says all of it again on the connection that stays
@@ -809,7 +806,7 @@ class Mesh:
                 _log.exception("the handler of %s raised", ask.key)
                 end(None)
 
-    def _say_to_all(self, frame: Frame) -> None:
+    def _say_to_all(self, frame: LinkFrame) -> None:
         packed = pack(frame)
         for peer in list(self._peers.values()):
             if (link := peer.links.get(Channel.URGENT)) is not None:

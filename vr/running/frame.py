@@ -61,7 +61,7 @@ PAUSE = 0.01
 
 _T = TypeVar("_T")
 
-Manner = Literal["awaited", "started", "told", "passed on"]
+CallManner = Literal["awaited", "started", "told", "passed on"]
 """How a command calls a child. awaited: it waits for the end, so its worker may carry the child's command
 out. started: it goes on meanwhile. told: it waits until the child has accepted it. passed on: it waits, and
 the progress of the child is its own."""
@@ -81,7 +81,7 @@ class CallingRobot(Protocol):
         slot: str,
         command: str,
         arguments: Mapping[str, Any],
-        manner: Manner,
+        manner: CallManner,
         *,
         instead: str = "",
     ) -> Started:
@@ -308,7 +308,7 @@ class Frame:
         """See `Activity.call`."""
         worker = self._leave_author()
         try:
-            manner: Manner = "started" if self.guest else "awaited"
+            manner: CallManner = "started" if self.guest else "awaited"
             return self.live.call_child(self, slot, command, arguments, manner).get()
         finally:
             worker.arm(self)

@@ -34,7 +34,7 @@ from robotree.vr.base.transport import Transport
 from robotree.vr.core import events as on
 from robotree.vr.core.events import Begin, CoreEffect, CoreEvent, Interrupt, Settled
 from robotree.vr.core.machine import AcceptedCall, RobotCore
-from robotree.vr.running.frame import DEEPEST, Frame, Listener, Manner, PendingCall
+from robotree.vr.running.frame import DEEPEST, CallManner, Frame, Listener, PendingCall
 from robotree.vr.running.log import Log
 from robotree.vr.running.outcome import raised
 from robotree.vr.running.page_trace import begin_of, line_at_work, words_of
@@ -625,7 +625,7 @@ class LiveRobot:
         slot: str,
         command: str,
         arguments: Mapping[str, Any],
-        manner: Manner,
+        manner: CallManner,
         *,
         instead: str = "",
     ) -> PendingCall:

@@ -26,9 +26,9 @@ from robotree.vr.scripts.happening import (
     Do,
     Happening,
     LogLine,
-    Order,
     Play,
     ScriptEnd,
+    ScriptOrder,
     ScriptReply,
     Wait,
 )
@@ -82,7 +82,7 @@ class Firing(msgspec.Struct, frozen=True):
     rule: str
     because: tuple[str, ...]
     """The facts that met its conditions; `*` for a condition that no fact was to meet."""
-    orders: tuple[Order, ...]
+    orders: tuple[ScriptOrder, ...]
     number: int
     """Of the happening, counted from 1."""
 
@@ -110,7 +110,7 @@ class Engine:
         self.program = program
         self.firings: deque[Firing] = deque(maxlen=REMEMBERED)
         self._spent = spent
-        self._orders: list[Order] = []
+        self._orders: list[ScriptOrder] = []
         self._error = ""
         self._numbers = 0
         self.happened = 0
@@ -150,7 +150,7 @@ class Engine:
 
     # -- what it does ------------------------------------------------------------------------------
 
-    def feed(self, happening: Happening) -> list[Order]:
+    def feed(self, happening: Happening) -> list[ScriptOrder]:
         """Tell the rules what has happened and let them come to rest.
 
         Returns:
@@ -350,7 +350,7 @@ class Engine:
             CHECK: self._check,
         }
 
-    def _order(self, order: Order) -> None:
+    def _order(self, order: ScriptOrder) -> None:
         if len(self._orders) >= MOST_ORDERS:
             raise ScriptError(f"it floods: more than {MOST_ORDERS} orders for one happening")
         self._orders.append(order)

@@ -78,10 +78,10 @@ class ScriptEnd(msgspec.Struct, frozen=True, kw_only=True):
     well: bool = True
 
 
-Order = Do | ScriptReply | Wait | CancelAct | Play | LogLine | ScriptEnd
+ScriptOrder = Do | ScriptReply | Wait | CancelAct | Play | LogLine | ScriptEnd
 
 
-def order_line(order: Order) -> str:
+def order_line(order: ScriptOrder) -> str:
     """Write an order in one line, as tables of tests and dry runs show it."""
     match order:
         case Do(partner=partner, act=act, values=values, named=named):

@@ -26,9 +26,9 @@ from robotree.vr.scripts.happening import (
     Do,
     Happening,
     LogLine,
-    Order,
     Play,
     ScriptEnd,
+    ScriptOrder,
     ScriptReply,
     Wait,
 )
@@ -214,7 +214,7 @@ class ScriptRun:
 
     # -- orders ------------------------------------------------------------------------------------
 
-    def _carry_out(self, order: Order) -> None:
+    def _carry_out(self, order: ScriptOrder) -> None:
         self._count()
         match order:
             case Do():

@@ -9,10 +9,10 @@ from robotree.vr.scripts.happening import spell
 from robotree.vr.scripts.program import MESSAGE, PARAMETER, Program
 from robotree.vr.scripts.when_then import EVENTS
 
-Slots = dict[str, list[Scalar]]
+FactSlots = dict[str, list[Scalar]]
 
 
-def parts(fact: str) -> tuple[str, Slots]:
+def parts(fact: str) -> tuple[str, FactSlots]:
     """Return the kind of a fact and the values of its slots.
 
     Args:
@@ -42,12 +42,12 @@ def in_words(fact: str, program: Program) -> str:
     return f"{kind}: {{{told}}}" if told else kind
 
 
-def _happening(slots: Slots, program: Program) -> tuple[str, Slots]:
+def _happening(slots: FactSlots, program: Program) -> tuple[str, FactSlots]:
     """Return what has happened by the names that conditions give it."""
     (act,), sender, args, conversation = slots["act"], slots["from"], slots["args"], slots["conv"]
     kind = "failed" if slots["perf"] == ["failure"] else str(act)
     heard = next((one for one in program.hears if one.name == kind), None)
-    told: Slots = {}
+    told: FactSlots = {}
     if heard is not None:
         told = {name: [one] for (name, _), one in zip(heard.parts, args, strict=False)} | {"from": sender}
     elif kind in EVENTS:

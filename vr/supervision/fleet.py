@@ -30,6 +30,7 @@ from robotree.vr.exchange.client import (
     DEFAULT_DEADLINE,
     RELOADING,
     HostClient,
+    OnProgress,
     RobotClient,
     ViewClient,
 )
@@ -48,7 +49,6 @@ PORTION = 25
 PAUSE = 0.004
 """[s] between two portions: the event loop deals with everything else meanwhile."""
 
-OnProgress = Callable[[float, str], None]
 OnState = Callable[[str, State], None]
 _R = TypeVar("_R")
 _E = TypeVar("_E", State, LogLines)

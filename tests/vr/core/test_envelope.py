@@ -16,6 +16,7 @@ from robotree.vr.base import envelope
 from robotree.vr.base.envelope import BEGINS, ENDS, FRESH, on_clock, opened, seal
 from robotree.vr.base.errors import Garbled, NoAnswer, Unreachable, VrError
 from robotree.vr.base.requests import (
+    AnyRequest,
     Call,
     Cancel,
     Describe,
@@ -30,7 +31,6 @@ from robotree.vr.base.requests import (
     Register,
     Renew,
     Reply,
-    Request,
     SafeStop,
     decode_reply,
 )
@@ -79,8 +79,8 @@ class Waiting(VirtualRobot):
 
 def test_of_each_request_it_is_decided_how_late_it_may_come() -> None:
     kinds = (set(BEGINS), set(ENDS), ASKS_OR_PROLONGS)
-    assert set[Any]().union(*kinds) == set(get_args(Request))
-    assert sum(map(len, kinds)) == len(get_args(Request)), "each is of one kind"
+    assert set[Any]().union(*kinds) == set(get_args(AnyRequest))
+    assert sum(map(len, kinds)) == len(get_args(AnyRequest)), "each is of one kind"
     sealed = seal(Detach(key="k"), now=100.0, within=5.0)
     assert opened(sealed.body, "a robot", 104.9).request == Detach(key="k")
     with pytest.raises(NoAnswer):

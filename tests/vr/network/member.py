@@ -14,7 +14,7 @@ from functools import partial
 from robotree.vr import Robot, command
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.run import run_host, run_lookup
-from robotree.vr.base.requests import Done, Reply, Request
+from robotree.vr.base.requests import AnyRequest, Done, Reply
 from robotree.vr.base.transport import Respond
 from robotree.vr.exchange.answering import answering
 from robotree.vr.lookup.registrar import Registrar
@@ -53,7 +53,7 @@ async def count(transport: LocalTransport, name: str) -> None:
     """Answer each request that has not expired with how many there were."""
     numbers = itertools.count(1)
 
-    async def answer(_: Request) -> Reply:
+    async def answer(_: AnyRequest) -> Reply:
         return Done(note=str(next(numbers)))
 
     await transport.serve(f"robot/{name}/1", answering(answer, name))

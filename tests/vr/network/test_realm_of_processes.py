@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from robotree.vr.base.errors import NoAnswer, Unreachable
-from robotree.vr.base.requests import Delete, Describe, Done, Request, SafeStop
+from robotree.vr.base.requests import AnyRequest, Delete, Describe, Done, SafeStop
 from robotree.vr.exchange.client import ask
 from robotree.vr.network.local import LocalTransport
 from robotree.vr.network.mesh import HANGS, TICK
@@ -157,7 +157,7 @@ async def test_a_process_that_slept_is_whole_again_within_a_second(
 
 @pytest.mark.parametrize(("request_", "count"), [(Delete(), "1"), (Describe(), "1"), (SafeStop(), "2")])
 async def test_of_what_was_asked_of_a_sleeper_only_what_ends_something_is_begun_after_its_time(
-    start: Start, join_realm: Enter, request_: Request, count: str
+    start: Start, join_realm: Enter, request_: AnyRequest, count: str
 ) -> None:
     """A stop counts however late it comes."""
     process = await start("count", "arm")

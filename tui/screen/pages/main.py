@@ -25,7 +25,7 @@ from robotree.tui.screen.widgets.log_pane import LogPane
 from robotree.tui.screen.widgets.prompt import Kind, Prompt
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.tui.screen.widgets.views_pane import ViewsPane
-from robotree.tui.seen.rows import ORDERS, Order, Placement, family, listed
+from robotree.tui.seen.rows import ORDERS, Placement, SortOrder, family, listed
 from robotree.tui.seen.store import Weight
 
 PANES = {"robots": "#robots", "views": "#cameras", "log": "#log"}
@@ -94,7 +94,7 @@ class MainPage(Page):
     def __init__(self) -> None:
         """Begin with all robots, as a tree."""
         super().__init__()
-        self.order: Order = "tree"
+        self.order: SortOrder = "tree"
         self.level: Weight = "good"
         """What is less important is left out of the log."""
         self._detailed = ("", 0.0)
@@ -193,7 +193,7 @@ class MainPage(Page):
         """Open the line below, for a verb or for a filter."""
         self.query_one(Prompt).open(kind)
 
-    def sort(self, order: Order | None = None) -> None:
+    def sort(self, order: SortOrder | None = None) -> None:
         """Sort the robots so, or by what comes after the present order."""
         self.order = order or ORDERS[(ORDERS.index(self.order) + 1) % len(ORDERS)]
         self.app.tell(
