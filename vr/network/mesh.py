@@ -50,7 +50,7 @@ from robotree.vr.network.link import (
     Topic,
     pack,
 )
-from robotree.vr.network.living import asleep, remedy
+from robotree.vr.network.living import alive, asleep, remedy
 from robotree.vr.network.readers import Readers, Sockets, What
 from robotree.vr.network.rendezvous import Beat, Rendezvous, process_of
 
@@ -375,15 +375,18 @@ class Mesh:
             ]
 
     def _certain(self, peer: _Peer, now: float) -> bool | None:
-        """Return if it is certain that a process hangs; None: it is heard. Under the lock.
+        """Return if it is certain that a process hangs; None: it is heard, or has ended. Under the lock.
 
         Who comes, wakes or ends shows it within `HANGS`. One that is stopped and shows no sign does not.
         """
+        process = process_of(peer.tag)
         if peer.awake:
             heard = peer.beat is None or now - max(peer.last_sign, peer.beat.read()) < 2 * TICK
-            return None if heard else asleep(process_of(peer.tag))
+            return None if heard else asleep(process)
+        if not alive(process):
+            return None  # it has just ended, and holds nothing any more
         unmet = not peer.met and now - peer.since > HANGS
-        return unmet or now - self._sign_of(peer.tag) > HANGS or asleep(process_of(peer.tag))
+        return unmet or now - self._sign_of(peer.tag) > HANGS or asleep(process)
 
     def held(self, pattern: str) -> list[Held]:
         """Return what is held present by all processes that live, this one included; see `Presence.held`.
@@ -396,7 +399,8 @@ class Mesh:
             own = [key for key in self._known[Topic.HOLDS] if matches(pattern, key)]
             living = self.place.living()
             unknown = living - self._peers.keys() - self._strangers
-            others = sorted(living | self._peers.keys())
+            peers = {tag for tag, one in self._peers.items() if one.awake or alive(process_of(tag))}
+            others = sorted(living | peers)  # of one that hung and has just ended nothing is left
             found = _held(os.getpid(), own) + [one for tag in others for one in self._held_by(tag, pattern)]
         if unknown:
             self._readers.due = 0.0
