@@ -70,7 +70,7 @@ def be_mesh(folder: str) -> None:
     mesh = Mesh(Rendezvous("bench", Path(folder)))
     mesh.open()
 
-    def answer(body: bytes, _: bool, respond: Respond, end: End) -> None:  # noqa: FBT001 # an Answer
+    def answer(body: bytes, _: bool, respond: Respond, end: End) -> None:  # noqa: FBT001 # a TakeRequest
         del respond
         end(body)
 

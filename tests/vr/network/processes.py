@@ -51,7 +51,7 @@ Start = Callable[..., Awaitable[Process]]
 
 
 async def start_all(start: Start, *members: tuple[str, str]) -> list[Process]:
-    """Start members, each a word of `member.py` and a name; returns when all are ready."""
+    """Start members and wait until all are ready; for each one its role in `member.py`, and its name."""
     started = [await start(*member) for member in members]
     await asyncio.gather(*(member.ready() for member in started))
     return started
