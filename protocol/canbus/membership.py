@@ -146,7 +146,7 @@ class Membership:
             seat.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
                 seat.bind((HOST, port))
-                seat.listen(socket.SOMAXCONN)  # of a full queue the system drops who dials, for a second
+                seat.listen(socket.SOMAXCONN)  # if it is full, a new connection waits a second or more
             except OSError:
                 seat.close()
             else:

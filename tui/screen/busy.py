@@ -88,10 +88,12 @@ class BusyForms(KeysInOrder[ReturnType]):
         self.set_timer(SOON, partial(self._tell_lost, len(self._lost), why))
 
     def _tell_lost(self, count: int, why: str) -> None:
-        """Tell what was dropped, unless more was dropped meanwhile or may be: keys still wait."""
-        if count == len(self._lost) and self.keys_wait:
+        """Report the dropped keys, when no key waits and none was dropped since the timer was set."""
+        if count != len(self._lost):
+            return
+        if self.keys_wait:
             self.set_timer(SOON, partial(self._tell_lost, count, why))
-        elif count == len(self._lost):
+        else:
             self.tell_dropped(_together(self._lost), why)
             self._lost.clear()
 

@@ -54,7 +54,7 @@ class KeysInOrder(App[ReturnType]):
 
     @property
     def keys_wait(self) -> bool:
-        """Whether keys came that are still to be dealt with."""
+        """Whether a key is being handled, or waits for its turn."""
         return self._under_way is not None or bool(self._held)
 
     def overtakes(self, key: Key, before: list[Event]) -> bool:
