@@ -38,7 +38,7 @@ def listing(name: str, revision: int = 1) -> Listing:
         kinds=("Arm", "RobotProxy", "Robot"),
         doc="A compliant arm with seven joints and a gripper.",
         host="bench",
-        commands=("go_to", "get_info", "grip", "hold", "stop"),
+        commands=("go_to", "get_info", "grip", "halt", "hold"),
         attributes={"place": "bench"},
         revision=revision,
     )

@@ -1,14 +1,14 @@
 ; Gives each visitor to an idle guide, as the coordination scripts of the NBSA paper do; for experts.
 ;
 ;   robotree create examples/receptionist.clp as reception
-;   robotree enslave reception.first companion-1
-;   robotree enslave reception.second companion-2
+;   robotree enslave reception.guide_1 companion-1
+;   robotree enslave reception.guide_2 companion-2
 ;   robotree call reception.start --detach
 ;   robotree call reception.person_seen who=Anna place=kitchen
 
 (defscript receptionist "Gives each visitor to an idle guide."
-  (partner first (kind Companion) (needs say go_to) (doc "a guide"))
-  (partner second (kind Companion) (needs say go_to) (optional) (doc "another guide"))
+  (partner guide_1 (kind Companion) (needs say go_to) (doc "a guide"))
+  (partner guide_2 (kind Companion) (needs say go_to) (optional) (doc "another guide"))
   (hears person_seen (who text) (place text)))
 
 (deftemplate guide (slot name) (slot state (default idle)))

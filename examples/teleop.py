@@ -42,4 +42,4 @@ class TeleOp(VirtualRobot):
     get_info = arm.exposed()
     grip = arm.exposed()
     hold = arm.exposed()
-    stop = arm.exposed()
+    halt = arm.exposed()

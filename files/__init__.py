@@ -5,6 +5,7 @@
     private_file(path)      a file (0600) that only its owner can open, made or repaired
     own_folder(path)        a folder into which nobody else can put anything, made if need be
     overwrite(path, data)   a file of ours, or a new one; never through a link that another user made
+    forks                   what a forked child of this process must not keep open
 
 Everything that is wrong is an `OSError`, whose `strerror` is a clause such as "it is a FIFO, not a file".
 The other rooms turn it into errors of their own. This room knows none of them, and all of them may use it.

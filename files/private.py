@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import errno
 import os
+import stat
 from pathlib import Path
 
 from robotree.files.opening import opened, own
@@ -15,11 +16,13 @@ OTHERS = 0o077
 """Permissions of the group and of everybody."""
 
 
-def private_folder(path: Path) -> bool:
+def private_folder(path: Path, *, strict: bool = False) -> bool:
     """See that a folder is there which only we can enter; make it, and those above it, if need be.
 
     Args:
         path: of the folder.
+        strict: a symbolic link is refused, also one of our own, and so is a folder that lies in one which
+            another user can change: that user could put another folder in its place.
 
     Returns:
         Whether it was open to other users until now. It is not any more.
@@ -28,10 +31,14 @@ def private_folder(path: Path) -> bool:
         OSError: it cannot be made, is no folder, or belongs to somebody else.
     """
     _make(path)
+    if strict:
+        _check_parents(path)
     try:
-        folder = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC | own(path))
+        link = os.O_NOFOLLOW if strict else own(path)
+        folder = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC | link)
     except NotADirectoryError:
-        raise NotADirectoryError(errno.ENOTDIR, "it is not a directory", str(path)) from None
+        reason = "it is a symbolic link, not a directory" if path.is_symlink() else "it is not a directory"
+        raise NotADirectoryError(errno.ENOTDIR, reason, str(path)) from None
     try:
         return _close_to_others(folder, path, 0o700)
     finally:
@@ -92,6 +99,21 @@ def _make(path: Path, mode: int = 0o700) -> None:
         pass
     except ValueError as error:  # a name with a zero byte
         raise OSError(errno.EINVAL, str(error), str(path)) from None
+
+
+def _check_parents(path: Path) -> None:
+    """Refuse a path of which another user can exchange a part.
+
+    In a folder with the sticky bit, as /tmp has it, only the owner of an entry can rename or remove it.
+    """
+    for parent in path.parents:
+        found = parent.stat()
+        if found.st_uid not in {os.geteuid(), 0}:
+            raise PermissionError(
+                errno.EPERM, f"it lies in {parent}, which belongs to user {found.st_uid}", str(path)
+            )
+        if found.st_mode & stat.S_IWOTH and not found.st_mode & stat.S_ISVTX:
+            raise PermissionError(errno.EPERM, f"it lies in {parent}, where every user can write", str(path))
 
 
 def _close_to_others(descriptor: int, path: Path, mode: int) -> bool:

@@ -36,7 +36,7 @@ class Arm(Kind):
     """A compliant arm: goes to points, gripper down, yields when pushed, and feels what it touches."""
 
     @promised(effect="read")
-    def stop(self) -> None:
+    def halt(self) -> None:
         """Stop moving and stay here, compliantly; the next command may move again."""
         raise NotImplementedError
 

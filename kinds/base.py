@@ -33,7 +33,7 @@ class Base(Kind):
     """The base of a companion: it drives around what is in the way, turns, leans its waist, and charges."""
 
     @promised(effect="read")
-    def stop(self) -> None:
+    def halt(self) -> None:
         """Stop moving and stay here, compliantly; the next command may move again."""
         raise NotImplementedError
 

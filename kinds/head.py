@@ -51,7 +51,7 @@ class Head(Kind):
     """A head: it looks, sees tags with two cameras, speaks and listens."""
 
     @promised(effect="read")
-    def stop(self) -> None:
+    def halt(self) -> None:
         """Stop moving and stay here, compliantly; the next command may move again."""
         raise NotImplementedError
 

@@ -36,7 +36,7 @@ class Limb(Kind):
     """An arm of a body: goes to points before the body, takes postures, yields when pushed, and feels."""
 
     @promised(effect="read")
-    def stop(self) -> None:
+    def halt(self) -> None:
         """Stop moving and stay here, compliantly; the next command may move again."""
         raise NotImplementedError
 

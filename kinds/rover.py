@@ -22,7 +22,7 @@ class Rover(Kind):
     """A rover: it moves by a distance, forward and aside."""
 
     @promised(effect="read")
-    def stop(self) -> None:
+    def halt(self) -> None:
         """Stop moving and stay here, compliantly; the next command may move again."""
         raise NotImplementedError
 

@@ -93,6 +93,6 @@ class TeleOp(Kind):
         raise NotImplementedError
 
     @promised(effect="read")
-    def stop(self) -> None:
+    def halt(self) -> None:
         """Stop moving and stay here, compliantly; the next command may move again."""
         raise NotImplementedError

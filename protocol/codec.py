@@ -11,6 +11,7 @@ Everything that depends on the definition alone is decided once, in here, and no
 
 from __future__ import annotations
 
+import codecs
 import struct
 from itertools import accumulate
 from math import isfinite
@@ -29,6 +30,19 @@ if TYPE_CHECKING:
 
 Value = int | float | str | bytes | tuple[int, ...] | tuple[float, ...]
 Values = tuple[Any, ...]
+
+AS_LONG = "robotree.as_long"
+"""How bytes that are no UTF-8 are decoded: as one `?` each, so that no text becomes longer than its field."""
+
+
+def _as_long(error: UnicodeError) -> tuple[str, int]:
+    """Stand in for the bytes that cannot be decoded."""
+    if not isinstance(error, UnicodeDecodeError):
+        raise error
+    return "?" * (error.end - error.start), error.end
+
+
+codecs.register_error(AS_LONG, _as_long)
 
 HEADER = struct.Struct("<4sBBB3s")
 """What a definition decides (magic, length, flags, flags), sequence, system, component, id."""
@@ -175,7 +189,7 @@ def _declarer(definition: Definition) -> Callable[[Values], Values] | None:
     def declare(unpacked: Values) -> Values:
         values: list[Any] = [*pick(unpacked)]
         for i in texts:
-            values[i] = values[i].split(b"\0", 1)[0].decode("utf-8", "replace")
+            values[i] = values[i].split(b"\0", 1)[0].decode("utf-8", AS_LONG)
         return tuple(values)
 
     return declare

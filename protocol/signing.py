@@ -9,11 +9,15 @@ timestamp. Three things are done otherwise than in the tools around us, each bec
   and no stream begins before the moment at which we were started, else a fresh receiver accepts a recording
   of what was said to the one before it;
 * one table of streams serves all links, else a recording of one link can be played on another.
+
+The signature covers no receiver. So each controller has a key of its own (`Key.of_controller`), else a
+recording of one robot can be played to another one.
 """
 
 from __future__ import annotations
 
 import hashlib
+import hmac
 from hmac import compare_digest
 from typing import TYPE_CHECKING
 
@@ -27,6 +31,8 @@ if TYPE_CHECKING:
     from robotree.protocol.frame import Frame
 
 KEY_BYTES = 32
+PASSPHRASE_BYTES = 16
+"""Of a controller's passphrase: 128 bits, many more than a signature has."""
 EPOCH = 1420070400
 """[s] of Unix time at the beginning of 2015, when signing timestamps are 0."""
 UNITS = 100_000
@@ -35,6 +41,8 @@ OLDEST_STREAM = 60 * UNITS
 """How far a new stream may lie behind our clock: a minute, as MAVLink says."""
 LARGEST_LEAD = OLDEST_STREAM // 2
 """How far somebody else may put our clock forward; the other half is for delays, and clocks that differ."""
+CLOCK_SET = (1_767_225_600 - EPOCH) * UNITS
+"""2026-01-01: a clock before that was never set."""
 MAX_STREAMS = 4096
 """Streams that are remembered."""
 _EPOCH, _UNITS = float(EPOCH), float(UNITS)
@@ -48,15 +56,36 @@ class Key:
         ValueError: it has another length.
     """
 
-    __slots__ = ("begin", "fingerprint")
+    __slots__ = ("_secret", "begin", "fingerprint")
 
     def __init__(self, secret: bytes) -> None:
         if len(secret) != KEY_BYTES:
             raise ValueError(f"a signing key has {KEY_BYTES} bytes, not {len(secret)}; make a new one")
+        self._secret = secret
         self.begin = hashlib.sha256(secret).copy
         """A SHA-256 that has taken the key and waits for more."""
         self.fingerprint = hashlib.sha256(b"robotree fingerprint" + secret).hexdigest()[:16]
         """Tells keys apart without telling them."""
+
+    def of_controller(self, name: str) -> Key:
+        """The key of one controller, made from this one, for what is said to it and what it says."""
+        return Key(secret_of(self.passphrase_for(name)))
+
+    def passphrase_for(self, controller: str) -> str:
+        """The passphrase of one controller; its SHA-256 is the controller's key.
+
+        The first 16 bytes of `hkdf`, in 32 hexadecimal digits. It is a passphrase because MAVProxy and
+        QGroundControl take nothing else.
+
+        Args:
+            controller: its name, usually the address where it listens.
+        """
+        info = b"robotree controller " + controller.encode()
+        return hkdf(self._secret, info)[:PASSPHRASE_BYTES].hex()
+
+    def reveal(self) -> str:
+        """The secret itself, 64 hexadecimal digits; for its owner only."""
+        return self._secret.hex()
 
     def __repr__(self) -> str:
         return f"<Key {self.fingerprint}>"
@@ -65,21 +94,51 @@ class Key:
         raise TypeError("a key is never stored as a value; keep it in its file")
 
 
+def hkdf(secret: bytes, info: bytes) -> bytes:
+    """32 bytes derived from a secret: the first block of HKDF with SHA-256, without salt (RFC 5869)."""
+    extracted = hmac.digest(bytes(KEY_BYTES), secret, "sha256")
+    return hmac.digest(extracted, info + b"\x01", "sha256")
+
+
+def secret_of(passphrase: str) -> bytes:
+    """The secret that MAVProxy and QGroundControl make of a passphrase: its SHA-256."""
+    return hashlib.sha256(passphrase.encode()).digest()
+
+
+class HeardTime:
+    """The newest timestamp that was accepted from others.
+
+    Args:
+        newest: of an earlier run.
+    """
+
+    def __init__(self, newest: int = 0) -> None:
+        self.newest = newest
+
+    def note(self, timestamp: int) -> None:
+        """A timestamp is accepted that is later than all before."""
+        self.newest = timestamp
+
+
 class SigningTime:
     """Our signing timestamp: never behind the wall clock, never the same twice, never going back.
 
     Args:
         clock: the wall clock, Unix time in [s].
         persisted: the `last` of an earlier run.
+        heard: remembers the newest timestamp that was accepted from others; None: nothing is remembered.
     """
 
-    __slots__ = ("_clock", "_passed", "last", "start")
+    __slots__ = ("_clock", "_passed", "heard", "last", "start")
 
-    def __init__(self, clock: Callable[[], float], persisted: int = 0) -> None:
+    def __init__(
+        self, clock: Callable[[], float], persisted: int = 0, heard: HeardTime | None = None
+    ) -> None:
         self._clock = clock
-        self.start = self._wall()
-        """What the wall clock showed when we were started. No stream begins earlier: whatever was said before
-        may have been heard by the one before us, however that ended."""
+        self.heard = heard or HeardTime()
+        self.start = max(self.wall(), self.heard.newest + 1)
+        """What the wall clock showed when we were started, or later than all that was heard before. No stream
+        begins earlier: what was said before may have been heard by the one before us, however that ended."""
         self._passed = 0.0
         """[s] of Unix time; before it the wall clock shows no timestamp that is later than `last`."""
         self.last: int = persisted
@@ -87,7 +146,7 @@ class SigningTime:
 
     def now(self) -> int:
         """The timestamp of this moment."""
-        self.last = max(self.last, self._wall())
+        self.last = max(self.last, self.wall())
         return self.last
 
     def advance(self, moment: int) -> None:
@@ -96,7 +155,7 @@ class SigningTime:
         But no further than `LARGEST_LEAD` ahead of the wall clock: nobody whose clock is right is locked out
         by one whose clock is wrong.
         """
-        self.last = max(self.last, min(moment, self._wall() + LARGEST_LEAD))
+        self.last = max(self.last, min(moment, self.wall() + LARGEST_LEAD))
 
     def next(self) -> int:
         """A timestamp for one frame."""
@@ -110,7 +169,7 @@ class SigningTime:
         self._passed = _EPOCH + last / _UNITS
         return last
 
-    def _wall(self) -> int:
+    def wall(self) -> int:
         """What the wall clock shows."""
         return int((self._clock() - _EPOCH) * _UNITS)
 
@@ -162,7 +221,11 @@ class VerifierStatistics(msgspec.Struct, frozen=True):
     late: int
     """Good signatures that would begin a stream more than a minute ago, or before we were started."""
     behind: float
-    """[s] by which the timestamp of the last of these lay behind our clock."""
+    """[s] by which the timestamp of the last of these lay behind our clock, or behind all that we accept."""
+    early: int
+    """Good signatures more than a minute ahead of our clock."""
+    ahead: float
+    """[s] by which the last of these was ahead."""
     replayed: int
     """Good signatures with a timestamp that is not later than the one before in its stream."""
     repeated: int
@@ -196,8 +259,8 @@ class Verifier:
         self._begin, self._time, self._allow = key.begin, time, allow
         self._newest = streams.of(key)
         self._passed = self._allowed = self._unsigned = self._forged = 0
-        self._late = self._replayed = self._repeated = 0
-        self._behind = 0.0
+        self._late = self._early = self._replayed = self._repeated = 0
+        self._behind = self._ahead = 0.0
 
     @property
     def statistics(self) -> VerifierStatistics:
@@ -209,6 +272,8 @@ class Verifier:
             forged=self._forged,
             late=self._late,
             behind=self._behind,
+            early=self._early,
+            ahead=self._ahead,
             replayed=self._replayed,
             repeated=self._repeated,
         )
@@ -238,17 +303,35 @@ class Verifier:
             self._replayed += 1
             self._repeated += timestamp == newest
             return False
-        if newest is None and self._is_late(timestamp):
+        heard = self._time.heard
+        if (newest is None and self._is_late(timestamp)) or self._is_early(timestamp, heard.newest):
             return False
+        if timestamp > heard.newest:
+            heard.note(timestamp)
         self._newest[stream] = timestamp
         self._passed += 1
         return True
 
+    def _is_early(self, timestamp: int, newest: int) -> bool:
+        """Whether a timestamp is too far ahead of our clock, and of all that was heard.
+
+        Else who has a wrong clock once would lock out everybody else after our restart. A clock that was
+        never set knows nothing of others.
+        """
+        if timestamp <= newest + OLDEST_STREAM:
+            return False
+        ahead = timestamp - self._time.now()
+        if ahead <= OLDEST_STREAM or self._time.wall() < CLOCK_SET:
+            return False
+        self._early += 1
+        self._ahead = ahead / UNITS
+        return True
+
     def _is_late(self, timestamp: int) -> bool:
         """Whether a stream that we do not know may not begin with this timestamp."""
-        now = self._time.now()
-        late = timestamp < max(now - OLDEST_STREAM, self._time.start)
+        now, start = self._time.now(), self._time.start
+        late = timestamp < max(now - OLDEST_STREAM, start)
         if late:
             self._late += 1
-            self._behind = (now - timestamp) / UNITS
+            self._behind = (max(now, start) - timestamp) / UNITS
         return late or len(self._newest) >= MAX_STREAMS

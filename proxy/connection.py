@@ -218,7 +218,7 @@ class Connection:
         endpoints: list[Endpoint] = []
 
         def accept(link: Link) -> Handler:
-            self._signer_pair = self._security.signer_pair(link.address)
+            self._signer_pair = self._security.signer_pair(link.controller)
             self._signed = self._believed = self._refused = 0
             self._rejection = ""
             endpoint = Endpoint(
@@ -301,7 +301,7 @@ class Connection:
     def _rejection_of(self, endpoint: Endpoint) -> str:
         """Why the latest frames on the present link were rejected; empty: they were not, or nothing came."""
         heard = endpoint.statistics
-        if heard.refused and self._security.renewed(endpoint.link.address, self._signer_pair):
+        if heard.refused and self._security.renewed(endpoint.link.controller, self._signer_pair):
             return KEY_CHANGED
         believed, refused = heard.received - self._signed, heard.refused + self._signed
         if believed > self._believed:

@@ -195,8 +195,10 @@ class RobotProxy(Robot):
     # -- commands of every robot -------------------------------------------------------------------
 
     @command(effect="read")  # so that it does not wait for the motion that it must end
-    def stop(self) -> None:
+    def halt(self) -> None:
         """Stop moving and stay here, compliantly; the next command may move again."""
+        # PLCopen's names (Motion Control, part 1): after MC_Halt the next command moves, after MC_Stop only a
+        # release makes that possible, as after a protective stop here.
         self.carry_out(Hold())
 
     # -- for the kinds -----------------------------------------------------------------------------

@@ -10,6 +10,7 @@
         UnknownVerb         this kind of robot cannot do that
       UnknownKind           no robot of that kind can be simulated
       CannotListen          the address is taken; also an OSError
+      MemoryLost            which leases were obeyed is not known any more
 
 A GoalRefused is the fault of the goal's sender; the robot has not moved.
 """
@@ -91,3 +92,12 @@ class CannotListen(SimError, OSError):
 
 def _metres(point: Sequence[float]) -> str:
     return ", ".join(f"{value:.3g}" for value in point[:3])
+
+
+class MemoryLost(SimError):
+    """The files with the leases that a controller has obeyed are damaged or gone. A person must decide."""
+
+    def __init__(self, problems: Sequence[str]) -> None:
+        self.problems = tuple(problems)
+        advice = "look at the robot, then start it once with --reset-epoch, which obeys any lease again"
+        super().__init__(f"{' and '.join(problems)}, so that it is not known which leases are over; {advice}")

@@ -30,7 +30,7 @@ class CableEnd:
 
     def __init__(self, cable: Cable, name: str, soon: Callable[..., object]) -> None:
         """Made by `Cable`; `soon` calls the handler back where that may be done."""
-        self.address = f"cable:{name}"
+        self.address, self.controller = f"cable:{name}", "cable:"
         self.handler: Handler | None = None
         self.other: CableEnd | None = None
         self.gone = False

@@ -18,7 +18,7 @@ from robotree.testing.parts import Fault, Part, Stage
 from robotree.vr.author.command import give_commands
 from robotree.vr.author.robot import Robot
 from robotree.vr.author.signature import Command
-from robotree.vr.base.description import CommandSpec
+from robotree.vr.base.description import CommandSpec, offered
 from robotree.vr.base.errors import CommandFailed, VrError
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ class Fake(Part):
         self._plans: dict[str, list[Fault]] = {}
 
     def refuse(
-        self, command: str = "", *, at: int | None = 1, why: str = "", error: VrError | None = None
+        self, command: str = "", *, at: int | None = 1, why: str = "", error: Exception | None = None
     ) -> Self:
         """Have a command fail.
 
@@ -121,7 +121,7 @@ class Fake(Part):
     def _spec(self, name: str) -> CommandSpec:
         spec = self.kind.commands.get(name)
         if spec is None:
-            known = ", ".join(self.kind.commands)
+            known = offered(self.kind.commands, name)
             raise ValueError(f"{self.kind.names[0]} has no command {name!r}; it has: {known}")
         return spec
 
@@ -166,7 +166,7 @@ class FakeRobot(Robot):
         """Do as if: take the time, and return the result.
 
         Raises:
-            VrError: which the test wants, or because the command was ended.
+            Exception: which the test wants, or because the command was ended.
         """
         seconds = self.fake.duration(spec)
         for fault in self.fake.plan(self.context.key):
@@ -189,7 +189,7 @@ class FakeRobot(Robot):
             turn = min(self.given[spec.name], len(value.values) - 1)
             self.given[spec.name] += 1
             value = value.values[turn]
-        if isinstance(value, VrError):
+        if isinstance(value, Exception):
             raise value
         if callable(value) and not isinstance(value, type):
             value = self._computed(value, spec, arguments)

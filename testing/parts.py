@@ -10,7 +10,6 @@ import msgspec
 
 from robotree.vr.author.robot import Robot
 from robotree.vr.author.virtual_robot import VirtualRobot
-from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
     from collections.abc import Coroutine
@@ -36,7 +35,7 @@ class Fault(msgspec.Struct, frozen=True, kw_only=True):
     by: float = 0.0
     """[s] that it takes longer, or lasts."""
     why: str = ""
-    error: VrError | None = None
+    error: Exception | None = None
 
     def __str__(self) -> str:
         where = self.command or "command"

@@ -24,8 +24,8 @@ from robotree.testing.journal import Commanded, Journal, Step
 from robotree.testing.parts import Fault, PageSource, Part, Parts
 from robotree.testing.watch import Endless, watched
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.author.child import Record
 from robotree.vr.author.fields import settings_spec
+from robotree.vr.author.readings import Record
 from robotree.vr.author.robot import Robot
 from robotree.vr.author.virtual_robot import VirtualRobot, slots_of
 from robotree.vr.base.arguments import check_arguments

@@ -102,7 +102,7 @@ class Station:
             component=self.component,
             on_frame=self._hear,
             on_closed=self._closed,
-            **self.security.signer_pair(link.address),
+            **self.security.signer_pair(link.controller),
         )
         return self.endpoint
 

@@ -21,7 +21,7 @@ from robotree.tui.terminal import answer
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.description import CommandSpec
-    from robotree.vr.bundle.check import Finding
+    from robotree.vr.bundle.reading import Finding
 
 Kinds = Mapping[str, Mapping[str, "CommandSpec"]]
 """The commands of the kinds that come with robotree, by name of the kind."""
@@ -45,17 +45,18 @@ def check(line: Line, kinds: Kinds) -> int:
 
     path, wanted = values.source(line.text("FILE"))
     bundle = Bundle.read(shipped(path), wanted)
-    found = _findings(bundle, kinds)
+    found = findings(bundle, kinds)
     rows = [f"{path}:{one.line}: {one.what}: {one.instead}" for one in found]
     data = [{"file": path, "line": one.line, "what": one.what, "instead": one.instead} for one in found]
     answer("\n".join(rows) or f"{path}: nothing was found", lambda: data)
     return exit_codes.REFUSED if found else exit_codes.DONE
 
 
-def _findings(bundle: Any, kinds: Kinds) -> list[Finding]:
-    """Read the page, then load it as a host would."""
+def findings(bundle: Any, kinds: Kinds) -> list[Finding]:
+    """Return what is wrong with a page: read it, then load it as a host would."""
     from robotree.vr.base.errors import BundleError
-    from robotree.vr.bundle.check import Finding, examine
+    from robotree.vr.bundle.check import examine
+    from robotree.vr.bundle.reading import Finding
 
     try:
         found = examine(bundle.source, kinds)

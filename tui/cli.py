@@ -35,31 +35,34 @@ from robotree.tui.terminal import (
 
 if TYPE_CHECKING:
     from robotree.vr.agents.run import Ready
-    from robotree.vr.base.description import CommandSpec
 
 
 START = 0.5
 """[s] that Python takes at most to start."""
 
 
-def program() -> NoReturn:
+def program(order: str = "") -> NoReturn:
     """Run the command line of this process and end the process.
+
+    Args:
+        order: id of the order to stop that has been sent already for this line; empty: none has.
 
     Where nothing else runs in it, Python does not take apart what it has loaded: that takes as long as a list
     of robots. All that was written has been flushed (`terminal.put`).
     """
-    code = main()
+    code = main(order=order)
     threads = sys.modules.get("threading")  # not loaded: there is only this one
     if threads is None or threads.active_count() == 1:
         os._exit(code)
     sys.exit(code)
 
 
-def main(words: Sequence[str] | None = None) -> int:
+def main(words: Sequence[str] | None = None, *, order: str = "") -> int:
     """Run one command line.
 
     Args:
         words: without the program's name; None: those of this process.
+        order: see `program`.
 
     Returns:
         The exit code; see `exit_codes`.
@@ -68,15 +71,15 @@ def main(words: Sequence[str] | None = None) -> int:
     began = time.monotonic() - (min(time.process_time(), START) if words is None else 0.0)
     given = list(sys.argv[1:] if words is None else words)
     with answering(as_json="--json" in takewhile(lambda word: word != "--", given)) as got:
-        code = _answered(given, began)
+        code = _answered(given, began, order)
         if got.as_json and not got.given and code == exit_codes.DONE:
             put("null")
         return code
 
 
-def _answered(given: list[str], began: float) -> int:
+def _answered(given: list[str], began: float, order: str) -> int:
     try:
-        return _obey(given, began)
+        return _obey(given, began, order)
     except KeyboardInterrupt:
         complain(Interrupted())
         return exit_codes.INTERRUPTED
@@ -91,7 +94,7 @@ def _answered(given: list[str], began: float) -> int:
         return exit_codes.code_of(error)
 
 
-def _obey(given: list[str], began: float) -> int:
+def _obey(given: list[str], began: float, order: str) -> int:
     before, rest = grammar.leading(given, manual.EVERYWHERE)
     surface = manual.shell(readonly=only_looking(given="--readonly" in given))
     plain = [word for word in rest if not word.startswith("-")]
@@ -102,7 +105,7 @@ def _obey(given: list[str], began: float) -> int:
     if {"--help", "-h"} & {*before, *rest}:
         return _help(plain, surface)
     words = [*before, *rest] if rest else ["supervise", *before]
-    return _start(surface.parse(words)._replace(given=began), readonly=surface.readonly)
+    return _start(surface.parse(words)._replace(given=began, order=order), readonly=surface.readonly)
 
 
 def _help(words: Sequence[str], surface: Surface) -> int:
@@ -142,7 +145,7 @@ def _start(line: Line, *, readonly: bool) -> int:
         case "run":
             from robotree.tui.session.playing import play_file
 
-            return _run(play_file(line.text("FILE"), realm, as_json=line.flag("--json"), readonly=readonly))
+            return _run(play_file(line, realm, readonly=readonly))
         case "sim" | "proxy" | "view" | "host" | "lookup":
             import asyncio
 
@@ -152,16 +155,11 @@ def _start(line: Line, *, readonly: bool) -> int:
 
             return int(import_module(f"robotree.tui.{verb.partition(' ')[0]}").start(line))
         case verb:
-            apart = {"check": _author, "new": _author, "info": _look, "doctor": _look}
+            apart = {
+                "check": _author, "new": _author, "info": _look, "doctor": _look, "completion": _complete,
+                "man": _man, "stop": _stop,
+            }  # fmt: skip
             return apart.get(verb, _ask)(line, realm, readonly)
-
-
-def _kinds() -> dict[str, dict[str, CommandSpec]]:
-    """Return the commands of the kinds of robots that come with robotree, by name of the kind."""
-    from robotree import kinds
-    from robotree.vr.author.kind import promises_of
-
-    return {name: {one.name: one for one in promises_of(getattr(kinds, name))} for name in kinds.__all__}
 
 
 def _offline(line: Line) -> bool:
@@ -173,8 +171,9 @@ def _offline(line: Line) -> bool:
 def _author(line: Line, _realm: str, _readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike
     """Write or check a page."""
     from robotree.tui import authoring
+    from robotree.tui.rules import known_kinds
 
-    return (authoring.check if line.verb == "check" else authoring.new)(line, _kinds())
+    return (authoring.check if line.verb == "check" else authoring.new)(line, known_kinds())
 
 
 def _ask(line: Line, realm: str, _readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike
@@ -185,11 +184,41 @@ def _ask(line: Line, realm: str, _readonly: bool) -> int:  # noqa: FBT001 # one 
     return _run(once(line, realm), listening=listening)
 
 
+def _stop(line: Line, realm: str, _readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike
+    """Stop robots, in one realm or in all of this user."""
+    from robotree.tui.line.stopping import stop
+
+    return stop(line, realm, _run)
+
+
 def _look(line: Line, realm: str, readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike
     """Look at this machine, not at robots alone."""
     from robotree.tui.diagnosis import doctor, info
 
     return info.run(realm, readonly=readonly) if line.verb == "info" else doctor.run(line, realm)
+
+
+def _complete(line: Line, realm: str, readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike
+    """Print the script of a shell, or what a half-typed line may become."""
+    from robotree.tui.line import shells
+
+    words, script = line.many("WORD"), shells.script(line.text("SHELL"))
+    if not words:
+        answer(script.rstrip("\n"), lambda: {"script": script})
+        return exit_codes.DONE
+    offered = shells.offered(words, manual.shell(readonly=readonly), realm)
+    plain = line.text("SHELL") == "bash"
+    rows = [word if plain or not about else f"{word}\t{about}" for word, about in offered]
+    if rows or line.flag("--json"):
+        answer("\n".join(rows), lambda: [word for word, _ in offered])
+    return exit_codes.DONE
+
+
+def _man(_line: Line, _realm: str, readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike
+    """Print the manual page."""
+    found = manual.man_page(manual.shell(readonly=readonly))
+    answer(found.rstrip("\n"), lambda: {"man": found})
+    return exit_codes.DONE
 
 
 def _take_calm(line: Line) -> None:
@@ -262,7 +291,9 @@ def _run(work: Coroutine[Any, Any, int], *, listening: bool = False, on_screen: 
                 complain(Interrupted())
                 return exit_codes.INTERRUPTED
 
-    return asyncio.run(obeying())
+    with asyncio.Runner() as runner:
+        runner.get_loop()  # first: where it fails, nothing has begun
+        return runner.run(obeying())
 
 
 async def _supervise(realm: str, *, readonly: bool) -> int:
@@ -282,7 +313,8 @@ async def _agent(line: Line, realm: str, *, tether: bool) -> int:
     """Run one agent until the process is ended."""
     from robotree.tui.processes.serving import serve
 
-    await serve(partial(AGENTS[line.verb], line, realm), tether=tether)
+    foreign = line.verb in {"host", "proxy"}  # pages, and proxies of one's own
+    await serve(partial(AGENTS[line.verb], line, realm), tether=tether, foreign=foreign)
     return exit_codes.DONE
 
 
@@ -369,7 +401,7 @@ async def _view(line: Line, realm: str, ready: Ready) -> None:
 async def _host(line: Line, realm: str, ready: Ready) -> None:
     from robotree.vr.agents.run import run_host
 
-    await run_host(line.text("NAME"), realm=realm, ready=ready)
+    await run_host(line.text("NAME"), realm=realm, only=line.text("--only"), ready=ready)
 
 
 async def _lookup(line: Line, realm: str, ready: Ready) -> None:

@@ -14,7 +14,7 @@ from contextlib import chdir
 from enum import Enum
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from robotree.files import own_folder
 from robotree.tui import exit_codes
@@ -24,6 +24,9 @@ from robotree.tui.processes.realm import chosen
 from robotree.tui.terminal import aside, complain, note, put
 from robotree.tui.wire.security import NOTHING, REALM, key_file
 from robotree.vr.base.address import ROLES
+
+if TYPE_CHECKING:
+    from robotree.vr.supervision.fleet import Fleet
 
 ARM, ROVER, VIEW = "arm-1", "rover-1", "cell"
 LOOKUPS = ("lookup-1", "lookup-2")
@@ -62,6 +65,14 @@ class Story(Protocol):
 
     async def cast(self, crew: Crew, *, wire: Wire, speedup: str) -> None:
         """Bring up everybody."""
+        ...
+
+    async def open(self, fleet: Fleet) -> str:
+        """Build what a person finds on the screen, and return their next step, in one sentence."""
+        ...
+
+    async def accompany(self, fleet: Fleet) -> None:
+        """Do what nobody does at the screen, until it is left."""
         ...
 
     async def play(self, realm: str, folder: Path, *, readonly: bool) -> int:
@@ -108,7 +119,7 @@ async def demo(
             await story.cast(crew, wire=wire, speedup=speedup)
             if headless:
                 return await story.play(realm, folder, readonly=readonly)
-            return await _supervise(realm, readonly=readonly)
+            return await _supervise(story, realm, readonly=readonly)
     except (MemberFailed, DemoRuns) as failure:
         complain(failure)
         return exit_codes.REFUSED
@@ -174,6 +185,14 @@ class Cell:
         """Bring up the cell."""
         await cast(crew, wire=wire, speedup=speedup)
 
+    async def open(self, fleet: Fleet) -> str:
+        """Build nothing: here a person begins."""
+        del fleet
+        return f"next: n makes a virtual robot from a page, e puts it on top of {ARM}; ? shows all keys"
+
+    async def accompany(self, fleet: Fleet) -> None:
+        """Do nothing."""
+
     async def play(self, realm: str, folder: Path, *, readonly: bool) -> int:
         """Play the lever's story."""
         return await _play(realm, folder, readonly=readonly)
@@ -182,12 +201,18 @@ class Cell:
 CELL = Cell()
 
 
-async def _supervise(realm: str, *, readonly: bool) -> int:
+async def _supervise(story: Story, realm: str, *, readonly: bool) -> int:
     from robotree.tui.processes.realm import joined
     from robotree.tui.screen.supervise import supervise
 
     async with joined(realm) as fleet:
-        return await supervise(fleet, realm, farewell=FAREWELL, readonly=readonly)
+        hint = "" if readonly else await story.open(fleet)
+        beside = asyncio.create_task(story.accompany(fleet))
+        try:
+            return await supervise(fleet, realm, farewell=FAREWELL, hint=hint, readonly=readonly)
+        finally:
+            beside.cancel()
+            await asyncio.gather(beside, return_exceptions=True)
 
 
 async def _play(realm: str, folder: Path, *, readonly: bool) -> int:

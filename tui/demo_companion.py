@@ -12,6 +12,7 @@ import json
 import time
 from collections import Counter
 from collections.abc import Collection, Mapping
+from contextlib import suppress
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -86,6 +87,26 @@ class Companion:
             ("view", EYES, "--connect", flat.address, "--cameras", "left=101,right=102"),
         )
 
+    async def open(self, fleet: Fleet) -> str:
+        """Build the companion and its script: what is left to a person is to start the script."""
+        with as_file(files("robotree.examples")) as examples:
+            await build(fleet, examples / "companion")
+        await fleet.enslave(SCRIPT, "robot", ROBOT)
+        return f"next: select {SCRIPT}, ⏎ opens its panel, ^r runs start: the companion then serves who comes"
+
+    async def accompany(self, fleet: Fleet) -> None:
+        """Be the recogniser: report to the script who has come and who leaves."""
+        number, known = 0, set[str]()
+        while True:
+            await asyncio.sleep(LISTEN)
+            with suppress(VrError):  # the script may not run yet, or not any more
+                number, who, text = await heard(fleet, number)
+                if who and who not in known:
+                    await fleet.call(SCRIPT, "person_seen", {"who": who})
+                    known.add(who)
+                elif "have to go" in text:
+                    await fleet.call(SCRIPT, "person_left", {"who": who})
+
     async def play(self, realm: str, folder: Path, *, readonly: bool) -> int:  # noqa: ARG002  a fixed course
         """Play the evening and print, as the last line, what came of it as one JSON object."""
         from robotree.tui.processes.realm import joined
@@ -106,6 +127,34 @@ class Companion:
 
 
 STORY = Companion()
+
+
+async def build(fleet: Fleet, pages: Path) -> None:
+    """Make the companion from the parts that are there, and its script.
+
+    Args:
+        fleet: the robots.
+        pages: folder of the companion's page and script.
+    """
+    await fleet.create(str(pages / "companion.py"), ROBOT)
+    for slot in PARTS:
+        await fleet.enslave(ROBOT, slot, slot)
+    await fleet.create(str(pages / "evening.yaml"), SCRIPT)
+    await fleet.call(ROBOT, "play", {"role": ROLES[0]}, deadline=60.0)
+
+
+async def heard(fleet: Fleet, after: int) -> tuple[int, str, str]:
+    """Return the newest utterance of a visitor: its number, who spoke, the words; nobody if it is not new.
+
+    Args:
+        fleet: the robots.
+        after: number of the utterance that was taken last.
+    """
+    number, _, rest = (await fleet.describe("head")).attributes.get("heard", "").partition(" ")
+    if not number or int(number) <= after:
+        return after, "", ""
+    tag, _, text = rest.partition(" ")
+    return int(number), PEOPLE.get(int(tag), ""), text
 
 
 class Evening:
@@ -129,11 +178,7 @@ class Evening:
     async def run(self) -> None:
         """From the first visitor to the charging place."""
         fleet = self._fleet
-        await fleet.create(str(self._pages / "companion.py"), ROBOT)
-        for slot in PARTS:
-            await fleet.enslave(ROBOT, slot, slot)
-        await fleet.create(str(self._pages / "evening.yaml"), SCRIPT)
-        await self._call(ROBOT, "play", role=ROLES[0])
+        await build(fleet, self._pages)
         await self._call(ROBOT, "go_to", place="door")
         await fleet.enslave(SCRIPT, "robot", ROBOT)
         await fleet.tell(SCRIPT, "start", {}, deadline=LONGEST)
@@ -176,13 +221,9 @@ class Evening:
 
     async def _listen(self) -> None:
         """Take the utterances of visitors, and report to the script who has come and who goes."""
-        heard = (await self._fleet.describe("head")).attributes.get("heard", "")
-        number, _, rest = heard.partition(" ")
-        tag, _, text = rest.partition(" ")
-        if not number or int(number) <= self._number:
+        self._number, who, text = await heard(self._fleet, self._number)
+        if not text:
             return
-        self._number = int(number)
-        who = PEOPLE.get(int(tag), "")
         self._note(f"{who}: {text}")
         self._said[who] += 1
         if self._said[who] == 1:

@@ -12,7 +12,14 @@ begin at the keyboard or in a session script.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+
+EVERYWHERE = "robotree stop --everywhere"
+"""The line that stops all robots of all realms of this user."""
+
+SHOWN = 3
+"""Robots of another realm, and other realms, that an error names."""
 
 
 class SupervisorError(Exception):
@@ -109,10 +116,25 @@ class ValueRefused(SupervisorError, ValueError):
 class NothingToAsk(SupervisorError):
     """Nobody is there: no lookup service and no agent in this realm."""
 
-    def __init__(self, realm: str) -> None:
-        """Name the realm and how to fill it."""
-        self.realm = realm
-        super().__init__(f"nobody is in realm {realm!r}; start something first, for example `robotree demo`")
+    def __init__(self, realm: str, elsewhere: Mapping[str, Sequence[str]] = MappingProxyType({})) -> None:
+        """Name the realm and how to fill it, or the robots elsewhere and how each is reached.
+
+        Args:
+            realm: that is empty; "": all realms are.
+            elsewhere: robots of other realms of this user, by what leads to them.
+        """
+        self.realm, self.elsewhere = realm, dict(elsewhere)
+        hint = "; start something first, for example `robotree demo`"
+        if elsewhere:
+            found = [f"{_some(robots)} ({how})" for how, robots in elsewhere.items()]
+            hint = f", but elsewhere there are {_some(found, 'realms')}; `{EVERYWHERE}` stops them all"
+        super().__init__(f"nobody is in realm {realm!r}{hint}" if realm else f"nobody is in any realm{hint}")
+
+
+def _some(names: Sequence[str], what: str = "") -> str:
+    """Return names, of many only the first ones."""
+    rest = f" and {len(names) - SHOWN} more {what}".rstrip() if len(names) > SHOWN else ""
+    return ", ".join(names[:SHOWN]) + rest
 
 
 class OldList(SupervisorError):

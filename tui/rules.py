@@ -21,6 +21,7 @@ from robotree.tui.line.verbs import shipped
 from robotree.tui.terminal import answer, put
 
 if TYPE_CHECKING:  # help must not wait for the rules
+    from robotree.vr.base.description import CommandSpec
     from robotree.vr.base.written import Scalar
     from robotree.vr.scripts.program import Program
     from robotree.vr.scripts.trial import Played, Rehearsal, Trial
@@ -50,20 +51,38 @@ def _source(path: Path) -> str:
 
 
 def _program(given: str) -> Program:
+    from robotree.vr.scripts.known import check_known
     from robotree.vr.scripts.script import read_program
 
     path = shipped(given)
-    return read_program(_source(path), str(given))
+    program = read_program(_source(path), str(given))
+    check_known(program, known_kinds())
+    return program
+
+
+def known_kinds() -> dict[str, dict[str, CommandSpec]]:
+    """Return the commands of the kinds of robots that come with robotree, by name of the kind."""
+    from robotree import kinds
+    from robotree.vr.author.kind import promises_of
+
+    return {name: {one.name: one for one in promises_of(getattr(kinds, name))} for name in kinds.__all__}
 
 
 def _check(line: Line) -> int:
     from robotree.vr.scripts.engine import Engine
+    from robotree.vr.scripts.joins import loose
 
     program = _program(line.text("FILE"))
     Engine(program)  # CLIPS takes each rule
     rules, kinds = len(program.rules), len(program.templates)
     counted = f"{rules} rule{'s' * (rules != 1)}, {kinds} kind{'s' * (kinds != 1)} of facts"
-    text = f"{line.text('FILE')} is good: {counted}"
+    advice = [
+        f"{line.text('FILE')}:{one.mark.line}: rule {one.rule} joins {' with '.join(one.kinds)} without a "
+        "shared variable: the numbers of these facts are multiplied"
+        for one in map(loose, program.rules)
+        if one is not None
+    ]
+    text = "\n".join([f"{line.text('FILE')} is good: {counted}", *advice])
     if line.flag("--listing"):
         text = program.listing
     data = {
@@ -71,6 +90,7 @@ def _check(line: Line) -> int:
         "hash": program.hash,
         "partners": [partner.name for partner in program.partners],
         "hears": [hears.name for hears in program.hears],
+        "advice": advice,
         "rules": [{"name": rule.name, "line": rule.mark.line, "clips": rule.clips} for rule in program.rules],
     }
     answer(text, lambda: data)

@@ -7,7 +7,8 @@ import contextlib, math, select, socket, struct, sys, time
 from types import SimpleNamespace as Record
 import rover_wire as m
 
-SILENCE, TICK, ARENA, LAST_EPOCH, SLOWEST = 2.0, 0.02, 1.5, 2**32 - 2**20, 0.009999999  # a float32 of 0.01 is above it
+SILENCE, TICK, ARENA, SLOWEST = 2.0, 0.02, 1.5, 0.009999999  # a float32 of 0.01 is above it
+LATEST, LAST_EPOCH, LEASES = 4102444800, 2**32 - 2**20, 2**10  # the year 2100: it takes no clock for granted
 ACTIVE, SUCCEEDED, REFUSED, CANCELLED, EXPIRED = 2, 3, 4, 6, 7  # ROBOTREE_GOAL_STATE
 wire, goals = m.MAVLink(None, srcSystem=1, srcComponent=1), {}  # goals by sender and key
 me = Record(link=None, goal=None, stopped=False, silent=False, stops=1, epoch=0, heard=0.0)
@@ -24,9 +25,13 @@ def say_mode(refusal=""):
     say(m.MAVLink_heartbeat_message(m.MAV_TYPE_GROUND_ROVER, 0, 1 if me.stopped else 129, mode, 4, 3))
     say(m.MAVLink_robotree_mode_message(boot_ms(), me.epoch, int(SILENCE * 1e3), mode, reason, me.stops))
 
+def objection(epoch):
+    late = epoch > max(me.epoch, min(max(me.epoch + LEASES, LATEST), LAST_EPOCH))  # later than an honest clock explains
+    return "STALE_EPOCH" if epoch < me.epoch else "BAD_EPOCH" if late else ""
+
 def tell(g, state=None, reason=0):
     if state: g.state, g.reason, g.sequence = state, reason, g.sequence + 1 & 0xFFFF
-    said = g.key, me.epoch, float(g.state == SUCCEEDED), g.sequence, g.reason, *g.sender, g.state
+    said = g.key, me.epoch, g.progress if g.state == ACTIVE else float(g.state == SUCCEEDED), g.sequence, g.reason, *g.sender, g.state
     say(m.MAVLink_robotree_goal_status_message(*said))
 
 def end(state, reason=0):
@@ -36,11 +41,12 @@ def end(state, reason=0):
 
 def on_goal(asked, sender):
     goal, content = goals.get((*sender, asked.key)), struct.pack("<H7f", asked.verb, *asked.args)  # to the bit
-    fresh = Record(key=asked.key, sender=sender, content=content, state=0, reason=0, sequence=0)
+    fresh = Record(key=asked.key, sender=sender, content=content, state=0, reason=0, sequence=0, progress=0.0)
     if asked.verb == m.ROBOTREE_VERB_STATUS or (goal and goal.content in (content, "cancelled")):
+        if goal and goal.content == content and not objection(asked.epoch): me.epoch = asked.epoch
         return tell(goal or fresh)  # a question, a repetition, or cancelled before it came: nothing moves
-    if goal or not asked.key or not me.epoch <= asked.epoch <= LAST_EPOCH:  # refused, and not kept
-        return tell(fresh, REFUSED, why("KEY_REUSED" if goal else "STALE_EPOCH" if asked.key else "BAD_ARGUMENT"))
+    if denial := "KEY_REUSED" if goal else objection(asked.epoch) if asked.key else "BAD_ARGUMENT":
+        return tell(fresh, REFUSED, why(denial))  # and not kept
     me.epoch, goals[(*sender, asked.key)] = asked.epoch, fresh
     dx, dy, speed = (0.0, 0.0, math.nan) if asked.verb == m.ROBOTREE_VERB_HOLD else asked.args[:3]
     to, known = (rover.at[0] + dx, rover.at[1] + dy), asked.verb in (m.ROBOTREE_VERB_MOVE, m.ROBOTREE_VERB_HOLD)
@@ -50,19 +56,21 @@ def on_goal(asked, sender):
         if holds: return tell(fresh, REFUSED, why(reason))
     end(CANCELLED, why("SUPERSEDED"))
     me.goal, me.silent, me.heard, fresh.deadline = fresh, False, now(), now() + (asked.ttl_ms / 1e3 or math.inf)
-    rover.to, rover.speed = to, 0.4 if math.isnan(speed) else speed
+    rover.to, rover.speed, rover.way = to, 0.4 if math.isnan(speed) else speed, math.dist(to, rover.at)
     tell(fresh, ACTIVE)
 
 def hear(said, sender, kind):
     if me.goal and sender == me.goal.sender: me.heard = now()  # only who commands keeps its movement alive
     if kind == "ROBOTREE_GOAL" and said.target_system == 1: on_goal(said, sender)
     if kind == "ROBOTREE_GOAL_CANCEL" and said.target_system == 1:
-        early = Record(key=said.key, sender=sender, content="cancelled", state=0, reason=0, sequence=0)
+        early = Record(key=said.key, sender=sender, content="cancelled", state=0, reason=0, sequence=0, progress=0.0)
         goal = goals.setdefault((*sender, said.key), early) if said.key else me.goal
+        if not said.key and objection(said.epoch): return tell(early, REFUSED, why(objection(said.epoch)))
         end(CANCELLED, why("OPERATOR")) if goal and goal is me.goal else tell(goal or early)
     if kind == "ROBOTREE_SET_MODE" and said.target_system in (0, 1):
         older = me.stopped and said.stops not in (0, me.stops)  # its sender saw an older stop
-        refusal = "STOPPED" if older else "" if me.epoch <= said.epoch <= LAST_EPOCH else "STALE_EPOCH"
+        wrong = "" if said.mode == m.ROBOTREE_MODE_KIND_READY else "BAD_ARGUMENT"
+        refusal = wrong or ("STOPPED" if older else objection(said.epoch))
         if stop := said.mode == m.ROBOTREE_MODE_KIND_SAFE_STOP:  # from anyone, under any epoch
             me.stops, me.stopped = me.stops + (not me.stopped), True
             end(CANCELLED, why("STOPPED"))
@@ -76,6 +84,7 @@ def tick(dt):
         part = min(rover.speed * dt / (math.dist(rover.to, rover.at) or math.inf), 1.0)
         rover.v = tuple(part * (b - a) / dt for a, b in zip(rover.at, rover.to))
         rover.at = tuple(a + v * dt for a, v in zip(rover.at, rover.v))
+        me.goal.progress = 1 - math.dist(rover.to, rover.at) / (rover.way or math.inf)
         if math.dist(rover.to, rover.at) < 1e-9: end(SUCCEEDED)
     say(m.MAVLink_local_position_ned_message(boot_ms(), rover.at[0], -rover.at[1], 0, rover.v[0], -rover.v[1], 0))
 
@@ -86,7 +95,9 @@ def serve(last=0.0, due=0.0):
         for said in parser.parse_buffer(data or b"") or []:
             hear(said, (said.get_srcSystem(), said.get_srcComponent()), said.get_type())
         if now() - last >= TICK: last = tick(min(now() - last, 0.1)) or now()  # no jump after a pause
-        if now() >= due: due = say_mode() or now() + 0.2
+        if now() >= due:
+            if me.goal: tell(me.goal, ACTIVE)
+            due = say_mode() or now() + 0.1
 
 listener = socket.create_server(("127.0.0.1", int(sys.argv[1])))
 print(f"ready tcp:127.0.0.1:{listener.getsockname()[1]}", flush=True)

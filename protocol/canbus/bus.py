@@ -14,12 +14,13 @@ from typing import TYPE_CHECKING
 import msgspec
 from can import BusABC, BusState, CanOperationError, CanProtocol, CanTimeoutError, Message
 
+from robotree.files import forks
 from robotree.protocol.canbus.membership import Membership
 from robotree.protocol.canbus.records import encode
 from robotree.protocol.canbus.seats import DEFAULT
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from can.typechecking import AutoDetectedConfig, CanFilters
 
@@ -78,10 +79,15 @@ class LoopbackBus(BusABC):
         self._membership = Membership(self.channel)
         self._bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._rung = self._left = False
+        forks.owns(self)
         self._reading = threading.Lock()
         self._membership.inlet.register(self._bell, select.EPOLLIN)
         self.channel_info = f"robotree bus {self.channel!r} (port {self._membership.port})"
         super().__init__(self.channel, can_filters, **kwargs)
+
+    def in_child(self) -> Iterable[int]:
+        """See `forks.Owner`."""
+        return () if self._left else (self._bell,)
 
     @property
     def statistics(self) -> BusStatistics:

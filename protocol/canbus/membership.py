@@ -22,12 +22,13 @@ from typing import TYPE_CHECKING
 import msgspec
 from can import CanInitializationError
 
+from robotree.files import forks
 from robotree.protocol.canbus.records import GREETING_BYTES, Greeting, read_greeting
 from robotree.protocol.canbus.seats import HOST, SEATS, channel_id, first_port
 from robotree.protocol.canbus.wire import Wire
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
 ANSWER = 1.0
 """[s] to wait at the start for the answers of those who are there."""
@@ -84,11 +85,17 @@ class Membership:
             self.inlet.close()
             os.close(self._bell)
             raise
+        forks.owns(self)
         self._dial_all()
         self._thread = threading.Thread(target=self._run, name=f"can {channel}", daemon=True)
         self._thread.start()
         with self.lock:
             self.lock.wait_for(self._all_answered, ANSWER)
+
+    def in_child(self) -> Iterable[int]:
+        """See `forks.Owner`."""
+        own = (self._seat.fileno(), self.inlet.fileno(), self._bell) if self._open else ()
+        return (*own, *self._wires, *self._pending)
 
     @property
     def crowded(self) -> bool:
@@ -206,9 +213,10 @@ class Membership:
         if descriptor == self._bell:
             os.eventfd_read(self._bell)
         elif descriptor == self._seat.fileno():
-            for connection in self._newcomers():
-                self._meet(connection, dialled=False)
-                self._thin_out()
+            with forks.opening:
+                for connection in self._newcomers():
+                    self._meet(connection, dialled=False)
+                    self._thin_out()
         elif (pending := self._pending.get(descriptor)) is not None:
             self._hear(pending)
 

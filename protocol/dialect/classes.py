@@ -80,7 +80,7 @@ ENUMS = {
     "MAV_PARAM_ERROR": ("Why a parameter was not read or set.", ""),
     "MAV_PROTOCOL_CAPABILITY": (
         "Optional parts of the protocol.",
-        "COMMAND_INT MAVLINK2 PARAM_ENCODE_C_CAST COMPONENT_ACCEPTS_GCS_CONTROL GRIPPER",
+        "COMMAND_INT FLIGHT_TERMINATION MAVLINK2 PARAM_ENCODE_C_CAST COMPONENT_ACCEPTS_GCS_CONTROL GRIPPER",
     ),
     "GCS_CONTROL_STATUS_FLAGS": ("Parts of the operator control's state.", ""),
 }
@@ -267,8 +267,9 @@ def _about(field: MAVField, *, own: bool) -> str:
         parts.append(f"({field.array_length},)")
     if field.units and field.units not in said:
         parts.append(UNITS.get(field.units, field.units))
-    if field.invalid:
-        parts.append(f"{field.invalid.replace('UINT16_MAX', '65535')}: no value")
+    invalid = field.invalid.strip("[],").replace("UINT16_MAX", "65535")
+    if invalid and f"{invalid}:" not in said:
+        parts.append(f"{invalid}: no value")
     return f"{said} {', '.join(parts)}".strip()
 
 

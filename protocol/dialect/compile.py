@@ -208,7 +208,9 @@ def generate(output: Path, *, xml: Path = DIALECT, language: str = "Python3") ->
     table_of(parsed, xml)
     said, failure, done = io.StringIO(), "", False
     with workspace(xml) as copy, contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-        options = mavgen.Opts(str(output.absolute()), wire_protocol="2.0", language=language, validate=True)
+        options = mavgen.Opts(
+            str(output.absolute()), wire_protocol="2.0", language=language, validate=True, strict_units=True
+        )
         for each in parsed:
             _complete(copy.with_name(Path(each.filename).name))
         try:

@@ -1,21 +1,26 @@
 """What pymavlink's generator does not notice, or says in a way that nobody understands.
 
 It raises in four ways, prints, evaluates the values of enumerations as Python, writes modules that do not
-compile, and packs messages that do not fit the wire. So a dialect's own files are examined first.
+compile, and packs messages that do not fit the wire. So a dialect's own files are examined first, also their
+units: ground stations show them, and pymavlink's `mavgen --strict-units` refuses those that it does not know.
 """
 
 from __future__ import annotations
 
+import difflib
+import functools
 import keyword
 import re
+from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
+
+import pymavlink
 
 from robotree.protocol.dialect.table import CODES, LARGEST_ID
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
     from xml.etree.ElementTree import Element
 
 LARGEST_COMMAND = 2**16 - 1
@@ -41,6 +46,20 @@ def problems(xml: Path) -> Iterator[str]:
         yield from _in_message(message)
     for element in root.iter():
         yield from _in_text(element)
+        yield from _in_unit(element)
+
+
+@functools.cache
+def units() -> frozenset[str]:
+    """The units that MAVLink knows, from the schema of the installed pymavlink."""
+    schema = ET.parse(Path(str(pymavlink.__file__)).parent / "generator" / "mavschema.xsd")  # noqa: S314  its own
+    space = "{http://www.w3.org/2001/XMLSchema}"
+    kind = schema.find(f"{space}simpleType[@name='SI_Unit']")
+    return (
+        frozenset(each.get("value", "") for each in kind.iter(f"{space}enumeration"))
+        if kind is not None
+        else frozenset()
+    )
 
 
 def _in_enum(enum: Element) -> Iterator[str]:
@@ -97,3 +116,12 @@ def _in_text(element: Element) -> Iterator[str]:
     if '"""' in text or text.endswith(('"', "\\")):
         shown = text if len(text) <= 40 else f"…{text[-40:]}"
         yield f"the text {shown!r} breaks what is generated; do without three quotes, and a quote at its end"
+
+
+def _in_unit(element: Element) -> Iterator[str]:
+    unit = element.get("units")
+    if unit is not None and unit not in units():
+        near = difflib.get_close_matches(unit, sorted(units()), 1, 0.4)
+        way = f"is it {near[0]}?" if near else "write it in the text instead"
+        said = element.get("name") or f"the parameter {element.get('label') or element.get('index')}"
+        yield f"{said} has the unit {unit!r}, which MAVLink does not know; {way}"

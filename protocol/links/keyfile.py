@@ -48,13 +48,6 @@ class Line(NamedTuple):
     pattern: str
     key: Key
 
-    def with_secret(self, text: str, secret: bytes) -> str:
-        """The text of the whole file with another key in this line, and everything else as it was."""
-        lines = text.splitlines(keepends=True)
-        before, pattern, after = lines[self.number].partition(self.pattern)
-        lines[self.number] = before + pattern + after.replace(after.strip(), secret.hex())
-        return "".join(lines)
-
 
 def key_lines(path: Path, text: str) -> list[Line]:
     """The lines with keys.
@@ -64,6 +57,21 @@ def key_lines(path: Path, text: str) -> list[Line]:
     """
     stripped = [line.strip() for line in text.splitlines()]
     return [_line(path, i, line) for i, line in enumerate(stripped) if line and not line.startswith("#")]
+
+
+def with_key(path: Path, text: str, controller: str, secret: bytes) -> str:
+    """The text of a whole file with another key for one controller, and everything else as it was.
+
+    Raises:
+        KeyFileError: a line makes no sense.
+    """
+    lines = text.splitlines(keepends=True)
+    line = next((each for each in key_lines(path, text) if each.pattern == controller), None)
+    if line is None:  # before all others: the first pattern that matches decides
+        return f"{controller} {secret.hex()}\n{text}"
+    before, pattern, after = lines[line.number].partition(line.pattern)
+    lines[line.number] = before + pattern + after.replace(after.strip(), secret.hex())
+    return "".join(lines)
 
 
 def _line(path: Path, number: int, line: str) -> Line:

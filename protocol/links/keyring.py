@@ -1,10 +1,14 @@
 """Where signing keys lie: a file that only its owner can read, and beside it the time that was last signed.
 
 The file has one line per key, `PATTERN KEY`: the first pattern (`*` and `?` as in a shell) that matches the
-address of a link gives the key, 64 hexadecimal digits. Lines that begin with # are for people::
+name of a controller (`Link.controller`) gives the key, 64 hexadecimal digits. A line with the very name has
+this controller's own key; from any other line each controller's key is derived, so that no two have the same.
+Lines that begin with # are for people::
 
     # the arm in the cell
-    tcp:127.0.0.1:*   6f1b…
+    tcp:127.0.0.1:5760   6f1b…
+    # all others
+    tcp:127.0.0.1:*      07c9…
 
 Several programs of one machine may use one file: the time beside it only ever grows. When a key in it is
 replaced, by one of them or by an editor, all find the new one at the next link that they open.
@@ -12,19 +16,20 @@ replaced, by one of them or by an editor, all find the new one at the next link 
 
 from __future__ import annotations
 
-import hashlib
 import secrets
+from collections import Counter
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
 from robotree.protocol.errors import KeyFileError, UnmatchedLink
-from robotree.protocol.links.keyfile import alone, key_lines, read, replace, state_of, write
+from robotree.protocol.links.keyfile import alone, key_lines, read, replace, state_of, with_key, write
 from robotree.protocol.links.names import names
-from robotree.protocol.signing import KEY_BYTES
+from robotree.protocol.signing import KEY_BYTES, secret_of
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from robotree.protocol.links.keyfile import Content
     from robotree.protocol.signing import Key
 
 PERSIST_PERIOD = 10.0
@@ -50,7 +55,7 @@ class Keyring:
         self._path, self._patience = path, patience
         content = read(path)
         self._state = content.state
-        self.keys = [(line.pattern, line.key) for line in key_lines(path, content.text)]
+        self.keys = self._listed(content)
         """Patterns and keys, in the order of the file."""
         if not self.keys:
             raise KeyFileError(path, "holds no key; make another file with `robotree wire key FILE`")
@@ -61,28 +66,75 @@ class Keyring:
         real = self._path.resolve()
         return real.with_name(f"{real.name}.time")
 
-    def key_for(self, address: str) -> Key | None:
-        """The key of a link; None: no line matches."""
-        return next((key for pattern, key in self.keys if fnmatchcase(address, pattern)), None)
+    def _listed(self, content: Content) -> list[tuple[str, Key]]:
+        keys = [(line.pattern, line.key) for line in key_lines(self._path, content.text)]
+        own = Counter(key.fingerprint for pattern, key in keys if "*" not in pattern)
+        if own and max(own.values()) > 1:
+            problem = "two controllers have the same key, so that a recording of one moves the other"
+            raise KeyFileError(self._path, f"{problem}; give each line a key of its own")
+        return keys
 
-    def pattern_for(self, address: str) -> str:
-        """The pattern that gives a link its key; empty: no line matches."""
-        return next((pattern for pattern, _ in self.keys if fnmatchcase(address, pattern)), "")
+    def _found(self, controller: str) -> tuple[str, Key]:
+        """The first line for a controller.
+
+        Raises:
+            LookupError: there is none.
+        """
+        for pattern, key in self.keys:
+            if pattern == controller or fnmatchcase(controller, pattern):
+                return pattern, key
+        raise LookupError(controller)
+
+    def key_for(self, controller: str) -> Key | None:
+        """The key of a controller, by its name; None: no line matches."""
+        try:
+            pattern, key = self._found(controller)
+        except LookupError:
+            return None
+        return key if pattern == controller else key.of_controller(controller)
+
+    def told(self, controller: str) -> dict[str, str]:
+        """What a program without this file needs to command one controller; show it to its owner only.
+
+        Returns:
+            `key`: 64 hexadecimal digits. `passphrase`: MAVProxy and QGroundControl make the key of it; it is
+            missing if the controller has a key of its own.
+
+        Raises:
+            UnmatchedLink: no line matches.
+        """
+        try:
+            pattern, key = self._found(controller)
+        except LookupError:
+            patterns = [pattern for pattern, _ in self.keys]
+            raise UnmatchedLink(self._path, controller, patterns) from None
+        if pattern == controller:
+            return {"key": key.reveal()}
+        phrase = key.passphrase_for(controller)
+        return {"passphrase": phrase, "key": secret_of(phrase).hex()}
 
     def require(self, address: str, *, listening: bool) -> None:
-        """See that the links of an address will have a key, before one is opened.
+        """See that the controller at an address will have a key, before a link is opened.
 
         Args:
             address: to be handed to `connect` or `listen`.
-            listening: whether it is for `listen`; then all links that may come have to have one.
+            listening: whether it is for `listen`; then each name that it may get has to have one.
 
         Raises:
-            UnmatchedLink: they will have none.
+            UnmatchedLink: it will have none.
+            KeyFileError: its two ends would derive different keys.
             BadUrl: the address means nothing.
         """
-        found = [self.key_for(name) is not None for name in names(address, listening=listening)]
-        if found and not (all(found) if listening else any(found)):
+        found = names(address)
+        known = [self.key_for(name) is not None for name in found]
+        if known and not (all(known) if listening else any(known)):
             raise UnmatchedLink(self._path, address, [pattern for pattern, _ in self.keys])
+        if found and found[0].startswith("serial:") and found[0] not in dict(self.keys):
+            problem = (
+                f"{address} has another name at the other end of the line, so that the keys would differ"
+            )
+            advice = "name the controller at both ends with ?controller=NAME, or give it a line of its own"
+            raise KeyFileError(self._path, f"{problem}; {advice}")
 
     def refresh(self) -> None:
         """Read the file again, if it was changed.
@@ -96,40 +148,39 @@ class Keyring:
         if state_of(self._path) == self._state:
             return
         content = read(self._path)
-        keys = [(line.pattern, line.key) for line in key_lines(self._path, content.text)]
+        keys = self._listed(content)
         present = {pattern for pattern, _ in keys}
         self.keys = keys + [each for each in self.keys if each[0] not in present]
         self._state = content.state
 
-    def replace(self, address: str, old: Key, secret: bytes, last: int) -> str:
-        """Give the pattern that matches a link another key, here and in the file; all other lines stay.
+    def replace(self, controller: str, old: Key, secret: bytes, last: int) -> None:
+        """Give a controller another key, here and in a line of its own in the file; all other lines stay.
 
         Args:
-            address: of the link.
-            old: the key that its line must still have.
+            controller: its name.
+            old: the key that it must still have.
             secret: of the new key, 32 bytes.
             last: the signing time, which is kept, too.
 
-        Returns:
-            The pattern.
-
         Raises:
-            KeyFileError: the file cannot be written, or was changed meanwhile; the key stays as it was.
+            KeyFileError: the file cannot be written, or was changed meanwhile, or another controller has the
+                new key; the key stays as it was.
         """
         real = self._path.resolve()  # a symbolic link stays one
         try:
             with alone(self._path, LOCK_PATIENCE):
-                content = read(self._path)
-                listed = key_lines(self._path, content.text)
-                line = next((each for each in listed if fnmatchcase(address, each.pattern)), None)
-                if line is None or line.key.fingerprint != old.fingerprint:
+                self.refresh()
+                key = self.key_for(controller)
+                if key is None or key.fingerprint != old.fingerprint:
                     raise KeyFileError(self._path, "another key was put in meanwhile; open the link anew")
+                content = read(self._path)
+                text = with_key(self._path, content.text, controller, secret)
+                self._listed(content._replace(text=text))
                 self._keep(last)
-                replace(real, line.with_secret(content.text, secret))
+                replace(real, text)
         except OSError as error:
             raise KeyFileError(self._path, f"cannot be written: {error.strerror}") from error
         self.refresh()
-        return line.pattern
 
     def persisted(self) -> int:
         """The latest signing time that any program of ours has persisted; 0: none has.
@@ -186,8 +237,3 @@ def create(path: Path, pattern: str = "*", passphrase: str | None = None) -> Non
         raise KeyFileError(path, "exists already; a key is never overwritten") from error
     except OSError as error:
         raise KeyFileError(path, f"cannot be written: {error.strerror}") from error
-
-
-def secret_of(passphrase: str) -> bytes:
-    """The secret that MAVProxy and QGroundControl make of a passphrase: its SHA-256."""
-    return hashlib.sha256(passphrase.encode()).digest()

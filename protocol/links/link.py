@@ -53,6 +53,10 @@ def encoded(frame: bytes | Unsent) -> bytes:
 class Link(Protocol):
     """One end of an open link."""
 
+    controller: str
+    """Name of the controller at one of the two ends, by which its key is found: the address where it listens,
+    or what the option `controller` of the link's URL says. A serial line has another address at each end."""
+
     @property
     def address(self) -> str:
         """Name of the link for people: scheme, and address of the far end."""

@@ -40,7 +40,7 @@ class LoopbackEnd:
 
     def __init__(self, network: Loopback, name: str) -> None:
         self._network = network
-        self.address = f"loop:{name}"
+        self.address, self.controller = f"loop:{name}", "loop:"
         self.handler: Handler | None = None
         self.other: LoopbackEnd | None = None
         self._sent = self.arrived = self._dropped = 0

@@ -13,7 +13,14 @@ ALLOWED_DELAY = OLDEST_STREAM / UNITS
 """[s] by which a clock may be behind ours."""
 _STRANGE = "frames arrive but none is signed with our key"
 _UNTIMELY = "frames arrive that are signed with our key but not new"
-_WHAT = {"forged": _STRANGE, "unsigned": _STRANGE, "late": _UNTIMELY, "replayed": _UNTIMELY}
+_WHAT = {
+    "forged": _STRANGE,
+    "unsigned": _STRANGE,
+    "late": _UNTIMELY,
+    "early": _UNTIMELY,
+    "replayed": _UNTIMELY,
+}
+_ALLOWED = f"{ALLOWED_DELAY:.0f} s are allowed; set both clocks right"
 
 
 class Rejection(NamedTuple):
@@ -30,10 +37,14 @@ def cause(verifier: Verifier) -> Rejection | None:
     seen = verifier.statistics
     worst = max(
         Rejection(
-            "forged", seen.forged, "they have the signature of another key; give both ends the same key"
+            "forged",
+            seen.forged,
+            "they have the signature of another key; give both ends the same key, and the same name of the"
+            " controller (its address, or ?controller=NAME)",
         ),
         Rejection("unsigned", seen.unsigned, "they have no signature; sign them with the key of this link"),
         Rejection("late", seen.late, _late(seen.behind)),
+        Rejection("early", seen.early, f"their clock is {seen.ahead:.0f} s ahead, and {_ALLOWED}"),
         Rejection("replayed", seen.replayed, _replayed(seen.replayed, seen.repeated)),
         key=lambda each: each.refused,
     )
@@ -58,11 +69,10 @@ def rejection(verifier: Verifier | None, *, keyless: int = 0) -> str:
 
 def _late(behind: float) -> str:
     if behind > ALLOWED_DELAY:
-        allowed = f"{ALLOWED_DELAY:.0f} s are allowed"
-        return f"their clock is {behind:.0f} s behind, and {allowed}; set both clocks right"
+        return f"their clock is {behind:.0f} s behind, and {_ALLOWED}, or give both ends a new key"
     return (
         f"their clock is {behind:.1f} s behind, so that they seem older than this program; "
-        f"wait {behind:.0f} s, or set both clocks right"
+        f"wait {behind:.0f} s, or set both clocks right, or give both ends a new key"
     )
 
 

@@ -2,7 +2,7 @@
 
 security = Security(Keyring(path), time.time)
 async with persisting(security):
-    endpoint = Endpoint(link, …, **security.signer_pair(link.address))
+    endpoint = Endpoint(link, …, **security.signer_pair(link.controller))
 """
 
 from __future__ import annotations
@@ -21,7 +21,9 @@ from robotree.protocol.signing import KEY_BYTES, UNITS, Key, Signer, SigningTime
 if TYPE_CHECKING:
     from collections.abc import AsyncGenerator, Callable
 
+    from robotree.protocol.links.heard import HeardFile
     from robotree.protocol.links.keyring import Keyring
+    from robotree.protocol.links.link import Link
 
 _log = logging.getLogger(__name__)
 
@@ -41,29 +43,25 @@ class LinkSecurity(Protocol):
         """Whether links are signed; if not, all frames are accepted."""
         ...
 
-    def signer_pair(self, address: str) -> SignerPair:
-        """Signer and verifier for the link at an address."""
+    def signer_pair(self, controller: str) -> SignerPair:
+        """Signer and verifier for a link with a controller, by the controller's name (`Link.controller`)."""
         ...
 
-    def pattern(self, address: str) -> str:
-        """Pattern of the links that share their key with this one; empty: it has no key."""
+    def renewed(self, controller: str, signer_pair: SignerPair) -> bool:
+        """Whether a controller's key has changed since a link got this pair."""
         ...
 
-    def renewed(self, address: str, signer_pair: SignerPair) -> bool:
-        """Whether the key of a link has changed since it got this pair."""
-        ...
-
-    def rotate(self, address: str, signer_pair: SignerPair, secret: bytes, moment: int) -> str:
+    def rotate(self, link: Link, signer_pair: SignerPair, secret: bytes, moment: int) -> bool:
         """Take a new key that came over a link, in a frame that was signed with the present key.
 
         Args:
-            address: of the link.
+            link: over which it came.
             signer_pair: of the link.
             secret: of the new key, 32 bytes.
             moment: the sender's signing time; ours is advanced to it, within safe limits.
 
         Returns:
-            The pattern of the links that need a new pair; empty: the key is the present one.
+            Whether the links of the controller need a new pair; else the key is the present one.
 
         Raises:
             KeyRefused: it is not taken.
@@ -76,19 +74,15 @@ class Unsigned:
 
     signed = False
 
-    def signer_pair(self, address: str) -> SignerPair:  # noqa: ARG002  all are alike
+    def signer_pair(self, controller: str) -> SignerPair:  # noqa: ARG002  all are alike
         """Nothing."""
         return SignerPair(signer=None, verifier=None)
 
-    def pattern(self, address: str) -> str:  # noqa: ARG002  all are alike
-        """None."""
-        return ""
-
-    def renewed(self, address: str, signer_pair: SignerPair) -> bool:  # noqa: ARG002  all are alike
+    def renewed(self, controller: str, signer_pair: SignerPair) -> bool:  # noqa: ARG002  all are alike
         """Never."""
         return False
 
-    def rotate(self, address: str, signer_pair: SignerPair, secret: bytes, moment: int) -> str:  # noqa: ARG002  without a file none matters
+    def rotate(self, link: Link, signer_pair: SignerPair, secret: bytes, moment: int) -> bool:  # noqa: ARG002  without a file none matters
         """There is no file in which a key could be kept.
 
         Raises:
@@ -107,6 +101,7 @@ class Security:
     Args:
         keyring: the keys, and where time is persisted.
         clock: the wall clock, Unix time in [s].
+        heard: of a controller, what it remembers of the newest time that it has heard; None: nothing.
         first_link: id of the first link, 0 to 255; by chance, so that programs that speak as the same system
             are different streams: else the one whose frame is overtaken by the other's would be refused.
 
@@ -116,69 +111,68 @@ class Security:
 
     signed = True
 
-    def __init__(self, keyring: Keyring, clock: Callable[[], float], *, first_link: int = 0) -> None:
+    def __init__(
+        self,
+        keyring: Keyring,
+        clock: Callable[[], float],
+        *,
+        first_link: int = 0,
+        heard: HeardFile | None = None,
+    ) -> None:
         self._keyring = keyring
         persisted = keyring.persisted()
-        self._time = SigningTime(clock)
+        self._time = SigningTime(clock, heard=heard)
         if persisted > self._time.now():
             # The wall clock was set back. Go on ahead of all that may have been signed before.
-            self._time = SigningTime(clock, persisted + int(PERSIST_PERIOD * UNITS))
+            self._time = SigningTime(clock, persisted + int(PERSIST_PERIOD * UNITS), heard)
+        self._heard = heard
         self._streams = StreamTable()
         self._links = first_link
         self._nobodys = Key(secrets.token_bytes(KEY_BYTES))
-        """Error for links that no line of the file matches: with a key file, no link is open."""
+        """Of controllers that no line of the file matches: with a key file, no link is open."""
         self._trouble = ""
 
-    def signer_pair(self, address: str) -> SignerPair:
-        """What the link at an address needs. Every link of ours has an id of its own, modulo 256.
+    def signer_pair(self, controller: str) -> SignerPair:
+        """What a link with a controller needs. Every link of ours has an id of its own, modulo 256.
 
         The key is the one that the file has now; if the file cannot be used, the one that it had before. A
-        link without one gets a key that nobody else has: it hears nobody, and nobody hears it.
+        controller without one gets a key that nobody else has: it hears nobody, and nobody hears it.
         """
         self._refresh()
-        key = self._keyring.key_for(address) or self._nobodys
+        key = self._keyring.key_for(controller) or self._nobodys
         link_id, self._links = self._links & 0xFF, self._links + 1
         return SignerPair(
             signer=Signer(key, self._time, link_id), verifier=Verifier(key, self._time, self._streams)
         )
 
-    def pattern(self, address: str) -> str:
-        """The pattern in the key file that matches a link; empty: none does."""
-        return self._keyring.pattern_for(address)
-
-    def renewed(self, address: str, signer_pair: SignerPair) -> bool:
-        """Whether the key of a link has changed since it got this pair."""
+    def renewed(self, controller: str, signer_pair: SignerPair) -> bool:
+        """Whether a controller's key has changed since a link got this pair."""
         self._refresh()
-        key, verifier = self._keyring.key_for(address), signer_pair["verifier"]
+        key, verifier = self._keyring.key_for(controller), signer_pair["verifier"]
         return key is not None and (verifier is None or verifier.key.fingerprint != key.fingerprint)
 
-    def rotate(self, address: str, signer_pair: SignerPair, secret: bytes, moment: int) -> str:
+    def rotate(self, link: Link, signer_pair: SignerPair, secret: bytes, moment: int) -> bool:
         """Take a key that came over a link, in a frame that was signed with the link's present one.
-
-        The file is written before this returns, and nothing else happens meanwhile: the next frame of the one
-        who sent the key is signed with it.
-
-        Returns:
-            The pattern of the links that need a new pair; empty: the key is the present one.
 
         Raises:
             KeyRefused: it is not taken.
         """
         verifier = signer_pair["verifier"]
-        if not is_private(address):
+        if not is_private(link.address):
             raise KeyRefused("A key is taken only over TCP or UDP from this machine; edit the key file.")
-        if verifier is None or not self.pattern(address):
+        if verifier is None or self._keyring.key_for(link.controller) is None:
             raise KeyRefused("This link has no key that could be replaced; edit the key file.")
         if not any(secret):
             raise KeyRefused("Signing is not switched off over the wire; edit the key file.")
         if Key(secret).fingerprint == verifier.key.fingerprint:
-            return ""
+            return False
         self._time.advance(moment)
         try:
-            return self._keyring.replace(address, verifier.key, secret, self.now)
+            self._keyring.replace(link.controller, verifier.key, secret, self.now)
         except KeyFileError as error:
-            _log.warning("a key that came over %s was not taken: %s", address, error)
+            _log.warning("a key that came over %s was not taken: %s", link.address, error)
             raise KeyRefused("The key file was changed, or cannot be written; the old key stays.") from error
+        return True
 
     def _refresh(self) -> None:
         try:
@@ -206,7 +200,10 @@ class Security:
         Raises:
             KeyFileError: it cannot be kept.
         """
-        self._keyring.persist(self.now if moment is None else moment)
+        moment = self.now if moment is None else moment
+        if self._heard is not None:
+            self._heard.reserve(moment)
+        self._keyring.persist(moment)
 
 
 @asynccontextmanager

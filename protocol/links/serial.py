@@ -15,6 +15,7 @@ import logging
 import os
 from typing import TYPE_CHECKING
 
+from robotree.files import forks
 from robotree.protocol.errors import BadUrl, LinkBroken, LinkClosed, LinkError
 from robotree.protocol.frame import LARGEST_FRAME
 from robotree.protocol.links.link import handler_of
@@ -22,7 +23,7 @@ from robotree.protocol.links.outbox import Outbox
 from robotree.protocol.links.serial_port import BAUD, BAUDS, Setting, ended, open_port
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable
+    from collections.abc import Callable, Hashable, Iterable
 
     from serial import Serial
 
@@ -59,7 +60,7 @@ class SerialLink:
         setting: Setting,
         on_end: Callable[[], None] = lambda: None,
     ) -> None:
-        self.address = str(setting)
+        self.address = self.controller = str(setting)
         self._port, self._descriptor, self._on_end = port, port.fileno(), on_end
         self._reserve = max(SMALLEST_RESERVE, round(FRESH * setting.baud / _BITS_PER_BYTE))
         self._loop = asyncio.get_running_loop()
@@ -70,6 +71,11 @@ class SerialLink:
         self._timer: asyncio.TimerHandle | None = None
         self._reason: LinkError | None = None
         self._handler: Handler | None = None
+        forks.owns(self)
+
+    def in_child(self) -> Iterable[int]:
+        """See `forks.Owner`."""
+        return (self._descriptor,) if self._reason is None else ()
 
     def begin(self, accept: Accept) -> None:
         """Let somebody hear the link; who closes it at once is told of the end at once, too."""

@@ -10,13 +10,14 @@ import asyncio
 import socket
 from typing import TYPE_CHECKING
 
+from robotree.files import forks
 from robotree.protocol.errors import LinkBroken, LinkClosed, LinkError, LinkRefused
 from robotree.protocol.links.outbox import BOUND, Outbox
 from robotree.protocol.links.sockets import name, refusing
 from robotree.protocol.links.url import require_loopback
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable
+    from collections.abc import Hashable, Iterable
 
     from robotree.protocol.links.link import Accept, Handler, Link, LinkStatistics, Listener, Unsent
     from robotree.protocol.links.url import Url
@@ -48,7 +49,8 @@ class TcpLink(asyncio.Protocol):
         self._paused = False
         self._reason: LinkError | None = None
         self._closing: object = None
-        self.address = address
+        forks.owns(self)
+        self.address = self.controller = address
         """The far end's; who was dialled may have reset the connection before the system can tell."""
 
     @property
@@ -103,6 +105,10 @@ class TcpLink(asyncio.Protocol):
         wait.add_done_callback(lambda _: transport.abort())
         self._closing = wait  # asyncio itself holds its tasks weakly
 
+    def in_child(self) -> Iterable[int]:
+        """See `forks.Owner`."""
+        return () if self._transport is None else (self._transport.get_extra_info("socket").fileno(),)
+
     def give_up(self) -> None:
         """Wait no longer for what was said before the end to be read."""
         if self._transport is not None:
@@ -113,6 +119,8 @@ class TcpLink(asyncio.Protocol):
         assert isinstance(transport, asyncio.Transport)  # noqa: S101  asyncio promises it for streams
         if (peer := transport.get_extra_info("peername")) is not None:
             self.address = name("tcp", peer)
+            own = transport.get_extra_info("sockname")
+            self.controller = self.address if self._links is None else name("tcp", own)
         connection = transport.get_extra_info("socket")
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SYSTEM_BUFFER)
@@ -192,12 +200,17 @@ class TcpListener:
 
     def __init__(self, server: asyncio.Server, links: set[TcpLink]) -> None:
         self._server, self._links = server, links
+        forks.owns(self)
         self.address = name("tcp", server.sockets[0].getsockname())
 
     @property
     def links(self) -> frozenset[Link]:
         """The connections that stand now."""
         return frozenset(link for link in self._links if link.open)
+
+    def in_child(self) -> Iterable[int]:
+        """See `forks.Owner`."""
+        return [sock.fileno() for sock in self._server.sockets]
 
     async def close(self) -> None:
         """Listen no more and end all connections."""

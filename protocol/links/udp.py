@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Any, cast
 
+from robotree.files import forks
 from robotree.protocol.errors import LinkBroken, LinkClosed, LinkError
 from robotree.protocol.links.link import handler_of
 from robotree.protocol.links.outbox import Outbox
@@ -17,7 +18,7 @@ from robotree.protocol.links.sockets import name, refusing
 from robotree.protocol.links.url import require_loopback
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable
+    from collections.abc import Hashable, Iterable
 
     from robotree.protocol.links.link import Accept, Handler, Link, LinkStatistics, Listener, Unsent
     from robotree.protocol.links.url import Url
@@ -41,7 +42,7 @@ class UdpLink:
     """One address that we exchange datagrams with. Made by `connect` and `listen`."""
 
     def __init__(self, carrier: _Carrier, remote: Address | None, address: str) -> None:
-        self.address = address
+        self.address, self.controller = address, carrier.controller
         self._carrier, self._remote = carrier, remote
         self._outbox = Outbox()
         self._reason: LinkError | None = None
@@ -111,11 +112,19 @@ class _Carrier(asyncio.DatagramProtocol):
         self._accept, self._connected = accept, connected
         self._transport: asyncio.DatagramTransport | None = None
         self._sweep: asyncio.TimerHandle | None = None
+        self.controller = ""
+        """The address of the end that listens."""
         self.links: dict[Address | None, UdpLink] = {}
         self.paused = False
+        forks.owns(self)
+
+    def in_child(self) -> Iterable[int]:
+        return () if self._transport is None else (self._transport.get_extra_info("socket").fileno(),)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._transport = cast("asyncio.DatagramTransport", transport)
+        listens = transport.get_extra_info("peername" if self._connected else "sockname")
+        self.controller = name("udp", listens)
         if not self._connected:
             self._look_for_silence()
 

@@ -18,9 +18,11 @@ import msgspec
 from robotree.protocol.errors import BadUrl
 
 if TYPE_CHECKING:
-    from robotree.protocol.links.link import Accept, Link, Listener
+    from robotree.protocol.links.link import Accept, Handler, Link, Listener
 
 LOOPBACK = "127.0.0.1"
+CONTROLLER = "controller"
+"""The option that every address may have: the name by which the controller's key is found."""
 SCHEMES = {
     "can": "robotree.protocol.links.can",
     "serial": "robotree.protocol.links.serial",
@@ -49,6 +51,8 @@ class Url(msgspec.Struct, frozen=True):
     scheme: str
     where: str
     options: dict[str, str]
+    controller: str = ""
+    """Name of the controller at the end where one listens, see `Link.controller`; empty: its address."""
 
     def host_and_port(self) -> tuple[str, int]:
         """Of an address `HOST:PORT`, `[HOST]:PORT` or `PORT` (on this machine).
@@ -91,7 +95,10 @@ def parse(text: str) -> Url:
         options = dict(parse_qsl(query, keep_blank_values=True, strict_parsing=True)) if query else {}
     except ValueError as error:
         raise BadUrl(text, "write options as ?name=value&name=value") from error
-    return Url(text, scheme, where, options)
+    controller = options.pop(CONTROLLER, "")
+    if not controller.isascii() or any(each.isspace() or not each.isprintable() for each in controller):
+        raise BadUrl(text, f"{CONTROLLER}={controller!r} is no name; write letters and digits without spaces")
+    return Url(text, scheme, where, options, controller)
 
 
 def require_loopback(address: str, host: str, *, exposed: bool) -> None:
@@ -151,6 +158,16 @@ def _module(url: Url) -> Scheme:
     return cast("Scheme", import_module(SCHEMES[url.scheme]))
 
 
+def _naming(url: Url, accept: Accept) -> Accept:
+    """Let the address name the controller of each link that opens, if it does."""
+
+    def name_and_accept(link: Link) -> Handler:
+        link.controller = url.controller
+        return accept(link)
+
+    return name_and_accept if url.controller else accept
+
+
 async def connect(url: str | Url, accept: Accept) -> Link:
     """Open the link that an address names.
 
@@ -159,7 +176,7 @@ async def connect(url: str | Url, accept: Accept) -> Link:
         LinkRefused: it cannot be opened.
     """
     taken = parse(url) if isinstance(url, str) else url
-    return await _module(taken).connect_url(taken, accept)
+    return await _module(taken).connect_url(taken, _naming(taken, accept))
 
 
 async def listen(url: str | Url, accept: Accept, *, exposed: bool = False) -> Listener:
@@ -170,4 +187,4 @@ async def listen(url: str | Url, accept: Accept, *, exposed: bool = False) -> Li
         LinkRefused: it is taken.
     """
     taken = parse(url) if isinstance(url, str) else url
-    return await _module(taken).listen_url(taken, accept, exposed=exposed)
+    return await _module(taken).listen_url(taken, _naming(taken, accept), exposed=exposed)

@@ -249,6 +249,7 @@ class MavProtocolCapability(IntFlag):
     """MAV_PROTOCOL_CAPABILITY: optional parts of the protocol."""
 
     COMMAND_INT = 8
+    FLIGHT_TERMINATION = 2048
     MAVLINK2 = 8192
     PARAM_ENCODE_C_CAST = 131072
     COMPONENT_ACCEPTS_GCS_CONTROL = 524288
@@ -779,7 +780,7 @@ class ControlStatus(Message, frozen=True, gc=False):
     gcs_main: int
     """0: no value"""
     gcs_secondary: bytes = bytes(10)
-    """(10,), [0,]: no value"""
+    """(10,), 0: no value"""
 
 
 @wire("ROBOTREE_JOINTS")
@@ -865,7 +866,7 @@ class Goal(Message, frozen=True, gc=False):
     ttl_ms: int
     """Time to live from arrival, in controller time; 0: until reached. [ms]"""
     args: tuple[float, ...]
-    """Arguments of the verb. (7,)"""
+    """Arguments of the verb. (7,), NaN: no value"""
     verb: int | Verb
     """What to do."""
     target_system: int
@@ -979,9 +980,9 @@ class PictureRequest(Message, frozen=True, gc=False):
     """
 
     width: int
-    """Width. [px]"""
+    """Width. [pix]"""
     height: int
-    """Height. [px]"""
+    """Height. [pix]"""
     target_system: int
     """System."""
     target_component: int
@@ -1006,7 +1007,7 @@ class Setpoint(Message, frozen=True, gc=False):
     number: int
     """Grows with every set-point of a sender; smaller than one already obeyed: dropped."""
     args: tuple[float, ...]
-    """Arguments of the kind. (7,)"""
+    """Arguments of the kind. (7,), NaN: no value"""
     ttl_ms: int
     """Time to live, in controller time; not 0. [ms]"""
     target_system: int
@@ -1034,7 +1035,7 @@ class Claim(Message, frozen=True, gc=False):
     term_ms: int
     """Silence after which the claim ends by itself. [ms]"""
     life: int
-    """Life of the controller that it was made for, as MODE reports it."""
+    """Life of the controller that it was made for, as MODE reports it. 0: no value"""
     target_system: int
     """System."""
     target_component: int
@@ -1064,7 +1065,7 @@ class ClaimStatus(Message, frozen=True, gc=False):
     target_component: int
     """Component whose CLAIM is answered."""
     holder_system: int
-    """System of the holder."""
+    """System of the holder. 0: no value"""
     holder_component: int
     """Component of the holder."""
     reason: int | Reason

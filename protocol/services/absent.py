@@ -1,9 +1,10 @@
-"""Answers of a controller without files, missions, logs and extended parameters.
+"""Answers of a controller without files, missions, logs, extended parameters and control by passkey.
 
 A ground station without an answer repeats its question for long: MAVProxy 1.8.75 spends 11 s on a file before
 it asks for the parameters. So each question gets the answer that MAVLink defines for "not here"
-(https://mavlink.io/en/services: ftp, mission, parameter_ext, and common.xml for LOG_*). Where MAVLink defines
-none (PARAM_EXT_REQUEST_LIST, PARAM_EXT_REQUEST_READ, LOG_ERASE, LOG_REQUEST_END), nothing is sent.
+(https://mavlink.io/en/services: ftp, mission, parameter_ext, and common.xml for LOG_* and
+CHANGE_OPERATOR_CONTROL). Where MAVLink defines none (PARAM_EXT_REQUEST_LIST, PARAM_EXT_REQUEST_READ,
+LOG_ERASE, LOG_REQUEST_END), nothing is sent.
 
 Pure.
 """
@@ -26,6 +27,11 @@ UNSUPPORTED: Final = 3
 """MAV_MISSION_UNSUPPORTED."""
 NOT_SET: Final = 2
 """PARAM_ACK_FAILED."""
+NO_PASSKEY: Final = 2
+"""In CHANGE_OPERATOR_CONTROL_ACK: the encryption of the passkey is not supported.
+
+MAVLink has no code for a message that is not supported. 1 would say that another passkey may help, 3 that
+another moment may."""
 _HEADER: Final = Struct("<HBBBBBxI")
 """Of the payload of FILE_TRANSFER_PROTOCOL: sequence, session, opcode, size, the opcode that is answered, end
 of a burst, padding, offset; then come the data."""
@@ -87,6 +93,14 @@ def _not_set(asked: Mapping[str, Value], _: Peer) -> AnyMessage:
     return make("PARAM_EXT_ACK", **same, param_result=NOT_SET)
 
 
+def _no_passkey(asked: Mapping[str, Value], asker: Peer) -> AnyMessage:
+    """Refuse: control is requested by the command REQUEST_OPERATOR_CONTROL."""
+    request = asked["control_request"]
+    return make(
+        "CHANGE_OPERATOR_CONTROL_ACK", gcs_system_id=asker.system, control_request=request, ack=NO_PASSKEY
+    )
+
+
 _MISSION: Final = (
     "MISSION_REQUEST_PARTIAL_LIST",
     "MISSION_WRITE_PARTIAL_LIST",
@@ -99,6 +113,7 @@ _MISSION: Final = (
     "MISSION_ITEM_INT",
 )
 _ANSWERS: Final[Mapping[str, Callable[[Mapping[str, Value], Peer], AnyMessage | None]]] = {
+    "CHANGE_OPERATOR_CONTROL": _no_passkey,
     "FILE_TRANSFER_PROTOCOL": _no_files,
     "LOG_REQUEST_LIST": _no_logs,
     "LOG_REQUEST_DATA": _end_of_log,

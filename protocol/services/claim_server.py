@@ -95,6 +95,8 @@ class ClaimServer:
         """The claim in force."""
         if fence.holder:
             self.holding = Holding(fence.holder, fence.name, None, now + RESERVED, RESERVED)
+        self._over = fence.epoch
+        """The epoch that the fence had when the claim was free last: the leases up to it are over."""
         self._refused: dict[int, float] = {}
 
     # -- who may
@@ -105,6 +107,11 @@ class ClaimServer:
         if held is None or held.peer == peer:
             return None
         return Reason.NOT_IN_CONTROL, _held_by(held)
+
+    @property
+    def leased(self) -> bool:
+        """Whether a lease is in force: a claim, or an epoch that was obeyed since the last claim ended."""
+        return self.holding is not None or self.fence.epoch > self._over
 
     def voice(self, peer: Peer) -> Hashable:
         """Who must be heard while something moves at a peer's word: the claim's holder, or the peer."""
@@ -161,7 +168,7 @@ class ClaimServer:
         """End the claim whose holder was silent for its term."""
         if self.holding is None or now < self.holding.until:
             return []
-        before, self.holding = self.holding, None
+        before, self.holding, self._over = self.holding, None, self.fence.epoch
         return [ClaimChanged(before, None)]
 
     # -- inside
@@ -188,7 +195,7 @@ class ClaimServer:
         return [] if before is not None and before.holder == claim.holder else [ClaimChanged(before, after)]
 
     def _release(self) -> list[ClaimServerEffect]:
-        before, self.holding = self.holding, None
+        before, self.holding, self._over = self.holding, None, self.fence.epoch
         self.fence.grant(self.fence.epoch, 0, "")
         return [ClaimChanged(before, None)]
 

@@ -175,5 +175,4 @@ def _on_the_wire(value: float) -> float:
 
 
 def _error(peer: Peer, name: str, error: MavParamError, index: int = -1) -> Send:
-    name = name.encode()[:LONGEST_NAME].decode(errors="ignore")
     return Send(ParamError(peer.system, peer.component, name, index, error), peer.via)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from robotree.protocol.codec import AS_LONG
 from robotree.protocol.messages import AnyMessage, MavSeverity, Statustext, Untyped
 from robotree.protocol.services.peer import Peer
 
@@ -64,7 +65,7 @@ class _Unfinished:
     def sentence(self, peer: Peer) -> Sentence:
         count = self.count if self.count is not None else max(self.pieces) + 2
         data = b"".join(self.pieces.get(i, b"[...]") for i in range(count))
-        return Sentence(peer, self.severity, data.decode("utf-8", "replace"))
+        return Sentence(peer, self.severity, data.decode("utf-8", AS_LONG))
 
 
 class StatustextReceiver:

@@ -12,6 +12,7 @@ from collections.abc import Hashable, Iterable, Mapping
 import msgspec
 
 from robotree.protocol.frame import Frame
+from robotree.protocol.services.camera import Camera
 from robotree.sim.controller.inbox import Inbox, InboxEvent, Opened, Received
 from robotree.sim.firmware import COMPONENT, Firmware, Outgoing
 from robotree.sim.physics.cell import Cell
@@ -33,6 +34,7 @@ class Controller:
         self.cell, self.firmware, self.cameras = cell, firmware, cameras
         self.programs = (firmware, *others)
         self.components = tuple(each.component for each in self.programs)
+        self._camera_components = [Camera(firmware.system, each, name) for each, name in cameras.items()]
         self._inbox = Inbox(firmware.system, self.components)
 
     @property
@@ -72,6 +74,10 @@ class Controller:
         for event in self._inbox.take():
             for program in self.programs:
                 out += _spoken_by(program, _take(program, event, now))
+            if isinstance(event, Received):
+                for camera in self._camera_components:
+                    sent = camera.receive(event.frame, event.via, now / 1000)
+                    out += [Outgoing(each.message, each.via, component=camera.component) for each in sent]
         self.firmware.gauges.overrun = self._inbox.dropped
         self.cell.advance()
         for program in self.programs:

@@ -1,15 +1,17 @@
-"""What a controller keeps over a restart, in one file: epoch fence, holder, and the number of its life.
+"""What a controller keeps over a restart, in a file and its copy: epoch fence, holder, number of its life.
 
-The file is replaced, never changed in place, before the new epoch is obeyed: a process that is killed at any
-time leaves the old or the new one. A thread then syncs it to the disk, so that the physics does not wait; a
+Both are replaced, never changed in place, before the new epoch is obeyed: a process that is killed at any
+time leaves the old or the new one. A thread then syncs them to the disk, so that the physics does not wait; a
 power cut within those milliseconds may lose the newest epoch, but it ends the motion, too.
 
-A file that cannot be understood is reported, and the fence starts from the present time: earlier leases are
-refused, and the next holder is granted a larger epoch.
+Each has a checksum. A damaged or missing one is reported, and replaced by the other one. If neither is left
+the controller does not start: only a person can know which leases were obeyed. A marker beside them tells a
+first start from one whose files were deleted.
 """
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import os
 import secrets
@@ -22,8 +24,10 @@ import msgspec
 from robotree.files import read
 from robotree.protocol.services.claim_client import NAME_BYTES
 from robotree.protocol.services.fence import LAST_EPOCH, Fence
+from robotree.sim.errors import MemoryLost
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
 _log = logging.getLogger(__name__)
@@ -43,10 +47,32 @@ class _Kept(msgspec.Struct, frozen=True):
     holder: Annotated[int, msgspec.Meta(ge=0)]
     name: Annotated[str, msgspec.Meta(max_length=NAME_BYTES)]
     life: Annotated[int, msgspec.Meta(ge=0, le=LIVES)]
+    count: Annotated[int, msgspec.Meta(ge=0)] = 0
+    """How often it was written; of two copies the newer one counts."""
 
     def __post_init__(self) -> None:
         if self.holder >= _HOLDERS:
             raise ValueError("`holder` has more than 64 bits")
+
+
+def _encoded(kept: _Kept) -> bytes:
+    body = msgspec.json.encode(kept)
+    return hashlib.sha256(body).hexdigest()[:16].encode() + b" " + body + b"\n"
+
+
+def _decoded(data: bytes) -> _Kept:
+    """Take a copy apart.
+
+    Raises:
+        ValueError: it is damaged.
+    """
+    try:
+        kept = msgspec.json.decode(data[17:], type=_Kept)
+    except (msgspec.MsgspecError, ValueError):
+        raise ValueError("is damaged") from None
+    if _encoded(kept) != data:
+        raise ValueError("is damaged")
+    return kept
 
 
 class FenceFile:
@@ -55,6 +81,9 @@ class FenceFile:
     Args:
         path: of the file; None: nothing is kept.
         reset: forget what it says, and obey any honest epoch.
+
+    Raises:
+        MemoryLost: the file and its copy are damaged or were deleted.
     """
 
     def __init__(self, path: Path | None, *, reset: bool = False) -> None:
@@ -65,6 +94,7 @@ class FenceFile:
         """Asked for last; a flood of epochs must not make a queue."""
         self.trouble = ""
         """Why the file could not be understood, or be written, as one sentence; empty: all is well."""
+        self._count = 0
         kept = self._read()
         self.life = kept.life % LIVES + 1 if kept.life else secrets.randbelow(LIVES) + 1
         """Another number after each start."""
@@ -89,34 +119,76 @@ class FenceFile:
 
     # -- inside
 
+    @property
+    def _copies(self) -> tuple[Path, ...]:
+        return () if self._path is None else (self._path, self._path.with_name(f"{self._path.name}.copy"))
+
     def _read(self) -> _Kept:
         if self._path is None:
             return _NOTHING
+        intact, problems = list[_Kept](), list[str]()
+        for path in self._copies:
+            try:
+                intact.append(_decoded(read(path, LARGEST)))
+            except FileNotFoundError:
+                problems.append(f"{path} is missing")
+            except OSError as error:
+                problems.append(f"{path} cannot be read ({error.strerror})")
+            except ValueError as error:
+                problems.append(f"{path} {error}")
+        marker = self._path.with_name(f".{self._path.name}.known")
+        known = marker.exists()
+        if not intact and not known:
+            kept = self._read_first()
+        elif intact:
+            kept = max(intact, key=lambda each: each.count)
+            for problem in problems:
+                self._complain(f"{problem}; its copy is intact, and is used")
+        elif self._reset:
+            kept = _NOTHING
+            self._complain(f"{' and '.join(problems)}; any lease is obeyed now")
+        else:
+            raise MemoryLost(problems)
+        self._count = kept.count
+        self._mark(marker)
+        return kept
+
+    def _read_first(self) -> _Kept:
+        """A file of an earlier version, which had neither checksum nor copy; or none, at the first start."""
+        assert self._path is not None  # noqa: S101  asked before
         try:
             return msgspec.json.decode(read(self._path, LARGEST), type=_Kept)
         except FileNotFoundError:
             return _NOTHING
-        except (OSError, msgspec.DecodeError) as error:
+        except (OSError, msgspec.MsgspecError, ValueError) as error:
             why = (error.strerror if isinstance(error, OSError) else "") or str(error)
             self._complain(f"{self._path} cannot be used ({why}); leases from before now are refused")
             return msgspec.structs.replace(_NOTHING, epoch=min(int(time.time()), LAST_EPOCH))
 
+    def _mark(self, marker: Path) -> None:
+        try:
+            os.close(os.open(marker, os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW, _OURS))
+        except OSError as error:
+            self._complain(f"{marker} cannot be made ({error})")
+
     def _write(self, fence: Fence) -> None:
         if self._path is None:
             return
-        kept = _Kept(fence.epoch, fence.holder, fence.name, self.life)
-        fresh = self._path.with_name(f"{self._path.name}.new")
-        try:
-            fresh.unlink(missing_ok=True)
-            with os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL, _OURS), "wb") as file:
-                file.write(msgspec.json.encode(kept))
-            fresh.replace(self._path)
-        except OSError as error:
-            self._complain(f"{self._path} cannot be written ({error}); a restart forgets epoch {fence.epoch}")
-            return
+        self._count += 1
+        kept = _Kept(fence.epoch, fence.holder, fence.name, self.life, self._count)
+        for path in self._copies:
+            fresh = path.with_name(f"{path.name}.new")
+            try:
+                fresh.unlink(missing_ok=True)
+                with os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL, _OURS), "wb") as file:
+                    file.write(_encoded(kept))
+                fresh.replace(path)
+            except OSError as error:
+                self._complain(f"{path} cannot be written ({error}); a restart forgets epoch {fence.epoch}")
+                return
         waits = self._sync is not None and not (self._sync.running() or self._sync.done())
-        if self._syncing is not None and not waits:  # one that waits will find this file
-            self._sync = self._syncing.submit(_sync, self._path)
+        if self._syncing is not None and not waits:  # one that waits will find these files
+            self._sync = self._syncing.submit(_sync, self._copies)
 
     def _complain(self, trouble: str) -> None:
         if trouble != self.trouble:
@@ -127,8 +199,8 @@ class FenceFile:
 _NOTHING: Final = _Kept(0, 0, "", 0)
 
 
-def _sync(path: Path) -> None:
-    for each in (path, path.parent):
+def _sync(paths: Sequence[Path]) -> None:
+    for each in (*paths, paths[0].parent):
         try:
             handle = os.open(each, os.O_RDONLY)
         except OSError:  # replaced or removed meanwhile
@@ -136,6 +208,6 @@ def _sync(path: Path) -> None:
         try:
             os.fsync(handle)
         except OSError as error:
-            _log.warning("%s may not survive a power cut (%s)", path, error)
+            _log.warning("%s may not survive a power cut (%s)", each, error)
         finally:
             os.close(handle)

@@ -1,8 +1,8 @@
 """Who may move the robot and change it: operator control on the wire, the claim, and the lease's epoch.
 
 While a ground station is in control, only it may command. Otherwise only the holder of the claim may. Without
-a claim, a goal counts by its epoch. A command has none and counts as epoch 0: once the epoch of a lease was
-obeyed, its sender must take control first. Stops are accepted from all.
+a claim, a goal counts by its epoch. A command has none: while a lease is in force its sender must take
+control first. A claim that has ended leaves no lease behind. Stops are accepted from all.
 
 Pure. `now` is controller time in whole milliseconds.
 """
@@ -54,13 +54,13 @@ class Rights:
         return self.claims.fence.objection(epoch)
 
     def may_set(self, peer: Peer) -> bool:
-        """Whether a peer may set parameters: they ask for operator control only, and each is bounded."""
-        return self.control.may(peer)
+        """Whether a peer may set parameters: as it may command, but without an epoch."""
+        return self.guard(peer) is None
 
     def why_not(self, peer: Peer) -> str | None:
         """What to tell a peer that may not command; None: it may."""
         held, epoch = self.claims.holding, self.claims.fence.epoch
-        if self.control.owner is None and (held is not None or epoch):
+        if self.control.owner is None and self.claims.leased:
             by = f"{held.name}, " if held is not None and held.name else ""
             return (
                 f"A lease ({by}epoch {epoch}) commands this robot, and a command carries none; "

@@ -42,8 +42,7 @@ class Connection:
         controller: hears the client.
         darkroom: draws for it.
         leave: told when the client has gone.
-        rotated: called when the client has changed a key: who it was, whose links, and the client's system
-            id.
+        rotated: called when the client has changed the key: who it was, and the client's system id.
         security: signs our frames, and checks theirs.
     """
 
@@ -54,10 +53,10 @@ class Connection:
         controller: Controller,
         render_thread: RenderThread,
         leave: Callable[["Connection"], None],
-        rotated: Callable[["Connection", str, int], None],
+        rotated: Callable[["Connection", int], None],
         security: LinkSecurity = UNSIGNED,
     ) -> None:
-        self._security, self._signer_pair = security, security.signer_pair(link.address)
+        self._security, self._signer_pair = security, security.signer_pair(link.controller)
         self.endpoint = Endpoint(
             link,
             system=system,
@@ -88,11 +87,6 @@ class Connection:
         heard = self.endpoint.statistics
         return heard.bad_crc + heard.unknown + heard.incompatible + heard.refused + self._keys_refused
 
-    @property
-    def pattern(self) -> str:
-        """Names the links that have their key together with this one; empty: it has none."""
-        return self._security.pattern(self.endpoint.link.address)
-
     def received(self, data: bytes, stops: int | None) -> None:
         """Bytes came; `stops`: how many stops had arrived when they began to wait; None: they did not."""
         self._stops = stops
@@ -107,7 +101,7 @@ class Connection:
 
     def set_signer_pair(self) -> None:
         """Sign, and hear, with the key that the link has now."""
-        self._signer_pair = self._security.signer_pair(self.endpoint.link.address)
+        self._signer_pair = self._security.signer_pair(self.endpoint.link.controller)
         self.endpoint.set_signer_pair(**self._signer_pair)
 
     def send(self, outgoing: Outgoing) -> None:
@@ -166,17 +160,17 @@ class Connection:
         """
         if not frame.is_for(self.endpoint.system, COMPONENT):
             return
-        address, secret, moment = self.endpoint.link.address, message.secret_key, message.initial_timestamp
+        link, secret, moment = self.endpoint.link, message.secret_key, message.initial_timestamp
         try:
-            pattern = self._security.rotate(address, self._signer_pair, secret, moment)
+            changed = self._security.rotate(link, self._signer_pair, secret, moment)
         except KeyRefused as error:
             self._keys_refused += 1
             if (text := str(error)) not in self._said:
                 self._said.add(text)
                 self.say(MavSeverity.WARNING, text)
         else:
-            if pattern:
-                self._rotated(self, pattern, frame.system)
+            if changed:
+                self._rotated(self, frame.system)
 
     async def _draw_wanted(self) -> None:
         try:

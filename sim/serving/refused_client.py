@@ -52,7 +52,7 @@ class RefusedClient:
             component=COMPONENT,
             on_frame=self._hear,
             on_closed=self._closed,
-            **security.signer_pair(link.address),
+            **security.signer_pair(link.controller),
         )
         self._controller, self._leave = controller, leave
         self._left = most

@@ -137,19 +137,19 @@ class Server:
         self._connections.pop(connection.endpoint, None)
         self._garbled += connection.garbled
 
-    def _rotated(self, by: Connection, pattern: str, system: int) -> None:
-        """A key was changed: its other clients are told under the old key, and need the new one from now on.
+    def _rotated(self, by: Connection, system: int) -> None:
+        """The key was changed: other clients are told under the old key, and need the new one from now on.
 
         The client that changed it is told under the new key, and so knows that it is in force.
         """
         self.rotations += 1
         text = f"The signing key was changed by system {system}."
-        _log.warning("links %s: %s (%s)", pattern, text[:-1].lower(), by.endpoint.link.address)
+        link = by.endpoint.link
+        _log.warning("controller %s: %s (%s)", link.controller, text[:-1].lower(), link.address)
         for each in [*self._connections.values()]:
-            if each.pattern == pattern:
-                if each is not by:
-                    each.say(MavSeverity.NOTICE, text)
-                each.set_signer_pair()
+            if each is not by:
+                each.say(MavSeverity.NOTICE, text)
+            each.set_signer_pair()
         by.say(MavSeverity.NOTICE, text)
 
     def _tell(self, out: list[Outgoing]) -> None:

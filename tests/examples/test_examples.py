@@ -19,7 +19,7 @@ PAGE = 90
 """Lines."""
 
 PROMISES = {
-    "teleop.py": ("TeleOp", {"arm": "Arm"}, {"jog", "twist"}, {"go_to", "get_info", "grip", "hold", "stop"}),
+    "teleop.py": ("TeleOp", {"arm": "Arm"}, {"jog", "twist"}, {"go_to", "get_info", "grip", "halt", "hold"}),
     "move_to.py": ("MoveTo", {"arm": "Arm"}, {"move"}, {"go_to", "get_info", "grip"}),
     "open_close_lever.py": ("OpenCloseLever", {"mover": "MoveTo"}, {"open", "close"}, set[str]()),
     "move_square.py": ("MoveSquare", {"rover": "Rover"}, {"move_square"}, {"move"}),

@@ -637,3 +637,16 @@ def test_a_late_answer_of_a_child_whose_slot_is_no_longer_declared_changes_nothi
     assert core.handle(on.Renewed(slot="tool", child=child, epoch=3, sent=0.5, term=TERM), 2.0) == []
     assert core.handle(on.Lose(slot="tool", child=child, epoch=3, reason="it has ended"), 2.0) == []
     assert encode_state(core.state) == before
+
+
+def test_a_stop_ends_every_command_of_an_enslaved_robot_also_beside_one_that_goes_on_by_itself() -> None:
+    """Found by a new random case: who stops was taken for somebody who may only end detached commands."""
+    core = new_core()
+    core.handle(invocation("k0", "go", deadline_at=90.0), 1.0)
+    core.handle(on.DetachAsked(key="k0", entitled=True), 1.0)
+    core.handle(invocation("k1", "go", deadline_at=90.0), 1.0)
+    parent = Address("robot", "lever", "1")
+    core.handle(
+        on.ParentAsked(parent=parent, slot="arm", lineage=("lever",), term=5.0, unix=1e9, key="p"), 2.0
+    )
+    assert [call.key for call in core.state.calls.live.values() if call.cause is None] == []

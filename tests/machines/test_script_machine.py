@@ -97,7 +97,7 @@ class Activity:
     def progress(self, _fraction: float, text: str) -> None:
         self.said = text
 
-    def start(self, slot: str, _command: str, _arguments: Mapping[str, Any]) -> Act:
+    def start(self, slot: str, _command: str, _arguments: Mapping[str, Any], _limit: object = None) -> Act:
         assert self.robot.child_slots[slot].bond is not None, "an act of a partner that is not there"
         self.acts.append(act := Act(slot))
         return act

@@ -46,7 +46,7 @@ class Rover(Robot):
 class Carrier(VirtualRobot):
     """Has up to two children."""
 
-    first = Child("Robot")
+    front = Child("Robot")
     second = Child("Robot")
 
 
@@ -87,7 +87,7 @@ class StopMachine(RuleBasedStateMachine):
         self.supervisor: MemoryTransport = self.network.join("supervisor")
         self.fleet = Fleet(self.supervisor)
         await self.fleet.start()
-        await self.fleet.enslave("carrier", "first", "r1")
+        await self.fleet.enslave("carrier", "front", "r1")
         await self.fleet.stop(None)
 
     def run(self, work: Coroutine[Any, Any, R]) -> R:
@@ -156,11 +156,11 @@ class StopMachine(RuleBasedStateMachine):
         self.run(asyncio.sleep(0))  # it is asked for now, not when the next rule runs
         return given
 
-    @rule(parent=st.sampled_from(["carrier", "r1"]), slot=st.sampled_from(["first", "second"]), child=names)
+    @rule(parent=st.sampled_from(["carrier", "r1"]), slot=st.sampled_from(["front", "second"]), child=names)
     def enslave(self, parent: str, slot: str, child: str) -> None:
         self.run(self.whatever(self.fleet.enslave(parent, slot, child)))
 
-    @rule(parent=st.sampled_from(["carrier", "r1"]), slot=st.sampled_from(["first", "second"]))
+    @rule(parent=st.sampled_from(["carrier", "r1"]), slot=st.sampled_from(["front", "second"]))
     def release(self, parent: str, slot: str) -> None:
         self.run(self.whatever(self.fleet.release(parent, slot)))
 

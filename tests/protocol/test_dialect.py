@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import struct
+import subprocess
+import sys
 from pathlib import Path
 
 import msgspec
@@ -52,6 +54,46 @@ def test_ids_for_robots_of_ones_own_are_given_to_no_message_of_ours_and_of_no_di
 @pytest.mark.parametrize("name", HOT)
 def test_hot_messages_fit_one_can_fd_frame(name: str) -> None:
     assert by_name()[name].length <= ONE_CAN_FD_FRAME
+
+
+CRC_EXTRA = {
+    "ROBOTREE_JOINTS": 162,
+    "ROBOTREE_TOOL": 219,
+    "ROBOTREE_GRIPPER": 140,
+    "ROBOTREE_GOAL": 227,
+    "ROBOTREE_GOAL_STATUS": 90,
+    "ROBOTREE_GOAL_CANCEL": 232,
+    "ROBOTREE_MODE": 172,
+    "ROBOTREE_SET_MODE": 45,
+    "ROBOTREE_PICTURE_REQUEST": 137,
+    "ROBOTREE_SETPOINT": 51,
+    "ROBOTREE_CLAIM": 68,
+    "ROBOTREE_CLAIM_STATUS": 161,
+    "ROBOTREE_SPEECH": 55,
+    "ROBOTREE_TAGS": 108,
+    "ROBOTREE_BASE_STATE": 54,
+}
+"""Of our messages; another number means that older programs no longer understand us."""
+
+
+def test_units_ranges_and_invalid_values_change_no_checksum() -> None:
+    assert {
+        each.name: each.crc_extra for each in compiler.build() if each.id in range(57600, 57700)
+    } == CRC_EXTRA
+
+
+def test_the_dialect_uses_no_unit_that_mavlink_does_not_know(tmp_path: Path) -> None:
+    """The generator says it, as `mavgen --strict-units` does."""
+    generator = [sys.executable, "-m", "pymavlink.tools.mavgen", "--strict-units", "--wire-protocol=2.0"]
+    with compiler.workspace(compiler.DIALECT) as copy:
+        said = subprocess.run(
+            [*generator, "--lang=Python3", f"--output={tmp_path / 'out.py'}", str(copy)],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    assert said.returncode == 0, said.stdout + said.stderr
+    assert (tmp_path / "out.py").exists()
 
 
 def test_the_classes_are_what_the_xml_says() -> None:
@@ -145,6 +187,18 @@ WRONG = {
     "unknown type": (_typed("complex"), "PROBE.a has the type 'complex'; there are float"),
     "array too long": (_typed("uint8_t[256]"), "PROBE.a has 256 elements; an array has 1 to 255"),
     "payload too long": (_typed("double[32]"), "PROBE has 256 bytes, the wire carries 255"),
+    "unknown unit of a field": (
+        _dialect(_message(FIELD.replace("type", 'units="px" type'))),
+        "a has the unit 'px', which MAVLink does not know; is it pix?",
+    ),
+    "unknown unit of a parameter": (
+        _enum(
+            '<entry value="57699" name="MAV_CMD_PROBE">'
+            '<param index="2" label="Push" units="newton">P.</param></entry>',
+            "MAV_CMD",
+        ),
+        "the parameter Push has the unit 'newton', which MAVLink does not know",
+    ),
     "missing enum": (
         _dialect(_message(FIELD.replace("type", 'enum="NOWHERE" type'))),
         "Enum NOWHERE in PROBE.a",

@@ -34,8 +34,8 @@ def test_the_first_pattern_that_matches_gives_the_key(path: Path) -> None:
     one, two = ring.key_for("tcp:127.0.0.1:5760"), ring.key_for("can:robotree/cell")
     assert one is not None
     assert two is not None
-    assert one.fingerprint == Key(bytes.fromhex(ONE)).fingerprint
-    assert two.fingerprint == Key(bytes.fromhex(TWO)).fingerprint
+    assert one.fingerprint == Key(bytes.fromhex(ONE)).of_controller("tcp:127.0.0.1:5760").fingerprint
+    assert two.fingerprint == Key(bytes.fromhex(TWO)).of_controller("can:robotree/cell").fingerprint
     assert ring.key_for("udp:127.0.0.1:1") is None
 
 
@@ -74,9 +74,10 @@ def test_a_file_without_a_key_is_refused_for_it_would_switch_signing_off(path: P
     [
         ("udp:*", "tcp:127.0.0.1:0", True),
         ("udp:*", "tcp:127.0.0.1:5760", False),
-        ("tcp:127.0.0.1:5760", "tcp:127.0.0.1:5760", True),  # who comes has another port
+        ("tcp:127.0.0.1:5760", "tcp:127.0.0.1:0", True),
         ("tcp:127.0.0.1:5761", "tcp:5760", False),
         ("can:robotree/cell?node=1&host=130", "can:robotree/cell?node=1", True),
+        ("tcp:*", "tcp:5760?controller=arm-1", False),
         ("can:robotree/cell?node=1*", "can:robotree/cell?node=2", False),
         ("serial:/dev/ttyA*", "serial:/dev/ttyB", True),
     ],
@@ -96,11 +97,14 @@ def test_an_address_without_a_key_is_named_with_the_patterns_that_there_are(
     [
         ("tcp:127.0.0.1:*", "tcp:0", True),
         ("tcp:127.0.0.1:5760", "tcp:5760", False),
+        ("tcp:127.0.0.1:5760", "tcp:5760", True),
+        ("arm-*", "tcp:5760?controller=arm-1", False),
+        ("arm-*", "serial:/dev/ttyA?controller=arm-1", True),
         ("tcp:127.0.0.1:*", "tcp:localhost:5760", False),
-        ("udp:localhost:*", "udp:localhost:5760", False),
+        ("udp:127.0.0.1:*", "udp:localhost:5760", False),
         ("can:robotree/cell?node=1*", "can:robotree/cell", True),
-        ("can:robotree/cell?node=1&fd=0", "can:robotree/cell?fd=0", False),
-        ("serial:/dev/ttyA*", "serial:/dev/ttyA?baud=9600", False),
+        ("can:robotree/cell?node=1", "can:robotree/cell?fd=0", False),
+        ("serial:/dev/ttyA?baud=9600", "serial:/dev/ttyA?baud=9600", False),
         ("udp:*", "tcp:no.such.host.invalid:5760", False),  # that there is no such host is told by the dial
     ],
 )
@@ -225,18 +229,43 @@ def key_of(ring: Keyring, address: str) -> Key:
     return key
 
 
-def test_a_key_is_replaced_in_its_line_and_every_other_byte_stays(path: Path) -> None:
+def derived(secret: str, controller: str) -> str:
+    return Key(bytes.fromhex(secret)).of_controller(controller).fingerprint
+
+
+def test_a_controller_gets_a_key_of_its_own_and_every_other_byte_stays(path: Path) -> None:
     text = f"# die Zelle \xfc\r\n\r\n  tcp:127.0.0.1:*   {ONE}  \r\n# {ONE}\ncan:* {ONE}".encode("latin-1")
     path.write_bytes(text)
-    ring = Keyring(path)
-    assert ring.replace(TCP, key_of(ring, TCP), NEW, 5) == "tcp:127.0.0.1:*"
-    assert path.read_bytes() == text.replace(ONE.encode(), NEW.hex().encode(), 1)
+    ring, again = Keyring(path), bytes(reversed(NEW))
+    ring.replace(TCP, key_of(ring, TCP), NEW, 4)
+    assert path.read_bytes() == f"{TCP} {NEW.hex()}\n".encode() + text
+    ring.replace(TCP, key_of(ring, TCP), again, 5)
+    assert path.read_bytes() == f"{TCP} {again.hex()}\n".encode() + text
     assert path.stat().st_mode & 0o777 == 0o600
     for each in (ring, Keyring(path)):
-        assert fingerprint(each, TCP) == Key(NEW).fingerprint
-        assert fingerprint(each, CAN) == Key(bytes.fromhex(ONE)).fingerprint
+        assert fingerprint(each, TCP) == Key(again).fingerprint
+        assert fingerprint(each, "tcp:127.0.0.1:5761") == derived(ONE, "tcp:127.0.0.1:5761"), "of another one"
+        assert fingerprint(each, CAN) == derived(ONE, CAN)
         assert each.persisted() == 5
     assert sorted(each.name for each in path.parent.iterdir()) == ["wire.keys", "wire.keys.time"]
+
+
+def test_no_two_controllers_have_the_same_key(path: Path) -> None:
+    path.write_text(f"{TCP} {NEW.hex()}\ntcp:* {ONE}\nudp:* {ONE}\n")
+    ring, other = Keyring(path), "tcp:127.0.0.1:5761"
+    keys = {fingerprint(ring, name) for name in (TCP, other, "tcp:127.0.0.1:5762", "udp:127.0.0.1:5760")}
+    assert len(keys) == 4
+    with pytest.raises(KeyFileError, match="two controllers have the same key, so that a recording of one"):
+        ring.replace(other, key_of(ring, other), NEW, 5)
+    path.write_text(f"{TCP} {ONE}\n{other} {ONE}\n")
+    with pytest.raises(KeyFileError, match="give each line a key of its own"):
+        Keyring(path)
+
+
+def test_a_serial_line_needs_a_name_that_both_ends_know(path: Path) -> None:
+    path.write_text(f"serial:* {ONE}\n")
+    with pytest.raises(KeyFileError, match=r"another name at the other end .* \?controller=NAME"):
+        Keyring(path).require("serial:/dev/ttyA", listening=False)
 
 
 def test_a_symbolic_link_to_the_file_stays_one(path: Path) -> None:
@@ -304,7 +333,7 @@ def test_a_file_that_cannot_be_replaced_keeps_its_key_and_so_do_we(path: Path) -
         ring.replace(TCP, key_of(ring, TCP), NEW, 5)
     assert NEW.hex()[:8] not in str(refused.value)
     assert path.read_bytes() == before
-    assert fingerprint(ring, TCP) == Key(bytes.fromhex(ONE)).fingerprint
+    assert fingerprint(ring, TCP) == derived(ONE, TCP)
 
 
 def test_a_program_that_holds_the_file_delays_a_new_key_but_not_for_ever(path: Path) -> None:
@@ -319,7 +348,7 @@ def test_a_program_that_holds_the_file_delays_a_new_key_but_not_for_ever(path: P
 def test_what_another_program_puts_in_is_found(path: Path) -> None:
     ours, theirs = Keyring(path), Keyring(path)
     theirs.replace(TCP, key_of(theirs, TCP), NEW, 5)
-    assert fingerprint(ours, TCP) == Key(bytes.fromhex(ONE)).fingerprint
+    assert fingerprint(ours, TCP) == derived(ONE, TCP)
     ours.refresh()
     assert fingerprint(ours, TCP) == Key(NEW).fingerprint
 
@@ -328,8 +357,8 @@ def test_a_file_of_which_half_is_written_switches_no_signing_off(path: Path) -> 
     """An editor may write it piece by piece; at every moment each link has its old key or its new one."""
     ring, whole = Keyring(path), f"tcp:* {TWO}\ncan:* {ONE}\nudp:* {TWO}\n"
     may = {
-        TCP: {Key(bytes.fromhex(key)).fingerprint for key in (ONE, TWO)},
-        CAN: {Key(bytes.fromhex(key)).fingerprint for key in (ONE, TWO)},
+        TCP: {derived(key, TCP) for key in (ONE, TWO)},
+        CAN: {derived(key, CAN) for key in (ONE, TWO)},
     }
     broken = 0
     for end in range(len(whole)):
@@ -343,8 +372,8 @@ def test_a_file_of_which_half_is_written_switches_no_signing_off(path: Path) -> 
     assert broken > 100
     path.write_text(whole)
     ring.refresh()
-    assert fingerprint(ring, CAN) == Key(bytes.fromhex(ONE)).fingerprint
-    assert fingerprint(ring, "udp:127.0.0.1:1") == Key(bytes.fromhex(TWO)).fingerprint
+    assert fingerprint(ring, CAN) == derived(ONE, CAN)
+    assert fingerprint(ring, "udp:127.0.0.1:1") == derived(TWO, "udp:127.0.0.1:1")
 
 
 REPLACER = """
@@ -359,7 +388,8 @@ for number in range(40):
     while True:
         try:
             ring.refresh()
-            ring.replace("tcp:127.0.0.1:1", ring.keys[0][1], bytes([own, number]) * 16, 100 * number)
+            key = ring.key_for("tcp:127.0.0.1:1")
+            ring.replace("tcp:127.0.0.1:1", key, bytes([own, number]) * 16, 100 * number)
             break
         except KeyFileError as error:
             assert "meanwhile" in str(error) or "cannot be written" in str(error), error
@@ -376,10 +406,10 @@ def test_programs_that_replace_keys_at_the_same_time_leave_a_whole_file(path: Pa
     while any(program.poll() is None for program in programs):
         times.append(ring.persisted())
         ring.refresh()  # raises, if it ever finds half a file
-        assert [pattern for pattern, _ in ring.keys] == ["tcp:127.0.0.1:*", "can:*"]
+        assert [pattern for pattern, _ in ring.keys][-2:] == ["tcp:127.0.0.1:*", "can:*"]
     for program in programs:
         _, told = program.communicate(timeout=60)
         assert program.returncode == 0, told.decode()
     assert times == sorted(times)
-    assert fingerprint(Keyring(path), CAN) == Key(bytes.fromhex(TWO)).fingerprint
+    assert fingerprint(Keyring(path), CAN) == derived(TWO, CAN)
     assert sorted(each.name for each in path.parent.iterdir()) == ["wire.keys", "wire.keys.time"]

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import copy
+import hashlib
+import json
 import re
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -24,6 +27,7 @@ from robotree.protocol.signing import (
     SigningTime,
     StreamTable,
     Verifier,
+    hkdf,
 )
 from robotree.protocol.testing import RecordingHandler, Reference, check_codec
 
@@ -177,13 +181,46 @@ def test_streams_are_told_apart_by_key_link_system_and_component() -> None:
 
 
 @pytest.mark.parametrize(
-    ("behind", "passes"), [(-3600, True), (0, True), (60, True), (60.1, False), (3600, False)]
+    ("behind", "passes"),
+    [(-3600, False), (-60.1, False), (-60, True), (0, True), (60, True), (60.1, False), (3600, False)],
 )
-def test_a_new_stream_may_lie_a_minute_behind_us(behind: float, passes: bool) -> None:  # noqa: FBT001  a case
+def test_a_new_stream_may_lie_a_minute_before_or_behind_us(behind: float, passes: bool) -> None:  # noqa: FBT001  a case
     clock = WallClock(NOW - 86400)
     verifier = _verifier(clock)
     clock.now = NOW
     assert len(Parser(verifier).feed(_signed(at=NOW - behind))) == passes
+
+
+def test_a_clock_that_was_never_set_judges_nobody_who_is_ahead_of_it() -> None:
+    verifier = _verifier(WallClock(EPOCH + 100.0))
+    assert len(Parser(verifier).feed(_signed(at=NOW))) == 1
+
+
+def test_a_stream_does_not_jump_ahead_of_our_clock_either() -> None:
+    clock = WallClock()
+    verifier = _verifier(clock)
+    said = [_signed(at=NOW + ahead) for ahead in (0, 59, 118, 180)]
+    assert [len(Parser(verifier).feed(each)) for each in said] == [1, 1, 1, 0]
+    assert verifier.statistics.early == 1
+    assert "their clock is 180 s ahead, and 60 s are allowed" in rejection(verifier)
+
+
+VECTORS = json.loads((Path(__file__).parent / "golden" / "controller_keys.json").read_text())
+
+
+def test_keys_are_derived_as_the_standard_derives_them() -> None:
+    """RFC 5869, test case 3: without salt and info, of which the first block."""
+    assert hkdf(b"\x0b" * 22, b"").hex() == "8da4e775a563c18f715f802a063c5a31b8a11f5c5ee1879ec3454e5f3c738d2d"
+
+
+@pytest.mark.parametrize("vector", VECTORS, ids=lambda each: each["controller"][:20])
+def test_the_key_of_a_controller_is_made_as_in_other_languages(vector: dict[str, str]) -> None:
+    """The vectors are for controllers in other languages, too."""
+    master, name = Key(bytes.fromhex(vector["master"])), vector["controller"]
+    assert master.passphrase_for(name) == vector["passphrase"]
+    assert hashlib.sha256(vector["passphrase"].encode()).hexdigest() == vector["key"]
+    assert master.of_controller(name).reveal() == vector["key"]
+    assert vector["key"] not in repr(master.of_controller(name))
 
 
 @pytest.mark.parametrize(

@@ -86,7 +86,7 @@ async def test_a_proxy_is_listed_can_be_called_and_is_gone_when_it_ends(
         (listing,) = directory.listings
         assert (listing.name, listing.kinds) == ("arm-1", ("Arm", "RobotProxy", "Robot"))
         assert listing.attributes["controller"] == cell.address
-        assert {"go_to", "get_info", "grip", "hold", "stop"} <= set(listing.commands)
+        assert {"go_to", "get_info", "grip", "halt", "hold"} <= set(listing.commands)
         client = RobotClient(realm, address)
         await eventually(client.describe, lambda robot: robot.online)  # it is listed before it is heard
         assert (await client.describe()).attributes["simulated"] == "yes"

@@ -30,6 +30,7 @@ from robotree.vr.base.errors import (
     CommandFailed,
     CommandInDoubt,
     DeadlineExceeded,
+    NoSuchCommand,
     StaleEpoch,
     Stopped,
 )
@@ -157,15 +158,22 @@ async def test_a_cancelled_command_ends_its_goal(scene: Scene) -> None:
     await until(lambda: not scene.agent.description().busy, "the robot is free for the next command")
 
 
-async def test_stop_does_not_wait_for_the_motion_that_it_ends(scene: Scene) -> None:
+async def test_halt_does_not_wait_for_the_motion_that_it_ends(scene: Scene) -> None:
     call = scene.begin("go_to", POINT)
     await scene.moving()
-    stop = scene.begin("stop", {})
-    await until(lambda: len(scene.controller.begun) == 2, "the stop is not queued")
+    halt = scene.begin("halt", {})
+    await until(lambda: len(scene.controller.begun) == 2, "the halt is not queued")
     assert scene.goals[-1].verb == Verb.HOLD
     scene.controller.finish(GoalState.SUCCEEDED)
-    await stop
+    await halt
     call.cancel()
+
+
+async def test_the_old_name_of_halt_is_answered_with_the_new_one(scene: Scene) -> None:
+    with pytest.raises(
+        NoSuchCommand, match=r"arm-1 has no command 'stop'; it has: .*; stop is called halt now$"
+    ):
+        await scene.client.call("stop", {})
 
 
 async def test_a_deadline_ends_the_goal_at_the_controller_too(scene: Scene) -> None:

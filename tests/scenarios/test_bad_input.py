@@ -93,7 +93,7 @@ class Client:
             component=self.component,
             on_frame=self.hear,
             on_closed=self._ended,
-            **security.signer_pair(link.address),
+            **security.signer_pair(link.controller),
         )
         return self.mouth
 

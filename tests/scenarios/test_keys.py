@@ -192,13 +192,13 @@ async def change_key(address: str, file: Path, secret: bytes) -> None:
     security = Security(Keyring(file), time.time, first_link=200)
 
     def accept(link: Link) -> Endpoint:
-        signer_pair = security.signer_pair(link.address)
+        signer_pair = security.signer_pair(link.controller)
         endpoint = Endpoint(link, system=77, component=190, on_frame=lambda _: None, **signer_pair)
         endpoint.send(SetupSigning(1, 1, secret, security.now))
         return endpoint
 
     link = await connect(address, accept)
-    await until(lambda: secret_in(file) == secret.hex(), "the controller has it in its file")
+    await until(lambda: secret.hex() in file.read_text(), "the controller has it in its file")
     link.close()
 
 

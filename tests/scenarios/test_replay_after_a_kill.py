@@ -50,7 +50,7 @@ class Operator:
         return sum(isinstance(each, CommandAck) for each in self.heard)
 
     def _accept(self, link: Link) -> Endpoint:
-        signer_pair = self._security.signer_pair(link.address)
+        signer_pair = self._security.signer_pair(link.controller)
         inner = signer_pair["signer"]
         assert inner is not None
         said = self.said

@@ -27,8 +27,9 @@ LED_BY_MAKE = "make"
 """The session's leader is `make`, as in `xterm -e make demo`: it alone gets the hang-up signal, and waits."""
 END = 3.0
 """[s] in which everything has to be gone; what threads waited for a processor is forgiven."""
-CREW = 8
-"""Processes of the demo: two controllers, two proxies, a view, two lookup services, a host."""
+CREW = 8 + 3
+"""Processes of the demo: two controllers, two proxies, a view, two lookup services, a host; and the guards of
+proxies and host."""
 STARTED = b"starting the demo"
 SCREEN = b"\x1b[?1049h"
 """Textual turns to the terminal's other screen: it is there, and draws."""

@@ -13,6 +13,7 @@ import pytest
 
 from robotree.protocol.services.fence import LAST_EPOCH
 from robotree.sim.controller.fence_file import FenceFile
+from robotree.sim.errors import MemoryLost
 
 
 def reopened(path: Path, *, reset: bool = False) -> FenceFile:
@@ -37,7 +38,8 @@ def test_the_file_is_for_its_owner_alone_and_no_draft_is_left(tmp_path: Path) ->
     path = tmp_path / "fence.json"
     reopened(path)
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
-    assert list(tmp_path.iterdir()) == [path]
+    names = [".fence.json.known", "fence.json", "fence.json.copy"]
+    assert sorted(each.name for each in tmp_path.iterdir()) == names
 
 
 @pytest.mark.parametrize(
@@ -108,5 +110,74 @@ def test_a_flood_of_epochs_makes_no_queue_at_the_disk_and_the_last_one_reaches_i
         assert file.fence.admit(epoch) is None
     disk_is_free.set()
     file.close()
-    assert len(synced) <= 4, "the file and its folder, once for what was under way and once for the rest"
+    assert len(synced) <= 6, "both copies and their folder, once for what was under way and once for the rest"
     assert path.stat().st_ino in synced
+
+
+def granted(path: Path) -> tuple[Path, Path]:
+    """A file and its copy that know a lease."""
+    file = FenceFile(path)
+    file.fence.grant(1000, 77, "arm-1 \u00e4")
+    file.close()
+    return path, path.with_name(f"{path.name}.copy")
+
+
+def test_no_flipped_bit_lowers_the_epoch_or_changes_the_holder(tmp_path: Path) -> None:
+    files = granted(tmp_path / "fence.json")
+    whole = [each.read_bytes() for each in files]
+    for damaged in (0, 1):
+        for bit in range(8 * len(whole[damaged])):
+            for file, data in zip(files, whole, strict=True):
+                file.write_bytes(data)
+            data = bytearray(whole[damaged])
+            data[bit // 8] ^= 1 << bit % 8
+            files[damaged].write_bytes(data)
+            found = reopened(files[0])
+            assert (found.fence.epoch, found.fence.holder, found.fence.name) == (1000, 77, "arm-1 \u00e4")
+            assert f"{files[damaged]} is damaged; its copy is intact" in found.trouble
+            assert reopened(files[0]).trouble == "", "it was mended"
+
+
+@pytest.mark.parametrize("how", ["damaged", "deleted", "empty"])
+def test_a_memory_that_is_lost_is_told_and_a_person_decides(tmp_path: Path, how: str) -> None:
+    files = granted(tmp_path / "fence.json")
+    for file in files:
+        if how == "deleted":
+            file.unlink()
+        else:
+            file.write_bytes(b"" if how == "empty" else file.read_bytes().replace(b"1000", b"1001"))
+    for _ in range(2):
+        with pytest.raises(MemoryLost, match="look at the robot, then start it once with --reset-epoch"):
+            FenceFile(files[0])
+    again = reopened(files[0], reset=True)
+    assert again.trouble.endswith("any lease is obeyed now")
+    assert reopened(files[0]).fence.epoch == 0
+
+
+def test_one_deleted_copy_is_told_and_made_again(tmp_path: Path) -> None:
+    files = granted(tmp_path / "fence.json")
+    for file in files:
+        file.unlink()
+        found = reopened(files[0])
+        assert (found.fence.epoch, found.fence.holder) == (1000, 77)
+        assert f"{file} is missing" in found.trouble
+        assert file.exists()
+
+
+def test_of_two_copies_the_newer_one_counts(tmp_path: Path) -> None:
+    """A process that is killed between two writes leaves an old copy."""
+    first, copy = granted(tmp_path / "fence.json")
+    old = copy.read_bytes()
+    file = FenceFile(first)
+    file.fence.grant(2000, 78, "arm-2")
+    file.close()
+    copy.write_bytes(old)
+    assert reopened(first).fence.epoch == 2000
+
+
+def test_a_file_of_an_earlier_version_is_understood_once(tmp_path: Path) -> None:
+    path = tmp_path / "fence.json"
+    path.write_text(json.dumps({"epoch": 1000, "holder": 77, "name": "arm-1", "life": 4}))
+    found = reopened(path)
+    assert (found.fence.epoch, found.fence.holder, found.life) == (1000, 77, 5)
+    assert reopened(path).fence.epoch == 1000

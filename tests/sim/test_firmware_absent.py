@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from pymavlink.dialects.v20 import common
 
+from robotree.protocol.frame import encode
 from robotree.protocol.messages import (
     AnyMessage,
     CommandAck,
@@ -16,6 +18,7 @@ from robotree.protocol.messages import (
     fields_of,
     make,
 )
+from robotree.protocol.parser import Parser
 from robotree.sim.testing import ArmBench
 
 PX4_MISSION = 4 << 24 | 4 << 16
@@ -93,12 +96,27 @@ def test_an_extended_parameter_cannot_be_set(arm: ArmBench) -> None:
     assert answer["param_result"] == 2, "PARAM_ACK_FAILED"
 
 
+@pytest.mark.parametrize("request_", [0, 1], ids=["request", "release"])
+@pytest.mark.parametrize("version", [0, 3])
+def test_control_by_passkey_is_refused_as_pymavlink_reads_it(
+    arm: ArmBench, request_: int, version: int
+) -> None:
+    asked = common.MAVLink_change_operator_control_message(1, request_, version, b"robot")
+    (question,) = Parser().feed(bytes(asked.pack(common.MAVLink(None, srcSystem=255, srcComponent=190))))
+    name = "CHANGE_OPERATOR_CONTROL_ACK"
+    assert len(answers(arm, question.message, name)) == 1
+    (answer,) = (each for _, each in arm.operator.heard if each.codec.definition.name == name)
+    (told,) = common.MAVLink(None).parse_buffer(bytearray(encode(answer, sequence=0, system=1, component=1)))
+    assert (told.gcs_system_id, told.control_request, told.ack) == (255, request_, 2)
+
+
 def test_what_is_for_another_system_is_not_ours_to_answer(arm: ArmBench) -> None:
     for name in ("MISSION_CLEAR_ALL", "MISSION_COUNT", "LOG_REQUEST_LIST", FILES):
         arm.operator.say(make(name, target_system=9, target_component=1))
+    arm.operator.say(make("CHANGE_OPERATOR_CONTROL", target_system=9))
     arm.operator.wait(0.05)
     names = {message.codec.definition.name for _, message in arm.operator.heard}
-    assert not names & {"MISSION_ACK", "LOG_ENTRY", FILES}
+    assert not names & {"MISSION_ACK", "LOG_ENTRY", "CHANGE_OPERATOR_CONTROL_ACK", FILES}
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from robotree.protocol import Parser, encode
 from robotree.protocol.messages import (
     Claim,
     ClaimStatus,
@@ -14,18 +15,23 @@ from robotree.protocol.messages import (
     Heartbeat,
     MavAutopilot,
     MavCmd,
+    MavParamError,
     MavParamType,
     MavResult,
     MavState,
     MavType,
     Mode,
     ModeKind,
+    ParamError,
+    ParamRequestList,
     ParamSet,
+    ParamValue,
     Reason,
     SetMode,
     Setpoint,
     SetpointKind,
     Verb,
+    make,
 )
 from robotree.protocol.services.fence import LAST_EPOCH
 from robotree.sim.testing import NAN, Operator, RoverBench
@@ -175,8 +181,11 @@ def test_a_ground_station_in_control_goes_before_the_claim(rover: RoverBench) ->
     assert refused.result == MavResult.NOT_IN_CONTROL
     station.say(ParamSet(1, 1, "LINK_SILENCE", 3.0, MavParamType.REAL32))
     station.wait(0.1)
-    assert station.latest(Mode).silence_ms == 3000, "parameters are not the holder's"
+    assert station.latest(Mode).silence_ms == 2000, "parameters are the holder's, too"
     assert station.command(MavCmd.REQUEST_OPERATOR_CONTROL, 1).result == MavResult.ACCEPTED
+    station.say(ParamSet(1, 1, "LINK_SILENCE", 3.0, MavParamType.REAL32))
+    station.wait(0.1)
+    assert station.latest(Mode).silence_ms == 3000
     assert station.command(MavCmd.ROBOTREE_MOVE, 0.1, 0.0).result == MavResult.ACCEPTED
     assert rover.operator.do(Verb.MOVE, 0.1, 0.0).reason == Reason.NOT_IN_CONTROL
     assert station.command(MavCmd.REQUEST_OPERATOR_CONTROL, 0).result == MavResult.ACCEPTED
@@ -238,3 +247,63 @@ def test_an_epoch_above_the_last_one_is_refused_in_whatever_it_comes(rover: Rove
     assert claim(operator, 5, epoch=epoch).reason == Reason.BAD_EPOCH
     assert operator.latest(Mode).epoch == 0
     assert operator.do(Verb.MOVE, 0.02, 0.0, epoch=1).state == GoalState.SUCCEEDED
+
+
+def test_a_claim_protects_each_parameter_in_each_form(rover: RoverBench, other: Operator) -> None:
+    claim(rover.operator, 5, term=9.0)
+    other.say(ParamRequestList(1, 1))
+    other.wait(1.0)
+    values = {each.param_id: each for each in other.all(ParamValue)}
+    assert "LINK_SILENCE" in values
+    for name, told in values.items():
+        other.say(ParamSet(1, 1, name, told.param_value * 1.01, MavParamType.REAL32))
+        fields = {"param_id": name, "param_value": "1.5", "param_type": 9}
+        other.say(make("PARAM_EXT_SET", target_system=1, target_component=1, **fields))
+        other.wait(0.05)
+        assert other.latest(ParamError).error == MavParamError.PERMISSION_DENIED
+        assert other.latest(ParamValue).param_value == told.param_value
+    rover.operator.say(ParamSet(1, 1, "LINK_SILENCE", 3.0, MavParamType.REAL32))
+    rover.operator.wait(0.1)
+    assert other.latest(Mode).silence_ms == 3000, "the holder sets it"
+
+
+@pytest.mark.parametrize("how", ["released", "silent", "link"])
+def test_a_claim_that_has_ended_leaves_no_lease_behind(rover: RoverBench, how: str) -> None:
+    """MAVSDK and MAVProxy get in again after a proxy that has gone."""
+    station, proxy = rover.operator.another(component=190, system=254), rover.operator
+    claim(proxy, 5, epoch=1_700_000_000, term=9.0)
+    assert proxy.do(Verb.MOVE, 0.1, 0.0, epoch=1_700_000_000).state == GoalState.SUCCEEDED
+    claim(proxy, 5, epoch=1_700_000_000, term=0.3)
+    assert station.command(MavCmd.ROBOTREE_MOVE, 0.1, 0.0).result == MavResult.NOT_IN_CONTROL
+    if how == "released":
+        claim(proxy, 5, epoch=1_700_000_000, wish=ClaimWish.RELEASE)
+    elif how == "link":
+        proxy.leave()
+    station.wait(0.7)
+    assert station.latest(ClaimStatus).holder == 0
+    for step in (0.1, -0.1):
+        assert station.command(MavCmd.ROBOTREE_MOVE, step, 0.0).result == MavResult.ACCEPTED
+    stale = station.do(Verb.MOVE, 0.1, 0.0, epoch=1_699_999_999)
+    assert stale.reason == Reason.STALE_EPOCH, "the lease before stays over"
+
+
+def test_a_name_that_is_no_text_mutes_nobody(rover: RoverBench, other: Operator) -> None:
+    """24 bytes that are no UTF-8, as a hostile client sends them."""
+    name = b"\xff" * 24
+    wish = Claim(5, 1, 9000, 0, 1, 1, ClaimWish.KEEP, name)  # type: ignore[arg-type]
+    (heard,) = Parser().feed(encode(wish, sequence=0, system=255, component=31))
+    assert isinstance(heard.message, Claim)
+    assert heard.message.name == "?" * 24
+    rover.operator.say(heard.message)
+    other.wait(1.2)
+    status = other.latest(ClaimStatus)
+    assert (status.holder, status.name) == (5, "?" * 24)
+    assert Parser().feed(encode(status, sequence=0, system=1, component=1)), "it can be sent"
+
+
+def test_an_extended_parameter_that_is_no_text_is_answered(rover: RoverBench) -> None:
+    fields = {"param_id": b"\xff" * 16, "param_value": b"\xfe" * 128, "param_type": 9}
+    rover.operator.say(make("PARAM_EXT_SET", target_system=1, target_component=1, **fields))
+    rover.operator.wait(0.05)
+    names = [message.codec.definition.name for _, message in rover.operator.heard]
+    assert names.count("PARAM_EXT_ACK") == 1

@@ -70,6 +70,7 @@ def test_it_says_what_it_is_and_what_it_speaks(arm: ArmBench) -> None:
     version = ask_for(arm.operator, AutopilotVersion)
     assert version.uid != 0
     assert version.capabilities & MavProtocolCapability.MAVLINK2
+    assert version.capabilities & MavProtocolCapability.FLIGHT_TERMINATION, "see test_firmware_commands"
     assert ask_for(arm.operator, ProtocolVersion).version == 200
     assert ask_for(arm.operator, SystemTime).time_boot_ms > 0
     assert ask_for(arm.operator, Heartbeat).autopilot == 0

@@ -39,6 +39,8 @@ TOO_MUCH = Heartbeat(0, 0, 0, 2**32, 0)
 class Wire:
     """A link whose far end is this object; it may overrun at the next frame, and tells so at once."""
 
+    controller = "wire"
+
     def __init__(self, server: Server, name: str) -> None:
         self.address, self.overruns, self.congested = f"test:{name}", False, False
         self.statistics = LinkStatistics(sent=0, received=0, waiting=0, superseded=0, dropped=0)

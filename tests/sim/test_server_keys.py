@@ -26,14 +26,15 @@ CHANGED = "The signing key was changed by system 7."
 
 
 class Punctual:
-    """Has a key, and a clock that is right."""
+    """Has a key, or one from which those of controllers are derived, and a clock that is right."""
 
-    def __init__(self, key: bytes) -> None:
-        self.key, self.time = Key(key), SigningTime(time.time)
+    def __init__(self, key: bytes, *, derives: bool = False) -> None:
+        self.key, self.time, self._derives = Key(key), SigningTime(time.time), derives
 
-    def signer_pair(self, _: str) -> SignerPair:
-        verifier = Verifier(self.key, self.time, StreamTable())
-        return SignerPair(signer=Signer(self.key, self.time, 200), verifier=verifier)
+    def signer_pair(self, controller: str) -> SignerPair:
+        key = self.key.of_controller(controller) if self._derives else self.key
+        verifier = Verifier(key, self.time, StreamTable())
+        return SignerPair(signer=Signer(key, self.time, 200), verifier=verifier)
 
 
 def station(system: int, security: Any = UNSIGNED) -> Station:
@@ -121,7 +122,7 @@ async def test_who_has_the_key_changes_it_for_everybody_and_all_are_told(
         await again.ping()
         assert late.heard == []
         assert server.rotations == 1
-    assert content(keys) == TEXT.format(key=NEW.hex())
+    assert content(keys) == f"{server.address} {NEW.hex()}\n" + TEXT.format(key=OLD.hex())
     assert "the signing key was changed by system 7" in caplog.text
     for shown in (NEW.hex(), repr(NEW)[2:-1], OLD.hex(), repr(OLD)[2:-1]):
         assert shown not in caplog.text
@@ -175,9 +176,9 @@ async def test_on_no_kind_of_link_is_anybody_obeyed_without_the_key(
     keys = file_with(tmp_path / "all.keys", f"* {OLD.hex()}\n")
     cable = make_cable() if scheme == "serial" else None
     here = "can:robotree/keys-of-all?node=1" if scheme == "can" else f"{scheme}:127.0.0.1:0"
-    here = cable.url(1) if cable else here
+    here = cable.url(1, "?controller=arm-1") if cable else here
     async with serving("rover", here, security=holding(keys)) as server:
-        there = cable.url(0) if cable else server.address
+        there = cable.url(0, "?controller=arm-1") if cable else server.address
         for number, security in enumerate((UNSIGNED, Punctual(NEW))):
             stranger = await station(20 + number, security).dial(there)
             for _ in range(3):
@@ -185,7 +186,7 @@ async def test_on_no_kind_of_link_is_anybody_obeyed_without_the_key(
             await until(lambda: server._controller.stops == 0 and garbled(server) >= 3)
             stranger.link.close()
             await until(lambda: garbled(server) == 0 or scheme in {"udp", "can", "serial"})
-        owner = await station(30, Punctual(OLD)).dial(there)
+        owner = await station(30, Punctual(OLD, derives=True)).dial(there)
         owner.say(STOP)
         await until(lambda: server._controller.stops > 0)
         assert server._controller.stops == 1, "only the owner's"
@@ -209,7 +210,7 @@ async def test_a_key_that_is_sent_twice_is_changed_once(keys: Path) -> None:
     async with serving("rover", ANY, security=holding(keys, 100)) as server:
         client = await station(7, holding(keys)).dial(server.address)
         await client.ping()
-        signer = client.security.signer_pair(client.link.address)["signer"]
+        signer = client.security.signer_pair(client.link.controller)["signer"]
         client.link.send(
             b"".join(
                 encode(SetupSigning(1, 1, NEW, 0), sequence=i, system=7, component=190, signer=signer)
@@ -256,11 +257,11 @@ async def test_a_client_whose_frames_are_refused_is_told_once_why(
 ) -> None:
     class Seal(Punctual):
         def __init__(self) -> None:
-            super().__init__(key)
+            super().__init__(key, derives=True)
             self.time = SigningTime(lambda: time.time() - late)
 
-        def signer_pair(self, _: str) -> SignerPair:
-            return SignerPair(signer=Signer(self.key, self.time, 200), verifier=None)
+        def signer_pair(self, controller: str) -> SignerPair:
+            return SignerPair(signer=super().signer_pair(controller)["signer"], verifier=None)
 
     async with serving("arm", ANY, security=holding(keys)) as server:
         client = await station(9, Seal()).dial(server.address)

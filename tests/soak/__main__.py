@@ -24,7 +24,7 @@ from pathlib import Path
 
 from robotree.tui.errors import MemberFailed
 from robotree.vr.base.errors import VrError
-from tests.soak import freezes, kills, rules, stops
+from tests.soak import ends, forks, freezes, kills, resources, rules, stops
 from tests.soak.stage import Stage, staged
 from tests.soak.table import Row, Trial, is_good, table
 
@@ -47,6 +47,9 @@ def plan(quick: bool) -> Iterator[tuple[str, Try]]:  # noqa: FBT001 # the one op
     for number in range(1 if quick else 10):
         yield f"stop-{number}", stops.stop_anew
         yield f"order-{number}", stops.stop_resident
+        yield f"loaded-{number}", stops.stop_loaded
+        yield f"few-{number}", partial(stops.stop_without, limits="-n 12")
+        yield f"full-{number}", partial(stops.stop_without, limits="-f 0")
     for number in range(0 if quick else 10):
         yield f"deep-{number}", stops.stop_deep
     if not quick:
@@ -54,9 +57,25 @@ def plan(quick: bool) -> Iterator[tuple[str, Try]]:  # noqa: FBT001 # the one op
     victims = list(kills.VICTIMS)
     for number in range(8 if quick else 64):
         yield f"kill-{number}", partial(kills.kill, victim=victims[number % len(victims)])
+    for number in range(len(forks.WAYS) * (1 if quick else 3)):
+        way = forks.WAYS[number % len(forks.WAYS)]
+        yield f"fork-{number}", partial(forks.host_dies, way=way)
+        yield f"fork-proxy-{number}", partial(forks.proxy_dies, way=way)
+    for number in range(1 if quick else 9):
+        witness = ends.WITNESSES[number % len(ends.WITNESSES)]
+        yield f"end-{number}", partial(ends.death_beside_data, witness=witness)
+    yield from _resources(1 if quick else 4)
     for number in range(3 if quick else 54):
         victim = freezes.VICTIMS[number % len(freezes.VICTIMS)]
         yield f"freeze-{number}", partial(freezes.freeze, victim=victim)
+
+
+def _resources(rounds: int) -> Iterator[tuple[str, Try]]:
+    for number in range(rounds):
+        for fault in resources.FAULTS:
+            yield f"{fault}-{number}", partial(resources.exhaust, fault=fault)
+        yield f"held-{2 * number}", partial(resources.hold, letters=26, kill=False)
+        yield f"held-{2 * number + 1}", partial(resources.hold, letters=29, kill=True)
 
 
 async def run(seed: int, *, quick: bool, only: str, limit: float) -> list[Trial]:

@@ -167,6 +167,18 @@ class Observer:
         ]
         return moving[-1] - mark[1] if moving else 0.0
 
+    def stood_at(self, mark: tuple[float, float]) -> float:
+        """[s] on our clock: when it was last heard to move since a moment; else that moment.
+
+        On a busy machine it is heard late, so it stood somewhat earlier.
+        """
+        moved = [
+            now.heard
+            for then, now in itertools.pairwise(self.after(mark))
+            if now.at > then.at and math.dist(then.place, now.place) / (now.at - then.at) >= STANDS
+        ]
+        return moved[-1] if moved else mark[0]
+
     def way_since(self, mark: tuple[float, float]) -> float:
         """[m] that it has gone since a moment, along its path; noise below a millimetre is left out."""
         way, last = 0.0, None

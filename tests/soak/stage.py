@@ -121,7 +121,8 @@ class Stage:
     async def kill(self, name: str) -> None:
         """Kill a member."""
         member = self.members.pop(name)
-        member.process.kill()
+        with contextlib.suppress(ProcessLookupError):  # it has ended already
+            member.process.kill()
         await member.process.wait()
         self._crew.members.remove(member)
         await member.stop()  # nothing is left to stop but its pipes
@@ -144,10 +145,18 @@ class Stage:
         """The process of a member."""
         return self.members[name].pid
 
-    async def verb(self, *words: str) -> Verb:
-        """Start a command line."""
+    async def verb(self, *words: str, limits: str = "", program: Sequence[str] = ROBOTREE) -> Verb:
+        """Start a command line.
+
+        Args:
+            words: of the line.
+            limits: for its process, as `ulimit` takes them: `-n 12`.
+            program: that is started.
+        """
+        within = ("sh", "-c", f'ulimit {limits}; exec "$@"', "sh") if limits else ()
         process = await asyncio.create_subprocess_exec(
-            *ROBOTREE,
+            *within,
+            *program,
             *words,
             stdin=asyncio.subprocess.DEVNULL,
             stdout=asyncio.subprocess.PIPE,

@@ -7,16 +7,23 @@ import os
 import random
 import shutil
 import signal
+import sys
 import time
-from collections.abc import Sequence
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
 
 from robotree.vr.base.errors import VrError
-from tests.soak.observer import holds
+from tests.command_line import ROBOTREE
+from tests.soak.observer import Observer, holds
 from tests.soak.stage import ARM, ROVER, SQUARE, Said, Stage, Verb, names
 from tests.soak.table import Row, Trial
 
 ALL = {ARM, ROVER, SQUARE}
 DEPTH = 30
+LOAD = 20
+"""Busy loops."""
+BUSY = "import time; until = time.monotonic() + 60\nwhile time.monotonic() < until: pass"
+"""A busy loop, which ends by itself."""
 NEW = Row(
     "stop",
     "`stop` on a new command line, two robots moving",
@@ -43,6 +50,24 @@ PAUSED = Row(
     "a newcomer is frozen while it joins, then `stop`",
     "from the start of the command line to its end",
     2.0,
+)
+LOADED = Row(
+    "stop",
+    f"`stop` on a new command line, two robots moving, beside {LOAD} busy loops",
+    "from the start of the command line until both stand",
+    0.5,
+)
+FEW = Row(
+    "resources",
+    "`stop` that may open 12 files",
+    "from the start of the command line until both stand",
+    1.5,
+)
+FULL = Row(
+    "resources",
+    "`stop` that can write no byte, as on a full disk",
+    "from the start of the command line until both stand",
+    1.5,
 )
 LAYERS = '''
 """Layer: passes each command to its child."""
@@ -74,6 +99,58 @@ async def stop_anew(stage: Stage, _chance: random.Random) -> Sequence[Trial]:
         ended.false.append(f"{said}; though all are stopped, and nobody was frozen")
     ended.false += await _still(stage, calls)
     return [standing, ended]
+
+
+@asynccontextmanager
+async def loaded(loops: int = LOAD) -> AsyncIterator[None]:
+    """Keep the machine busy."""
+    line = (sys.executable, "-I", "-S", "-c", BUSY)
+    busy = [await asyncio.create_subprocess_exec(*line) for _ in range(loops)]
+    try:
+        await asyncio.sleep(1.0)  # until all of them run
+        yield
+    finally:
+        for process in busy:
+            process.kill()
+            await process.wait()
+
+
+async def stop_loaded(
+    stage: Stage, _chance: random.Random, program: Sequence[str] = ROBOTREE
+) -> Sequence[Trial]:
+    """Stop both robots with a new command line while they move and the machine is busy."""
+    await stage.furnish()
+    async with loaded():
+        calls = await stage.both_move()
+        verb, marks = await stage.verb("stop", "--json", program=program), _marks(stage)
+        said = await verb.end()
+        trial = Trial(LOADED, said.done and names(said) >= ALL, _stood(marks) - verb.began)
+    trial.note = f"confirmed after {said.seconds:.2f} s" if trial.reached else str(said)
+    trial.false = _false(said, stage) + await _still(stage, calls)
+    return [trial]
+
+
+async def stop_without(stage: Stage, _chance: random.Random, limits: str) -> Sequence[Trial]:
+    """Stop both robots with a new command line that lacks descriptors, or room on the disk."""
+    await stage.furnish()
+    calls = await stage.both_move()
+    verb, marks = await stage.verb("stop", "--json", limits=limits), _marks(stage)
+    said = await verb.end()
+    stands = await _both_stopped(stage)
+    row = FEW if limits.startswith("-n") else FULL
+    trial = Trial(row, stands and said.done and names(said) >= ALL, _stood(marks) - verb.began)
+    trial.note = "" if trial.reached else str(said)
+    trial.false = _false(said, stage) + await _still(stage, calls)
+    return [trial]
+
+
+def _marks(stage: Stage) -> list[tuple[Observer, tuple[float, float]]]:
+    return [(one, one.mark()) for one in (stage.arm, stage.rover)]
+
+
+def _stood(marks: Sequence[tuple[Observer, tuple[float, float]]]) -> float:
+    """[s] on our clock: when the last one of them was heard to move for the last time."""
+    return max(one.stood_at(mark) for one, mark in marks)
 
 
 async def stop_resident(stage: Stage, chance: random.Random) -> Sequence[Trial]:

@@ -168,7 +168,7 @@ def test_a_page_can_be_named_by_its_file(tmp_path: Path) -> None:
 def test_a_kind_can_be_an_interface_and_a_slot_with_it_takes_the_fake() -> None:
     with rehearse(Typed, arm=Fake(kinds.Arm, get_info={"z": 0.3})) as team:
         assert team.call("height") == 0.3
-    with pytest.raises(DoesNotFit, match="has no command stop"):
+    with pytest.raises(DoesNotFit, match="has no command halt"):
         rehearse(Typed, arm=Fake(Half))
 
 

@@ -18,6 +18,7 @@ from robotree.vr import CommandFailed, Range, Robot, Unit, VrError, command
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.host import Host
 from robotree.vr.agents.view import ViewAgent
+from robotree.vr.base import envelope
 from robotree.vr.exchange import claim
 from robotree.vr.lookup import registrar
 from robotree.vr.lookup.registrar import Registrar
@@ -105,7 +106,7 @@ class Arm(Robot):
         """Stay here."""
 
     @command
-    def stop(self) -> None:
+    def halt(self) -> None:
         """Stop here."""
 
     @command(effect="read")
@@ -243,6 +244,7 @@ async def realm(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Realm]:
     """A lookup service, a host, an arm, a rover, a view, and a fleet that sees them."""
     monkeypatch.setattr(registrar, "TERM", PATIENT)
     monkeypatch.setattr(claim, "SETTLE", 0.01)  # in memory an announcement is there at once
+    monkeypatch.setattr(envelope, "_here", "pts/1")
     async with AsyncExitStack() as stack:
         found = Realm(stack)
         await found.lookup()

@@ -6,6 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robotree.tui.line.action import Where
+from robotree.tui.line.actions import shapes
 from robotree.tui.line.completion import Words, candidates, complete
 
 WORDS = Words(
@@ -62,3 +64,21 @@ def test_nothing_is_suggested_where_nothing_fits(typed: str) -> None:
 def test_a_suggestion_begins_with_what_was_typed(typed: str) -> None:
     found = complete(typed, WORDS)
     assert found is None or (found.startswith(typed) and len(found) > len(typed))
+
+
+def test_verbs_of_two_words_and_values_of_options_are_completed() -> None:
+    words = Words(
+        {"NAME": ["arm-1"], "CAMERA": ["wrist"], "VIEW": ["cell"]},
+        shapes(Where.SHELL),
+        everywhere={"realm": "NAME", "json": ""},
+    )
+    assert complete("wire mo", words) == "wire monitor"
+    assert complete("look cell --camera w", words) == "look cell --camera wrist"
+    assert complete("rel --re", words) is None
+    assert candidates("show --realm lab ", words)[:1] == ("arm-1",)
+
+
+def test_parameters_are_offered_until_they_have_a_value() -> None:
+    words = Words(parameters={"arm-1.go_to": ["x", "y"], "team": ["speed"]})
+    assert candidates("call arm-1.go_to x=0.3 ", words)[:1] == ("y=",)
+    assert complete("set team s", words) == "set team speed="

@@ -15,7 +15,8 @@ from robotree.tui.diagnosis.finding import Finding
 from robotree.tui.wire.security import realm_key
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import BondSpec, RobotDescription, SlotSpec
-from robotree.vr.network.rendezvous import Rendezvous, runtime_directory
+from robotree.vr.network.realms import runtime_directory
+from robotree.vr.network.rendezvous import Rendezvous
 
 pytestmark = pytest.mark.usefixtures("place")
 

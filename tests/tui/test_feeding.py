@@ -70,3 +70,34 @@ async def test_a_feed_that_was_just_hinted_at_ends_as_quickly_as_any(realm: Real
     await asyncio.sleep(0)
     done, _ = await asyncio.wait([asyncio.create_task(feed.close())], timeout=30)
     assert done
+
+
+@pytest.mark.parametrize("first", ["listing", "presence"])
+async def test_who_is_deleted_has_left_whichever_of_the_two_news_comes_first(
+    realm: Realm, first: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a busy machine the end of its presence overtakes the lookup service's news, or the other way."""
+    store = Store()
+    feed = Feed(realm.fleet, store, time.monotonic)
+    await feed.open()
+    await realm.create("move_to.py", "mover")
+    await until(lambda: "mover" in store.descriptions, "it is known")
+    known = [one for one in realm.fleet.robots() if one.name == "mover"]
+    late = True
+    if first == "listing":
+        present, left = feed._present, realm.fleet.left
+        monkeypatch.setattr(Feed, "_present", property(lambda _: present if late else set()))
+        monkeypatch.setattr(realm.fleet, "left", lambda address: not late and left(address))
+    else:
+        listed = realm.fleet.robots
+        monkeypatch.setattr(realm.fleet, "robots", lambda: [*listed(), *(known if late else ())])
+    await realm.fleet.delete("mover")
+    feed.hint()
+    await until(lambda: not feed._hint.is_set(), "a look between the two")
+    late = False
+    feed._take_lists()
+    await until(lambda: "mover" not in store.known, "it is off the list")
+    told = [one.text for one in store.entries if "mover" in one.text]
+    assert told == ["mover (MoveTo) is listed", "mover (MoveTo) left the list"]
+    assert not store.absent
+    await feed.close()

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.color import Color, ColorSystem
+from textual.theme import Theme
 
 from robotree.tui.screen.palette import LEVELS, TINT, reduced
 from robotree.tui.screen.themes import COLOUR_BLIND, DARK, LIGHT, OURS, REDUCED, chosen
@@ -69,3 +70,13 @@ def test_the_red_of_errors_stays_red(theme: object) -> None:
     red, green, blue = Color.parse(REDUCED[theme.name].error).get_truecolor()  # type: ignore[attr-defined]
     assert red > max(green, blue), "no other colour is as strong"
     assert blue <= green, "it is not pink"
+
+
+@pytest.mark.parametrize("theme", [DARK, LIGHT, COLOUR_BLIND], ids=lambda theme: theme.name)
+def test_states_keep_different_colours_on_a_terminal_of_sixteen(theme: Theme) -> None:
+    small = chosen(theme.name, "standard")
+    names = ("success", "error", "accent", "primary", "foreground", "background")
+    numbers = {
+        name: Color.parse(str(getattr(small, name))).downgrade(ColorSystem.STANDARD).number for name in names
+    }
+    assert len(set(numbers.values())) == len(names), numbers

@@ -133,6 +133,19 @@ def test_the_list_is_sorted_by_any_column(order: SortOrder, wanted: list[str]) -
     assert names(store, order) == wanted
 
 
+def test_trees_with_a_problem_come_first_and_stay_trees() -> None:
+    store = store_of(*LEVER, robot("arm-0"))
+    store.take_state("rover-10", State(online=False), 1.0)
+    store.take_state("arm-1", State(stopped=True, bond=address("mover")), 1.0)
+    assert names(store, "problems") == ["rover-10", "lever", "mover", "arm-1", "arm-0", "rover-2"]
+
+
+def test_robots_are_counted_by_status_the_worst_first() -> None:
+    store = store_of(*LEVER)
+    store.take_state("rover-10", State(online=False), 1.0)
+    assert store.count(1.0) == [("offline", 1), ("needs", 2), ("free", 1), ("enslaved", 1)]
+
+
 @pytest.mark.parametrize(
     ("letters", "wanted"),
     [
@@ -228,7 +241,7 @@ def test_who_hangs_stays_in_its_place_with_pid_and_remedy_until_it_is_dismissed(
     assert names(store) == ["lever", "mover", "arm-1", "rover-2", "rover-10"], "and so does its child"
     made = row(store, family(store)[1], 4.0)
     assert (made.status, made.state, made.old) == ("hangs", "HANGS (pid 4711)", True)
-    store.fade(address("mover"), 10.0)
+    store.departed(address("mover"), 10.0, left=False)
     assert row(store, family(store)[1], 15.0).state == "GONE 5 s"
     assert store.by("mover") == "", "nobody commands what has gone"
     free = [replace(one, bond=None) if one.name == "arm-1" else one for one in left]

@@ -11,7 +11,7 @@ from robotree.tui.seen.store import FLASH, SILENCE, Store
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import BondSpec, CommandSpec, Listing, RobotDescription, SlotSpec
 from robotree.vr.base.presence import Held
-from robotree.vr.base.requests import LoggedLine, State
+from robotree.vr.base.requests import Level, LoggedLine, State
 
 
 def address(name: str, incarnation: str = "1") -> Address:
@@ -45,17 +45,18 @@ def test_what_is_there_at_the_beginning_is_no_news(store: Store) -> None:
 def test_arrivals_and_departures_tell_themselves_once(store: Store) -> None:
     store.take_lists([listing("arm-1"), listing("arm-2")], [], 1.0)
     store.take_lists([listing("arm-2")], [], 2.0)
+    store.departed(address("arm-1"), 2.0, left=True)
     store.take_lists([listing("arm-2")], [], 3.0)
     assert texts(store) == ["arm-2 (Arm) is listed", "arm-1 (Arm) left the list"]
 
 
-def test_who_is_seen_nowhere_any_more_has_not_calmly_left(store: Store) -> None:
+def test_what_an_agent_said_decides_if_it_has_left_or_is_lost(store: Store) -> None:
     store.take_lists([listing("arm-1"), listing("arm-2")], [], 1.0)
-    store.take_lists([], [], 2.0, {address("arm-2")})
+    store.take_lists([], [], 2.0)
     assert texts(store)[1:] == [], "why is to be found out"
     assert set(store.missed) == {address("arm-1"), address("arm-2")}
-    store.departed(address("arm-1"), 3.0)
-    store.departed(address("arm-2"), 3.0)
+    store.departed(address("arm-1"), 3.0, left=False)
+    store.departed(address("arm-2"), 3.0, left=True)
     assert texts(store)[1:] == ["arm-1 (Arm): its process has gone", "arm-2 (Arm) left the list"]
     assert set(store.absent) == {"arm-1"}, "who took its leave is not kept"
 
@@ -63,16 +64,25 @@ def test_who_is_seen_nowhere_any_more_has_not_calmly_left(store: Store) -> None:
 def test_a_robot_whose_listing_expires_stays_in_sight_until_it_is_known_why(store: Store) -> None:
     """Its process hangs: it answers no more, then its listing expires, and only then is it said to hang."""
     store.take_descriptions([], 1.5)
-    store.take_lists([], [], 2.0, {address("arm-1")})
+    store.take_lists([], [], 2.0)
     assert store.known == {"arm-1"}
     assert (store.status("arm-1", 2.0), store.doing("arm-1", 2.0)) == ("silent", "does not answer")
     assert rows.row(store, rows.family(store)[0], 2.0).state == "does not answer"
-    store.departed(address("arm-1"), 3.0)
+    store.departed(address("arm-1"), 3.0, left=True)
     assert store.known == set(), "it had taken its leave"
+    assert (store.status("arm-1", 3.0), store.doing("arm-1", 3.0)) == ("gone", "has left")
+
+
+def test_a_process_that_hung_woke_and_took_its_leave_has_not_died(store: Store) -> None:
+    store.take_silent([Held("robot/arm-1/1", "process 31555", "")], 2.0)
+    store.take_lists([], [], 3.0)
+    store.departed(address("arm-1"), 4.0, left=True)
+    assert (store.known, store.absent, store.missed) == (set(), {}, {})
+    assert texts(store)[1:] == ["arm-1 (Arm) left the list"]
 
 
 def test_who_leaves_the_list_and_answers_is_commanded_by_somebody(store: Store) -> None:
-    store.take_lists([], [], 1.0, {address("arm-1")})
+    store.take_lists([], [], 1.0)
     bond = BondSpec(parent=address("mover"), slot="arm", epoch=1, remaining=5)
     store.take_descriptions([robot("arm-1", bond=bond)], 1.0)
     store.found(address("arm-1"), 1.0)
@@ -81,7 +91,7 @@ def test_who_leaves_the_list_and_answers_is_commanded_by_somebody(store: Store) 
 
 def test_who_hangs_leaves_with_no_wording_of_a_departure(store: Store) -> None:
     """Its listing expires while its presence still stands."""
-    store.take_lists([], [], 1.0, {address("arm-1")})
+    store.take_lists([], [], 1.0)
     store.take_silent([Held("robot/arm-1/1", "process 31555", "`kill -9 31555` ends it")], 2.0)
     assert texts(store) == ["arm-1 (Arm): its process hangs and does not answer; `kill -9 31555` ends it"]
     assert store.doing("arm-1", 3.0) == "HANGS (pid 31555)"
@@ -90,9 +100,11 @@ def test_who_hangs_leaves_with_no_wording_of_a_departure(store: Store) -> None:
 
 def test_who_was_never_listed_leaves_no_list(store: Store) -> None:
     store.take_services([], 1.0, stale=True)
-    store.take_lists([listing("arm-1"), listing("arm-2")], [], 1.0, {address("arm-1"), address("arm-2")})
+    store.take_lists([listing("arm-1"), listing("arm-2")], [], 1.0)
     store.take_services(["lookup-1"], 2.0, stale=False)
-    store.take_lists([], [], 2.0, {address("arm-1"), address("arm-2")})
+    store.take_lists([], [], 2.0)
+    for name in ("arm-1", "arm-2"):
+        store.found(address(name), 2.0)
     assert texts(store) == [
         "arm-2 (Arm) has come, but no lookup service lists it",
         "a lookup service is back",
@@ -257,26 +269,25 @@ def test_the_tree_is_looked_at_again_only_when_something_hints_at_a_change(store
     assert store.shape == shape + 1
 
 
-def test_the_log_tells_why_a_command_failed_that_another_program_asked_for(store: Store) -> None:
-    failed = LoggedLine(1, 0.0, "failed", "arm-1.go_to failed: it is out of reach", "go_to")
-    store.take_state("arm-1", State(), 1.0)
-    with store.asking("arm-1"):
-        store.take_state("arm-1", State(busy="go_to"), 2.0)
-    store.take_state("arm-1", State(), 3.0)
-    store.take_line("arm-1", failed, 3.0)
-    assert texts(store) == [], "what was asked for here is told by its result"
-    store.take_state("arm-1", State(busy="go_to"), 4.0)
-    store.take_line("arm-1", LoggedLine(2, 0.0, "failed", "arm-1.get_info failed", "get_info"), 4.0)
-    store.take_state("arm-1", State(), 5.0)
-    store.take_line("arm-1", failed, 5.1)
+def entry(level: Level, text: str, caller: str = "anna@pts/3") -> LoggedLine:
+    return LoggedLine(1, 0.0, level, text, "go_to", "k", caller)
+
+
+def test_the_log_has_what_became_of_the_commands_of_people_whoever_they_are(store: Store) -> None:
+    store.take_line("arm-1", entry("asked", "go_to by anna@pts/3 begins"), 1.0)
+    store.take_line("arm-1", entry("asked", "go_to by bob@pts/4 waits", "bob@pts/4"), 2.0)
+    store.take_line("arm-1", entry("done", "go_to by anna@pts/3 is done"), 3.0)
+    store.take_line("arm-1", entry("failed", "arm-1.go_to failed: it is out of reach", "bob@pts/4"), 4.0)
     store.take_line("arm-1", LoggedLine(4, 0.0, "warning", "it is warm"), 6.0)
-    told = [(one.weight, one.text) for one in store.entries]
-    assert told == [
-        ("plain", "arm-1.go_to has begun, asked for elsewhere"),
-        ("plain", "arm-1.go_to has ended, asked for elsewhere, after 1.0 s"),
+    assert [(one.weight, one.text) for one in store.entries] == [
+        ("plain", "arm-1: go_to by anna@pts/3 begins"),
+        ("plain", "arm-1: go_to by bob@pts/4 waits"),
+        ("good", "arm-1: go_to by anna@pts/3 is done"),
         ("error", "arm-1.go_to failed: it is out of reach"),
         ("warning", "arm-1: it is warm"),
     ]
-    store.take_state("arm-1", State(busy="go_to", bond=address("mover")), 7.0)
-    store.take_line("arm-1", failed, 8.0)
-    assert len(store.entries) == len(told), "what its parent asks is part of the parent's command"
+
+
+def test_what_a_parent_asks_is_part_of_the_parents_command(store: Store) -> None:
+    store.take_line("arm-1", entry("failed", "arm-1.go_to failed", "mover"), 1.0)
+    assert texts(store) == []

@@ -53,11 +53,9 @@ def condition(robot: RobotDescription) -> Iterator[Finding]:
             remedy = f"code of {', '.join(robot.abandoned)} was ended and still runs: restart {host}"
             yield Finding("robots", "bad", told, remedy)
         case "needs":
-            slot, wanted, _ = lacks[0]
+            slot, wanted, *_ = lacks[0]
             remedy = f"robotree enslave {robot.name}.{slot} NAME, of a robot of kind {wanted}"
-            yield Finding(
-                "robots", "doubt", f"{robot.name} ({robot.kind}) needs {status.needs(lacks)}", remedy
-            )
+            yield Finding("robots", "doubt", f"{robot.name} ({robot.kind}): {status.needs(lacks)}", remedy)
         case _:
             yield Finding("robots", "good", told)
 

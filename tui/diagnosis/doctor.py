@@ -15,7 +15,7 @@ from robotree.tui.processes.state_files import state_home
 from robotree.tui.terminal import answer
 from robotree.tui.wire.security import NOTHING, REALM, REALM_KEY, VARIABLE, examined
 from robotree.vr.base.errors import VrError
-from robotree.vr.network.rendezvous import runtime_directory
+from robotree.vr.network.realms import realm_folder
 
 
 def run(line: Line, realm: str) -> int:
@@ -54,7 +54,7 @@ async def diagnose(realm: str, name: str = "") -> list[Finding]:
 def keys(realm: str) -> Finding:
     """See that the signing keys of the environment can be used, and by nobody else."""
     given = os.environ.get(VARIABLE, "")
-    if not given and (runtime_directory() / realm / REALM_KEY).exists():
+    if not given and (realm_folder(realm) / REALM_KEY).exists():
         told = "the realm has a key of its own: what `robotree demo` starts is signed; other links need --key"
         return Finding("keys", "good", told)
     if given in {"", NOTHING}:

@@ -17,7 +17,7 @@ from robotree.tui.processes.state_files import state_home
 from robotree.tui.seen import wording
 from robotree.tui.terminal import answer
 from robotree.tui.wire.security import REALM_KEY, VARIABLE
-from robotree.vr.network.rendezvous import REALM_VARIABLE, runtime_directory
+from robotree.vr.network.realms import REALM_VARIABLE, realm_folder
 
 _VARIABLES = (
     REALM_VARIABLE, READONLY_VARIABLE, VARIABLE, "XDG_RUNTIME_DIR", "XDG_STATE_HOME", "XDG_CONFIG_HOME",
@@ -50,8 +50,8 @@ def gather(realm: str, *, readonly: bool) -> dict[str, Any]:
         "paths": {
             "program": str(Path(robotree.tui.__file__).parent),
             "python": sys.executable,
-            "realm": str(runtime_directory() / realm),
-            "realm key": str(runtime_directory() / realm / REALM_KEY),
+            "realm": str(realm_folder(realm)),
+            "realm key": str(realm_folder(realm) / REALM_KEY),
             "log": str(state_home() / realm / "supervisor.log"),
         },
         "terminal": machine.abilities(),

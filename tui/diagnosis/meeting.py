@@ -19,7 +19,8 @@ from typing import Literal
 from robotree.tui.diagnosis.finding import Finding
 from robotree.vr.base.address import Address
 from robotree.vr.network.mesh import HANGS
-from robotree.vr.network.rendezvous import Rendezvous, process_of, runtime_directory
+from robotree.vr.network.realms import process_of, realm_folder, runtime_directory
+from robotree.vr.network.rendezvous import Rendezvous
 
 PRIVATE = 0o700
 LISTENS, ESTABLISHED = "0A", "01"
@@ -52,12 +53,12 @@ class Entry:
 def folder(realm: str) -> Iterator[Finding]:
     """See that the realm's folder can be used, and by nobody else."""
     if not os.environ.get("XDG_RUNTIME_DIR"):
-        told = f"XDG_RUNTIME_DIR is not set, so realms lie in {runtime_directory()}"
+        told = f"XDG_RUNTIME_DIR is not set, so this realm lies in {realm_folder(realm).parent}"
         yield Finding(
             "folder", "doubt", told, "set it alike in all terminals, or robots of one are not seen in others"
         )
-    top = runtime_directory()
-    for path in (top, top / realm):
+    place = realm_folder(realm)
+    for path in (place.parent, place):
         try:
             found = path.lstat()
         except FileNotFoundError:
@@ -76,7 +77,7 @@ def folder(realm: str) -> Iterator[Finding]:
         if fault := _fault(path, found):
             yield fault
             return
-    yield Finding("folder", "good", f"{top / realm} is yours alone")
+    yield Finding("folder", "good", f"{place} is yours alone")
 
 
 def _fault(path: Path, found: os.stat_result) -> Finding | None:

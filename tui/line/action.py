@@ -75,7 +75,7 @@ class Action(NamedTuple):
     alters: bool = False
     """It changes robots, or who commands them: absent where one may only look (`--readonly`)."""
     shell_options: tuple[str, ...] = ()
-    """Options that only a shell takes: with them the verb goes on until it is interrupted."""
+    """Options that only a shell takes: with them it goes on until it is interrupted, or leaves the realm."""
     examples: tuple[str, ...] = ()
     guide: tuple[str, ...] = ()
     """Modules whose docstrings explain it further: `robotree help VERB` prints them."""

@@ -63,8 +63,9 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="log [NAME] [--follow]",
-        help="Print what the code of a robot says (print, warnings, logging) and how its commands ended;"
-        " --follow: go on until it is interrupted. Without NAME, in the full screen: the whole log.",
+        help="Print what the code of a robot says (print, warnings, logging), and its commands: who asked,"
+        " how they ended, how long they waited and ran; --follow: go on until it is interrupted."
+        " Without NAME: of all robots.",
         group=LOOK,
         run="log",
         where=ANYWHERE,
@@ -85,6 +86,22 @@ ACTIONS: tuple[Action, ...] = (
         where=Where.SHELL,
         examples=("doctor", "doctor arm-1"),
     ),
+    Action(
+        usage="completion SHELL [WORD …]",
+        help="Print the script that completes lines of robotree in bash, zsh or fish; with words behind `--`:"
+        " what the last of them may become.",
+        group=LOOK,
+        where=Where.SHELL,
+        examples=("completion bash", "completion bash -- call arm-1."),
+        guide=("robotree.tui.line.shells",),
+    ),
+    Action(
+        usage="man",
+        help="Print the manual page of all verbs; `robotree man | man -l -` shows it.",
+        group=LOOK,
+        where=Where.SHELL,
+        examples=("man",),
+    ),
     # -- write a page
     Action(
         usage="new NAME [--over KIND]",
@@ -103,10 +120,11 @@ ACTIONS: tuple[Action, ...] = (
     ),
     # -- shape the tree
     Action(
-        usage="create FILE as NAME [on HOST] [PARAMETER=VALUE …] [--watch]",
+        usage="create FILE as NAME [on HOST] [PARAMETER=VALUE …] [--own-host] [--watch]",
         help="Make a virtual robot from FILE.py or FILE.py:Class, or from a script, FILE.yaml or FILE.clp;"
-        " PARAMETER: one of its settings. --watch (in a shell): go on, and reload it each time that the page"
-        " or what belongs to it is saved.",
+        " PARAMETER: one of its settings. --own-host: in a process of its own, NAME-host, which"
+        " ends when it is deleted. --watch (in a shell): go on, and reload it each time that the page or what"
+        " belongs to it is saved.",
         group=SHAPE,
         run="create",
         where=ANYWHERE,
@@ -116,6 +134,7 @@ ACTIONS: tuple[Action, ...] = (
             "create examples/move_to.py as mover",
             "create mine.py:Painter as painter on host-2",
             "create team.py as team speed='20 cm/s'",
+            "create team.py as team --own-host",
             "create team.py as team --watch",
         ),
         shell_options=("--watch",),
@@ -206,8 +225,9 @@ ACTIONS: tuple[Action, ...] = (
         alters=True,
     ),
     Action(
-        usage="stop [NAME]",
-        help="Protective stop of one robot, or of everything, now.",
+        usage="stop [NAME] [--everywhere]",
+        help="Protective stop of one robot, or of everything, now; --everywhere: in all your realms.",
+        shell_options=("--everywhere",),
         group=COMMAND,
         run="stop",
         where=ANYWHERE,
@@ -215,7 +235,7 @@ ACTIONS: tuple[Action, ...] = (
         typing_key="ctrl+s",
         scope=Scope.PROGRAM,
         while_busy=True,
-        examples=("stop", "stop arm-1"),
+        examples=("stop", "stop arm-1", "stop --everywhere"),
     ),
     Action(
         usage="resume [NAME]",
@@ -290,11 +310,12 @@ ACTIONS: tuple[Action, ...] = (
         where=Where.SHELL,
     ),
     Action(
-        usage="run FILE",
-        help="Play a script of verbs and `expect CONDITION within TIME` (- for standard input).",
+        usage="run FILE [--junit FILE]",
+        help="Play a script of verbs and `expect CONDITION within TIME` (- for standard input);"
+        " --junit: write the steps as a JUnit report, too.",
         group=PROCESS,
         where=Where.SHELL,
-        examples=("run examples/close_lever.session", "run -"),
+        examples=("run examples/close_lever.session", "run -", "run trial.session --junit trial.xml"),
         guide=("robotree.tui.session.script", "robotree.tui.session.conditions"),
     ),
     Action(
@@ -324,8 +345,8 @@ ACTIONS: tuple[Action, ...] = (
         examples=("view cell --connect tcp:127.0.0.1:5760",),
     ),
     Action(
-        usage="host NAME",
-        help="Run virtual robots that are created.",
+        usage="host NAME [--only ROBOT]",
+        help="Run virtual robots that are created; --only: this one alone, until it is deleted.",
         group=PROCESS,
         where=Where.SHELL,
         examples=("host host-1",),
@@ -383,6 +404,18 @@ ACTIONS: tuple[Action, ...] = (
         examples=("wire ping --connect tcp:127.0.0.1:5760 --count 100 --every 10ms",),
     ),
     Action(
+        usage="wire conform --connect URL [RULE …] [--kind KIND] [--component N] [--key FILE]",
+        help="Try whether a controller keeps the rules of docs/bring-your-own-robot.md; its robot moves."
+        " KIND: arm, rover, base, limb or head; without it, what the telemetry shows. RULE: only these.",
+        group=WIRE,
+        where=Where.SHELL,
+        examples=(
+            "wire conform --connect tcp:127.0.0.1:5761",
+            "wire conform --connect tcp:127.0.0.1:5761 key-repeat silence --json",
+        ),
+        alters=True,
+    ),
+    Action(
         usage="wire dissector [FILE] [--port PORT] [--xml DIALECT]",
         help="Write a Lua file with which Wireshark and tshark decode the frames.",
         group=WIRE,
@@ -413,11 +446,16 @@ ACTIONS: tuple[Action, ...] = (
         alters=True,
     ),
     Action(
-        usage="wire key FILE [--links PATTERN] [--passphrase]",
-        help="Make a file with a signing key for --key FILE, or for $ROBOTREE_KEY.",
+        usage="wire key FILE [--links PATTERN] [--passphrase] [--of CONTROLLER]",
+        help="Make a file with a signing key for --key FILE, or for $ROBOTREE_KEY."
+        " --of: print the key that one controller, named by its address, gets from a file (or `realm`).",
         group=WIRE,
         where=Where.SHELL,
-        examples=("wire key cell.key", "wire key cell.key --links 'tcp:127.0.0.1:*' --passphrase"),
+        examples=(
+            "wire key cell.key",
+            "wire key cell.key --links 'tcp:127.0.0.1:*' --passphrase",
+            "wire key realm --of tcp:127.0.0.1:5760",
+        ),
     ),
     Action(
         usage="wire bench [PART …]",
@@ -440,7 +478,7 @@ ACTIONS: tuple[Action, ...] = (
     Action("robots", "Go back to the list of robots.", SCREEN, where=SHOWN, key="l"),
     Action(
         "sort",
-        "Sort the robots by the next column: name, kind, state, by, host.",
+        "Sort the robots in the next way: problems first, then by name, kind, state, by, host.",
         SCREEN,
         where=SHOWN,
         key="S",
@@ -493,7 +531,16 @@ ACTIONS: tuple[Action, ...] = (
         key="slash",
         label="Filter",
     ),
-    Action("prompt", "Type a verb.", SCREEN, where=Where.SCREEN, key="colon", label="Verb"),
+    Action(
+        "prompt",
+        "Type a verb.",
+        SCREEN,
+        where=Where.SCREEN,
+        key="colon",
+        scope=Scope.PROGRAM,
+        while_busy=True,
+        label="Verb",
+    ),
     Action(
         "help",
         "Show all keys and verbs.",

@@ -76,6 +76,8 @@ class Line(NamedTuple):
     values: Mapping[str, Value] = MappingProxyType({})
     given: float | None = None
     """[s, CLOCK_MONOTONIC] When a person gave it; None: now."""
+    order: str = ""
+    """Id of the order to stop that has been sent for it already; empty: none has."""
 
     def text(self, name: str, default: str = "") -> str:
         """Return a single value, or the default when it was left out."""

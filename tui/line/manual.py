@@ -88,6 +88,29 @@ def structure(action: Action) -> dict[str, Any]:
     }
 
 
+def man_page(surface: Surface) -> str:
+    """Return the manual page robotree(1) in the language of man(7): every verb, by groups."""
+    title = '.TH ROBOTREE 1 "" "robotree" "User commands"'
+    lines = [title, ".SH NAME", "robotree \\- supervise robots through virtual robots", ".SH SYNOPSIS"]
+    lines += [".B robotree", _roff("[VERB …] [--json] [--realm NAME] [--readonly]"), ".SH DESCRIPTION"]
+    lines += [_roff(_HEAD.partition("\n\n")[0].replace("\n", " ")), ".SH VERBS"]
+    for group, actions in surface.groups.items():
+        lines.append(f".SS {_roff(group)}")
+        for action in actions:
+            lines += [".TP", f".B {_roff(action.usage)}", _roff(action.help)]
+            for example in action.examples:
+                lines += [".br", f".I {_roff(f'robotree {example}')}"]
+    walk, notes = WALK.split("\n\n", 1)
+    lines += [".SH NOTES", *(f"{_roff(line)}\n.br" for line in notes.splitlines())]
+    return "\n".join([*lines, ".SH EXAMPLE", ".nf", *map(_roff, walk.splitlines()), ".fi", ""])
+
+
+def _roff(text: str) -> str:
+    """Return a text as man(7) prints it: backslashes and hyphens as they are, no line a request."""
+    escaped = text.replace("\\", "\\e").replace("-", "\\-")
+    return f"\\&{escaped}" if escaped.startswith((".", "'")) else escaped
+
+
 def tables() -> str:
     """Return the registry as two tables for the guide: what can be done, and the keys of each page."""
     from robotree.tui.line.page_keys import PAGE_KEYS

@@ -13,7 +13,6 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from robotree.tui import exit_codes
-from robotree.tui.errors import NothingToAsk
 from robotree.tui.line.carrying import Refusal, carry_out
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import Outcome
@@ -137,22 +136,19 @@ async def once(line: Line, realm: str) -> int:
     Returns:
         The exit code.
     """
-    from robotree.tui.processes.realm import anybody_met, joined
+    from robotree.tui.processes.realm import anybody_met, joined, nothing_to_ask
     from robotree.vr.base.address import ROLES
     from robotree.vr.base.errors import VrError
 
     console = Console(as_json=line.flag("--json"))
     if not anybody_met(realm):  # joining would leave an empty folder behind
-        console.error(NothingToAsk(realm))
+        console.error(nothing_to_ask(realm))
         return exit_codes.NOBODY
     try:
-        urgent = line.verb == "stop"
-        async with joined(realm, looking=not urgent) as fleet:
-            if urgent and fleet.inhabited():
-                return await obey(fleet, line, console)
+        async with joined(realm) as fleet:
             if any(fleet.directory.present(role) for role in ROLES):
                 return await obey(fleet, line, console)
-        console.error(NothingToAsk(realm))
+        console.error(nothing_to_ask(realm))
     except VrError as error:
         console.error(error)
         return exit_codes.code_of(error)

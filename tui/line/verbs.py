@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Awaitable, Callable
+from contextlib import AbstractAsyncContextManager, AsyncExitStack
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, NoReturn, Protocol, cast
@@ -22,8 +23,9 @@ if TYPE_CHECKING:  # help must not wait for the agents
     from collections.abc import Mapping, Sequence
 
     from robotree.tui.line.page_files import PageFiles
+    from robotree.tui.seen.store import Weight
     from robotree.vr.base.description import CommandSpec, Listing, RobotDescription
-    from robotree.vr.base.requests import LoggedLine, Reloaded, State
+    from robotree.vr.base.requests import Level, LoggedLine, Reloaded, State
     from robotree.vr.supervision.fleet import Fleet
 
 CALL_LIMIT = 120.0
@@ -31,6 +33,12 @@ CALL_LIMIT = 120.0
 
 SCRIPT_LIMIT = 7 * 24 * 3600.0
 """[s] that a script may lead when the line does not say: a week, the longest that any robot allows."""
+
+LEVELS: Mapping[Weight, Level] = {"good": "info", "plain": "info", "warning": "warning", "error": "error"}
+"""Level of what was seen from here, by its weight."""
+
+FOLLOWING = 0.1
+"""[s] between two looks for what was logged."""
 
 PICTURE = (640, 360)
 """[px] size of a picture when the line does not say: 16:9, about 40 kB."""
@@ -91,7 +99,7 @@ async def ls(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
         return _listed(found, what, doubt)
     hanging = await _hanging(fleet)
     answering = {robot.name: robot for robot in await fleet.tree()}
-    told = {name: status.text(robot, answering.get) for name, robot in answering.items()}
+    told = {name: status.text(robot, answering.get, hanging) for name, robot in answering.items()}
     told |= {name: f"HANGS ({where})" for name, (where, _) in hanging.items()}
     known = {one.name for one in found}
     found = [*found, *(_unknown(name) for name in hanging if name not in known)]
@@ -153,7 +161,7 @@ def _listed(
 async def tree(fleet: Fleet, _line: Line, _teller: Teller) -> Outcome:
     """Show the robots as trees."""
     hanging = await _hanging(fleet)
-    roots = forest.forest(await fleet.tree())
+    roots = forest.forest(await fleet.tree(), hanging)
     lost: list[dict[str, Any]] = [
         {"name": name, "kind": "", "state": f"HANGS ({where})", "children": []}
         for name, (where, _) in hanging.items()
@@ -237,38 +245,70 @@ async def watch(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
 
 
 async def log(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
-    """Tell what the code of a robot says."""
+    """Tell what the code of a robot, or of all, says, and what became of their commands."""
+    name = line.text("NAME")
+    if not line.flag("--follow"):
+        said = await _logged(fleet, name)
+        told = "\n".join(wording.log_line(one, "" if name else robot) for robot, one in said)
+        nothing = f"{name} has logged nothing" if name else "no robot has logged anything"
+        return Outcome([{"robot": robot, **plain(one)} for robot, one in said], told or nothing)
+    await _follow_log(fleet, name, teller)
+    return Outcome(None)
+
+
+async def _logged(fleet: Fleet, name: str) -> list[tuple[str, LoggedLine]]:
+    """Return the lines of one robot's log, or of all robots' (empty name), the oldest first."""
     import asyncio
 
-    name = line.text("NAME")
-    if not name:
-        raise BadLine("log: NAME is missing", "log NAME [--follow]")
-    if not line.flag("--follow"):
-        said = await fleet.read_log(name)
-        told = "\n".join(map(wording.log_line, said)) or f"{name} has logged nothing"
-        return Outcome([plain(one) for one in said], told)
-    last = 0
+    from robotree.vr.base.errors import VrError
 
-    def tell(_: str, said: Sequence[LoggedLine]) -> None:
-        nonlocal last
-        for one in said:
-            if one.number > last:
-                last = one.number
-                teller.outcome(Outcome(plain(one), wording.log_line(one)))
+    if name:
+        return [(name, one) for one in await fleet.read_log(name)]
+    names = [address.name for address in fleet.directory.present("robot")]
+    logs = await asyncio.gather(*map(fleet.read_log, names), return_exceptions=True)
+    if faults := [one for one in logs if isinstance(one, BaseException) and not isinstance(one, VrError)]:
+        raise faults[0]
+    found = [
+        (robot, one)
+        for robot, said in zip(names, logs, strict=True)
+        if not isinstance(said, BaseException)
+        for one in said
+    ]
+    return sorted(found, key=lambda entry: entry[1].unix)
 
-    def tell_new(name: str, said: Sequence[LoggedLine]) -> None:
-        nonlocal last
-        if said and said[0].number < last:  # it was made anew
-            last = 0
-        tell(name, said)
 
-    watching = await fleet.watch_log(name, tell_new)
+async def _follow_log(fleet: Fleet, name: str, teller: Teller) -> NoReturn:
+    """Tell what was logged, then what the full screen's log would show, as it comes, until interrupted."""
+    import asyncio
+    import time
+
+    from robotree.tui.seen.feeding import Feed
+    from robotree.tui.seen.store import Store
+    from robotree.vr.base.requests import LoggedLine
+
+    store, printed = Store(), dict[tuple[str, int], None]()
+    feed = Feed(fleet, store, time.monotonic)
+    await feed.open()
+
+    def tell(robot: str, one: LoggedLine) -> None:
+        teller.outcome(Outcome({"robot": robot, **plain(one)}, wording.log_line(one, "" if name else robot)))
+
     try:
-        tell(name, await fleet.read_log(name))
-        await asyncio.Event().wait()
+        for robot, one in await _logged(fleet, name):
+            printed[robot, one.number] = None
+            tell(robot, one)
+        while True:
+            while store.entries:
+                entry = store.entries.popleft()
+                if name and entry.robot != name:
+                    continue
+                if entry.line is None:
+                    tell(entry.robot, LoggedLine(0, time.time(), LEVELS[entry.weight], entry.text))
+                elif (entry.robot, entry.line.number) not in printed:
+                    tell(entry.robot, entry.line)
+            await asyncio.sleep(FOLLOWING)
     finally:
-        await watching.close()
-    return Outcome(None)
+        await feed.close()
 
 
 # -- shaping the tree ------------------------------------------------------------------------------
@@ -279,18 +319,29 @@ async def create(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
     path, wanted = values.source(line.text("FILE"))
     path = str(shipped(path))
     files = _files_of(path, wanted) if line.flag("--watch") else None
-    robot = await fleet.create(
-        path,
-        line.text("NAME"),
-        host=line.text("HOST"),
-        wanted=wanted,
-        settings=values.assignments(line.many("PARAMETER=VALUE")),
-    )
+    name, host = line.text("NAME"), line.text("HOST")
+    settings = values.assignments(line.many("PARAMETER=VALUE"))
+    async with AsyncExitStack() as stack:
+        if line.flag("--own-host"):
+            host = await stack.enter_async_context(_own_host(fleet, name, host))
+        robot = await fleet.create(path, name, host=host, wanted=wanted, settings=settings)
     made = _did(robot, f"{robot.name} ({robot.kind}) runs" + (f" on {robot.host}" if robot.host else ""))
     if files is not None:
         teller.outcome(made)
         await _follow_saves(fleet, robot.name, files, teller)
     return made
+
+
+def _own_host(fleet: Fleet, robot: str, host: str) -> AbstractAsyncContextManager[str]:
+    from robotree.tui.processes.own_host import own_host
+    from robotree.vr.base.address import check_name
+    from robotree.vr.base.errors import DuplicateName
+
+    if host:
+        raise BadLine("a robot is created on HOST or with --own-host, not both", "")
+    if check_name(robot) in {one.name for one in fleet.directory.present("robot")}:
+        raise DuplicateName(role="robot", name=robot)  # before a process is started for nothing
+    return own_host(fleet.realm, robot)
 
 
 def shipped(given: str) -> Path:
@@ -507,8 +558,12 @@ async def cancel(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
 
 async def stop(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
     """Stop one robot, or all, protectively."""
-    told = await fleet.stop(line.text("NAME") or None, on_late=teller.warn)
-    return Outcome({"stopped": sorted(told)}, f"stopped: {', '.join(sorted(told)) or 'there is no robot'}")
+    return stopped(await fleet.stop(line.text("NAME") or None, on_late=teller.warn))
+
+
+def stopped(names: Sequence[str]) -> Outcome:
+    """Return the result of a stop that these robots have confirmed."""
+    return Outcome({"stopped": sorted(names)}, f"stopped: {', '.join(sorted(names)) or 'there is no robot'}")
 
 
 async def resume(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:

@@ -7,7 +7,7 @@ import os
 from collections.abc import AsyncGenerator
 from typing import TYPE_CHECKING
 
-from robotree.tui.errors import sentence
+from robotree.tui.errors import NothingToAsk, sentence
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -50,41 +50,85 @@ def folder_of(realm: str) -> Path:
     """
     from robotree.files import private_folder
     from robotree.vr.base.errors import RealmUnusable
-    from robotree.vr.network.rendezvous import runtime_directory
+    from robotree.vr.network.realms import realm_folder
 
-    top = runtime_directory()
+    found = realm_folder(realm)
     try:
-        for folder in (top, top / realm):
-            private_folder(folder)
+        for folder in (found.parent, found):
+            private_folder(folder, strict=True)
     except OSError as error:
         reason = f"{sentence(error)}; set XDG_RUNTIME_DIR to a directory of your own"
         raise RealmUnusable(realm=realm, reason=reason) from None
-    return top / realm
+    return found
 
 
 @contextlib.asynccontextmanager
-async def joined(realm: str, *, looking: bool = True) -> AsyncGenerator[Fleet]:
+async def joined(realm: str) -> AsyncGenerator[Fleet]:
     """Join a realm and see its fleet; leave when the block ends.
 
     Args:
         realm: its name.
-        looking: wait until those who are there have answered. A stop is given without that.
 
     Raises:
         TransportError: the realm cannot be joined.
     """
+    from robotree.vr.base.envelope import sitting_at, this_terminal
     from robotree.vr.network.local import join
-    from robotree.vr.network.mesh import GREETING
     from robotree.vr.supervision.fleet import Fleet
 
-    transport = await join(realm, greeting=GREETING if looking else 0)
-    try:
-        fleet = Fleet(transport)
-        if looking:
-            await fleet.start()
+    with sitting_at(this_terminal()):
+        transport = await join(realm)
         try:
-            yield fleet
+            fleet = Fleet(transport, realm)
+            await fleet.start()
+            try:
+                yield fleet
+            finally:
+                await fleet.close()
         finally:
-            await fleet.close()
-    finally:
-        await transport.close()
+            await transport.close()
+
+
+@contextlib.asynccontextmanager
+async def visited(folder: Path) -> AsyncGenerator[Fleet]:
+    """See the fleet of a realm from outside, for a stop: nothing is written, and nobody is waited for.
+
+    Args:
+        folder: of the realm.
+
+    Raises:
+        RealmUnusable: there are too few descriptors.
+        OSError: as above.
+        RuntimeError: there are too few threads.
+    """
+    from robotree.vr.base.envelope import sitting_at, this_terminal
+    from robotree.vr.network.local import join
+    from robotree.vr.supervision.fleet import Fleet
+
+    with sitting_at(this_terminal()):
+        transport = await join(folder.name, root=folder.parent, greeting=0, listed=False)
+        try:
+            fleet = Fleet(transport, folder.name)
+            try:
+                yield fleet
+            finally:
+                await fleet.close()
+        finally:
+            await transport.close()
+
+
+def nothing_to_ask(realm: str) -> NothingToAsk:
+    """Return the error for a realm in which nobody is: it names the realms of this user that have robots."""
+    from robotree.vr.network.realms import all_realms, realm_folder, robots_in, runtime_directory
+
+    own, usual = realm_folder(realm), runtime_directory()
+    elsewhere: dict[str, list[str]] = {}
+    for folder in all_realms():
+        if folder != own and (robots := robots_in(folder)):
+            root, how = folder.parent, f"--realm {folder.name}"
+            if root.name != "robotree":
+                how = f"env -u XDG_RUNTIME_DIR robotree {how}"
+            elif root not in {own.parent, usual}:
+                how = f"XDG_RUNTIME_DIR={root.parent} robotree {how}"
+            elsewhere[how] = robots
+    return NothingToAsk(realm, elsewhere)

@@ -14,6 +14,7 @@ from collections.abc import Callable, Coroutine
 from typing import TYPE_CHECKING, Any
 
 from robotree.tui.processes.ending import LAST_WORDS, Ending
+from robotree.tui.processes.guard import guarded
 from robotree.tui.terminal import put
 
 if TYPE_CHECKING:
@@ -26,15 +27,19 @@ STDOUT, STDERR = 1, 2
 """File descriptors."""
 
 
-async def serve(run: RunAgent, *, tether: bool) -> None:
+async def serve(run: RunAgent, *, tether: bool, foreign: bool) -> None:
     """Be an agent until a signal asks for the end, or the end of the tether does.
 
     Args:
         run: brings the agent up, and down when it is cancelled. What it raises comes out of here.
         tether: also end when standard input ends.
+        foreign: whether authors' code runs in it, which may hold the interpreter: then a guard ends it.
     """
     being = asyncio.ensure_future(run(_up))
-    with Ending(being.cancel, LAST_WORDS) as ending, contextlib.suppress(asyncio.CancelledError):
+    with contextlib.ExitStack() as stack, contextlib.suppress(asyncio.CancelledError):
+        if foreign:
+            stack.enter_context(guarded(tether=tether))
+        ending = stack.enter_context(Ending(being.cancel, LAST_WORDS))
         ending.at(signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
         if tether:
             ending.with_input()

@@ -30,6 +30,8 @@ from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.place import NOWHERE, Place
 from robotree.tui.screen.teleoperable import bounds
 from robotree.tui.screen.widgets.control_filter import ControlFilter
+from robotree.tui.seen import wording
+from robotree.tui.seen.rows import natural
 from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
@@ -47,7 +49,7 @@ def program_keys() -> Iterable[Binding]:
     for one in ACTIONS:
         if one.scope is not Scope.PROGRAM:
             continue
-        first, asked = bool(one.typing_key), f"verb('{one.verb}')"
+        first, asked = bool(one.typing_key or one.while_busy), f"verb('{one.verb}')"  # also over a question
         yield Binding(one.key, f"quiet_{asked}", one.label, show=bool(one.label), priority=first, id=one.verb)
         if one.typing_key:
             yield Binding(one.typing_key, asked, show=False, priority=True)
@@ -182,7 +184,7 @@ class Supervisor(OperatorApp):
         if key.key != stop.key:
             return key.key == stop.typing_key
         typed_next = any(isinstance(one, Key) and one.key in self.line_keys for one in before)
-        return not self.typing and not (typed_next and isinstance(self.screen, MainPage))
+        return not self.typing and not typed_next
 
     def action_quiet_verb(self, verb: str) -> None:
         """Do what a key asks for that works wherever nobody types."""
@@ -223,7 +225,17 @@ class Supervisor(OperatorApp):
                     f"  ({self.keymap.spelled(action.verb)})" if action.key else ""
                 )
                 yield SystemCommand(title, action.help, lambda verb=action.verb: self._from_palette(verb))
+        for name in sorted(self.store.known, key=natural):
+            about = wording.summary(robot.doc) if (robot := self.store.described(name)) else ""
+            yield SystemCommand(f"Robot: {name}", about or "Select it.", lambda name=name: self._go_to(name))
         yield from super().get_system_commands(screen)  # pyright: ignore[reportUnknownMemberType] # Textual leaves it open
+
+    def _go_to(self, name: str) -> None:
+        """Show a robot in the list, selected, whatever page is in front."""
+        while self.screen is not self.main:
+            self.pop_screen()
+        self.main.reveal()
+        self.choose(name)
 
     def _from_palette(self, verb: str) -> None:
         if BY_VERB[verb].scope is Scope.PROGRAM:

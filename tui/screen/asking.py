@@ -12,8 +12,9 @@ from robotree.tui.screen.operator_app import OperatorApp
 from robotree.tui.screen.pages.dialogs import Confirm, Reading
 from robotree.tui.screen.pages.enslave import EnslaveDialog, Opening, ReleaseDialog, openings
 from robotree.tui.screen.pages.help import help_text
-from robotree.tui.screen.pages.main import PANES, main_page
+from robotree.tui.screen.pages.main import PANES, in_front, main_page
 from robotree.tui.screen.pages.new import NewPage
+from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.pages.role import RoleDialog
 from robotree.tui.screen.place import Place
@@ -311,7 +312,7 @@ def _dismiss(app: OperatorApp, place: Place) -> None:
 
 
 def _pane(name: str) -> Ask:
-    return lambda app, _place: main_page(app).show_pane(name)
+    return lambda app, _place: in_front(app).show_pane(name)
 
 
 def _role(app: OperatorApp, place: Place) -> None:
@@ -331,7 +332,15 @@ def _role(app: OperatorApp, place: Place) -> None:
 
 
 def _line(kind: Kind) -> Ask:
-    return lambda app, _place: main_page(app).open_line(kind)
+    def ask(app: OperatorApp, _place: Place) -> None:
+        front = app.screen
+        if isinstance(front, Page):
+            front.open_line(kind)
+        else:  # what is typed now is meant for the prompt
+            app.opened_by_itself(front, typed=True)
+            app.tell("a question or a text is in front: esc leaves it, then type the verb", "warning")
+
+    return ask
 
 
 ASK: Mapping[str, Ask] = {
@@ -351,15 +360,15 @@ ASK: Mapping[str, Ask] = {
     "quit": _quit,
     "filter": _line("filter"),
     "prompt": _line("verb"),
-    "tree": lambda app, _place: main_page(app).sort("tree"),
-    "sort": lambda app, _place: main_page(app).sort(),
-    "joints": lambda app, _place: main_page(app).unfold(),
-    "wide": lambda app, _place: main_page(app).widen(),
-    "mark": lambda app, place: main_page(app).mark(place.name),
-    "unmark": lambda app, _place: main_page(app).unmark(),
+    "tree": lambda app, _place: in_front(app).sort("tree"),
+    "sort": lambda app, _place: in_front(app).sort(),
+    "joints": lambda app, _place: in_front(app).unfold(),
+    "wide": lambda app, _place: in_front(app).widen(),
+    "mark": lambda app, place: in_front(app).mark(place.name),
+    "unmark": lambda app, _place: in_front(app).unmark(),
     "dismiss": _dismiss,
-    "level": lambda app, _place: main_page(app).raise_level(),
-    "camera": lambda app, _place: main_page(app).turn(),
+    "level": lambda app, _place: in_front(app).raise_level(),
+    "camera": lambda app, _place: in_front(app).turn(),
     **{name: _pane(name) for name in PANES},
 }
 """By verb: what each key of the registry does first (a test compares)."""

@@ -39,9 +39,18 @@ class Form:
         return False
 
 
+class Apart:
+    """A part of a page that belongs to no form around it; mixed into a Textual class."""
+
+
 def carried_out(node: DOMNode | None, event: Event | None = None) -> str:
     """Return what the form around a widget is carrying out; empty: nothing, or it takes this event."""
-    forms = [] if node is None else [one for one in node.ancestors_with_self if isinstance(one, Form)]
+    around = [] if node is None else node.ancestors_with_self
+    forms = (
+        []
+        if any(isinstance(one, Apart) for one in around)
+        else [one for one in around if isinstance(one, Form)]
+    )
     busy = [form for form in forms if form.carrying and not (event and form.lets(node, event))]
     return next((form.carrying for form in busy), "")
 

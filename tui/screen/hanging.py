@@ -1,4 +1,4 @@
-"""A longer text in a narrow box: what goes on in another line stands below its column. Pure."""
+"""A longer text in a narrow box: continued lines stand below their column; a search drops lines. Pure."""
 
 from __future__ import annotations
 
@@ -35,3 +35,40 @@ def hanging(text: Text, width: int, console: Console) -> Text:
             part.rstrip()
             found.append(Text.assemble(" " * indent, part) if number else before + part)
     return Text("\n").join(found)
+
+
+def containing(text: Text, letters: str) -> Text:
+    """Return the lines that contain these letters, each with what stands indented below and above it.
+
+    Args:
+        text: lines; what is indented deeper belongs to the line above it.
+        letters: of which the case does not count.
+    """
+    lines, wanted = list(text.split("\n", allow_blank=True)), letters.strip().casefold()
+    depths = [len(line.plain) - len(line.plain.lstrip()) for line in lines]
+    kept: set[int] = set()
+    for number, line in enumerate(lines):
+        if wanted not in line.plain.casefold() or not line.plain.strip():
+            continue
+        kept |= {number, *_above(depths, lines, number), *_below(depths, number)}
+    return Text("\n").join(lines[number] for number in sorted(kept))
+
+
+def _above(depths: list[int], lines: list[Text], number: int) -> list[int]:
+    """Return the nearest lines above that are indented less and less: the titles of a line."""
+    found, depth = list[int](), depths[number]
+    for above in range(number - 1, -1, -1):
+        if depths[above] < depth and lines[above].plain.strip():
+            found.append(above)
+            depth = depths[above]
+    return found
+
+
+def _below(depths: list[int], number: int) -> list[int]:
+    """Return the lines right below that are indented deeper than this one, if it is indented itself."""
+    found = list[int]()
+    for below in range(number + 1, len(depths)):
+        if not depths[number] or depths[below] <= depths[number]:
+            break
+        found.append(below)
+    return found

@@ -25,14 +25,13 @@ from robotree.tui.screen.error_boundary import ErrorBoundary
 from robotree.tui.screen.key_guard import KeyGuard
 from robotree.tui.screen.keymap import Keymap
 from robotree.tui.screen.place import NOWHERE, Place
-from robotree.tui.screen.themes import OURS, REDUCED, chosen
+from robotree.tui.screen.themes import OURS, REDUCED, SIXTEEN, chosen
 from robotree.tui.seen import wording
 from robotree.tui.seen.feeding import Feed
 from robotree.tui.seen.selection import Selection
-from robotree.tui.seen.status import took
 from robotree.tui.seen.store import Store, Weight
 from robotree.vr.base.errors import ChildCancelled, CommandCancelled, NotConfirmed, VrError
-from robotree.vr.network.rendezvous import DEFAULT_REALM
+from robotree.vr.network.realms import DEFAULT_REALM
 
 if TYPE_CHECKING:
     from robotree.vr.base.description import RobotDescription
@@ -98,7 +97,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         """What can be typed."""
         self.keyboard = Surface(Where.SCREEN, readonly)
         """What has keys."""
-        for theme in (*OURS, *REDUCED.values()):
+        for theme in (*OURS, *REDUCED.values(), *SIXTEEN.values()):
             self.register_theme(theme)
         wanted = os.environ.get("TEXTUAL_THEME", "")
         ours = chosen(wanted, self.console.color_system).name
@@ -110,6 +109,8 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         """The robot that keys are about, whatever page is in front."""
         self.marks: frozenset[str] = frozenset()
         """Robots that an action may take together."""
+        self.past: list[str] = []
+        """Lines that were typed at the prompt (`prompt.Known`)."""
         self.steps = steps or Steps()
         """The step of tele-operation that was chosen last, by robot."""
         self.errors: list[Exception] = []
@@ -179,30 +180,32 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
     async def _carry_out(self, line: Line) -> tuple[str, str]:
         if line.verb == "stop":
             self.store.begin_stop(line.text("NAME"), self.now())
-        began, robot = self.now(), line.text("ROBOT.COMMAND").partition(".")[0]
+        robot, _, command = line.text("ROBOT.COMMAND").partition(".")
         try:
-            with self.store.asking(robot):
-                outcome = await carry_out(self.fleet, line, self)
+            outcome = await carry_out(self.fleet, line, self)
         finally:
             self.feed.hint()
         self._note_stop(line, outcome)
         if isinstance(outcome, Refusal):
-            self.tell(f"{outcome}{self._failed_after(robot, began)}", weight_of(outcome.error), robot)
+            self._tell_refusal(outcome.error, str(outcome), robot)
             return "", str(outcome)
         if outcome.doubt:
             self.tell(str(outcome.doubt), "warning")
         if line.verb == "create":
             self.selection = self.selection.go_to(line.text("NAME"), self.now())
-        one_line = outcome.text and "\n" not in outcome.text
-        return outcome.text + (self._took(robot, began) if one_line else ""), ""
+        told = line.verb == "call" and outcome.data is None and self._enters(robot, command)
+        return "" if told else outcome.text, ""
 
-    def _took(self, robot: str, began: float) -> str:
-        """Say how long a command took that began at this moment [s]; other verbs take no time."""
-        return f" after {took(self.now() - began)}" if robot else ""
+    def _tell_refusal(self, error: Exception, sentence: str, robot: str) -> None:
+        """Tell why something was not done, unless the log of its robot does."""
+        if not (isinstance(error, VrError) and error.entered):
+            self.tell(sentence, weight_of(error), robot)
 
-    def _failed_after(self, robot: str, began: float) -> str:
-        """The same behind the sentence of an error."""
-        return f" ({self._took(robot, began).strip()})" if robot else ""
+    def _enters(self, robot: str, command: str) -> bool:
+        """Whether a robot's log tells of each end of a command: of those that only read, failures alone."""
+        described = self.store.described(robot)
+        spec = described.command(command) if described else None
+        return spec is not None and spec.effect != "read" and not spec.beside
 
     def _note_stop(self, line: Line, outcome: Outcome | Refusal) -> None:
         """Keep who has confirmed a stop and who has not, until it is resumed."""
@@ -225,12 +228,11 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         listener.started()
         began = self.now()
         try:
-            with self.store.asking(robot):
-                value = await self.fleet.call(
-                    robot, command, arguments, deadline=CALL_LIMIT, on_progress=listener.progressed
-                )
+            value = await self.fleet.call(
+                robot, command, arguments, deadline=CALL_LIMIT, on_progress=listener.progressed
+            )
         except VrError as error:
-            self.tell(f"{error}{self._failed_after(robot, began)}", weight_of(error), robot)
+            self._tell_refusal(error, str(error), robot)
             listener.failed(str(error))
         except Exception as error:  # the last fence of this task
             log.exception("while calling %s.%s", robot, command)
@@ -239,8 +241,9 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         else:
             described = self.store.described(robot)
             rows = wording.result(described.command(command) if described else None, value)
-            shown = ", ".join(f"{name} {text}".strip() for name, text in rows) or "done"
-            self.tell(f"{robot}.{command}: {shown}{self._took(robot, began)}", "good", robot)
+            if rows or not self._enters(robot, command):
+                shown = ", ".join(f"{name} {text}".strip() for name, text in rows) or "done"
+                self.tell(f"{robot}.{command}: {shown}", "good", robot)
             listener.succeeded(value, self.now() - began)
 
     def do(self, verb: str, **values: str) -> None:
@@ -249,20 +252,13 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
 
     def words(self) -> completion.Words:
         """Return the names of the moment, for completion (`prompt.Known`)."""
-        robots = sorted({*self.store.robots, *self.store.descriptions})
-        described = [self.store.descriptions[name] for name in robots if name in self.store.descriptions]
-        return completion.Words(
-            {
-                "NAME": robots,
-                "CHILD": sorted(self.store.robots),
-                "VIEW": sorted(self.store.views),
-                "HOST": self.store.hosts,
-                "PARENT.SLOT": [place for one in described for place in _places(one)],
-                "ROBOT.COMMAND": [
-                    f"{one.name}.{command.name}" for one in described for command in one.commands
-                ],
-            },
-            self.prompt.shapes,
+        store = self.store
+        return completion.words_of(
+            store.descriptions.values(),
+            free=store.robots,
+            views=store.views,
+            hosts=store.hosts,
+            verbs=self.prompt.shapes,
         )
 
     # -- what only the app with its pages can do ----------------------------------------------------
@@ -291,11 +287,3 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
 def weight_of(error: Exception) -> Weight:
     """Return how an error looks in the log: that somebody cancelled a command is no failure of it."""
     return "warning" if isinstance(error, CommandCancelled | ChildCancelled) else "error"
-
-
-def _places(robot: RobotDescription) -> list[str]:
-    """Return the slots of a robot as `PARENT.SLOT`, and its groups."""
-    names = dict.fromkeys(one.group for one in robot.slots if one.group) | dict.fromkeys(
-        one.name for one in robot.slots
-    )
-    return [f"{robot.name}.{name}" for name in names]

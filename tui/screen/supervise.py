@@ -59,13 +59,16 @@ def wants_calm() -> bool:
     return os.environ.get(CALM, "") not in {"", "0"}
 
 
-async def supervise(fleet: Fleet, realm: str, *, farewell: str = "", readonly: bool = False) -> int:
+async def supervise(
+    fleet: Fleet, realm: str, *, farewell: str = "", hint: str = "", readonly: bool = False
+) -> int:
     """Show the full screen until the operator leaves; open it anew should an error end it.
 
     Args:
         fleet: the agents of the realm.
         realm: its name, to be shown.
         farewell: what ends with the screen; empty: nothing does.
+        hint: what a person can do next, as the first line of the log; empty: none.
         readonly: whether all that changes robots is absent.
 
     Returns:
@@ -75,12 +78,15 @@ async def supervise(fleet: Fleet, realm: str, *, farewell: str = "", readonly: b
         BadKeymap: the operator's file of keys is wrong.
     """
     with _logging_to_a_file(realm), prompt_answers():
-        return await _show(fleet, realm, farewell, readonly=readonly)
+        store = Store()
+        if hint:
+            store.tell(hint, "good", time.monotonic())
+        return await _show(fleet, realm, farewell, store, readonly=readonly)
 
 
-async def _show(fleet: Fleet, realm: str, farewell: str, *, readonly: bool) -> int:
+async def _show(fleet: Fleet, realm: str, farewell: str, store: Store, *, readonly: bool) -> int:
     keys, steps = keymap.load(), Steps(state_file(realm, STEPS_FILE))
-    task, store, ends = asyncio.current_task(), Store(), list[float]()
+    task, ends = asyncio.current_task(), list[float]()
     while True:
         app = Supervisor(
             fleet,

@@ -76,6 +76,69 @@ REDUCED = {theme.name: reduced_theme(theme) for theme in OURS}
 """The same for terminals of 256 colours, by the name of the whole one."""
 
 
+_BRIGHT = {
+    "primary": "#55ffff",
+    "secondary": "#ff55ff",
+    "accent": "#ffff55",
+    "foreground": "#ffffff",
+    "background": "#000000",
+    "surface": "#000000",
+    "panel": "#0000aa",
+    "success": "#55ff55",
+    "warning": "#ffff55",
+    "error": "#ff5555",
+}
+_DEEP = {
+    "primary": "#0000aa",
+    "secondary": "#aa00aa",
+    "accent": "#aa5500",
+    "foreground": "#000000",
+    "background": "#ffffff",
+    "surface": "#ffffff",
+    "panel": "#aaaaaa",
+    "success": "#00aa00",
+    "warning": "#aa5500",
+    "error": "#aa0000",
+}
+"""Colours that terminals of 16 colours have, as the VGA palette defines them (Rich's standard palette)."""
+
+
+def _of_sixteen(theme: Theme) -> Theme:
+    """Return a theme for terminals of 16 colours, in which each state keeps a colour of its own."""
+    colours = _BRIGHT if theme.dark else _DEEP
+    if theme is COLOUR_BLIND:
+        colours = {**colours, "success": "#55ffff", "primary": "#5555ff"}
+    variables = {
+        "block-cursor-background": "#0000aa" if theme.dark else "#55ffff",
+        "block-cursor-foreground": colours["foreground"],
+        "block-cursor-text-style": "none",
+        "footer-key-foreground": colours["primary"],
+        "stop": "#aa0000",
+        "banner": "#aa0000" if theme.dark else "#ff5555",
+        "border": "#aaaaaa",
+        "border-blurred": "#555555",
+    }
+    return replace(
+        theme,
+        name=f"{theme.name}-16",
+        primary=colours["primary"],
+        secondary=colours["secondary"],
+        accent=colours["accent"],
+        foreground=colours["foreground"],
+        background=colours["background"],
+        surface=colours["surface"],
+        panel=colours["panel"],
+        success=colours["success"],
+        warning=colours["warning"],
+        error=colours["error"],
+        variables=variables,
+    )
+
+
+SIXTEEN = {theme.name: _of_sixteen(theme) for theme in OURS}
+"""The same for terminals of 16 colours, by the name of the whole one."""
+
+
 def chosen(wanted: str, color_system: str | None) -> Theme:
     """Return the theme for a terminal.
 
@@ -84,4 +147,6 @@ def chosen(wanted: str, color_system: str | None) -> Theme:
         color_system: of the terminal, as Rich names it: `truecolor`, `256`, `standard`, or None.
     """
     found = next((one for one in OURS if wanted in {one.name, one.name.removeprefix("robotree-")}), DARK)
+    if color_system in {"standard", "windows"}:
+        return SIXTEEN[found.name]
     return found if color_system == "truecolor" else REDUCED[found.name]

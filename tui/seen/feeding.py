@@ -7,6 +7,7 @@ so it is done only after something hinted at a change, and never more often than
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING
 from robotree.tui.seen import unlisted
 from robotree.tui.seen.store import Store
 from robotree.vr.base.address import Address
-from robotree.vr.base.errors import VrError
+from robotree.vr.base.errors import TransportClosed, VrError
 
 if TYPE_CHECKING:
     from robotree.vr.base.description import RobotDescription
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
 
 PAUSE = 0.4
 """[s] at least between two looks at the tree."""
+
+GLANCE = 0.2
+"""[s] between two looks for processes that are late or hang: the table is asked, not the network."""
 
 PATROL = 5.0
 """[s] at most between two looks at the tree, the hosts and the lookup services, hint or no hint."""
@@ -41,7 +45,7 @@ class Feed:
         self._watching: Registration | None = None
         self._listening: Registration | None = None
         self._forget: Callable[[], None] | None = None
-        self._patrol: asyncio.Task[None] | None = None
+        self._tasks: tuple[asyncio.Task[None], ...] = ()
 
     async def open(self) -> None:
         """Begin to feed: what lookup services list at once, the rest as it comes."""
@@ -49,17 +53,20 @@ class Feed:
         self._forget = self.fleet.on_change(self._take_lists)
         self._watching = await self.fleet.watch_state(None, self._take_state)
         self._listening = await self.fleet.watch_log(None, self._take_lines)
-        self._patrol = asyncio.create_task(self._keep_looking(), name="feed of the supervisor")
+        self._tasks = (
+            asyncio.create_task(self._keep_looking(), name="feed of the supervisor"),
+            asyncio.create_task(self._keep_glancing(), name="signs of life for the supervisor"),
+        )
 
     async def close(self) -> None:
         """End. Twice is once."""
         if self._forget:
             self._forget()
             self._forget = None
-        if self._patrol:
-            self._patrol.cancel()
-            await asyncio.gather(self._patrol, return_exceptions=True)
-            self._patrol = None
+        tasks, self._tasks = self._tasks, ()
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
         for registration in (self._watching, self._listening):
             if registration:
                 await registration.close()
@@ -69,7 +76,9 @@ class Feed:
         now = self.clock()
         self.store.take_services(self.fleet.services, now, stale=self.fleet.stale)
         if not self.fleet.stale:
-            self.store.take_lists(self.fleet.robots(), self.fleet.views(), now, self._present)
+            self.store.take_lists(self.fleet.robots(), self.fleet.views(), now)
+        for address in [one for one in self.store.missed if self.fleet.left(one)]:
+            self.store.departed(address, now, left=True)
         self._hint.set()
 
     @property
@@ -101,13 +110,21 @@ class Feed:
             except TimeoutError:
                 continue
 
+    async def _keep_glancing(self) -> None:
+        """Show within a second who hangs: a look at the tree, which that holds up, takes longer."""
+        with contextlib.suppress(TransportClosed):
+            while True:
+                self.store.take_late(self.fleet.late())
+                self.store.take_silent(self.fleet.hang(), self.clock())
+                await asyncio.sleep(GLANCE)
+
     async def _take_unlisted(self, tree: Sequence[RobotDescription]) -> None:
         """Without a lookup service show what `ls` shows then: who is seen alive says itself what it is."""
         if not self.fleet.stale:
             return
         robots, views = unlisted.robots(self.fleet, tree), await unlisted.views(self.fleet)
         if self.fleet.stale:  # none has come meanwhile
-            self.store.take_lists(robots, views, self.clock(), self._present)
+            self.store.take_lists(robots, views, self.clock())
 
     async def _tell_of_the_missed(self) -> None:
         """Tell whose process has gone, and whose hangs."""
@@ -119,16 +136,18 @@ class Feed:
             if address in living:
                 store.found(address, now)
             elif address not in alive:
-                store.departed(address, now)
+                store.departed(address, now, left=self.fleet.left(address))
         store.take_silent(hanging, now)
         for address in store.hanging - alive:
-            store.fade(address, now)
+            store.departed(address, now, left=self.fleet.left(address))
         if store.missed:
             self._hint.set()
 
     async def _look(self) -> None:
         try:
             tree = await self.fleet.tree()
+            hang = {one.key for one in self.fleet.hang()}  # of these, some have answered before that
+            tree = [robot for robot in tree if robot.address.key not in hang]
             self.store.take_descriptions(tree, self.clock())
             await self._take_unlisted(tree)
             await self._tell_of_the_missed()

@@ -7,8 +7,9 @@ lever (OpenCloseLever)
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from robotree.tui.seen import status, wording
@@ -25,6 +26,8 @@ class Branch:
     """The slot of the robot above that this one is in; None at a root."""
     robot: RobotDescription | None
     """None: the slot is empty, or its child does not answer."""
+    state: str = ""
+    """How the robot is, or the one that was lost there and hangs."""
     branches: tuple[Branch, ...] = ()
 
     @property
@@ -35,11 +38,12 @@ class Branch:
         return self.slot.child.name if self.slot and self.slot.child else ""
 
 
-def forest(robots: Iterable[RobotDescription]) -> tuple[Branch, ...]:
+def forest(robots: Iterable[RobotDescription], hanging: Collection[str] = ()) -> tuple[Branch, ...]:
     """Plant the trees.
 
     Args:
         robots: all that answered, in any order.
+        hanging: names of robots that hang.
 
     Returns:
         The roots by name: robots that are nobody's child. A robot whose parent is unknown is a root too,
@@ -48,9 +52,10 @@ def forest(robots: Iterable[RobotDescription]) -> tuple[Branch, ...]:
     known = {robot.address.key: robot for robot in sorted(robots, key=lambda one: one.name)}
     children = {slot.child.key for robot in known.values() for slot in robot.slots if slot.child}
     planted: set[str] = set()
-    roots = [_grow(None, robot, known, planted) for key, robot in known.items() if key not in children]
+    grow = partial(_grow, known=known, planted=planted, hanging=hanging)
+    roots = [grow(None, robot) for key, robot in known.items() if key not in children]
     # The rest is a circle of parents: a fault, which must be seen.
-    roots += [_grow(None, robot, known, planted) for key, robot in known.items() if key not in planted]
+    roots += [grow(None, robot) for key, robot in known.items() if key not in planted]
     return tuple(roots)
 
 
@@ -59,14 +64,19 @@ def _grow(
     robot: RobotDescription | None,
     known: Mapping[str, RobotDescription],
     planted: set[str],
+    hanging: Collection[str],
 ) -> Branch:
-    if robot is None or robot.address.key in planted:
-        return Branch(slot, robot)
+    if robot is None:
+        return Branch(slot, None, f"{slot.was} hangs" if slot and slot.was in hanging else "")
+    state = status.text(robot, hanging=hanging)
+    if robot.address.key in planted:
+        return Branch(slot, robot, state)
     planted.add(robot.address.key)
     inner = [
-        _grow(one, known.get(one.child.key) if one.child else None, known, planted) for one in robot.slots
+        _grow(one, known.get(one.child.key) if one.child else None, known, planted, hanging)
+        for one in robot.slots
     ]
-    return Branch(slot, robot, tuple(inner))
+    return Branch(slot, robot, state, tuple(inner))
 
 
 def drawing(roots: Iterable[Branch]) -> str:
@@ -86,12 +96,14 @@ def label(branch: Branch) -> str:
     """Return one line for a branch, without its lead."""
     place = f"{branch.slot.name}: " if branch.slot else ""
     if branch.robot:
-        shown = "" if status.status_of(branch.robot) in status.CALM else f"  {status.text(branch.robot)}"
+        shown = "" if status.status_of(branch.robot) in status.CALM else f"  {branch.state}"
         link = f"  {status.UNGUARDED}" if branch.robot.unguarded else ""
         kind = wording.inserted(branch.robot.kind, branch.robot.attributes)
         return f"{place}{branch.robot.name} {kind}{shown}{link}"
     if branch.name:
         return f"{place}{branch.name} (does not answer)"
+    if branch.state:
+        return f"{place}{branch.state}"
     wants = f"takes {branch.slot.kind}{', optional' if branch.slot.optional else ''}" if branch.slot else ""
     lost = f"; {branch.slot.lost}" if branch.slot and branch.slot.lost else ""
     return f"{place}empty ({wants}{lost})"
@@ -110,7 +122,7 @@ def structure(branch: Branch) -> dict[str, object]:
     facts: dict[str, object] = {
         "name": branch.name,
         "kind": branch.robot.kind if branch.robot else "",
-        "state": status.text(branch.robot) if branch.robot else "",
+        "state": branch.state,
     }
     if branch.robot and (simulated := branch.robot.attributes.get("simulated")):
         facts["simulated"] = simulated == "yes"

@@ -7,19 +7,20 @@ looked at, so that a thousand robots cost what the visible ones cost.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Literal, get_args
 
 from robotree.tui.seen import matching, wording
 from robotree.tui.seen.rails import rails
-from robotree.tui.seen.status import STATUSES, UNGUARDED, Status, span
+from robotree.tui.seen.status import PROBLEMS, STATUSES, UNGUARDED, Status, span
 from robotree.tui.seen.store import Store
 
-SortOrder = Literal["tree", "name", "kind", "state", "by", "host"]
+SortOrder = Literal["tree", "problems", "name", "kind", "state", "by", "host"]
 ORDERS: tuple[SortOrder, ...] = get_args(SortOrder)
-"""How the list can be sorted; `tree`: by name, children below their parents."""
+"""How the list can be sorted; `tree`: by name, children below their parents; `problems`: the same, but the
+trees in which something is wrong come first, the worst one on top."""
 
 _DIGITS = re.compile(r"([0-9]+)")
 
@@ -177,13 +178,15 @@ def listed(
         store: what is known.
         placements: all places, from `family`.
         now: [s]
-        order: by which they are sorted; all but `tree` ignore parents.
+        order: by which they are sorted; all but `tree` and `problems` ignore parents.
         letters: of the filter (`matching`); who is below a robot that is hidden moves up.
     """
     if letters.strip():
         placements = _matching(store, placements, now, letters)
     if order == "tree":
         return _railed(placements)
+    if order == "problems":
+        return _railed(_worst_first(store, placements, now))
     flat = [Placement(one.name, parent=one.parent) for one in placements]
     flat.sort(key=lambda placement: natural(placement.name))
     if key := _KEYS.get(order):
@@ -198,7 +201,7 @@ def _matching(store: Store, placements: Sequence[Placement], now: float, letters
     found: list[Placement] = []
     for placement in placements:
         above = depths.get(placement.parent, -1)
-        if matching.matches(wanted, filter_fields(store, row(store, placement, now))):
+        if matching.matches(wanted, FilterFields(store, placement, now)):
             depths[placement.name] = above + 1
             found.append(Placement(placement.name, above + 1, placement.parent, placement.slot))
         else:
@@ -206,17 +209,71 @@ def _matching(store: Store, placements: Sequence[Placement], now: float, letters
     return found
 
 
-def filter_fields(store: Store, one: RobotRow) -> dict[str, str]:
-    """Return what a filter looks at."""
-    robot = store.described(one.name)
-    return {
-        "name": one.name,
-        "kind": " ".join(robot.kinds) if robot else one.kind,
-        "state": f"{one.status} {one.state} {UNGUARDED if one.unguarded else ''}",
-        "by": one.by,
-        "host": one.host,
-        "about": f"{one.placement.slot} {one.about} {store.speaks_of(one.name)}",
-    }
+def _worst_first(store: Store, placements: Iterable[Placement], now: float) -> list[Placement]:
+    """Return the trees sorted by the worst status in each; those without a problem keep their order."""
+    trees: list[list[Placement]] = []
+    for placement in placements:
+        if placement.depth and trees:
+            trees[-1].append(placement)
+        else:
+            trees.append([placement])
+
+    def worst(tree: list[Placement]) -> int:
+        found = {store.status(placement.name, now) for placement in tree} & PROBLEMS
+        return min(map(STATUSES.index, found), default=len(STATUSES))
+
+    return [placement for tree in sorted(trees, key=worst) for placement in tree]
+
+
+class FilterFields(Mapping[str, str]):
+    """What a filter looks at of one robot. A field is made when it is looked at, the costly ones last."""
+
+    def __init__(self, store: Store, placement: Placement, now: float) -> None:
+        """Look at a robot at this moment [s]."""
+        self._store, self._placement, self._now = store, placement, now
+
+    def __getitem__(self, field: str) -> str:
+        """Return the text of a field."""
+        return _FILTER_FIELDS[field](self._store, self._placement, self._now)
+
+    def __iter__(self) -> Iterator[str]:
+        """Go through the names of the fields."""
+        return iter(_FILTER_FIELDS)
+
+    def __len__(self) -> int:
+        """Count the fields."""
+        return len(_FILTER_FIELDS)
+
+
+def _kinds(store: Store, placement: Placement, _now: float) -> str:
+    known = store.described(placement.name) or store.robots.get(placement.name)
+    return " ".join(known.kinds) if known else ""
+
+
+def _host(store: Store, placement: Placement, _now: float) -> str:
+    known = store.described(placement.name) or store.robots.get(placement.name)
+    absent = store.absent.get(placement.name)
+    return known.host if known else absent.host if absent else ""
+
+
+def _about(store: Store, placement: Placement, _now: float) -> str:
+    return f"{placement.slot} {store.speaks_of(placement.name)}"
+
+
+def _state(store: Store, placement: Placement, now: float) -> str:
+    known = store.described(placement.name) or store.robots.get(placement.name)
+    link = UNGUARDED if known and known.unguarded else ""
+    return f"{store.status(placement.name, now)} {store.doing(placement.name, now)} {link}"
+
+
+_FILTER_FIELDS: Mapping[str, Callable[[Store, Placement, float], str]] = {
+    "name": lambda _store, placement, _now: placement.name,
+    "kind": _kinds,
+    "host": _host,
+    "by": lambda store, placement, _now: store.by(placement.name),
+    "about": _about,
+    "state": _state,
+}
 
 
 @dataclass(frozen=True, slots=True)

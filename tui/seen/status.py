@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from math import isfinite
 from typing import TYPE_CHECKING, Literal, Protocol, get_args
 
@@ -10,17 +10,21 @@ if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.description import Lack, RobotDescription
 
 Status = Literal[
-    "hangs", "gone", "silent", "offline", "stopped", "abandoned", "busy", "needs", "free", "enslaved"
+    "hangs", "gone", "late", "silent", "offline", "stopped", "abandoned", "busy", "needs", "free", "enslaved"
 ]
-"""The worst first. `hangs` and `gone` are found out by others; a robot does not say so itself."""
+"""The worst first. `hangs`, `gone` and `late` are found out by others; a robot does not say so itself."""
 
 STATUSES: tuple[Status, ...] = get_args(Status)
 
 CALM: frozenset[Status] = frozenset({"free", "enslaved"})
 """Statuses that need no word beside a robot that is drawn in its place."""
 
-SHORT = 10.0
-"""[s] below which tenths of a second count."""
+PROBLEMS: frozenset[Status] = frozenset(STATUSES[: STATUSES.index("abandoned") + 1])
+"""Statuses of robots that somebody must look after."""
+
+COUNTED: Mapping[Status, str] = {"hangs": "hang", "needs": "need others"}
+"""A status as the verb of several robots, where that is another word."""
+
 LONG = 120.0
 """[s] from which on a time is written in minutes."""
 
@@ -85,13 +89,17 @@ Described = Callable[[str], "RobotDescription | None"]
 
 
 def lacks_of(
-    robot: RobotDescription, described: Described = lambda _: None, above: tuple[str, ...] = ()
+    robot: RobotDescription,
+    described: Described = lambda _: None,
+    hanging: Collection[str] = (),
+    above: tuple[str, ...] = (),
 ) -> list[Lack]:
-    """Return the children that must be enslaved before all commands of a robot can be used.
+    """Return the children that a robot must have before all its commands can be used.
 
     Args:
         robot: with slots.
         described: of the robots below it, whose slots count, too: `mover.arm`, as `enslave` wants it.
+        hanging: names of robots that hang: only of these `Lack.was` says that one is missing.
         above: the robots on the way down to this one; the first one's slots have no name before them.
     """
     if not robot.slots:
@@ -99,18 +107,25 @@ def lacks_of(
     from robotree.vr.base.description import lacking  # help must not wait for the agents
 
     lead, path = f"{robot.name}." if above else "", (*above, robot.name)
-    found = [lack._replace(slot=f"{lead}{lack.slot}") for lack in lacking(robot.slots)]
+    found = [
+        lack._replace(slot=f"{lead}{lack.slot}", was=lack.was if lack.was in hanging else "")
+        for lack in lacking(robot.slots)
+    ]
     for slot in robot.slots:
         if slot.child and slot.child.name not in path and (child := described(slot.child.name)):
-            found += lacks_of(child, described, path)
+            found += lacks_of(child, described, hanging, path)
     return found
 
 
 def needs(lacks: Sequence[Lack]) -> str:
-    """Write what must be enslaved: `arm: Arm, rovers: Rover x 2`; empty: nothing."""
-    return ", ".join(
-        f"{lack.slot}: {lack.kind}" + (f" x {lack.number}" if lack.number > 1 else "") for lack in lacks
+    """Write which children hang, and what must be enslaved: `arm: arm-1 hangs; needs rovers: Rover x 2`."""
+    empty = ", ".join(
+        f"{lack.slot}: {lack.kind}" + (f" x {lack.number}" if lack.number > 1 else "")
+        for lack in lacks
+        if not lack.was
     )
+    hang = (f"{lack.slot}: {lack.was} hangs" for lack in lacks if lack.was)
+    return "; ".join([*hang, *([f"needs {empty}"] if empty else [])])
 
 
 def span(seconds: float) -> str:
@@ -119,11 +134,6 @@ def span(seconds: float) -> str:
         return f"{seconds:.0f} s"
     minutes = seconds / 60
     return f"{minutes:.0f} min" if minutes < LONG else f"{minutes / 60:.0f} h"
-
-
-def took(seconds: float) -> str:
-    """Write how long something took: `0.3 s`, `12 s`, `3 min`."""
-    return f"{seconds:.1f} s" if seconds < SHORT else span(seconds)
 
 
 def doing(
@@ -156,19 +166,22 @@ def doing(
             ]
             return " ".join(filter(None, parts))
         case "needs":
-            return f"needs {needs(lacks)}"
+            return needs(lacks)
         case calm:
             return calm
 
 
-def text(robot: RobotDescription, described: Described = lambda _: None) -> str:
+def text(
+    robot: RobotDescription, described: Described = lambda _: None, hanging: Collection[str] = ()
+) -> str:
     """Return how a robot is; a script has a condition of its own: `inactive: needs robot (Arm)`.
 
     Args:
         robot: which.
         described: of the robots below it (`lacks_of`).
+        hanging: names of robots that hang.
     """
-    condition, lacks = robot.attributes.get(CONDITION, ""), lacks_of(robot, described)
+    condition, lacks = robot.attributes.get(CONDITION, ""), lacks_of(robot, described, hanging)
     if not condition or not robot.online or robot.stopped or robot.abandoned:
         return words(robot, lacks)
     return condition if condition != "ready" else words(robot, lacks)

@@ -6,9 +6,8 @@ what it heard last and when, so that silence can be told from calm.
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Collection, Container, Generator, Iterable, Mapping, Sequence
-from contextlib import contextmanager
+from collections import Counter, deque
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -18,6 +17,7 @@ from robotree.tui.seen.stopping import StopRound
 from robotree.tui.terminal import one_line
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import Lack, Listing, RobotDescription
+from robotree.vr.base.envelope import is_person
 from robotree.vr.base.presence import Held
 from robotree.vr.base.requests import Level, LoggedLine, State
 
@@ -33,19 +33,31 @@ FLASH = 2.5
 MEMORY = 500
 """Events that are kept."""
 
+LEFT = "has left"
+"""How a robot is that has taken its leave; a page about it may still be open."""
+
 PROGRESS = "progress"
 """The reading that says how far the running command is."""
 
-OLD: frozenset[Status] = frozenset({"hangs", "gone", "silent", "offline"})
+OLD: frozenset[Status] = frozenset({"hangs", "gone", "late", "silent", "offline"})
 """Statuses in which readings are old."""
 
 Weight = Literal["good", "plain", "warning", "error"]
 
-SAYS: Mapping[Level, Weight] = {"debug": "plain", "info": "plain", "warning": "warning", "error": "error"}
-"""How what a robot's code says is shown, by its level."""
+WEIGHTS: Mapping[Level, Weight] = {
+    "debug": "plain",
+    "info": "plain",
+    "warning": "warning",
+    "error": "error",
+    "asked": "plain",
+    "done": "good",
+    "cancelled": "warning",
+    "failed": "error",
+}
+"""How a line of a robot's log is shown, by its level."""
 
-FAILS: Mapping[Level, Weight] = {"cancelled": "warning", "failed": "error"}
-"""How it is shown that a command was not carried out; `done` says no more than that it has ended."""
+SENTENCES: frozenset[Level] = frozenset({"cancelled", "failed"})
+"""Levels of lines that name their robot themselves."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +70,8 @@ class LogEntry:
     text: str
     robot: str = ""
     """The robot that it concerns; empty: none, or several."""
+    line: LoggedLine | None = None
+    """The line of the robot's log that says it; None: it was seen from here."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,8 +106,8 @@ class Missed:
     """An agent that is on no list any more; why must be found out."""
 
     who: Listing | RobotDescription
-    present: bool
-    """It was still seen alive then: it may have taken its leave, or have been enslaved."""
+    listed: bool
+    """It has been on a list of a lookup service."""
 
 
 @dataclass(slots=True)
@@ -138,16 +152,14 @@ class Store:
     """Agents that are on no list any more: they hang, have gone or were enslaved, as must be found out."""
     absent: dict[str, Absent] = field(default_factory=dict[str, Absent])
     """Robots by name that hang or have gone, until they are dismissed or back."""
+    late: frozenset[str] = frozenset()
+    """Robots whose process is late with its sign of life: it may hang, or be slow for a moment."""
     remembered: dict[str, RobotDescription] = field(default_factory=dict[str, RobotDescription])
     """How those described themselves who do not answer now."""
     _heard: dict[str, LatestState] = field(default_factory=dict[str, LatestState])
     _were_listed: bool = True
     """A lookup service said so of the robots and views that are known; else they were only seen."""
     _came: dict[str, float] = field(default_factory=dict[str, float])
-    _asked: dict[str, int] = field(default_factory=dict[str, int])
-    """How many commands of ours a robot has not answered yet."""
-    _elsewhere: dict[str, str] = field(default_factory=dict[str, str])
-    """By robot: the command that it began last, if another program asked for it."""
     stop: StopRound | None = None
     """The stop that was asked for here last, until it is resumed."""
     described_at: float = 0.0
@@ -169,27 +181,24 @@ class Store:
 
     # -- what is told ------------------------------------------------------------------------------
 
-    def tell(self, text: str, weight: Weight, now: float, robot: str = "") -> LogEntry:
-        """Enter something that happened, to a robot or to none."""
-        entry = LogEntry(now, weight, one_line(text), robot)
+    def tell(
+        self, text: str, weight: Weight, now: float, robot: str = "", line: LoggedLine | None = None
+    ) -> LogEntry:
+        """Enter something that happened, to a robot or to none; `line`: of the robot's log, that says so."""
+        entry = LogEntry(now, weight, one_line(text), robot, line)
         self.entries.append(entry)
         self.revision += 1
         return entry
 
-    def take_lists(
-        self,
-        robots: Iterable[Listing],
-        views: Iterable[Listing],
-        now: float,
-        present: Container[Address] | None = None,
-    ) -> None:
-        """Take the lists of the lookup services, or what is known without one; log who came and left.
+    def take_lists(self, robots: Iterable[Listing], views: Iterable[Listing], now: float) -> None:
+        """Take the lists of the lookup services, or what is known without one; log who came.
+
+        Who is on them no more is missed: why must be found out (`found`, `departed`, `take_silent`).
 
         Args:
             robots: that are free.
             views: all.
             now: [s] on the store's clock.
-            present: who is seen alive, listed or not; None: everybody. Who is not is missed.
         """
         first, were_listed = not self.joined, self._were_listed
         self.joined, self._were_listed = True, not self.stale
@@ -206,17 +215,13 @@ class Store:
         for name, listing in before.items():
             if name not in after:
                 self._came.pop(name, None)
-                if present is None:
-                    if were_listed:
-                        self._tell_departure(listing, now)
-                elif listing.address not in present or were_listed:
-                    self.missed.setdefault(listing.address, Missed(listing, listing.address in present))
+                self.missed.setdefault(listing.address, Missed(listing, were_listed))
         if before != after:
             self.family += 1
         self.revision += 1
         self.shape += 1
 
-    def _tell_departure(self, who: Listing | RobotDescription, now: float) -> None:
+    def _tell_departure(self, who: Listing | RobotDescription | Absent, now: float) -> None:
         self.tell(f"{who.name} {_inserted(who)} left the list", "plain", now, who.name)
 
     def found(self, address: Address, now: float) -> None:
@@ -230,17 +235,28 @@ class Store:
                 "plain",
                 now,
             )
-        elif missed and isinstance(missed.who, Listing) and address.name not in self.robots:
+        elif missed and missed.listed and address.name not in self.robots:
             self._tell_departure(missed.who, now)
 
-    def departed(self, address: Address, now: float) -> None:
-        """Note that a missing agent runs nowhere: it has left, or its process has ended."""
-        missed = self.missed.pop(address)
-        if missed.present:
-            self._tell_departure(missed.who, now)
+    def departed(self, address: Address, now: float, *, left: bool) -> None:
+        """Note that a missing agent, or one whose process hung, runs nowhere any more.
+
+        Args:
+            address: of the agent.
+            now: [s]
+            left: it has taken its leave, as it said itself; else its process has died.
+        """
+        self._hanging.discard(address)
+        missed, absent = self.missed.pop(address, None), self.absent.get(address.name)
+        who = missed.who if missed else absent if absent and absent.address == address else None
+        if who is None:
+            return
+        if left:
+            self._tell_departure(who, now)
+            self.absent.pop(address.name, None)
             self._forget(address.name)
         else:
-            self._lose(address, missed.who, now)
+            self._lose(address, who, now)
 
     def take_silent(self, silent: Iterable[Held], now: float) -> None:
         """Take the agents in processes that hang: log each once, and keep robots among them in the list."""
@@ -254,17 +270,17 @@ class Store:
                 who = missed.who if missed else self.robots.get(address.name) or self.described(address.name)
                 self._lose(address, who, now, one)
 
+    def take_late(self, late: Iterable[Held]) -> None:
+        """Take the agents whose processes are late with their sign of life."""
+        found = frozenset(address.name for one in late if (address := Address.parse(one.key)))
+        if found != self.late:
+            self.late = found
+            self.revision += 1
+
     @property
     def hanging(self) -> frozenset[Address]:
         """Robots whose process hangs, as far as the log shows it."""
         return frozenset(self._hanging)
-
-    def fade(self, address: Address, now: float) -> None:
-        """Take that a process that hung has gone."""
-        self._hanging.discard(address)
-        known = self.absent.get(address.name)
-        if known and known.address == address:
-            self._lose(address, known, now)
 
     def _lose(
         self,
@@ -358,8 +374,7 @@ class Store:
             self.shape += 1
         if state.stopped and not old.stopped:
             before.stopped, before.whole = now, True
-        if old.busy != state.busy:
-            self._tell_commands(name, old, state, now, now - before.since)
+        if (old.busy, old.caller) != (state.busy, state.caller):
             before.since = now
         if state.stopped and self.stop and name in self.stop.open:
             self.stop.confirm(name, now)
@@ -386,36 +401,15 @@ class Store:
         self.stop = None
         self.revision += 1
 
-    @contextmanager
-    def asking(self, name: str) -> Generator[None]:
-        """Note that what a robot begins meanwhile was asked for here, and is reported there."""
-        self._asked[name] = self._asked.get(name, 0) + 1
-        try:
-            yield
-        finally:
-            self._asked[name] -= 1
-
-    def _tell_commands(self, name: str, before: State, after: State, now: float, seconds: float) -> None:
-        """Log what other programs ask of a robot; what its parent asks is part of the parent's command."""
-        if before.busy and self._elsewhere.get(name) == before.busy:
-            self.tell(
-                f"{name}.{before.busy} has ended, asked for elsewhere, after {status.took(seconds)}",
-                "plain",
-                now,
-                name,
-            )
-        if after.busy:
-            self._elsewhere.pop(name, None)
-        if after.busy and after.bond is None and not self._asked.get(name):
-            self._elsewhere[name] = after.busy
-            self.tell(f"{name}.{after.busy} has begun, asked for elsewhere", "plain", now, name)
-
     def take_line(self, name: str, line: LoggedLine, now: float) -> None:
-        """Take a line of a robot's log: what its code says, and why a command of others failed."""
-        if line.level in SAYS:
-            self.tell(f"{name}: {line.text}", SAYS[line.level], now, name)
-        elif line.level in FAILS and self._elsewhere.get(name) == line.command:
-            self.tell(line.text, FAILS[line.level], now, name)
+        """Take a line of a robot's log: what its code says, and what became of the commands of people.
+
+        What its parent asks is part of the parent's command.
+        """
+        if line.command and not is_person(line.caller):
+            return
+        text = line.text if line.level in SENTENCES else f"{name}: {line.text}"
+        self.tell(text, WEIGHTS[line.level], now, name, line)
 
     def _tell_change(self, name: str, before: State, after: State, now: float) -> None:
         if before.online and not after.online:
@@ -436,7 +430,7 @@ class Store:
         self._welcome([one.address for one in self.descriptions.values()], now)
         for one in enslaved:
             if one.name not in self.descriptions:
-                self.missed.setdefault(one.address, Missed(one, present=False))
+                self.missed.setdefault(one.address, Missed(one, listed=False))
         for name, one in {**self.remembered, **before}.items():
             if name in self.descriptions or not (name in self.absent or one.address in self.missed):
                 self.remembered.pop(name, None)
@@ -489,6 +483,11 @@ class Store:
             if address.role == "robot" and not any(address.name in one for one in here)
         }
 
+    def count(self, now: float) -> list[tuple[Status, int]]:
+        """Return how many robots have each status at this moment [s], the worst status first."""
+        found = Counter(self.status(name, now) for name in self.known)
+        return [(each, found[each]) for each in status.STATUSES if found[each]]
+
     @property
     def orphaned(self) -> bool:
         """Whether there are agents, but no lookup service that lists them."""
@@ -527,23 +526,36 @@ class Store:
         """Return how a robot describes itself, or did before it ceased to answer."""
         return self.descriptions.get(name) or self.remembered.get(name)
 
-    def status(self, name: str, now: float) -> Status:
-        """Return how a robot is, in one word."""
+    def _away(self, name: str, now: float) -> tuple[Status, str] | None:
+        """Return why a robot is not as it said last, in one word and in words; None: it is."""
         if absent := self.absent.get(name):
-            return "hangs" if absent.hangs else "gone"
-        if self._silent(name, now) or name in self._unexplained:
-            return "silent"
+            gone = f"GONE {status.span(now - absent.since)}"
+            return ("hangs", f"HANGS (pid {absent.pid})") if absent.hangs else ("gone", gone)
+        if name in self.late:
+            return "late", "late"
+        if self._silent(name, now):
+            return "silent", f"silent {status.span(self.age(name, now) or 0.0)}"
+        if name in self._unexplained:
+            return "silent", "does not answer"
+        if self._condition_of(name) is None and name not in self.robots:
+            return "gone", LEFT
+        return None
+
+    def status(self, name: str, now: float) -> Status:
+        """Return how a robot is, in one word. All pages ask this, or `doing`, and nothing else."""
+        if away := self._away(name, now):
+            return away[0]
         told = self._condition_of(name)
         return status.status_of(told, self._lacks(name)) if told else "free"
 
+    def answers(self, name: str, now: float) -> bool:
+        """Whether a robot is there to be commanded: it neither hangs nor has gone."""
+        return self.status(name, now) not in {"hangs", "gone"}
+
     def doing(self, name: str, now: float) -> str:
         """Return how a robot is, in words."""
-        if absent := self.absent.get(name):
-            return f"HANGS (pid {absent.pid})" if absent.hangs else f"GONE {status.span(now - absent.since)}"
-        if self._silent(name, now):
-            return f"silent {status.span(self.age(name, now) or 0.0)}"
-        if name in self._unexplained:
-            return "does not answer"
+        if away := self._away(name, now):
+            return away[1]
         told, heard = self._condition_of(name), self._heard.get(name)
         if told is None:
             return "free"
@@ -576,7 +588,9 @@ class Store:
 
     def _lacks(self, name: str) -> list[Lack]:
         robot = self.described(name)
-        return status.lacks_of(robot, self.described) if robot else []
+        if robot is None or not robot.slots:
+            return []
+        return status.lacks_of(robot, self.described, {one.name for one in self._hanging})
 
     def attend(self, name: str) -> None:
         """Remember the forces of this robot from now on."""
@@ -675,6 +689,6 @@ class Store:
         return tuple(line)
 
 
-def _inserted(who: Listing | RobotDescription) -> str:
+def _inserted(who: Listing | RobotDescription | Absent) -> str:
     """Return the kind of an agent, and whether it is real or simulated: `(Arm, sim)`."""
     return wording.inserted(who.kind, who.attributes)

@@ -215,6 +215,7 @@ def portrait(robot: RobotDescription) -> str:
         ("state", status.text(robot)),
         ("stopped", robot.stop_reason),
         ("abandoned", _abandoned(robot)),
+        *(("hook", fault) for fault in robot.faults),
         ("link", _link(robot)),
         ("parent", f"{robot.bond.parent.name}.{robot.bond.slot}" if robot.bond else ""),
         *((f"@{key}", text) for key, text in sorted(robot.attributes.items()) if key != "link"),
@@ -248,10 +249,11 @@ def vacant(slot: SlotSpec) -> str:
     return "empty, optional" if slot.optional else "empty"
 
 
-def log_line(line: LoggedLine) -> str:
-    """Return one line of a robot's log: when, how important, what."""
-    clock = time.strftime("%H:%M:%S", time.localtime(line.unix))
-    return f"{clock}  {line.level:9}  {line.text}"
+def log_line(line: LoggedLine, robot: str = "") -> str:
+    """Return one line of a log: when, how important, of which robot unless that is clear, what."""
+    clock = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(line.unix))
+    who = f"{robot}: " if robot and robot not in line.text else ""
+    return f"{clock}  {line.level:9}  {who}{line.text}"
 
 
 def settings(robot: RobotDescription) -> tuple[FieldSpec, ...]:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robotree.files import text
+from robotree.files import overwrite, text
 from robotree.tui import exit_codes
 from robotree.tui.errors import SessionError
 from robotree.tui.line import values
@@ -19,6 +19,7 @@ from robotree.tui.line.carrying import Refusal, Silent, carry_out
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.shell import Console
 from robotree.tui.line.verbs import Teller
+from robotree.tui.session import junit
 from robotree.tui.session.conditions import Scene, Verdict
 from robotree.tui.session.script import Do, Expect, Pause, PlayedStep, Report, Script, Step, read, transcript
 from robotree.tui.terminal import aside, put
@@ -214,30 +215,50 @@ def _standard_input() -> str:
     return given
 
 
-async def play_file(path: str, realm: str, *, as_json: bool, readonly: bool = False) -> int:
+async def play_file(line: Line, realm: str, *, readonly: bool = False) -> int:
     """Play a script in a realm and print it as it happens.
+
+    Args:
+        line: `run FILE`, understood; with --junit, the report is written as a JUnit file, too.
+        realm: in which it is played.
+        readonly: whether verbs that change robots are absent.
 
     Returns:
         The exit code: 0 only when everything held.
 
     Raises:
         BadScript: lines cannot be understood; nothing was played.
-        SessionError: the file cannot be read.
+        SessionError: the file cannot be read, or the report cannot be written.
         TransportError: the realm cannot be joined.
     """
     from robotree.tui.processes.realm import joined
 
+    path, junit_file, as_json = line.text("FILE"), line.text("--junit"), line.flag("--json")
     console = Console(as_json=as_json)
 
-    def tell(told: PlayedStep) -> None:
+    def tell(played: PlayedStep) -> None:
         console.settle()
-        aside(transcript(told))
+        aside(transcript(played))
 
-    script = await asyncio.to_thread(read_file, path, readonly=readonly)
-    async with joined(realm) as fleet:
-        report = await Player(fleet, script, tell, console).play()
+    try:
+        script = await asyncio.to_thread(read_file, path, readonly=readonly)
+        async with joined(realm) as fleet:
+            report = await Player(fleet, script, tell, console).play()
+    except Exception as error:
+        if junit_file:
+            _write(junit_file, junit.of_error(path, error))
+        raise
+    if junit_file:
+        _write(junit_file, junit.of_report(report))
     if as_json:
         put(json.dumps(report.structure(), ensure_ascii=False))
     else:
         put(f"{'held' if report.ok else 'did NOT hold'}: {path}, {report.wall_s:.1f} s")
     return exit_codes.DONE if report.ok else exit_codes.REFUSED
+
+
+def _write(path: str, report: bytes) -> None:
+    try:
+        overwrite(Path(path), report)
+    except OSError as error:
+        raise SessionError(f"cannot write the report {path}: {error.strerror}") from None

@@ -1,4 +1,7 @@
-"""`robotree wire key FILE`: make a file with a key, for `--key FILE`."""
+"""`robotree wire key FILE`: make a file with a key, or print the key of one controller.
+
+For `--key FILE`, and for programs that have no such file: MAVProxy, QGroundControl, MAVSDK, a controller.
+"""
 
 from __future__ import annotations
 
@@ -7,17 +10,25 @@ import json
 import sys
 from pathlib import Path
 
+import msgspec
+
 from robotree.protocol.links.keyring import Keyring, create
+from robotree.protocol.links.names import names
+from robotree.protocol.links.url import SCHEMES
 from robotree.tui import exit_codes
 from robotree.tui.errors import ValueRefused
 from robotree.tui.line.grammar import Line
+from robotree.tui.processes.realm import chosen
 from robotree.tui.terminal import put
+from robotree.tui.wire.security import key_file
 
 ALL = "*"
 
 
 def run(line: Line) -> int:
-    """Make the file, and print the fingerprint of its key."""
+    """Make the file, and print the fingerprint of its key; or print a controller's key."""
+    if line.text("--of"):
+        return show(line, line.text("--of"))
     path, pattern = Path(line.text("FILE")), line.text("--links", ALL)
     create(path, pattern, passphrase() if line.flag("--passphrase") else None)
     ((links, key),) = Keyring(path).keys
@@ -25,6 +36,21 @@ def run(line: Line) -> int:
         put(json.dumps({"file": str(path), "links": links, "fingerprint": key.fingerprint}))
     else:
         put(f"{path}: a key for links {links}, fingerprint {key.fingerprint}; keep the file to yourself")
+    return exit_codes.DONE
+
+
+def show(line: Line, controller: str) -> int:
+    """Print what a program needs to command one controller."""
+    file = key_file(line.text("FILE"), chosen(line.text("--realm")))
+    if file is None:
+        raise ValueRefused("FILE", "there is no key in `none`; name a key file, or `realm`")
+    if controller.partition(":")[0] in SCHEMES:
+        controller = (names(controller) or [controller])[0]
+    told = Keyring(file).told(controller)
+    if line.flag("--json"):
+        put(msgspec.json.encode({"controller": controller, **told}).decode())
+    else:
+        put("\n".join(f"{name:<11} {value}" for name, value in {"controller": controller, **told}.items()))
     return exit_codes.DONE
 
 

@@ -17,8 +17,8 @@ from robotree.protocol.frame import Frame
 from robotree.protocol.links.link import Link
 from robotree.protocol.links.security import UNSIGNED, LinkSecurity
 from robotree.protocol.links.url import connect
-from robotree.protocol.messages import MavState, MavType
-from robotree.protocol.tools.capture.gauges import LinkGauge, LinkReading, PeerReading
+from robotree.protocol.messages import ClaimStatus, MavState, MavType
+from robotree.protocol.tools.capture.gauges import LinkGauge, LinkReading, MessageReading, PeerReading
 from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
 from robotree.tui.seen.wording import columns
@@ -30,6 +30,9 @@ from robotree.tui.wire.security import securing
 
 PERIOD = 1.0
 """[s] between two pictures of the table."""
+CLAIM_STATUS = ClaimStatus.codec.definition.name
+LATE = 3.0
+"""[s] A CLAIM_STATUS comes every second; an older one says so."""
 WIDTH = 150
 """Columns of the table where there is no terminal that has a number of its own."""
 
@@ -41,7 +44,7 @@ class Watched:
         """Watch until `here` is over; with a key, ask signed and show only what is signed."""
         self._here = here
         self._clock = asyncio.get_running_loop().time
-        signer_pair = security.signer_pair(link.address)
+        signer_pair = security.signer_pair(link.controller)
         self.gauge = LinkGauge(link.address, signer_pair["verifier"])
         signer = signer_pair["signer"]
         self._mouth = Endpoint(link, system=SYSTEM, component=COMPONENT, on_frame=_unheard, signer=signer)
@@ -125,9 +128,8 @@ def table(link: LinkReading) -> str:
         )
         for one in link.messages
     ]
-    return "\n".join(
-        [head, *doubt, *_present(link.peers), *(_cut(row) for row in columns(rows).splitlines())]
-    )
+    about = [*_present(link.peers), *_claims(link.messages)]
+    return "\n".join([head, *doubt, *about, *(_cut(row) for row in columns(rows).splitlines())])
 
 
 def _rate(rate: float | None, digits: int = 1) -> str:
@@ -144,6 +146,20 @@ def _present(peers: list[PeerReading]) -> list[str]:
         for each in peers
     ]
     return [_cut(f"there: {', '.join(told)}")] if told else []
+
+
+def _claims(messages: list[MessageReading]) -> list[str]:
+    """Who holds the claim of each controller that tells it: a line each."""
+    told: list[str] = []
+    for each in messages:
+        if each.name != CLAIM_STATUS:
+            continue
+        status = each.fields
+        name, system, component = status["name"] or "?", status["holder_system"], status["holder_component"]
+        holder = f"held by {name} ({system}/{component})" if status["holder"] else "free"
+        late = f", {each.age:.0f} s ago" if each.age > LATE else ""
+        told.append(_cut(f"claim on {each.sysid}/{each.compid}: {holder}, epoch {status['epoch']}{late}"))
+    return told
 
 
 def _named(kind: type[IntEnum], number: int) -> str:

@@ -129,7 +129,7 @@ async def _ping(line: Line, asker: Asker, count: int) -> int:
 
         def accept(link: Link) -> Endpoint:
             nonlocal signer_pair
-            signer_pair = security.signer_pair(link.address)
+            signer_pair = security.signer_pair(link.controller)
             ears = Endpoint(
                 link, system=SYSTEM, component=COMPONENT, on_frame=hear, on_closed=here.end, **signer_pair
             )

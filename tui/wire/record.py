@@ -38,7 +38,7 @@ class Tape:
         """Keep what comes until there is a recorder."""
         self._here, self._early = here, bytearray()
         self._recorder: Recorder | None = None
-        signer_pair = security.signer_pair(link.address)
+        signer_pair = security.signer_pair(link.controller)
         self._verifier = signer_pair["verifier"]
         self._mouth = Endpoint(
             link, system=SYSTEM, component=COMPONENT, on_frame=lambda _: None, **signer_pair

@@ -49,7 +49,7 @@ class Listeners:
 
     def accept(self, link: Link) -> _Deaf:
         """Somebody has come."""
-        self.links[link] = self._security.signer_pair(link.address)["signer"]
+        self.links[link] = self._security.signer_pair(link.controller)["signer"]
         self.somebody.set()
         self.nobody.clear()
         return _Deaf(self, link)
@@ -158,8 +158,10 @@ async def _replay(line: Line, moments: Iterable[tuple[float, bytes]], filter_: R
         if listener is not None:
             await listener.close()
     withheld = f"; {filter_.withheld} with keys were left out" if filter_.withheld else ""
-    commands = f"; {filter_.commands} that command were left out (--commands)" if filter_.commands else ""
-    told = {"frames": sent, "withheld": filter_.withheld, "commands": filter_.commands}
+    names = ", ".join(f"{number} {name}" for name, number in filter_.commands.most_common())
+    count = filter_.commands.total()
+    commands = f"; {count} that command were left out: {names} (--commands sends them)" if count else ""
+    told = {"frames": sent, "withheld": filter_.withheld, "commands": dict(filter_.commands)}
     put(json.dumps(told) if line.flag("--json") else f"{sent} frames were sent{withheld}{commands}")
     return here.exit_code()
 

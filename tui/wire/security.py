@@ -6,15 +6,18 @@ processes that one command starts together. Its path is all that command lines, 
 
 from __future__ import annotations
 
+import hashlib
 import os
 import secrets
 import time
-from collections.abc import AsyncGenerator
-from contextlib import asynccontextmanager
+from collections.abc import AsyncGenerator, Generator
+from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 
 from robotree.protocol.errors import KeyFileError
+from robotree.protocol.links.heard import HeardFile
 from robotree.protocol.links.keyring import Keyring, create
+from robotree.protocol.links.names import names
 from robotree.protocol.links.security import UNSIGNED, LinkSecurity, Security, persisting
 from robotree.tui.line.grammar import Line
 from robotree.tui.processes.realm import chosen, folder_of
@@ -122,5 +125,28 @@ async def securing(line: Line) -> AsyncGenerator[LinkSecurity]:
     for address in line.many("URL"):
         keys.require(address, listening=False)
     link = secrets.randbelow(256)
-    async with persisting(Security(keys, time.time, first_link=link)) as security:
-        yield security
+    with remembering(file, line.text("--listen")) as heard:
+        async with persisting(Security(keys, time.time, first_link=link, heard=heard)) as security:
+            yield security
+
+
+@contextmanager
+def remembering(file: Path, listens: str) -> Generator[HeardFile | None]:
+    """Open what the controller at an address remembers of the times that it has heard, beside its key file.
+
+    Yields:
+        The file; None: nothing listens, or at a port that is free by chance: the next one there is another.
+
+    Raises:
+        KeyFileError: it cannot be used.
+    """
+    found = names(listens) if listens else []
+    if len(found) != 1:
+        yield None
+        return
+    real, mark = file.resolve(), hashlib.sha256(found[0].encode()).hexdigest()[:12]
+    heard = HeardFile(real.with_name(f"{real.name}.{mark}.heard"))
+    try:
+        yield heard
+    finally:
+        heard.close()

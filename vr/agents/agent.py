@@ -10,9 +10,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from functools import partial
 from typing import Any
+
+import msgspec
 
 from robotree.vr.agents.callers import Callers
 from robotree.vr.agents.children import ChildKeeper
@@ -26,12 +28,14 @@ from robotree.vr.author.robot import Robot
 from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import CommandSpec, RobotDescription
+from robotree.vr.base.envelope import Received
 from robotree.vr.base.errors import (
     CycleOfBonds,
     DoesNotFit,
     NotVirtual,
     ReloadWaits,
     StillBonded,
+    TransportError,
     Unreachable,
     VrError,
     WrongKind,
@@ -56,6 +60,8 @@ from robotree.vr.base.requests import (
     Resume,
     Retract,
     SafeStop,
+    State,
+    decode_event,
 )
 from robotree.vr.base.transport import Registration, Transport
 from robotree.vr.core import events as on
@@ -131,6 +137,7 @@ class RobotAgent:
             self._process,
             transport=transport,
             describe_child=self._describe_child,
+            follow_child=self._follow_child,
             obeyed=obeyed,
             on_effect=self._take_effect,
         )
@@ -367,37 +374,48 @@ class RobotAgent:
 
     # -- requests ---------------------------------------------------------------------------------
 
-    def _answer(self, request: AnyRequest, say: SendReply) -> Callable[[], Awaitable[None]] | None:
+    def _answer(self, received: Received, say: SendReply) -> Callable[[], Awaitable[None]] | None:
         """Answer one request, at once if that takes no time.
 
         Raises:
             VrError: it is refused.
         """
+        request, person = received.request, received.person
         if not self.open and not isinstance(request, _AT_THE_END):
             raise Unreachable(key=self.address.key)
         self.live.look_at_robot()
         if isinstance(request, _TAKE_TIME):
-            return partial(self._answer_later, request, say)
+            return partial(self._answer_later, request, say, person)
         say(self._reply(request))
         return None
 
-    async def _answer_later(self, request: AnyRequest, say: SendReply) -> None:
+    async def _answer_later(self, request: AnyRequest, say: SendReply, person: str) -> None:
         match request:
             case SafeStop():
                 say(Accepted(key=request.order))  # the asker must know at once that it has reached us
+                if person:
+                    request = msgspec.structs.replace(request, reason=f"{person}'s protective stop")
                 say(await self._stops.safe_stop(request))
             case Resume():
                 say(await self._stops.resume(request))
+                self._note_order("resumed", person)
             case Enslave():
                 await self._virtual("enslave others").enslave(request.slot, request.child)
+                self._note_order(f"{request.slot}: {request.child.name} enslaved", person)
                 say(Described(robot=self.description()))
             case Free():
                 await self._virtual("release children").free(request.slot)
+                self._note_order(f"{request.slot}: released", person)
                 say(Described(robot=self.description()))
             case Delete():
                 await self._delete(lambda left: say(Done(note=left)))
             case _:  # not one of `_TAKE_TIME`
                 raise not_for("robot", request)
+
+    def _note_order(self, what: str, person: str) -> None:
+        """Enter in the log what a person has ordered that is no command."""
+        if person:
+            self.live.log.say("info", f"{what} by {person}")
 
     def _reply(self, request: AnyRequest) -> Reply:
         """Answer a request that takes no time.
@@ -434,6 +452,7 @@ class RobotAgent:
                 term=request.term,
                 unix=self._unix(),
                 key=request.key,
+                returns=request.returns,
             )
         )
         self._watch(request.parent)
@@ -539,6 +558,33 @@ class RobotAgent:
             done(error)
 
         self._on_loop(lambda: self._keep(ask()))
+
+    def _follow_child(
+        self, child: Address, take: Callable[[Mapping[str, float]], None]
+    ) -> Callable[[], None]:
+        """Hand on the readings that a child publishes, on the event loop. From any thread, without waiting.
+
+        Returns:
+            How to end that.
+        """
+        over = asyncio.Event()
+
+        def hear(key: str, body: bytes) -> None:
+            with contextlib.suppress(VrError):  # a robot of another version
+                event = decode_event(body, key=key)
+                if isinstance(event, State):
+                    take(event.readings)
+
+        async def follow() -> None:
+            with contextlib.suppress(TransportError):  # it is closed
+                registration = await self.transport.subscribe(f"{child.key}/state", hear)
+                try:
+                    await over.wait()
+                finally:
+                    await registration.close()
+
+        self._on_loop(lambda: self._keep(follow()))
+        return lambda: self._on_loop(over.set)
 
     def _keep(self, work: Awaitable[Any]) -> None:
         task = asyncio.ensure_future(work)

@@ -9,11 +9,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Sequence
+from collections.abc import Coroutine, Sequence
 
 from robotree.vr.author.virtual_robot import slots_of
 from robotree.vr.base.address import Address
-from robotree.vr.base.description import CommandSpec, RobotDescription
+from robotree.vr.base.description import CommandSpec, RobotDescription, offered
 from robotree.vr.base.envelope import seal
 from robotree.vr.base.errors import (
     CycleOfBonds,
@@ -21,15 +21,16 @@ from robotree.vr.base.errors import (
     LeaseError,
     NoSuchCommand,
     SlotEmpty,
+    TransportClosed,
     TransportError,
     Unreachable,
     VrError,
 )
 from robotree.vr.base.presence import Undo
-from robotree.vr.base.requests import Granted, Raised, Renew, Reply, Resume, decode_reply
+from robotree.vr.base.requests import Granted, Petition, Raised, Renew, Reply, Resume, decode_reply
 from robotree.vr.base.transport import Transport
 from robotree.vr.core import events as on
-from robotree.vr.core.bonds import DEFAULT_TERM, Bond, Lessee, Slots
+from robotree.vr.core.bonds import DEFAULT_TERM, RETURN, Bond, Lessee, Slots
 from robotree.vr.core.confirmation import LEAST, Budget, Confirmations
 from robotree.vr.exchange.client import RobotClient, fresh_key
 from robotree.vr.running.live import LiveRobot
@@ -69,6 +70,7 @@ class ChildKeeper:
         self._watching: dict[str, Undo] = {}
         """The children whose presence is watched, by slot."""
         self._retracting: dict[asyncio.Task[None], None] = {}
+        self._returning: dict[asyncio.Task[None], None] = {}
         self._closed = False
 
     @property
@@ -80,8 +82,13 @@ class ChildKeeper:
 
     # -- binding ----------------------------------------------------------------------------------
 
-    async def enslave(self, slot: str, child: Address) -> None:
+    async def enslave(self, slot: str, child: Address, *, returns: int | None = None) -> None:
         """Bind a child to a slot, or to one of a group.
+
+        Args:
+            slot: name of the slot, or of the group.
+            child: who.
+            returns: epoch of the lease that was lost by silence, if it shall return; None: it is a new bond.
 
         Raises:
             BondError: there is no such slot, it is occupied, or the child is of another kind.
@@ -93,7 +100,7 @@ class ChildKeeper:
         client = RobotClient(self._transport, child)
         key = fresh_key()
         try:
-            bond = await self._ask(client, slot, key)
+            bond = await self._ask(client, slot, key, returns)
         except BaseException as error:
             self._live.post(on.Unreserve(slot=slot))
             if isinstance(error, TransportError) or not isinstance(error, VrError):
@@ -122,6 +129,8 @@ class ChildKeeper:
     async def close(self) -> None:
         """Release all children, and take no more."""
         self._closed = True
+        for task in list(self._returning):
+            task.cancel()
         await asyncio.gather(*map(self._free_if_bound, self._slots.bonds()))
         if self._retracting:
             await asyncio.wait(self._retracting, timeout=FAREWELL)
@@ -137,7 +146,9 @@ class ChildKeeper:
 
         def look(_: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
             if not there:
-                reason = f"{child.name} has ended or cannot be reached"
+                hangs = not self._presence.left(child.key) and self._presence.lives(child.key)
+                how = "hung: its process did not answer" if hangs else "has ended or cannot be reached"
+                reason = f"{child.name} {how}"
                 self._live.post(on.Lose(slot=slot, child=child, epoch=epoch, reason=reason))
 
         self._watching[slot] = self._presence.watch(child.key, look)
@@ -148,11 +159,35 @@ class ChildKeeper:
             unwatch()
         if effect.reason:
             _log.warning("%s.%s lost its child: %s", self._parent.name, effect.slot, effect.reason)
+            self._keep(self._take_back(effect), self._returning)
         self._live.changed()
+
+    async def _take_back(self, lost: on.ChildGone) -> None:
+        """Bind a child again that was lost by silence, when it is heard and if nobody has used it since.
+
+        Whether the lease can return the child decides. One whose process has ended does not come back.
+        """
+        latest, key = _now() + RETURN, lost.child.key
+        while not self._closed and _now() < latest:
+            try:
+                if not self._presence.lives(key):
+                    return
+                if not await self._presence.until(key, there=True, within=latest - _now()):
+                    return
+                await self.enslave(lost.slot, lost.child, returns=lost.epoch)
+            except TransportClosed:
+                return
+            except TransportError:
+                await asyncio.sleep(RETRY)
+            except VrError:  # it has another parent, was used meanwhile, or the slot is filled or gone
+                return
+            else:
+                _log.warning("%s.%s has %s again", self._parent.name, lost.slot, lost.child.name)
+                return
 
     # -- asking -----------------------------------------------------------------------------------
 
-    async def _ask(self, client: RobotClient, slot: str, key: str) -> Bond:
+    async def _ask(self, client: RobotClient, slot: str, key: str, returns: int | None) -> Bond:
         lineage, child = self._live.core.lineage, client.address
         if child.name in lineage:
             raise CycleOfBonds(parent=self._parent.name, child=child.name, lineage=" > ".join(lineage))
@@ -161,25 +196,28 @@ class ChildKeeper:
         promised = {promise.name for promise in promises}
         uses = tuple(name for name in spec.commands if name not in promised)
 
-        async def petition() -> tuple[float, Granted]:
-            return _now(), await client.petition(
-                self._parent,
-                slot,
-                kind=spec.kind,
-                promises=promises,
-                uses=uses,
-                lineage=lineage,
-                term=self._term,
-                key=key,
-            )
-
+        petition = Petition(
+            parent=self._parent,
+            slot=slot,
+            kind=spec.kind,
+            promises=promises,
+            uses=uses,
+            lineage=lineage,
+            term=self._term,
+            key=key,
+            returns=returns,
+        )
+        sent = _now()
         try:
-            sent, granted = await petition()
+            granted = await client.petition(petition)
         except Unreachable:
             if not self._presence.lives(child.key):  # after one of two hung, their link is gone
                 raise
             await self._presence.until(child.key, there=True, within=REUNION)
-            sent, granted = await petition()  # the same one: a child that has granted it grants it again
+            sent = _now()
+            granted = await client.petition(
+                petition
+            )  # the same one: a child that has granted it grants it again
         if granted.robot is None:
             raise Garbled(key=child.key, detail="it grants a lease but does not say who it is")
         lease = Lessee.begin(epoch=granted.epoch, term=granted.term, sent=sent, now=_now())
@@ -202,9 +240,12 @@ class ChildKeeper:
                 else:
                     return
 
-        task = asyncio.ensure_future(tell())
-        self._retracting[task] = None
-        task.add_done_callback(self._retracting.pop)
+        self._keep(tell(), self._retracting)
+
+    def _keep(self, work: Coroutine[None, None, None], tasks: dict[asyncio.Task[None], None]) -> None:
+        task = asyncio.ensure_future(work)
+        tasks[task] = None
+        task.add_done_callback(tasks.pop)
 
     # -- keeping ----------------------------------------------------------------------------------
 
@@ -265,7 +306,7 @@ class ChildKeeper:
         bond = self._slots.require(slot)
         description = await self._client(bond).describe()
         if description.command(command) is None:
-            known = ", ".join(spec.name for spec in description.commands) or "none"
+            known = offered((spec.name for spec in description.commands), command)
             raise NoSuchCommand(robot=description.name, command=command, known=known)
         self._live.post(
             on.ChildDescribed(slot=slot, child=bond.child, epoch=bond.lease.epoch, description=description)

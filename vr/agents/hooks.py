@@ -11,19 +11,23 @@ import asyncio
 import inspect
 import logging
 import math
+import numbers
 import threading
 from collections.abc import Awaitable, Callable
 from concurrent.futures import Future
 from functools import partial
+from typing import TypeVar
 
+from robotree.files import forks
 from robotree.vr.author.robot import Robot
 from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.errors import VrError
 from robotree.vr.running.heard import Voice, speaking
-from robotree.vr.running.page_trace import trace
+from robotree.vr.running.page_trace import begin_of, page_lines, trace, words_of
 from robotree.vr.running.runner import Runner
 from robotree.vr.running.serial_worker import SerialWorker
 
+_T = TypeVar("_T")
 _log = logging.getLogger(__name__)
 
 
@@ -56,7 +60,7 @@ class Confirming:
         self._confirmation: Awaitable[None] | None = None
         self._failed = False
         try:
-            self._confirmation = hook()
+            self._confirmation = _called(hook)
         except Exception:  # noqa: BLE001 # the boundary to an author's code
             _log.exception("%s failed", what)
             self._failed = True
@@ -98,7 +102,7 @@ class Hooks:
         self._robot, self._runner = robot, runner
         self._latest: dict[str, float] = {}
         self._sampling = threading.Lock()
-        self._complained = False
+        self._faults: dict[str, str] = {}
         self._turns = SerialWorker(runner, f"{robot.name} hook")
         self._latest_turn: Future[bool] | None = None
         """The newest of the author's hooks for stops and releases."""
@@ -110,7 +114,29 @@ class Hooks:
 
     def become(self, robot: Robot) -> None:
         """Call the hooks of another page of the robot from now on."""
-        self._robot, self._complained = robot, False
+        self._robot, self._faults = robot, {}
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """How hooks of the author failed when they were called last, as sentences; empty: none did."""
+        return tuple(self._faults.values())
+
+    def _note(self, hook: str, fault: str) -> None:
+        """Note that a hook has failed, or with an empty text that it works; enter it in the robot's log."""
+        before = self._faults.get(hook, "")
+        if fault:
+            self._faults[hook] = fault
+            if fault != before:
+                self._voice("error", fault)
+        elif before:
+            self._faults.pop(hook, None)
+
+    def _fault(self, hook: str, error: Exception) -> str:
+        """Return a sentence on what a hook has raised, with the line of the page."""
+        written = inspect.unwrap(getattr(type(self._robot), hook))
+        lines = page_lines(error, written.__code__.co_filename)
+        where = lines[-1].place if lines else begin_of(written)
+        return f"{hook} failed: {words_of(error)} ({where})"
 
     @property
     def own_readings(self) -> bool:
@@ -166,8 +192,7 @@ class Hooks:
             raise
 
     def _in_turn(self, name: str, hook: Hook) -> Future[bool]:
-        work = partial(_went_well, f"{self._robot.name}.{name}", hook, self._voice)
-        self._latest_turn = self._turns.submit(work)
+        self._latest_turn = self._turns.submit(partial(self._went_well, name, hook))
         return self._latest_turn
 
     def _foreign(self, name: str) -> bool:
@@ -186,34 +211,54 @@ class Hooks:
             self._sampling.release()
 
     def _sample(self) -> None:
+        name = f"{self._robot.name}.readings"
         try:
             with speaking(self._voice):
-                readings = self._robot.readings()
-            self._latest = {str(name): float(value) for name, value in readings.items() if _is_number(value)}
+                readings = _called(self._robot.readings)
+            taken = {str(name): float(value) for name, value in readings.items() if _is_number(value)}
         except Exception as error:  # noqa: BLE001 # the boundary to an author's code
-            if not self._complained:
-                _log.error("%s.readings failed; this is said once\n%s", self._robot.name, trace(error))
-            self._complained, self._latest = True, {}
+            if "readings" not in self._faults:
+                _log.error("%s failed; this is said once\n%s", name, trace(error))
+            self._note("readings", self._fault("readings", error))
+            self._latest = {}
+            return
+        self._latest = taken
+        wrong = [f"{name!r} is {value!r}" for name, value in readings.items() if not _is_number(value)]
+        told = "readings gives what is no number, which is left out"
+        where = begin_of(self._robot.readings) if wrong else ""
+        self._note("readings", f"{told}: {', '.join(wrong)} ({where})" if wrong else "")
+
+    def _went_well(self, name: str, hook: Hook) -> bool:
+        """Run an author's hook in its thread; return whether it has ended as it should."""
+        label = f"{self._robot.name}.{name}"
+        try:
+            with speaking(self._voice):
+                left = _called(hook)
+        except Exception as error:  # noqa: BLE001 # the boundary to an author's code
+            _log.error("%s failed\n%s", label, trace(error))
+            self._note(name, self._fault(name, error))
+            return False
+        if inspect.iscoroutine(left):
+            left.close()
+        if inspect.isawaitable(left):
+            told = "returns something to wait for: what it does is to be done when it returns"
+            _log.error("%s %s", label, told)
+            self._note(name, f"{name} {told} ({begin_of(getattr(self._robot, name))})")
+            return False
+        self._note(name, "")
+        return True
+
+
+def _called(hook: Callable[[], _T]) -> _T:
+    """Return what an author's hook returns, or raise what it raises."""
+    try:
+        return hook()
+    finally:
+        forks.expect_parent()
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float)) and not math.isinf(value)
-
-
-def _went_well(what: str, hook: Hook, voice: Voice) -> bool:
-    """Run an author's hook in its thread; return whether it has ended as it should."""
-    try:
-        with speaking(voice):
-            left = hook()
-    except Exception as error:  # noqa: BLE001 # the boundary to an author's code
-        _log.error("%s failed\n%s", what, trace(error))
-        return False
-    if inspect.iscoroutine(left):
-        left.close()
-    if inspect.isawaitable(left):
-        _log.error("%s returns something to wait for: what it does is to be done when it returns", what)
-        return False
-    return True
+    return isinstance(value, numbers.Real) and not math.isinf(value)
 
 
 async def _ended(turn: Future[bool], name: str) -> None:

@@ -7,6 +7,7 @@ knows which there are, and ends those that are left when it ends itself.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -17,7 +18,7 @@ from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.shared import Shared
 from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.address import Address, check_name
-from robotree.vr.base.errors import DuplicateName, NoSuchRobot, Unreachable, VrError
+from robotree.vr.base.errors import DuplicateName, HostReserved, NoSuchRobot, Unreachable, VrError
 from robotree.vr.base.requests import (
     AnyRequest,
     Create,
@@ -71,6 +72,7 @@ class Host:
         term: float = DEFAULT_TERM,
         limit: float = LIMIT,
         process: Process | None = None,
+        only: str = "",
     ) -> None:
         """Prepare a host.
 
@@ -81,6 +83,7 @@ class Host:
             term: [s] of the leases that its robots grant and ask for.
             limit: [s] for a source to run, and again for the robot's constructor.
             process: whose threads carry its robots' commands out; None: one of its own.
+            only: name of the one robot that it runs; empty: it runs any number.
 
         Raises:
             BadName: the name cannot be one.
@@ -91,7 +94,8 @@ class Host:
         self._transport, self._registrar, self._term = transport, registrar, term
         self._process = Process(runner_of(asyncio.get_running_loop())) if process is None else process
         self._shared = Shared(name)
-        self._limit = limit
+        self._limit, self._only = limit, only
+        self._first: asyncio.Future[RobotAgent] = asyncio.get_running_loop().create_future()
         self._coming: set[str] = set()
         self._ended: list[RobotAgent] = []
         self._declared: list[Registration] = []
@@ -143,10 +147,13 @@ class Host:
         Raises:
             BadName: the name cannot be one.
             DuplicateName: a living robot has it.
+            HostReserved: the host runs another robot alone.
             BadArgument: a setting cannot have its value, or there is none of this name.
             BundleError: the source cannot be used.
         """
         check_name(name)
+        if self._only not in ("", name):
+            raise HostReserved(host=self.address.name, robot=self._only)
         if name in self._coming:
             raise DuplicateName(role="robot", name=name)
         self._coming.add(name)
@@ -171,6 +178,18 @@ class Host:
         finally:
             self._coming.discard(name)
         return agent
+
+    async def deserted(self, within: float) -> None:
+        """Return when the first robot has ended, or when none has come.
+
+        Args:
+            within: [s] for the first robot to come.
+        """
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(within):
+                await asyncio.shield(self._first)
+        if self._first.done():
+            await self._first.result().closed.wait()
 
     async def reload(
         self, bundle: Bundle, name: str, *, origin: str = "", now: bool = False, within: float = 10.0
@@ -215,6 +234,8 @@ class Host:
     async def _settle(self, agent: RobotAgent) -> None:
         await agent.start()
         self.agents[agent.robot.name] = agent
+        if not self._first.done():
+            self._first.set_result(agent)
         watcher = asyncio.create_task(self._watch(agent), name=f"{agent.robot.name} lives")
         self._watchers[watcher] = None
         watcher.add_done_callback(self._watchers.pop)

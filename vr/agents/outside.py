@@ -11,7 +11,9 @@ import math
 from collections.abc import Callable
 from functools import partial
 
-from robotree.vr.base.envelope import Received, opened
+import msgspec
+
+from robotree.vr.base.envelope import SCRIPT, Received, is_person, opened, person_at
 from robotree.vr.base.errors import Unreachable, VrError
 from robotree.vr.base.requests import (
     Accepted,
@@ -104,9 +106,9 @@ class OutsideCalls:
             return True
         request = received.request
         if isinstance(request, Call):
-            self._call(request, received, respond, end)
+            self._call(_named(request, received), received, respond, end)
         elif isinstance(request, Cancel):
-            self._answer(partial(self._cancel, request), end)
+            self._answer(partial(self._cancel, request, received.person), end)
         elif isinstance(request, Detach):
             self._answer(partial(self._detach, request), end)
         else:
@@ -169,8 +171,10 @@ class OutsideCalls:
         if not self._is_open():
             raise Unreachable(key=self._live.key)
 
-    def _cancel(self, request: Cancel) -> Reply:
+    def _cancel(self, request: Cancel, person: str) -> Reply:
         reason = request.reason or "on request"
+        if person and not request.key:
+            reason = f"{person} cancelled all that {self._live.robot.name} did"
         if request.key:
             self._live.post(on.CancelAsked(key=request.key, reason=reason, epoch=request.epoch))
         else:
@@ -195,3 +199,11 @@ class OutsideCalls:
             _log.error("%s: an answer failed", self._live.robot.name, exc_info=error)
             error = VrError(detail=f"{self._live.robot.name}: internal error: {error!r}")
         end(encode(Raised.of(error)))
+
+
+def _named(call: Call, received: Received) -> Call:
+    """Return a call with the name of the person who asks; what a sender says of that does not count."""
+    if call.epoch is not None:  # a parent's: its name is that of the lease
+        return call
+    person = received.person or (person_at(SCRIPT) if is_person(call.caller) else "")
+    return msgspec.structs.replace(call, caller=person) if person else call

@@ -248,6 +248,7 @@ class Publisher:
                 readings=readings,
                 units={str(name): str(unit) for name, unit in live.robot.reading_units.items()},
                 page=live.page,
+                faults=self._hooks.faults,
                 kept=self._kept(state.fields),
                 calls=dict(state.calls.counts),
                 doc=self._doc(),
@@ -263,6 +264,7 @@ class Publisher:
         live.look_at_robot()
 
         def describe(core: RobotCore) -> State:
+            live.enter_asked(core)
             tenure, calls = core.state.lease.tenure, core.state.calls
             running = calls.live.get(calls.running)
             return State(

@@ -28,6 +28,10 @@ neighbour's call takes 4 ms instead of 15 ms; with four, 25 ms instead of 84 ms 
 """
 
 
+ARRIVAL = 60.0
+"""[s] for the one robot of a host to come: who has started the host may have been killed since."""
+
+
 def _nobody(_: str) -> None:
     """Hear that it is ready, and do nothing."""
 
@@ -37,14 +41,16 @@ async def run_host(
     *,
     realm: str | None = None,
     term: float = DEFAULT_TERM,
+    only: str = "",
     ready: Ready = _nobody,
 ) -> None:
-    """Be a host in a realm until cancelled.
+    """Be a host in a realm until cancelled; one that runs one robot alone: until that has ended.
 
     Args:
         name: of the host, unique in the realm.
         realm: None: `$ROBOTREE_REALM`, else `default`.
         term: [s] of the leases that its robots grant and ask for.
+        only: name of the one robot that it runs; empty: it runs any number.
         ready: told the key once robots can be made.
 
     Raises:
@@ -52,7 +58,8 @@ async def run_host(
         DuplicateName: a living host has the name.
         TransportError: the realm cannot be joined.
     """
-    check_name(name)
+    for one in (name, only or name):
+        check_name(one)
     sys.setswitchinterval(TURN)
     gc.freeze()  # what is imported never goes: no collection needs to look at it again
     async with contextlib.AsyncExitStack() as stack:
@@ -61,11 +68,14 @@ async def run_host(
         stack.push_async_callback(transport.close)
         registrar = Registrar(transport)
         stack.push_async_callback(registrar.close)
-        host = Host(transport, name, registrar=registrar, term=term)
+        host = Host(transport, name, registrar=registrar, term=term, only=only)
         stack.push_async_callback(host.close)
         await host.start()
         ready(host.address.key)
-        await asyncio.get_running_loop().create_future()
+        if only:
+            await host.deserted(ARRIVAL)
+        else:
+            await asyncio.get_running_loop().create_future()
 
 
 async def run_lookup(name: str, *, realm: str | None = None, ready: Ready = _nobody) -> None:

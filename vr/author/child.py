@@ -9,6 +9,7 @@ A result of several parts reads like an object: `self.arm.get_info().z`.
 An array of children of one kind is `rovers = Children("Rover", least=1, most=4)`:
 
     for rover in self.rovers: …  those that are bound now, by index
+    self.rovers.move(x=1)        all of them at the same time; returns their results
     self.rovers[2].move(x=1)     a child keeps its index; raises SlotEmpty where one was lost
     len(self.rovers)             how many are bound
 """
@@ -20,12 +21,13 @@ from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, cast, overloa
 
 import msgspec
 
-from robotree.vr.author.context import CallFuture, activity_here, running
+from robotree.vr.author.context import CallFuture, CallLimit, activity_here, running
 from robotree.vr.author.kind import Kind, promises_of
+from robotree.vr.author.readings import Readings, Record
 from robotree.vr.base.description import LARGEST_GROUP, CommandSpec, FieldSpec, SlotSpec
 from robotree.vr.base.errors import BadArgument
 from robotree.vr.base.plain import READY, plain_arguments
-from robotree.vr.base.units import Unit, convert
+from robotree.vr.base.units import Unit, convert, seconds
 
 if TYPE_CHECKING:
     from robotree.vr.core.bonds import Bond, Slot, Slots
@@ -33,6 +35,8 @@ if TYPE_CHECKING:
 
 T = TypeVar("T", bound=Kind)
 K = TypeVar("K")
+WITHIN = "within"
+"""The argument of a call that limits its time."""
 
 
 class HasSlots(Protocol):
@@ -42,18 +46,6 @@ class HasSlots(Protocol):
     def child_slots(self) -> Slots:
         """The slots as they are now."""
         ...
-
-
-class Record(dict[str, Any]):
-    """A result of several parts: by item, as the mapping that it is, or by attribute."""
-
-    __slots__ = ()
-
-    def __getattr__(self, name: str) -> Any:
-        try:
-            return self[name]
-        except KeyError:
-            raise AttributeError(f"the result has no {name!r}; it has: {', '.join(self)}") from None
 
 
 def readable(value: Any) -> Any:
@@ -142,6 +134,11 @@ class Child(Slotted, Generic[K]):
                 other ones than the child's: `go_to = arm.exposed(x=Unit("mm"))`. `result` means a result
                 that has no parts.
         """
+        for name, unit in units.items():
+            given: Any = unit
+            if not isinstance(given, Unit):
+                told = f"exposed({name}={unit!r})"
+                raise TypeError(f"{told}: a unit is written {name}=Unit({str(unit)!r})")
         return Exposed(self, command, {name: unit.symbol for name, unit in units.items()})
 
     def spec(self) -> SlotSpec:
@@ -231,6 +228,11 @@ class ChildGroup(Generic[K]):
         """Return index and child of all that are bound; an index is skipped where a child was lost."""
         return [(index, self._child(index)) for index in self._bound()]
 
+    def __getattr__(self, command: str) -> GroupCommand:
+        if command.startswith("_"):
+            raise AttributeError(command)
+        return GroupCommand(self, command)
+
     def __str__(self) -> str:
         return ", ".join(map(str, self)) or f"nobody in {self._group}"
 
@@ -241,6 +243,31 @@ class ChildGroup(Generic[K]):
         members: dict[int, Slot] = self._robot.child_slots.members(self._group)
         found: list[int] = _observed(lambda: [index for index, one in members.items() if one.bond])
         return found
+
+
+class GroupCommand:
+    """One command of all children of a group, which carry it out at the same time."""
+
+    __slots__ = ("_command", "_group")
+
+    def __init__(self, group: ChildGroup[Any], command: str) -> None:
+        """Made by access to the group's attribute."""
+        self._group, self._command = group, command
+
+    def __call__(self, *values: Any, **arguments: Any) -> list[Any]:
+        """Have all that are bound carry it out, and wait until all have ended.
+
+        Returns:
+            Their results, in the order of their index.
+
+        Raises:
+            VrError: the first failure; the others are cancelled then.
+        """
+        with running().together(first=False) as parts:
+            for child in self._group:
+                parts.start(getattr(child, self._command), *values, **arguments)
+        results: list[Any] = parts.results
+        return results
 
 
 def _observed(look: Callable[[], Any]) -> Any:
@@ -269,7 +296,7 @@ class Exposed:
             found = [field for field in fields if (field.name or "result") == name]
             if not found or not all(field.unit for field in found):
                 raise ValueError(f"{self.child.name}.{self.command} has no {name!r} with a unit")
-            convert(1.0, found[0].unit, unit)
+            convert(1.0, unit, found[0].unit)
         return msgspec.structs.replace(
             spec,
             parameters=tuple(map(self._seen, spec.parameters)),
@@ -328,6 +355,11 @@ class ChildRobot:
         bond = self._bond()
         return f"nobody in {self._slot}" if bond is None else bond.child.name
 
+    @property
+    def readings(self) -> Readings:
+        """The readings of the child, as it publishes them."""
+        return Readings(self._slot)
+
     def _bond(self) -> Bond | None:
         """Return what is in the slot; in a running command that is one of its steps."""
         robot, slot = self._robot, self._slot
@@ -353,18 +385,40 @@ class ChildCommand:
     def __call__(self, *values: Any, **arguments: Any) -> Any:
         """Have it carried out, wait for the end and return the result.
 
+        `within=5` or `within="500 ms"` gives this call a limit of its own, unless the command has a parameter
+        of this name.
+
         Raises:
+            ChildTimeout: the limit is over; the child's command is cancelled.
             VrError: what the child raised, or why it could not be asked.
         """
-        return running().call(self._slot, self._command, self._named(values, arguments))
+        limit = self._limit(arguments) if WITHIN in arguments else None
+        return running().call(self._slot, self._command, self._named(values, arguments), limit)
 
     def start(self, *values: Any, **arguments: Any) -> CallFuture:
-        """Have it carried out meanwhile; it ends with the running command at the latest."""
-        return running().start(self._slot, self._command, self._named(values, arguments))
+        """Have it carried out meanwhile; it ends with the running command, or when its `within` is over."""
+        limit = self._limit(arguments) if WITHIN in arguments else None
+        return running().start(self._slot, self._command, self._named(values, arguments), limit)
 
     def tell(self, *values: Any, **arguments: Any) -> None:
         """Have it carried out, wait only until the child has accepted it; it goes on after this command."""
         running().tell(self._slot, self._command, self._named(values, arguments))
+
+    def _limit(self, arguments: dict[str, Any]) -> CallLimit | None:
+        """Take the limit of this call out of its arguments, if it is none of the command.
+
+        Raises:
+            BadArgument: it is no time.
+        """
+        spec = self._robot.child_slots.require(self._slot).description.command(self._command)
+        if spec is not None and WITHIN in spec.by_name:
+            return None
+        given = arguments.pop(WITHIN)
+        try:
+            return CallLimit(seconds(given), given if isinstance(given, str) else f"{given:g} s")
+        except (TypeError, ValueError) as error:
+            label = f"{self._slot}.{self._command}"
+            raise BadArgument(command=label, parameter=WITHIN, reason=str(error)) from None
 
     def _named(self, values: tuple[Any, ...], arguments: dict[str, Any]) -> Mapping[str, Any]:
         if not values and READY.issuperset(map(type, arguments.values())):

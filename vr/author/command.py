@@ -48,10 +48,17 @@ def command(function: _F | None = None, /, *, effect: Effect = "once") -> _F | C
             raise TypeError(f"a command is a plain method; take @{type(function).__name__} away")
         if not callable(function):
             raise TypeError("a command has the name of its method; write @command without a text")
+        if getattr(function, "__name__", "") == "<lambda>":
+            raise TypeError("a command is a method with a name; write it with def instead of lambda")
         setattr(function, _MARK, effect)
         return function
 
     return mark if function is None else mark(function)
+
+
+def is_command(function: Callable[..., Any]) -> bool:
+    """Whether a method is marked as a command."""
+    return hasattr(function, _MARK)
 
 
 def commands_of(cls: type[Any]) -> Mapping[str, Command]:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from contextvars import ContextVar
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, ParamSpec, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, Protocol, Self, TypeVar
 
 import msgspec
 
@@ -34,6 +34,14 @@ class CommandContext(msgspec.Struct, frozen=True, kw_only=True):
     """Epoch of the robot when the command was accepted."""
     deadline_at: float
     """[s] on the monotonic clock: when it must be done."""
+
+
+class CallLimit(NamedTuple):
+    """The time that one call of a child may take."""
+
+    seconds: float
+    text: str
+    """As its author wrote it, for people."""
 
 
 if TYPE_CHECKING:
@@ -193,6 +201,18 @@ class Activity(Protocol):
         """Have `wait_for` look again. From any thread."""
         ...
 
+    def next_reading(self, slot: str, after: int, at: float) -> tuple[int, Any]:
+        """Wait until `at` [s], and then for readings of a child that are newer than those of a number."""
+        ...
+
+    def reading(self, slot: str) -> Any:
+        """Return the latest readings of a child; waits for the first."""
+        ...
+
+    def wait_until(self, condition: Callable[[], object], limit: CallLimit | None) -> None:
+        """Wait until a condition on readings of children is true; see `Robot.wait_until`."""
+        ...
+
     def progress(self, fraction: float, text: str) -> None:
         """Tell how far the command is."""
         ...
@@ -209,11 +229,15 @@ class Activity(Protocol):
         """Enter a text, or a piece of a line, in the robot's log. No cancellation point."""
         ...
 
-    def call(self, slot: str, command: str, arguments: Mapping[str, Any]) -> Any:
+    def call(
+        self, slot: str, command: str, arguments: Mapping[str, Any], limit: CallLimit | None = None
+    ) -> Any:
         """Call a child's command, wait for its end and return the result."""
         ...
 
-    def start(self, slot: str, command: str, arguments: Mapping[str, Any]) -> CallFuture:
+    def start(
+        self, slot: str, command: str, arguments: Mapping[str, Any], limit: CallLimit | None = None
+    ) -> CallFuture:
         """Call a child's command; it ends with the running command at the latest."""
         ...
 
@@ -233,12 +257,24 @@ class Activity(Protocol):
 _running: ContextVar[Activity] = ContextVar("robotree_running_command")
 
 
+_end_child: Callable[[], None] | None = None
+"""What ends this process, if it is a forked child: in it no command runs."""
+
+
+def in_child(end: Callable[[], None]) -> None:
+    """From now on no command runs here; `end` is called where code asks for one."""
+    global _end_child  # noqa: PLW0603 # it is so once, and for good
+    _end_child = end
+
+
 def running() -> Activity:
     """Return the command that runs here.
 
     Raises:
         RuntimeError: none does.
     """
+    if _end_child is not None:
+        _end_child()
     activity = _running.get(None)
     if activity is None:
         raise RuntimeError(
@@ -252,7 +288,7 @@ def running() -> Activity:
 def activity_here() -> Activity | None:
     """Return the command that runs here, or None."""
     activity = _running.get(None)
-    return None if activity is None else activity.in_this_thread()
+    return None if activity is None or _end_child is not None else activity.in_this_thread()
 
 
 def commander_here() -> Activity | None:
@@ -261,7 +297,7 @@ def commander_here() -> Activity | None:
     A context alone does not say so: event loops and timers take it over from the thread that calls them.
     """
     activity = _running.get(None)
-    return activity if activity is not None and activity.is_here() else None
+    return activity if activity is not None and _end_child is None and activity.is_here() else None
 
 
 enter: Callable[[Activity], object] = _running.set

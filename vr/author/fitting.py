@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from robotree.vr.base.description import CommandSpec, FieldSpec, RobotDescription
+from robotree.vr.base.description import CommandSpec, FieldSpec, RobotDescription, offered
 
 
 def misfit(robot: RobotDescription, promises: Iterable[CommandSpec], uses: Iterable[str]) -> str:
@@ -20,14 +20,13 @@ def misfit(robot: RobotDescription, promises: Iterable[CommandSpec], uses: Itera
 
 def _reasons(robot: RobotDescription, promises: Iterable[CommandSpec], uses: Iterable[str]) -> Iterator[str]:
     known = {command.name: command for command in robot.commands}
-    has = f"it has: {', '.join(known) or 'none'}"
     for name in uses:
         if name not in known:
-            yield f"has no command {name}, which the page uses; {has}"
+            yield f"has no command {name}, which the page uses; it has: {offered(known, name)}"
     for promise in promises:
         command = known.get(promise.name)
         if command is None:
-            yield f"has no command {promise.name}; {has}"
+            yield f"has no command {promise.name}; it has: {offered(known, promise.name)}"
         elif command.available:  # of an exposed one nothing is known while its slot is empty
             yield from (f"has a command {promise.name} that {one}" for one in _differences(command, promise))
 

@@ -22,6 +22,7 @@ from robotree.vr.base.description import CommandSpec, Effect
 
 if TYPE_CHECKING:
     from robotree.vr.author.context import CallFuture
+    from robotree.vr.author.readings import Readings
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -33,6 +34,11 @@ class Kind:
 
     def __bool__(self) -> bool:
         """Whether there is a child in the slot."""
+        raise NotImplementedError
+
+    @property
+    def readings(self) -> Readings:
+        """The readings of the child, as it publishes them."""
         raise NotImplementedError
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Mapping
+import inspect
+from collections.abc import Awaitable, Callable, Mapping
 from contextlib import AbstractContextManager
 from typing import Any, ClassVar
 
-from robotree.vr.author.context import CommandContext, Race, Together, running
+from robotree.vr.author.context import CallLimit, CommandContext, Race, Together, running
 from robotree.vr.base.address import check_name
+from robotree.vr.base.units import seconds as seconds_of
 
 
 class Robot:
@@ -100,6 +102,27 @@ class Robot:
         """Wait [s]; ends early, as `check` would, when the command is asked to end."""
         running().sleep(seconds)
 
+    def wait_until(self, condition: Callable[[], object], within: float | str | None = None) -> None:
+        """Wait until a condition on readings of children is true: one step, however often it is looked at.
+
+            self.wait_until(lambda: self.arm.readings.z > 0.3, within="5 s")
+
+        It is looked at when a child whose readings it reads publishes them: see `Readings` for the rate.
+
+        Args:
+            condition: reads readings of children, and attributes of the page; it calls no commands.
+            within: [s], or text with a unit; None: until the deadline of the command.
+
+        Raises:
+            TimeoutError: it was not true in that time.
+            SlotEmpty: a child was lost meanwhile.
+            RuntimeError: the condition calls a command, or has read no readings of a child.
+        """
+        limit = None
+        if within is not None:
+            limit = CallLimit(seconds_of(within), within if isinstance(within, str) else f"{within:g} s")
+        running().wait_until(condition, limit)
+
     def now(self) -> float:
         """Return the time [s] on a monotonic clock."""
         return float(running().observe(running().now))
@@ -163,6 +186,43 @@ class Robot:
             text: a word about it.
         """
         running().progress(fraction, text)
+
+
+HOOKS = ("readings", "safe_stop", "resume")
+"""Methods that the agent calls, so that an author may write them: with the parameters of `Robot`."""
+OPTIONS = frozenset(
+    {"begins", "one_at_a_time", "reading_units", "isolated", "online", "halted", "attributes"}
+)
+"""Attributes that an author may set for the agent."""
+
+
+def call_of(hook: str) -> str:
+    """Return how the agent calls a hook: `safe_stop(reason)`."""
+    _, *given = inspect.signature(getattr(Robot, hook)).parameters
+    return f"{hook}({', '.join(given)})"
+
+
+def expect_hooks(cls: type[Robot]) -> None:
+    """Refuse hooks that the agent could not call: found now, and not in an emergency.
+
+    Raises:
+        TypeError: one is no plain method, is `async def`, yields, or takes other parameters.
+    """
+    for hook in HOOKS:
+        written = inspect.getattr_static(cls, hook)
+        name = f"{cls.__name__}.{hook}"
+        if not inspect.isfunction(written):
+            raise TypeError(f"{name} is called by every robot; write it as a method: def {call_of(hook)}")
+        if inspect.iscoroutinefunction(written):
+            raise TypeError(f"{name} runs in a thread: write it without async")
+        if inspect.isgeneratorfunction(written) or inspect.isasyncgenfunction(written):
+            raise TypeError(f"{name} cannot yield: it does its work and returns")
+        _, *given = inspect.signature(getattr(Robot, hook)).parameters
+        try:
+            inspect.signature(written).bind("self", *given)
+        except TypeError:
+            wanted = ", ".join(["self", *given])
+            raise TypeError(f"{name} must take what the robot gives it: write def {hook}({wanted})") from None
 
 
 def attributes_of(cls: type[Any]) -> dict[str, Any]:

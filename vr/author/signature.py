@@ -38,6 +38,8 @@ class Command(msgspec.Struct, frozen=True):
     """Annotation of the result; `Any` where there is none."""
     builds: Mapping[str, Any] = {}
     """Annotations of the parameters that the function takes in another form than they travel in."""
+    changeable: Mapping[str, Any] = {}
+    """Defaults that code can change: each call gets a copy of its own."""
 
     def run(self, robot: Robot, arguments: Arguments) -> Any:
         """Call the function, in the thread of the command.
@@ -50,12 +52,16 @@ class Command(msgspec.Struct, frozen=True):
             BadArgument: a class of the author's refuses to be made of them.
             Exception: what the author's code raises.
         """
+        given = arguments.keys()
         if not _CHANGEABLE.isdisjoint(map(type, arguments.values())):
             arguments = copy.deepcopy(arguments)  # they are part of the robot's state, which no code changes
+        if self.changeable:
+            missing = {name: self.changeable[name] for name in self.changeable.keys() - arguments.keys()}
+            arguments = {**arguments, **copy.deepcopy(missing)}
         if not self.builds:
             return self.function(robot, **arguments)
         built = {
-            name: self._build(name, value) if name in self.builds else value
+            name: self._build(name, value) if name in self.builds and name in given else value
             for name, value in arguments.items()
         }
         return self.function(robot, **built)
@@ -118,7 +124,12 @@ def signature_of(function: Callable[..., Any], effect: Effect) -> Command:
         result=tuple(_result(hints.get("return", types.NoneType), function.__qualname__)),
     )
     builds = {name: hint for name, hint in hints.items() if name != "return" and needs_building(hint)}
-    return Command(spec, function, hints.get("return", Any), builds)
+    changeable = {
+        one.name: one.default
+        for one in parameters
+        if type(one.default).__hash__ is None  # a list, a dict, a set, a record that is not frozen
+    }
+    return Command(spec, function, hints.get("return", Any), builds, changeable)
 
 
 def _expect_method(function: Callable[..., Any], hints: Mapping[str, Any]) -> list[inspect.Parameter]:
@@ -185,6 +196,9 @@ def _with_default(field: FieldSpec, default: Any, command: str) -> FieldSpec:
     Raises:
         TypeError: the command would refuse it.
     """
+    if default is None and not field.nullable:
+        bare = f"{command}: {field.name}: None is no {field.type}"
+        raise TypeError(f"default of {bare}; write {field.name}: … | None = None, or another default")
     try:
         field = msgspec.structs.replace(field, required=False, default=to_plain(default))
         check_argument(field, field.default, command=command)

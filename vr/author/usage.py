@@ -15,6 +15,8 @@ from typing import Any
 
 _ATTRIBUTES = {"LOAD_ATTR", "LOAD_METHOD"}
 _INDEXING = {"LOAD_CONST", "LOAD_FAST", "LOAD_SMALL_INT", "BINARY_SUBSCR", "BINARY_OP"}
+READINGS = "readings"
+"""What each child has that is no command."""
 _ITERATION = {"GET_ITER", "FOR_ITER"}
 
 
@@ -31,7 +33,8 @@ def used_commands(cls: type[Any], slots: Collection[str], groups: Collection[str
         return used
     for code in _codes(cls):
         for slot, command in _uses(code, slots, groups):
-            used[slot].add(command)
+            if command != READINGS:
+                used[slot].add(command)
     return used
 
 
@@ -63,6 +66,9 @@ def _uses(code: CodeType, slots: Collection[str], groups: Collection[str]) -> It
         name = str(one.argval)
         if before and one.opname in _ATTRIBUTES and deep and not name.startswith("_"):
             yield before, name
+            before = ""
+        elif one.opname in _ATTRIBUTES and before in groups and name not in {"items", "keys", "values"}:
+            yield before, name  # of all children of the group
             before = ""
         elif one.opname in _ATTRIBUTES:
             before, deep = (name, name in slots) if name in (*slots, *groups) else ("", False)

@@ -11,20 +11,13 @@ import msgspec
 
 from robotree.vr.author.child import Child, Children, Exposed, Slotted
 from robotree.vr.author.fields import Kept, declare
-from robotree.vr.author.robot import Robot, attributes_of
+from robotree.vr.author.robot import HOOKS, OPTIONS, Robot, attributes_of, expect_hooks
 from robotree.vr.author.usage import used_commands
-from robotree.vr.base.description import SlotSpec
+from robotree.vr.base.description import SlotSpec, offered
 from robotree.vr.base.units import Unit
 from robotree.vr.core.bonds import Slots
 
 _CACHE = "__robotree_slots__"
-_OWN = frozenset(
-    {
-        *("name", "attributes", "slots_now", "field_values", "child_slots", "kinds", "begins", "online"),
-        *("isolated", "halted", "reading_units", "readings", "safe_stop", "resume", "one_at_a_time"),
-    }
-)
-"""What the agent of each robot uses of it, so that no slot can have this name."""
 _ANNOTATED_SLOT = re.compile(r"(\w+\.)?Child(ren)?\(")
 
 
@@ -39,16 +32,15 @@ class VirtualRobot(Robot):
     """Its settings and declared state."""
 
     def __init_subclass__(cls) -> None:
-        """Find settings and state, and refuse what cannot work: slow hooks, and slots that are none.
+        """Find settings and state, and refuse what cannot work: wrong hooks, and slots that are none.
 
         Raises:
-            TypeError: a hook is `async def`, the kind of a slot lacks an exposed command, an attribute is a
+            TypeError: a hook cannot be called, the kind of a slot lacks an exposed command, an attribute is a
                 list of `Child`, or a setting or state is declared wrongly.
             ValueError: a unit of a reading is not known.
         """
         super().__init_subclass__()
-        for symbol in cls.reading_units.values():
-            Unit(symbol)
+        _expect_units(cls)
         for name, annotation in inspect.get_annotations(cls).items():
             if isinstance(annotation, Slotted) or _ANNOTATED_SLOT.match(str(annotation)):
                 raise TypeError(
@@ -58,7 +50,7 @@ class VirtualRobot(Robot):
             _expect_called(cls, name, value)
             if isinstance(value, Exposed):
                 _expect_promised(cls, name, value)
-            if isinstance(value, Exposed | Slotted) and name in _OWN:
+            if isinstance(value, Exposed | Slotted) and name in {*RESERVED, *HOOKS, *OPTIONS}:
                 raise TypeError(
                     f"{cls.__name__}.{name}: it cannot have this name; every robot uses it itself"
                 )
@@ -68,9 +60,7 @@ class VirtualRobot(Robot):
                     f"{cls.__name__}.{name} is a {type(value).__name__} of Child, which makes no slots; "
                     f"write: {name} = Children({kinds[0]!r}, least={count}, most={count})"
                 )
-        for hook in ("readings", "safe_stop", "resume"):
-            if inspect.iscoroutinefunction(getattr(cls, hook)):
-                raise TypeError(f"{cls.__name__}.{hook} runs in a thread: write it without async")
+        expect_hooks(cls)
         declare(cls)
 
     def __new__(cls, *_arguments: Any, **_named: Any) -> Self:
@@ -95,10 +85,29 @@ class VirtualRobot(Robot):
         self.slots_now: Callable[[], Slots] = lambda: empty
         """Where its slots are: in the state that its agent keeps."""
 
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Set an attribute of the page's own.
+
+        Raises:
+            AttributeError: it is a slot or an exposed command: the child would be gone without a word.
+        """
+        if isinstance(getattr(type(self), name, None), Slotted | Exposed):
+            raise AttributeError(  # noqa: TRY004 # as Python says of what cannot be set
+                f"{type(self).__name__}.{name} is a slot or an exposed command, which no page sets; "
+                f"keep the value under another name, such as self._{name}"
+            )
+        super().__setattr__(name, value)
+
     @property
     def child_slots(self) -> Slots:
         """Its slots as they are now. Do not keep what is returned: the state may be another one later."""
         return self.slots_now()
+
+
+RESERVED = frozenset(
+    {"name"} | {name for name in dir(VirtualRobot) if not name.startswith("_")} - {*HOOKS, *OPTIONS}
+)
+"""What each robot has and uses itself, so that nothing of a page can have these names."""
 
 
 def slots_of(cls: type[Any]) -> dict[str, Slotted]:
@@ -131,17 +140,39 @@ def exposures_of(cls: type[Any]) -> dict[str, Exposed]:
     return {name: value for name, value in attributes_of(cls).items() if isinstance(value, Exposed)}
 
 
-def _expect_promised(cls: type[Any], name: str, exposed: Exposed) -> None:
-    """Refuse to let a command through that the interface of the slot does not have.
+def _expect_units(cls: type[Any]) -> None:
+    """Refuse units of readings that nobody knows.
 
     Raises:
-        TypeError: it has none of this name.
+        TypeError: `reading_units` is no mapping of texts.
+        ValueError: a unit is not known.
+    """
+    units: Any = cls.reading_units
+    if not isinstance(units, Mapping):
+        raise TypeError(
+            f'{cls.__name__}.reading_units gives units by name: write reading_units = {{"height": "m"}}'
+        )
+    for symbol in cast("Mapping[str, str]", units).values():
+        Unit(symbol)
+
+
+def _expect_promised(cls: type[Any], name: str, exposed: Exposed) -> None:
+    """Refuse to let a command through that the interface of the slot does not have, and wrong units.
+
+    Raises:
+        TypeError: it has none of this name, or a unit measures something else than the child's.
     """
     slot = exposed.child
     known = sorted(promise.name for promise in slot.promises())
     if slot.interface is not None and exposed.command not in known:
         told = f"{slot.name} is of kind {slot.kind}, which has no command {exposed.command!r}"
-        raise TypeError(f"{cls.__name__}.{name}: {told}; it has: {', '.join(known)}")
+        raise TypeError(f"{cls.__name__}.{name}: {told}; it has: {offered(known, exposed.command)}")
+    for promise in slot.promises():
+        if promise.name == exposed.command:
+            try:
+                exposed.seen(promise)
+            except ValueError as error:
+                raise TypeError(f"{cls.__name__}.{name}: {error}") from None
 
 
 def _expect_called(cls: type[Any], name: str, value: object) -> None:

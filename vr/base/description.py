@@ -102,6 +102,20 @@ class SlotSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     child: Address | None = None
     lost: str = ""
     """Why the slot is empty, if a child was lost; empty when there never was one or it was released."""
+    was: str = ""
+    """Name of the child that was lost; empty: none was."""
+
+
+RENAMED = {"stop": "halt"}
+"""Names that commands had before, and what each is called now."""
+
+
+def offered(names: Iterable[str], asked: str) -> str:
+    """Say which commands there are where the one that was asked for is missing."""
+    known = [*names]
+    now = RENAMED.get(asked)
+    hint = f"; {asked} is called {now} now" if now in known else ""
+    return f"{', '.join(known) or 'none'}{hint}"
 
 
 class Lack(NamedTuple):
@@ -111,6 +125,8 @@ class Lack(NamedTuple):
     """Name of the slot or group."""
     kind: str
     number: int
+    was: str = ""
+    """Name of the child that was lost there; empty: none was, or it is a group."""
 
 
 def lacking(slots: Iterable[SlotSpec]) -> tuple[Lack, ...]:
@@ -122,7 +138,7 @@ def lacking(slots: Iterable[SlotSpec]) -> tuple[Lack, ...]:
             bound = sum(1 for one in slots if one.group == slot.group and one.child is not None)
             found[slot.group] = Lack(slot.group, slot.kind, slot.least - bound)
         elif slot.child is None and not slot.optional:
-            found[slot.name] = Lack(slot.name, slot.kind, 1)
+            found[slot.name] = Lack(slot.name, slot.kind, 1, slot.was)
     return tuple(lack for lack in found.values() if lack.number > 0)
 
 
@@ -189,6 +205,8 @@ class RobotDescription(_Agent, frozen=True, kw_only=True, omit_defaults=True):
     """How many protective stops have begun: a request to end one names the count that its sender saw."""
     abandoned: tuple[str, ...] = ()
     """Commands that were ended and whose code still runs: only a restart of its host ends them."""
+    faults: tuple[str, ...] = ()
+    """How hooks of its page failed when they were last called, as sentences with page and line."""
     readings: dict[str, float] = {}
     """What it reads now, and `progress` of the running command; an author's own are one sample old."""
     units: dict[str, str] = {}

@@ -8,14 +8,20 @@ On one machine all processes share one clock (CLOCK_MONOTONIC), so the moment of
 the time that the way takes counts against the request, and against the deadline of a call. Clocks of
 different machines cannot be compared: there a request is as new as its arrival, so only the remaining times
 (`holds`, `Call.deadline`) count, from the arrival on.
+
+A person who asks has a name, `anna@pts/3`. The sender only says at which terminal the person sits. The user's
+name the receiver puts in: on one machine it talks only to processes of its own user, as the kernel names
+their users (SO_PEERCRED, `network/mesh.py`). So nobody can call himself somebody else.
 """
 
 from __future__ import annotations
 
 import contextlib
 import math
+import os
+import re
 from collections.abc import Generator
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -51,6 +57,14 @@ All others only ask or prolong. `Detach` is one of these: it lets a motion go on
 it, so a late one must not count, and after the term of the bond its epoch is refused in any case.
 """
 
+SCRIPT = "script"
+"""Instead of a terminal, where a person's program has none."""
+
+_TERMINAL = re.compile(r"[\w/.-]{1,32}")
+
+_here = ""
+"""The terminal at which the person sits for whom this process asks; empty: it asks for nobody."""
+
 _simulated = ""
 """The simulated clock that this process has; empty: the machine's."""
 
@@ -69,6 +83,8 @@ class Envelope(msgspec.Struct, frozen=True, array_like=True):
     """Which clock the asker has: see `this_clock`."""
     proof: bytes = b""
     """Room for what proves the sender. On one machine the kernel vouches for the user of each process."""
+    terminal: str = ""
+    """At which the person sits for whom it is asked; empty: it is asked for no person, but for a robot."""
 
 
 class Sealed(NamedTuple):
@@ -87,6 +103,8 @@ class Received(NamedTuple):
     sender: str
     asked: float
     """[s] on the clock of this process: when it was asked, or, from another machine, when it arrived."""
+    person: str = ""
+    """Who asks, if it is a person: `anna@pts/3`."""
 
 
 _encode = msgspec.msgpack.Encoder().encode
@@ -104,7 +122,7 @@ def seal(request: AnyRequest, *, now: float, within: float, sender: str = "") ->
     """
     begins, ends = isinstance(request, BEGINS), isinstance(request, ENDS)
     holds = min(within, FRESH) if begins else math.inf if ends else within
-    body = _encode(Envelope(request, sender, now, holds, this_clock()))
+    body = _encode(Envelope(request, sender, now, holds, this_clock(), b"", _here))
     return Sealed(body, now + holds if begins or ends else 0.0)
 
 
@@ -127,7 +145,48 @@ def opened(body: bytes, who: str, now: float) -> Received:
     asked = envelope.asked if same_clock(envelope.clock) and envelope.asked <= now else now
     if not now - asked < envelope.holds:
         raise NoAnswer(key=who, seconds=envelope.holds)
-    return Received(envelope.request, envelope.sender, asked)
+    terminal = envelope.terminal
+    return Received(envelope.request, envelope.sender, asked, person_at(terminal) if terminal else "")
+
+
+@contextlib.contextmanager
+def sitting_at(terminal: str) -> Generator[None]:
+    """Ask, inside the block, for a person who sits at a terminal; outside of it a process asks for nobody."""
+    global _here  # noqa: PLW0603 # a process has one terminal
+    before, _here = _here, terminal
+    try:
+        yield
+    finally:
+        _here = before
+
+
+def this_terminal() -> str:
+    """Return the terminal of this process as `who` prints it, `pts/3`; `SCRIPT` where there is none."""
+    for stream in range(3):
+        with contextlib.suppress(OSError):
+            return os.ttyname(stream).removeprefix("/dev/")
+    return SCRIPT
+
+
+@lru_cache(64)
+def person_at(terminal: str) -> str:
+    """Return the name of a person of this user who sits at a terminal."""
+    return f"{_this_user()}@{terminal if _TERMINAL.fullmatch(terminal) else SCRIPT}"
+
+
+def is_person(caller: str) -> bool:
+    """Whether the name of a caller is that of a person: no robot's name has an @."""
+    return "@" in caller
+
+
+@cache
+def _this_user() -> str:
+    import pwd  # only those who are asked need it
+
+    try:
+        return pwd.getpwuid(os.geteuid()).pw_name
+    except KeyError:
+        return str(os.geteuid())
 
 
 def this_clock() -> str:

@@ -5,10 +5,10 @@ that a caller on the far side of the network catches the same class with the sam
 
     VrError
       AddressError    BadName · DuplicateName · NameInSilence · Hanging · NoSuchRobot · NoSuchHost · NoHost
-                      NoSuchView
+                      HostReserved · NoSuchView
       CommandError    NoSuchCommand · NoSettings · BadArgument · CommandFailed (Failed) · CommandCancelled
-                      ChildCancelled · DeadlineExceeded · Busy · UnderWay · CommandInDoubt · Stopped
-                      StillRunning · KeyReused
+                      ChildCancelled · ChildTimeout · DeadlineExceeded · Busy · UnderWay · CommandInDoubt
+                      Stopped · StillRunning · KeyReused
       LeaseError      LeaseDenied · StaleEpoch · Retracted · CycleOfBonds · NotInControl
       BondError       NoSuchSlot · SlotOccupied · SlotHeld · SlotEmpty · GroupFull · WrongKind · DoesNotFit
                       StillBonded · NotVirtual
@@ -22,7 +22,10 @@ that a caller on the far side of the network catches the same class with the sam
 from __future__ import annotations
 
 import string
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
+
+if TYPE_CHECKING:
+    from robotree.vr.base.own_class import OwnClass
 
 
 class VrError(Exception):
@@ -32,9 +35,13 @@ class VrError(Exception):
     """Format string; its placeholders are the names of the data that the error carries."""
 
     registry: ClassVar[dict[str, type[VrError]]] = {}
+    entered: bool = False
+    """Whether it ended a command that its robot had accepted: then the robot's log has it."""
     trace: tuple[str, ...] = ()
     """The lines of the authors' pages through which it came, the outermost first, and what caused it: for
     people."""
+    own_class: OwnClass | None = None
+    """The class of its page's own as which it was raised; None: it is one of ours."""
 
     def __init_subclass__(cls) -> None:
         """Enter the class in the registry by which a far side finds it again; not an author's own."""
@@ -57,6 +64,24 @@ class VrError(Exception):
             raise TypeError(msg)
         self.data = data
         super().__init__(self.sentence.format(**self.words(data)))
+
+    def __str__(self) -> str:
+        """Return the sentence; where it does not name the page's own class, that follows."""
+        text, own = super().__str__(), self.own_class
+        if own is None or own.name == type(self).__qualname__ or own.name in text:
+            return text
+        return f"{text} ({own.name})"
+
+    @classmethod
+    def registered(cls, kind: type[BaseException], other: type[VrError] | None = None) -> type[VrError]:
+        """Return the class as which an error of a class travels: the nearest that a far side knows.
+
+        Args:
+            kind: of the error.
+            other: what it is if it is no `VrError`; None: `VrError`.
+        """
+        bases = (base for base in kind.__mro__ if cls.registry.get(base.__name__) is base)
+        return next(bases, other or VrError)
 
     @classmethod
     def names(cls) -> list[str]:
@@ -139,6 +164,12 @@ class NoHost(AddressError):
     """No host runs at all."""
 
     sentence = "no host is running; start one with `robotree host NAME`"
+
+
+class HostReserved(AddressError):
+    """The host runs one robot alone, and another one was to be made there."""
+
+    sentence = "host {host!r} runs {robot} alone; start another with `robotree host NAME`, or: --own-host"
 
 
 class NoSuchView(AddressError):
@@ -270,6 +301,15 @@ class ChildCancelled(CommandError):
     """A call of a child was cancelled alone: the command that made it was not asked to end."""
 
     sentence = "{robot}.{command} was cancelled alone, not the command that called it: {reason}"
+
+
+class ChildTimeout(CommandError):
+    """A call of a child was not done within the time that its caller gave this call; it was cancelled."""
+
+    sentence = (
+        "{robot}.{command} was not done within the {limit} that its caller gave it, and was cancelled; allow "
+        "it more time or look at what blocks it"
+    )
 
 
 class DeadlineExceeded(CommandError):

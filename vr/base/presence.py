@@ -27,6 +27,9 @@ LONGEST = 3.0
 PresenceHandler = Callable[[str, bool], None]
 """Takes one change of presence: the key, and whether it is there now. Must not block."""
 
+LEAVES = 4096
+"""Agents that have taken their leave and are remembered."""
+
 Undo = Callable[[], None]
 """Takes back what was declared. Twice is once."""
 
@@ -59,6 +62,7 @@ class Presence:
         *,
         held: Callable[[str], list[Held]],
         unheard: Callable[[str], list[tuple[Held, bool]]],
+        late: Callable[[str], list[Held]] = lambda _: [],
         hand_on: Callable[[Callable[[], object]], object] = lambda action: action(),
     ) -> None:
         """Begin with nobody.
@@ -67,12 +71,15 @@ class Presence:
             held: returns what the record says that is held under a pattern.
             unheard: returns what is held under a pattern by others without a sign of life, and if it is
                 certain that they hang: else they may be coming, waking up, ending, or only slow.
+            late: returns what is held under a pattern by others that beat late, to be shown to people.
             hand_on: calls something on the event loop, in order; from any thread.
         """
-        self._held, self._unheard, self.hand_on = held, unheard, hand_on
+        self._held, self._unheard, self._late, self.hand_on = held, unheard, late, hand_on
         self._lock = threading.RLock()
         self._keys = Keys()
         """How many processes that are heard are present under a key, this one included."""
+        self._left: dict[str, None] = {}
+        """Keys of agents that have taken their leave, the oldest first."""
         self._watches = Handlers[PresenceHandler]()
         self._numbers = itertools.count()
         self._closed = False
@@ -82,6 +89,13 @@ class Presence:
     def there(self, key: str) -> bool:
         """Whether anything is present under a key."""
         return key in self._keys
+
+    def left(self, key: str) -> bool:
+        """Whether the agent under a key has taken its leave: it said so itself, whatever came after that.
+
+        One that is not there and has not taken its leave was lost: its process has died or hangs.
+        """
+        return key in self._left
 
     def keys(self, pattern: str) -> list[str]:
         """Return the keys under a pattern that are present, in order.
@@ -157,6 +171,19 @@ class Presence:
                 return [one for one, certain in found if certain or one.key in doubt]
             await asyncio.sleep(LOOK)
 
+    def hangs(self, pattern: str) -> list[Held]:
+        """Return the agents under a pattern in processes that certainly hang by now, without waiting."""
+        self._check(pattern)
+        return [one for one, certain in self._unheard(pattern) if certain]
+
+    def late(self, pattern: str) -> list[Held]:
+        """Return the agents under a pattern in processes that are late with their sign of life.
+
+        It is for people to see; nothing else follows from it. They come, or turn out to hang.
+        """
+        self._check(pattern)
+        return self._late(pattern)
+
     def lives(self, key: str) -> bool:
         """Whether an agent is present under a key, also if its link is not up yet."""
         return self.there(key) or bool(self._unheard(key))
@@ -172,9 +199,20 @@ class Presence:
 
     # -- for the transport ------------------------------------------------------------------------
 
-    def count(self, key: str, *, there: bool) -> None:
-        """Take that one more process is present under a key, or one less. From any thread."""
+    def count(self, key: str, *, there: bool, left: bool = False) -> None:
+        """Take that one more process is present under a key, or one less. From any thread.
+
+        Args:
+            key: as announced.
+            there: one more.
+            left: the process itself has said that it is present under that key no longer.
+        """
         with self._lock:
+            self._left.pop(key, None)
+            if left:
+                self._left[key] = None
+                while len(self._left) > LEAVES:
+                    del self._left[next(iter(self._left))]
             if (self._keys.add if there else self._keys.remove)(key):
                 for tell in self._watches.of(key):
                     self.hand_on(partial(tell, key, there))

@@ -16,6 +16,7 @@ import msgspec
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import CommandSpec, Listing, RobotDescription, Template
 from robotree.vr.base.errors import Garbled, VrError
+from robotree.vr.base.own_class import OwnClass
 
 PATIENCE = 5.0
 """[s] for an answer that takes no work: two round trips over 1 s each way, and some."""
@@ -89,6 +90,9 @@ class Petition(_Message, frozen=True, kw_only=True):
     """[s] asked for; the child decides."""
     key: str = ""
     """By which the parent can take it back if no answer comes."""
+    returns: int | None = None
+    """Epoch of the lease that was lost by silence: granted only if nobody has used the robot since. None: it
+    asks anew."""
 
 
 class Retract(_Message, frozen=True, kw_only=True):
@@ -281,8 +285,8 @@ class Reloaded(_Message, frozen=True, kw_only=True):
     """What could not stay, and what is new, as sentences."""
 
 
-Level = Literal["debug", "info", "warning", "error", "done", "failed", "cancelled"]
-"""How important a line is; of the last three, how a command ended."""
+Level = Literal["debug", "info", "warning", "error", "asked", "done", "failed", "cancelled"]
+"""How important a line is; `asked`: a person's command goes on or waits; of the last three, how one ended."""
 
 
 class LoggedLine(msgspec.Struct, frozen=True):
@@ -295,7 +299,17 @@ class LoggedLine(msgspec.Struct, frozen=True):
     level: Level
     text: str
     command: str = ""
-    """That has ended so; empty: the line is no outcome."""
+    """That was asked for, or has ended so; empty: the line is about none. So are all that follow."""
+    key: str = ""
+    """Of the call."""
+    caller: str = ""
+    """Who asked: a person, `anna@pts/3`, or the robot's parent."""
+    arguments: str = ""
+    """As they came: `x=0.3 y=0.1`."""
+    waited: float = 0.0
+    """[s] for its turn."""
+    ran: float = 0.0
+    """[s]"""
 
 
 class Logged(_Message, frozen=True, kw_only=True):
@@ -379,17 +393,19 @@ class Raised(_Message, frozen=True, kw_only=True):
     data: dict[str, Any] = {}
     trace: tuple[str, ...] = ()
     """See `VrError.trace`."""
+    own_class: OwnClass | None = None
+    """See `VrError.own_class`."""
 
     @classmethod
     def of(cls, error: VrError) -> Raised:
-        """Pack an error for the journey; one of an author's own class goes as its base."""
-        known = (kind.__name__ for kind in type(error).__mro__ if VrError.registry.get(kind.__name__) is kind)
-        return cls(error=next(known, "VrError"), data=error.data, trace=error.trace)
+        """Pack an error for the journey; one of an author's own class goes as its base, which names it."""
+        known = VrError.registered(type(error))
+        return cls(error=known.__name__, data=error.data, trace=error.trace, own_class=error.own_class)
 
     def revive(self) -> VrError:
         """Make the error again."""
         error = VrError.revive(self.error, self.data)
-        error.trace = self.trace
+        error.trace, error.own_class = self.trace, self.own_class
         return error
 
 

@@ -112,6 +112,19 @@ def convert(number: float, given: str, wanted: str) -> float:
     return number if given == wanted else _convert(number, given, wanted)
 
 
+def seconds(given: float | str) -> float:
+    """Return a time [s] that an author gives as a number in seconds or as a text with a unit: `"500 ms"`.
+
+    Raises:
+        ValueError: it is none, or below zero.
+    """
+    value: Any = given
+    number = read_quantity(value, "s") if isinstance(value, str) else float(value)
+    if not 0.0 <= number < math.inf:
+        raise ValueError(f"{shorten(given)} is no time: write for example 0.5, or '500 ms'")
+    return number
+
+
 def in_unit(unit: str) -> str:
     """Return ` in UNIT`, or nothing for a plain number."""
     return f" in {unit}" if unit else ""

@@ -27,10 +27,10 @@ from typing import Any, TypeVar, cast
 
 from robotree.vr.author.child import Slotted
 from robotree.vr.author.robot import Robot
-from robotree.vr.author.virtual_robot import VirtualRobot
+from robotree.vr.author.virtual_robot import RESERVED, VirtualRobot
 from robotree.vr.base.errors import BadName, BrokenSource
-from robotree.vr.bundle.check import replaced_slots
 from robotree.vr.bundle.package import PREFIX, Package, package_of
+from robotree.vr.bundle.refused import mistakes
 from robotree.vr.bundle.syntax import line_of, slots_at
 from robotree.vr.running.interruptible import Interrupted, InterruptibleThread
 from robotree.vr.running.page_trace import authors_file, file_in_tracebacks, words_of
@@ -115,13 +115,6 @@ def forget(name: str) -> None:
             linecache.cache.pop(file, None)
 
 
-_CALLED = (
-    *("context", "cancelled", "check", "sleep", "now", "random"),
-    *("together", "first", "cleanup", "progress"),
-)
-"""What commands call on self, so that no method of a page can have this name. (A double in a test may.)"""
-
-
 def built(cls: type[VirtualRobot], name: str, given: Mapping[str, Any]) -> VirtualRobot:
     """Return a new robot with the given settings, which are checked; its constructor can read them already.
 
@@ -144,16 +137,15 @@ def built(cls: type[VirtualRobot], name: str, given: Mapping[str, Any]) -> Virtu
 
 
 def expect_constructor(cls: type[VirtualRobot]) -> None:
-    """Refuse a constructor that does not take the name alone, and a method that hides one of each robot.
+    """Refuse a constructor that does not take the name alone, and what hides something of each robot.
 
     Raises:
         TypeError: says what to write instead.
     """
     kind = cls.__name__
-    for name in _CALLED:
-        method = getattr(cls, name)  # a slot may have it: an author who writes one sees what it hides
-        if inspect.isfunction(method) and method is not getattr(VirtualRobot, name):
-            raise TypeError(f"{kind}.{name}: a method cannot have this name; every robot uses it itself")
+    for name in sorted(RESERVED):
+        if inspect.getattr_static(cls, name, None) is not inspect.getattr_static(VirtualRobot, name, None):
+            raise TypeError(f"{kind}.{name}: it cannot have this name; every robot uses it itself")
     if dataclasses.is_dataclass(cls):
         instead = "take @dataclass away; settings are attributes with a type and a default"
         raise TypeError(f"{kind}.__init__ is that of a dataclass: {instead}")
@@ -236,13 +228,13 @@ def within(work: Callable[[], _T], path: str, file: str, limit: float) -> _T:
 def _compile(source: str, path: str, file: str) -> CodeType:
     try:
         code = compile(source, file, "exec", dont_inherit=True)
-        replaced = replaced_slots(source)
+        refused = mistakes(source)
     except SyntaxError as error:
         where = f"line {error.lineno}: " if error.lineno else ""
         raise BrokenSource(path=path, reason=f"{where}{error.msg} {_READ_BY}") from None
     except (ValueError, RecursionError, MemoryError, OverflowError) as error:
         raise BrokenSource(path=path, reason=str(error) or type(error).__name__) from None
-    for one in replaced[:1]:
+    for one in refused[:1]:
         raise BrokenSource(path=path, reason=f"line {one.line}: {one.what}; {one.instead}")
     return code
 

@@ -50,6 +50,8 @@ DEFAULT_TERM = 5.0
 """[s] Long enough for a link of 1 s each way, short enough that a tree heals while people watch."""
 SHORTEST_TERM = 0.1
 """[s]"""
+RETURN = 60.0
+"""[s] after its end in which a lease that ended by silence can return."""
 MOST_RETRACTED = 64
 """Petitions taken back that a child remembers: those that may still be on their way to it."""
 
@@ -81,6 +83,8 @@ class Lessor(msgspec.Struct, kw_only=True):
     term_granted: float
     """[s] of the present or the last lease."""
     tenure: Tenure | None = None
+    silent: Tenure | None = None
+    """The last lease, if its parent fell silent and nobody has used the robot since: it can return."""
     found: int | None = None
     """Epoch that what stands behind the robot obeyed when it was first heard."""
     rival: int = -1
@@ -110,6 +114,7 @@ class Lessor(msgspec.Struct, kw_only=True):
         now: float,
         unix: float,
         key: str = "",
+        returns: int | None = None,
     ) -> Tenure:
         """Grant the lease, anew if the same slot of the same parent asks again.
 
@@ -121,10 +126,12 @@ class Lessor(msgspec.Struct, kw_only=True):
             now: [s] monotonic.
             unix: [s] since 1970.
             key: of the petition, by which it can be retracted.
+            returns: epoch of the lease that the parent has lost by silence; None: it asks anew.
 
         Raises:
             CycleOfBonds: the robot is the parent itself or one of its ancestors.
             LeaseDenied: another slot holds the robot.
+            StaleEpoch: that lease cannot return: the robot was released or used since, or too long ago.
             Retracted: the parent took the petition back before it came.
         """
         if key in self.retracted:
@@ -134,6 +141,9 @@ class Lessor(msgspec.Struct, kw_only=True):
         # the same incarnation: a petition of an earlier one that comes late must not take the robot from it
         if held is not None and (held.parent, held.slot) != (parent, slot):
             raise LeaseDenied(robot=self.robot, holder=held.parent.name, slot=held.slot)
+        if returns is not None and not self._can_return(parent, slot, returns, now):
+            raise StaleEpoch(robot=self.robot, epoch=returns, current=self.epoch)
+        self.silent = None
         self.term_granted = max(SHORTEST_TERM, min(wanted, self.term))
         self.epoch = max(self._next_epoch(unix), self.rival + 1)
         self.tenure = Tenure(
@@ -145,6 +155,15 @@ class Lessor(msgspec.Struct, kw_only=True):
             petition=key,
         )
         return self.tenure
+
+    def _can_return(self, parent: Address, slot: str, epoch: int, now: float) -> bool:
+        last = self.tenure or self.silent
+        same = last is not None and (last.parent, last.slot, last.epoch) == (parent, slot, epoch)
+        return last is not None and same and now <= last.expires + RETURN
+
+    def used(self) -> None:
+        """Note that somebody without a lease moves the robot: what ended by silence cannot return."""
+        self.silent = None
 
     def retract(self, parent: Address, key: str, *, unix: float) -> Tenure | None:
         """Undo a petition whose answer its parent never heard, before or after it comes.
@@ -194,11 +213,17 @@ class Lessor(msgspec.Struct, kw_only=True):
 
     def tick(self, now: float, unix: float) -> Tenure | None:
         """End the lease if its time is over; return it if so."""
-        return self.end(unix) if self.tenure is not None and self.tenure.expires <= now else None
+        return self.end(unix, silent=True) if self.tenure is not None and self.tenure.expires <= now else None
 
-    def end(self, unix: float) -> Tenure | None:
-        """End the lease, whatever it is; return it. The epoch grows."""
+    def end(self, unix: float, *, silent: bool = False) -> Tenure | None:
+        """End the lease, whatever it is; return it. The epoch grows.
+
+        Args:
+            unix: [s] since 1970.
+            silent: its parent is heard no more, so that it can return.
+        """
         ended, self.tenure = self.tenure, None
+        self.silent = ended if silent else None
         if ended is not None:
             # where somebody else commands the robot the clock must not lift us above them
             self.epoch = self.epoch + 1 if self.outranked else self._next_epoch(unix)
@@ -494,7 +519,7 @@ class Slots(msgspec.Struct):
         """Describe the slots and what is in them."""
         return tuple(
             msgspec.structs.replace(
-                slot.spec, child=None if slot.bond is None else slot.bond.child, lost=slot.lost
+                slot.spec, child=None if slot.bond is None else slot.bond.child, lost=slot.lost, was=slot.was
             )
             for slot in self.by_name.values()
         )

@@ -108,6 +108,8 @@ class ParentAsked(_Value, frozen=True, kw_only=True):
     term: float
     unix: float
     key: str = ""
+    returns: int | None = None
+    """Epoch of the lease that it has lost by silence."""
 
 
 class Prolong(_Value, frozen=True, kw_only=True):
@@ -283,11 +285,28 @@ class Interrupt(_Value, frozen=True, kw_only=True):
     """Whether not even its clean-up may command children any more."""
 
 
+class Course(_Value, frozen=True, kw_only=True):
+    """How a call went, beside its reply: what its entry in the log says."""
+
+    command: str
+    arguments: dict[str, Any]
+    """As they came."""
+    caller: str
+    reads: bool
+    came: float
+    """[s] on the robot's clock, when it was accepted."""
+    began: float
+    """[s] when its turn came; below 0: never."""
+    ended: float
+
+
 class Settled(_Value, frozen=True, kw_only=True):
     """A call has ended: notify its listeners."""
 
     key: str
     reply: Returned | Raised
+    course: Course | None = None
+    """None: it had ended before, and is asked again."""
 
 
 class LeaseChanged(_Value, frozen=True, kw_only=True):
@@ -319,6 +338,8 @@ class ChildGone(_Value, frozen=True, kw_only=True):
     child: Address
     reason: str
     """Why it was lost; empty: it was released."""
+    epoch: int = 0
+    """Of the lease that is over."""
 
 
 class AskPart(_Value, frozen=True, kw_only=True):

@@ -40,6 +40,7 @@ from robotree.vr.core.events import (
     ChildGone,
     CoreEffect,
     CoreEvent,
+    Course,
     FieldsChanged,
     Interrupt,
     LeaseChanged,
@@ -86,6 +87,10 @@ class AcceptedCall(msgspec.Struct, kw_only=True):
     source: str = ""
     """Who numbers its calls; empty: nobody."""
     number: int = 0
+    came: float = 0.0
+    """[s] when it was accepted, on the robot's clock; so is the next."""
+    began: float = -1.0
+    """[s] when its turn came; below 0: not yet."""
 
 
 class Ended(msgspec.Struct, frozen=True):
@@ -165,10 +170,10 @@ class Calls(msgspec.Struct, kw_only=True):
             if self.readers >= MOST_READERS:
                 raise Busy(robot=robot, waiting=self.readers, how="that only read run")
             self.readers += 1
-            call.running = True
+            call.running, call.began = True, call.came
         elif not self.running:
             self.running = call.key
-            call.running = True
+            call.running, call.began = True, call.came
         elif len(self.waiting) >= LONGEST_QUEUE:
             raise Busy(robot=robot, waiting=len(self.waiting), how="wait")
         else:
@@ -191,8 +196,8 @@ class Calls(msgspec.Struct, kw_only=True):
 
     # -- going ------------------------------------------------------------------------------------
 
-    def leave(self, key: str, reply: Returned | Raised) -> str:
-        """Note how a live call ended.
+    def leave(self, key: str, reply: Returned | Raised, now: float) -> str:
+        """Note how a live call ended [s].
 
         Returns:
             The key of the call whose turn it is now because of that; empty: of none.
@@ -208,7 +213,8 @@ class Calls(msgspec.Struct, kw_only=True):
             self.waiting.remove(key)
         elif self.waiting:
             self.running = self.waiting.pop(0)
-            self.live[self.running].running = True
+            following = self.live[self.running]
+            following.running, following.began = True, now
             return self.running
         else:
             self.running = ""
@@ -332,20 +338,24 @@ class RobotCore:
             self._expect_free_to_move(event)
         if not now < event.deadline_at < math.inf:
             raise DeadlineExceeded(robot=name, command=asked.command)
+        tenure = self.state.lease.tenure
         call = AcceptedCall(
             key=asked.key,
             command=asked.command,
             sent=asked.arguments,
             arguments=event.arguments,
-            caller=asked.caller,
+            caller=asked.caller if tenure is None or asked.epoch is None else tenure.parent.name,
             epoch=self.state.lease.epoch,
             deadline_at=event.deadline_at,
             reads=event.reads,
             source=asked.source,
             number=asked.number,
             detached=asked.oneway,
+            came=now,
         )
         begins = calls.enter(call, name)
+        if not event.reads:
+            self.state.lease.used()
         if asked.source:
             calls.settle_below(asked.source, asked.lowest)
         return [Begin(key=asked.key)] if begins else []
@@ -375,17 +385,26 @@ class RobotCore:
         if calls.abandoned and (refusal := calls.beside_abandoned(name, self.state.home)):
             raise refusal
 
-    def _finish(self, event: on.Finish, _: float) -> Effects:
+    def _finish(self, event: on.Finish, now: float) -> Effects:
         call = self.state.calls.live.get(event.key)
         if call is None:
             return []
-        return self._settle(call, event.reply)
+        return self._settle(call, event.reply, now)
 
-    def _settle(self, call: AcceptedCall, reply: Returned | Raised) -> Effects:
+    def _settle(self, call: AcceptedCall, reply: Returned | Raised, now: float) -> Effects:
         if call.cause is not None and isinstance(reply, Raised):
             reply = call.cause
-        following = self.state.calls.leave(call.key, reply)
-        effects: Effects = [Settled(key=call.key, reply=reply)]
+        following = self.state.calls.leave(call.key, reply, now)
+        course = Course(
+            command=call.command,
+            arguments=call.sent,
+            caller=call.caller,
+            reads=call.reads,
+            came=call.came,
+            began=call.began,
+            ended=now,
+        )
+        effects: Effects = [Settled(key=call.key, reply=reply, course=course)]
         if following:
             effects.append(Begin(key=following))
         return effects
@@ -398,7 +417,7 @@ class RobotCore:
             self.state.calls.refuse(event.key, event.reason)
             return []
         cause = CommandCancelled(robot=self.name, command=call.command, reason=event.reason)
-        return self._end(call, cause, final=event.final)
+        return self._end(call, cause, now, final=event.final)
 
     def _detach(self, event: on.DetachAsked, now: float) -> Effects:
         if not event.entitled:
@@ -408,19 +427,25 @@ class RobotCore:
         return []
 
     def _end(
-        self, call: AcceptedCall, cause: CommandCancelled | DeadlineExceeded, *, final: bool = False
+        self,
+        call: AcceptedCall,
+        cause: CommandCancelled | DeadlineExceeded,
+        now: float,
+        *,
+        final: bool = False,
     ) -> Effects:
         if call.cause is not None and (call.final or not final):
             return []
         raised = Raised.of(cause)
         if not call.running:
-            return self._settle(call, raised)
+            return self._settle(call, raised, now)
         call.cause, call.final = call.cause or raised, final
         return [Interrupt(key=call.key, cause=raised, final=final)]
 
     def _cancel_all(self, event: on.CancelAll, now: float) -> Effects:
         detached = any(call.detached for call in self.state.calls.live.values())
-        alone = detached and event.epoch is None and self.state.lease.tenure is not None
+        free = event.epoch is None and self.state.lease.tenure is not None
+        alone = detached and free and not event.entitled
         if not event.entitled and not alone:
             self.state.lease.check(event.epoch, now)
         effects: Effects = []
@@ -428,16 +453,16 @@ class RobotCore:
             if (alone and not call.detached) or (event.but_readers and call.reads):
                 continue
             cause = CommandCancelled(robot=self.name, command=call.command, reason=event.reason)
-            effects += self._end(call, cause, final=event.final or call.cause is not None)
+            effects += self._end(call, cause, now, final=event.final or call.cause is not None)
         return effects
 
-    def _end_all(self, reason: str, *, but_readers: bool = False) -> Effects:
+    def _end_all(self, reason: str, now: float, *, but_readers: bool = False) -> Effects:
         """End all calls for good, those that wait before the one that runs."""
         return self._cancel_all(
-            on.CancelAll(reason=reason, but_readers=but_readers, entitled=True, final=True), 0.0
+            on.CancelAll(reason=reason, but_readers=but_readers, entitled=True, final=True), now
         )
 
-    def _abandon(self, event: on.Abandon, _: float) -> Effects:
+    def _abandon(self, event: on.Abandon, now: float) -> Effects:
         calls = self.state.calls
         call = calls.live.get(event.key)
         if call is None:
@@ -449,10 +474,10 @@ class RobotCore:
         raised = Raised.of(refusal)
         effects: Effects = []
         for key in reversed(calls.waiting):
-            effects += self._settle(calls.live[key], raised)
-        return effects + self._settle(call, call.cause or raised)
+            effects += self._settle(calls.live[key], raised, now)
+        return effects + self._settle(call, call.cause or raised, now)
 
-    def _gone(self, event: on.Gone, _: float) -> Effects:
+    def _gone(self, event: on.Gone, now: float) -> Effects:
         calls = self.state.calls
         calls.abandoned.pop(event.key, None)
         calls.places.pop(event.key, None)
@@ -461,7 +486,7 @@ class RobotCore:
             return []
         reason = "it was abandoned at the moment when it ended"  # so the order to abandon it comes too late
         cause = CommandCancelled(robot=self.name, command=call.command, reason=reason)
-        return self._settle(call, call.cause or Raised.of(cause))
+        return self._settle(call, call.cause or Raised.of(cause), now)
 
     def _tick(self, event: on.Tick, now: float) -> Effects:
         effects: Effects = []
@@ -471,7 +496,7 @@ class RobotCore:
             effects += self._keep_bonds(now)
         for call in list(self.state.calls.live.values()):
             if call.deadline_at <= now and call.key in self.state.calls.live:
-                effects += self._end(call, DeadlineExceeded(robot=self.name, command=call.command))
+                effects += self._end(call, DeadlineExceeded(robot=self.name, command=call.command), now)
         return effects
 
     # -- who commands it --------------------------------------------------------------------------
@@ -481,12 +506,19 @@ class RobotCore:
         if any(child.name == parent.name for child in self.state.slots.children()):
             raise CycleOfBonds(parent=parent.name, child=self.name, lineage=f"{self.name} > {parent.name}")
         self.state.lease.petition(
-            parent, event.slot, event.lineage, event.term, now=now, unix=event.unix, key=event.key
+            parent,
+            event.slot,
+            event.lineage,
+            event.term,
+            now=now,
+            unix=event.unix,
+            key=event.key,
+            returns=event.returns,
         )
         return [
             LeaseChanged(),
             *self._keep_bonds(now, all_of_them=True),
-            *self._end_all(f"{parent.name} has enslaved {self.name}", but_readers=True),
+            *self._end_all(f"{parent.name} has enslaved {self.name}", now, but_readers=True),
         ]
 
     def _prolong(self, event: on.Prolong, now: float) -> Effects:
@@ -503,12 +535,12 @@ class RobotCore:
             ended = lease.release(event.parent, event.epoch, unix=event.unix)
         else:  # one incarnation of the parent has gone
             held = lease.tenure is not None and lease.tenure.parent == event.parent
-            ended = lease.end(event.unix) if held else None
+            ended = lease.end(event.unix, silent=True) if held else None
         return [] if ended is None else self._freed(ended, event.reason, now)
 
     def _freed(self, tenure: Tenure, reason: str, now: float) -> Effects:
         parent, slot = tenure.parent, tenure.slot
-        ended = self._end_all(f"the bond with {parent.name}.{slot} is over: {reason}")
+        ended = self._end_all(f"the bond with {parent.name}.{slot} is over: {reason}", now)
         renewals = self._keep_bonds(now, all_of_them=True)
         return [*ended, LeaseEnded(parent=parent, slot=slot, reason=reason), *renewals]
 
@@ -542,7 +574,7 @@ class RobotCore:
         if not self.state.slots.lose(event.slot, event.child, event.epoch, event.reason):
             return []
         self._bonds_due = _bonds_due(self.state.slots)
-        return [ChildGone(slot=event.slot, child=event.child, reason=event.reason)]
+        return [ChildGone(slot=event.slot, child=event.child, reason=event.reason, epoch=event.epoch)]
 
     def _keep_bonds(self, now: float, *, all_of_them: bool = False) -> Effects:
         """Renew what is due, and lose the children who have not answered in time.
@@ -606,7 +638,7 @@ class RobotCore:
             return self._ask_parts(generation, event)
         children = {slot: bond.child.name for slot, bond in self.state.slots.bonds().items()}
         generation = stop.begin(event.reason, event.order, {HARDWARE: self.name, **children}, now)
-        return [*self._end_all(event.reason), *self._ask_parts(generation, event)]
+        return [*self._end_all(event.reason, now), *self._ask_parts(generation, event)]
 
     def _ask_parts(self, generation: int, order: on.StopAsked) -> Effects:
         """Ask those that have not answered a stop."""
@@ -632,7 +664,7 @@ class RobotCore:
 
     def _halted(self, event: on.Halted, now: float) -> Effects:
         self.state.stop.hear(event.reason, now)
-        return self._end_all(event.reason, but_readers=True) if event.reason else []
+        return self._end_all(event.reason, now, but_readers=True) if event.reason else []
 
     def _stop_answered(self, event: on.StopAnswered, _: float) -> Effects:
         reply = self.state.stop.take(event.generation, event.part, event.answer)

@@ -7,7 +7,7 @@ import logging
 from collections.abc import Awaitable, Callable
 from functools import partial
 
-from robotree.vr.base.envelope import opened
+from robotree.vr.base.envelope import Received, opened
 from robotree.vr.base.errors import Garbled, VrError
 from robotree.vr.base.requests import AnyRequest, Raised, Reply, encode
 from robotree.vr.base.transport import RequestHandler, Respond
@@ -17,7 +17,7 @@ _log = logging.getLogger(__name__)
 SendReply = Callable[[Reply], None]
 """Sends one reply; may be called any number of times until the request is answered."""
 
-Converse = Callable[[AnyRequest, SendReply], Callable[[], Awaitable[None]] | None]
+Converse = Callable[[Received, SendReply], Callable[[], Awaitable[None]] | None]
 """Answers one request with any number of replies: at once (None), or when what it returns was called and
 awaited, in a task. A `VrError` that is raised is the last of them."""
 
@@ -36,7 +36,7 @@ def conversing(converse: Converse, who: str) -> RequestHandler:
             respond(encode(reply))
 
         try:
-            rest = converse(opened(body, who, asyncio.get_running_loop().time()).request, say)
+            rest = converse(opened(body, who, asyncio.get_running_loop().time()), say)
         except Exception as error:  # noqa: BLE001 # the error boundary: the asker gets an answer
             say(_raised(error, who))
             return None
@@ -57,12 +57,12 @@ def answering(answer: AnswerRequest, who: str) -> RequestHandler:
     async def later(request: AnyRequest, say: SendReply) -> None:
         say(await answer(request))
 
-    return conversing(lambda request, say: partial(later, request, say), who)
+    return conversing(lambda received, say: partial(later, received.request, say), who)
 
 
 def answering_at_once(answer: AnswerAtOnce, who: str) -> RequestHandler:
     """Make a request handler of what answers with one reply and waits for nothing."""
-    return conversing(lambda request, say: say(answer(request)), who)
+    return conversing(lambda received, say: say(answer(received.request)), who)
 
 
 def _raised(error: Exception, who: str) -> Raised:

@@ -10,7 +10,7 @@ from typing import Any, Protocol, TypeVar
 
 from robotree.vr.base.address import Address
 from robotree.vr.base.chance import token
-from robotree.vr.base.description import Arguments, CommandSpec, RobotDescription
+from robotree.vr.base.description import Arguments, RobotDescription
 from robotree.vr.base.envelope import seal
 from robotree.vr.base.errors import CommandFailed, Garbled, NoAnswer, Unreachable, VrError
 from robotree.vr.base.requests import (
@@ -51,7 +51,6 @@ from robotree.vr.base.requests import (
     decode_reply,
 )
 from robotree.vr.base.transport import Transport
-from robotree.vr.core.bonds import DEFAULT_TERM
 from robotree.vr.core.confirmation import unmeasured
 
 DEFAULT_DEADLINE = 60.0
@@ -216,7 +215,9 @@ class RobotClient:
                         case Returned(value=value):
                             return value
                         case Raised() as raised:
-                            raise raised.revive()
+                            error = raised.revive()
+                            error.entered = until_accepted.when() is None
+                            raise error
                         case other:
                             raise Garbled(key=key, detail=f"{type(other).__name__} is no answer to a call")
         except TimeoutError:
@@ -330,41 +331,9 @@ class RobotClient:
 
     # -- what parents ask -------------------------------------------------------------------------
 
-    async def petition(
-        self,
-        parent: Address,
-        slot: str,
-        *,
-        kind: str,
-        promises: tuple[CommandSpec, ...] = (),
-        uses: tuple[str, ...] = (),
-        lineage: tuple[str, ...],
-        term: float = DEFAULT_TERM,
-        key: str = "",
-    ) -> Granted:
-        """Ask for the lease on it.
-
-        Args:
-            parent: who asks.
-            slot: for which of its slots.
-            kind: that the slot takes.
-            promises: commands that the kind promises.
-            uses: names of commands that the robot must have.
-            lineage: names from the topmost ancestor down to the parent.
-            term: [s] asked for.
-            key: by which `retract` knows it again.
-        """
-        petition = Petition(
-            parent=parent,
-            slot=slot,
-            kind=kind,
-            promises=promises,
-            uses=uses,
-            lineage=lineage,
-            term=term,
-            key=key,
-        )
-        return await self._ask(petition, Granted, urgent=True, sender=parent.key)
+    async def petition(self, petition: Petition) -> Granted:
+        """Ask for the lease on it."""
+        return await self._ask(petition, Granted, urgent=True, sender=petition.parent.key)
 
     async def retract(self, parent: Address, key: str, *, timeout: float = PATIENCE) -> None:
         """Take back a petition whose answer did not arrive; `timeout` [s] to wait for the receipt."""

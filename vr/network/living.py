@@ -24,15 +24,17 @@ def listening(directory: Path) -> set[str]:
     Args:
         directory: the folder.
     """
-    found: set[str] = set()
+    return {path.name for path in listening_anywhere() if path.parent == directory}
+
+
+def listening_anywhere() -> list[Path]:
+    """Return the paths, as they were given, of all sockets on which somebody listens, of any user."""
+    found: list[Path] = []
     with contextlib.suppress(OSError):
         for line in _SOCKETS.read_text(errors="surrogateescape").splitlines()[1:]:
             fields = line.split(maxsplit=_FIELDS - 1)
-            if len(fields) < _FIELDS or not int(fields[3], 16) & _LISTENS:
-                continue
-            path = Path(fields[-1])
-            if path.parent == directory:
-                found.add(path.name)
+            if len(fields) == _FIELDS and int(fields[3], 16) & _LISTENS:
+                found.append(Path(fields[-1]))
     return found
 
 

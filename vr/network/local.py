@@ -6,10 +6,12 @@ import asyncio
 import atexit
 import contextlib
 import logging
-from collections.abc import AsyncIterator, Callable, Sequence
+import threading
+from collections.abc import AsyncIterator, Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 
+from robotree.files import forks
 from robotree.vr.base.errors import TransportClosed
 from robotree.vr.base.transport import (
     CutOffHandler,
@@ -32,7 +34,11 @@ _log = logging.getLogger(__name__)
 
 
 async def join(
-    realm: str | None = None, *, root: Path | None = None, greeting: float = GREETING
+    realm: str | None = None,
+    *,
+    root: Path | None = None,
+    greeting: float = GREETING,
+    listed: bool = True,
 ) -> LocalTransport:
     """Enter a realm.
 
@@ -40,6 +46,7 @@ async def join(
         realm: its name; None: `$ROBOTREE_REALM`, else `default`.
         root: where realms lie; None: `$XDG_RUNTIME_DIR/robotree` or a private directory for temporary files.
         greeting: [s] to wait at most for those who are there to say who they are: see `Mesh.open`.
+        listed: whether newcomers can find this process; if not, it writes nothing: see `Rendezvous`.
 
     Returns:
         A transport that already knows all who are there and answer.
@@ -48,7 +55,7 @@ async def join(
         BadName: the realm's name cannot be one.
         RealmUnusable: the realm's folder cannot be used.
     """
-    mesh = Mesh(Rendezvous(realm_name(realm), root))
+    mesh = Mesh(Rendezvous(realm_name(realm), root, listed=listed))
     loop = asyncio.get_running_loop()
     try:
         await loop.run_in_executor(None, mesh.open, greeting)
@@ -64,7 +71,8 @@ class LocalTransport:
     def __init__(self, mesh: Mesh) -> None:
         """Made by `join`."""
         self.mesh = mesh
-        self._loop = asyncio.get_running_loop()
+        self._loop, self._thread = asyncio.get_running_loop(), threading.get_ident()
+        forks.owns(self)
         self._turns = LoopTurns()
         news = SampleInbox[Callable[[], object]](self._turns, lambda action: action())
         self.presence = mesh.presence
@@ -192,6 +200,12 @@ class LocalTransport:
             self.presence.close()
             self._closing = asyncio.ensure_future(self._close())
         await asyncio.shield(self._closing)
+
+    def in_child(self) -> Iterable[int]:
+        """See `forks.Owner`: a child that comes back into the event loop ends there."""
+        if threading.get_ident() == self._thread:
+            self._loop.call_soon(forks.expect_parent)
+        return ()
 
     # -- inside -----------------------------------------------------------------------------------
 

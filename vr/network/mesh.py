@@ -16,6 +16,7 @@ only hand on what they are given. `local.py` hands it to an event loop.
 from __future__ import annotations
 
 import contextlib
+import errno
 import itertools
 import logging
 import math
@@ -29,6 +30,7 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
 from typing import Any, Final
 
+from robotree.files import forks
 from robotree.vr.base.errors import RealmUnusable
 from robotree.vr.base.pattern import Handlers, matches
 from robotree.vr.base.presence import Held, Presence
@@ -51,11 +53,24 @@ from robotree.vr.network.link import (
     pack,
 )
 from robotree.vr.network.living import alive, asleep, remedy
-from robotree.vr.network.readers import Readers, Sockets, What
-from robotree.vr.network.rendezvous import Beat, Rendezvous, process_of
+from robotree.vr.network.readers import ENDED, Readers, Sockets, What
+from robotree.vr.network.realms import process_of
+from robotree.vr.network.rendezvous import Beat, Rendezvous
 
-TICK: Final = 0.5
+TICK: Final = 0.25
 """[s] between two beats, and between two looks into the folder."""
+
+LATE: Final = 0.7
+"""[s] without a beat after which a process is shown as late: it has missed two, and nothing else follows."""
+
+STEADY: Final = 1.0
+"""[s] for which a process must beat in time again before it is late no longer: so it does not flicker."""
+
+RECENT: Final = 1.0
+"""[s] within which a sign of life is recent: who gave one does not hang."""
+
+SLEPT: Final = 1.5
+"""[s] between two ticks of its own after which a process knows that it has slept itself."""
 
 HANGS: Final = 2.0
 """[s] without a beat after which a process counts as silent; 1 s is too little on a busy machine."""
@@ -63,7 +78,7 @@ HANGS: Final = 2.0
 GREETING: Final = 0.3
 """[s] that a new process waits at most for the greeting of processes that hang."""
 
-LOST: Final = 2
+LOST: Final = 4
 """Ticks in a row in which a process is found by nobody, after which it knows that nobody can reach it."""
 
 FLUSH: Final = 0.5
@@ -113,6 +128,8 @@ class _Peer:
         """[s] Since when it is known, and the last sign of life."""
         self.awake = False
         """Whether its greeting has come and it does not hang: only then it is present."""
+        self.late_until = 0.0
+        """[s] until when it counts as late."""
         self.exchanges: dict[int, _Exchange] = {}
         """Requests that it has yet to answer."""
 
@@ -141,7 +158,7 @@ class Mesh:
         """Whether no other process can reach this one."""
         self._lost_ticks = 0
         """For how many ticks that has been so."""
-        self.presence = Presence(held=self.held, unheard=self.unheard)
+        self.presence = Presence(held=self.held, unheard=self.unheard, late=self.late)
         self._where: dict[str, _Peer] = {}
         """Who serves a key, of the others."""
         self._listeners: dict[str, list[_Peer]] = {}
@@ -153,7 +170,9 @@ class Mesh:
         self._settling = False
         self._sockets = Sockets()
         self._door: socket.socket | None = None
-        self._nudge, self._nudged = socket.socketpair()
+        with forks.opening:
+            self._nudge, self._nudged = socket.socketpair()
+            forks.owns(self)
         self._to_flush: deque[PeerLink] = deque()
         self._readers = Readers(
             self._sockets,
@@ -221,7 +240,7 @@ class Mesh:
 
     def _beats(self, tag: str) -> bool:
         """Whether a process that has sent no greeting yet is only busy: its last sign of life is new."""
-        return not asleep(process_of(tag)) and time.monotonic() - self._sign_of(tag) < 2 * TICK
+        return not asleep(process_of(tag)) and time.monotonic() - self._sign_of(tag) < RECENT
 
     def _sign_of(self, tag: str) -> float:
         """Return the last sign of life of a process [s, CLOCK_MONOTONIC]; long ago if it has none."""
@@ -241,6 +260,12 @@ class Mesh:
         self._readers.due = self._ticked + TICK
         self._register()
         self._dial_all()
+
+    def in_child(self) -> Iterable[int]:
+        """See `forks.Owner`: a child is nobody here, and leaves what is its parent's."""
+        self.closed, self._lock = True, threading.RLock()
+        self.place.forsake()
+        return [self._nudge.fileno(), self._nudged.fileno(), *self._sockets.descriptors()]
 
     def close(self) -> Future[None]:
         """Leave: others see it at once. Twice is once.
@@ -374,6 +399,23 @@ class Mesh:
                 if one.key
             ]
 
+    def late(self, pattern: str) -> list[Held]:
+        """Return what is held under a pattern by processes that beat late, whether they hang or not.
+
+        A process becomes late when its last beat is older than `LATE`, and is late no longer when none was
+        older for `STEADY`. While this process has not ticked for so long itself, it judges nobody anew.
+        """
+        now = time.monotonic()
+        with self._lock:
+            if now - self._ticked < LATE:
+                for peer in self._peers.values():
+                    if peer.beat is None:
+                        peer.beat = self.place.beat_of(peer.tag)
+                    if now - max(peer.last_sign, peer.beat.read() if peer.beat else 0.0) > LATE:
+                        peer.late_until = now + STEADY
+            late = [tag for tag, peer in self._peers.items() if peer.met and now < peer.late_until]
+            return [one for tag in sorted(late) for one in self._held_by(tag, pattern) if one.key]
+
     def _certain(self, peer: _Peer, now: float) -> bool | None:
         """Return if it is certain that a process hangs; None: it is heard, or has ended. Under the lock.
 
@@ -381,7 +423,7 @@ class Mesh:
         """
         process = process_of(peer.tag)
         if peer.awake:
-            heard = peer.beat is None or now - max(peer.last_sign, peer.beat.read()) < 2 * TICK
+            heard = peer.beat is None or now - max(peer.last_sign, peer.beat.read()) < RECENT
             return None if heard else asleep(process)
         if not alive(process):
             return None  # it has just ended, and holds nothing any more
@@ -401,7 +443,7 @@ class Mesh:
             unknown = living - self._peers.keys() - self._strangers
             peers = {tag for tag, one in self._peers.items() if one.awake or alive(process_of(tag))}
             others = sorted(living | peers)  # of one that hung and has just ended nothing is left
-            found = _held(os.getpid(), own) + [one for tag in others for one in self._held_by(tag, pattern)]
+            found = held_by(os.getpid(), own) + [one for tag in others for one in self._held_by(tag, pattern)]
         if unknown:
             self._readers.due = 0.0
             self._wake()
@@ -417,7 +459,7 @@ class Mesh:
             return [Held("", f"process {process}", advice, LOST_FILES, asleep(process))]
         keys = [key for key in (said or set()).union(written or ()) if matches(pattern, key)]
         if tag not in self._strangers:
-            return _held(process, keys)
+            return held_by(process, keys)
         advice = REPLACE.format(process)
         return [Held(key, f"process {process}", advice, "which is not understood") for key in sorted(keys)]
 
@@ -501,12 +543,15 @@ class Mesh:
     # -- meeting
 
     def _register(self) -> None:
-        door = self.place.register()
+        if not self.place.listed:
+            return
+        with forks.opening:
+            door = self.place.register()
+            self._sockets.add(door, self._accept)
         if self._door is not None:
             self._sockets.remove(self._door)
             self._door.close()
         self._door = door
-        self._sockets.add(door, self._accept)
 
     def _dial_all(self) -> None:
         """Dial those in the folder that this process does not know."""
@@ -516,32 +561,37 @@ class Mesh:
         for tag in others:
             if tag in self._peers or tag in self._strangers:
                 continue
-            lines: list[socket.socket] = []
-            try:
-                lines.extend(self.place.dial(tag) for _ in Channel)
-            except OSError as error:
-                for line in lines:
-                    line.close()
-                if isinstance(error, ConnectionRefusedError):
-                    self.place.forget(tag)  # it listened before it could be seen, so it is dead
-                continue
-            with self._lock:
-                peer = self._peers[tag] = _Peer(tag, now)
-                for channel, line in zip(Channel, lines, strict=True):
-                    self._add_link(
-                        peer, PeerLink(line, channel=channel, member=tag, wants_to_write=self._later)
-                    )
+            with self._lock, forks.opening:
+                self._dial(tag, now)
+
+    def _dial(self, tag: str, now: float) -> None:
+        """Connect to another process, if it can be. Under the lock."""
+        lines: list[socket.socket] = []
+        try:
+            lines.extend(self.place.dial(tag) for _ in Channel)
+        except OSError as error:
+            for line in lines:
+                line.close()
+            if error.errno in {errno.EMFILE, errno.ENFILE} and not self.place.listed:
+                raise RealmUnusable(realm=self.place.realm, reason=f"{error}") from None
+            if isinstance(error, ConnectionRefusedError):
+                self.place.forget(tag)  # it listened before it could be seen, so it is dead
+            return
+        peer = self._peers[tag] = _Peer(tag, now)
+        for channel, line in zip(Channel, lines, strict=True):
+            self._add_link(peer, PeerLink(line, channel=channel, member=tag, wants_to_write=self._later))
 
     def _accept(self) -> None:
         while self._door is not None:
-            try:
-                line, _ = self._door.accept()
-            except OSError:
-                return
-            link = PeerLink(line, wants_to_write=self._later)
-            if link.user == os.geteuid():
-                self._sockets.add(line, link)
-            else:
+            with forks.opening:
+                try:
+                    line, _ = self._door.accept()
+                except OSError:
+                    return
+                link = PeerLink(line, wants_to_write=self._later)
+                if link.user == os.geteuid():
+                    self._sockets.add(line, link)
+                    continue
                 _log.warning("a process of user %d tried to enter the realm; it was refused", link.user)
                 link.close()
 
@@ -677,7 +727,7 @@ class Mesh:
         elif not peer.awake:
             pass
         elif news.topic is Topic.HOLDS:
-            self.presence.count(news.key, there=news.there)
+            self.presence.count(news.key, there=news.there, left=not news.there)
         elif news.there:
             self._where[news.key] = peer
         elif self._where.get(news.key) is peer:
@@ -694,7 +744,7 @@ class Mesh:
             return
         self._say_to_all(News(topic, key, there))
         if topic is Topic.HOLDS:
-            self.presence.count(key, there=there)
+            self.presence.count(key, there=there, left=not there)
 
     # -- what has come
 
@@ -705,8 +755,9 @@ class Mesh:
             return False
         if events & select.EPOLLOUT:
             self._flush(what)
-        # something has come, or the far end has closed
-        return bool(events & ~select.EPOLLOUT) and self._read(what)
+        if not events & ~select.EPOLLOUT:
+            return False
+        return self._read(what, ended=bool(events & ENDED))
 
     def _take_nudges(self) -> None:
         with contextlib.suppress(BlockingIOError):
@@ -721,8 +772,8 @@ class Mesh:
         except (OSError, RealmUnusable) as error:
             _log.warning("realm %s: %s", self.place.realm, error)
 
-    def _read(self, link: PeerLink) -> bool:
-        """Read once; returns whether more may have come."""
+    def _read(self, link: PeerLink, *, ended: bool) -> bool:
+        """Read once; returns whether more may have come: of a far end that has `ended`, at least its end."""
         if link.closed:
             return False
         try:
@@ -739,7 +790,7 @@ class Mesh:
             if link.member:
                 self._strangers.add(link.member)
             self._ended(link)
-        return not link.closed and link.full
+        return not link.closed and (link.full or ended)
 
     def _ended(self, link: PeerLink) -> None:
         """The far end has closed. Its earlier messages on the other channel still count."""
@@ -833,7 +884,7 @@ class Mesh:
 
     def _tick(self, now: float) -> None:
         """Give a sign of life, judge the others' signs, and mend what is broken."""
-        slept, self._ticked = now - self._ticked > 2 * TICK + HANGS / 4, now
+        slept, self._ticked = now - self._ticked > SLEPT, now
         self.place.beat(now)
         if slept:  # nobody else is to blame
             self._say_to_all(Awake())
@@ -874,7 +925,7 @@ class Mesh:
                 return
             if peer.beat is not None:
                 peer.last_sign = max(peer.last_sign, peer.beat.read())
-            if now - peer.last_sign > TICK + HANGS / 4:  # it may have made its file anew
+            if now - peer.last_sign > RECENT:  # it may have made its file anew
                 if peer.beat is not None:
                     peer.beat.close()
                 peer.beat = self.place.beat_of(peer.tag)
@@ -882,7 +933,7 @@ class Mesh:
                     peer.last_sign = max(peer.last_sign, peer.beat.read())
             if now - peer.last_sign > HANGS:
                 self._hide(peer)
-            elif peer.met and not peer.awake and now - peer.last_sign < 2 * TICK:
+            elif peer.met and not peer.awake and now - peer.last_sign < RECENT:
                 self._show(peer)
 
     # -- sockets
@@ -928,7 +979,8 @@ class Mesh:
         self._ended_all.set_result(None)
 
 
-def _held(process: int, keys: Iterable[str]) -> list[Held]:
+def held_by(process: int, keys: Iterable[str]) -> list[Held]:
+    """Return what a process holds, and what a person can do if it does not answer."""
     sleeps = asleep(process)
     how = "which hangs" if sleeps else "which runs and could not be reached from here"
     end = f"try again from another terminal; if that fails too, `kill {process}` ends it"

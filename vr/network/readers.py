@@ -29,7 +29,10 @@ READER: Final = "mesh"
 READERS: Final = 2
 """Readers that stay while nothing comes; the second one is made when the first carries something out."""
 
-_COMES: Final = select.EPOLLIN | select.EPOLLET
+ENDED: Final = select.EPOLLRDHUP | select.EPOLLHUP | select.EPOLLERR
+"""Events of a socket whose far end has closed. They come once, perhaps together with what was sent before."""
+
+_COMES: Final = select.EPOLLIN | select.EPOLLRDHUP | select.EPOLLET
 _BULK: Final = Channel.BULK
 
 What = PeerLink | Callable[[], None]
@@ -72,6 +75,10 @@ class Sockets:
         """Return what is ready, with its events, after `timeout` [s] at the latest."""
         found = [(self._what.get(number), events) for number, events in self._epoll.poll(timeout)]
         return [(what, events) for what, events in found if what is not None]
+
+    def descriptors(self) -> list[int]:
+        """Return the descriptors of all of them, and that by which they are waited for."""
+        return [] if self._epoll.closed else [self._epoll.fileno(), *self._what]
 
     def all(self) -> list[What]:
         """Return what all of them are for."""
@@ -201,7 +208,7 @@ class Readers:
 
     def _read(self, what: What, events: int) -> None:
         if self._serve_one(what, events):
-            self._enter([(what, select.EPOLLIN)])
+            self._enter([(what, events)])
             self._enter(self._sockets.wait(0.0))  # what is urgent goes ahead of the rest of a flood
 
     def _one_too_many(self) -> bool:

@@ -24,48 +24,39 @@ import struct
 import threading
 import time
 from collections import Counter
-from collections.abc import Generator
+from collections.abc import Iterable
 from pathlib import Path
 
 from robotree import files
+from robotree.files import forks
 from robotree.vr.base.address import check_name
 from robotree.vr.base.errors import RealmUnusable
 from robotree.vr.network.living import alive, listening
-
-REALM_VARIABLE = "ROBOTREE_REALM"
-DEFAULT_REALM = "default"
+from robotree.vr.network.realms import (
+    DEFAULT_REALM,
+    HELD,
+    REALM_VARIABLE,
+    SOCKET,
+    TAG,
+    dial,
+    keys_of,
+    process_of,
+    realm_folder,
+    short,
+)
 
 BACKLOG = 4096
 """Connections that may wait for a process that hangs."""
 
-LONGEST_LIST = 1 << 22
-"""[bytes] of a list of keys that are read; a longer file is not one of ours."""
-
 SHORT_LIST = 64
 """Lines that a list of keys may have beside two for each key."""
-
-LONGEST_PATH = 108
-"""[bytes] of a socket's path, with a final zero (sun_path, unix(7))."""
 
 ABANDONED = 60.0
 """[s] after which a file that was never given its final name is removed."""
 
-_SOCKET, _BEAT, _HELD = ".sock", ".beat", ".held"
-_TAG = re.compile(r"\d{1,10}-[0-9a-f]{8}")
-_HIDDEN = re.compile(rf"\.({_TAG.pattern})")
+_BEAT = ".beat"
+_HIDDEN = re.compile(rf"\.({TAG.pattern})")
 _MOMENT = struct.Struct("d")
-
-
-def runtime_directory() -> Path:
-    """Return where this user's realms lie: private, and gone after a restart of the machine.
-
-    Links are resolved: the system remembers sockets by the path as it was given, see `living`.
-    """
-    if private := os.environ.get("XDG_RUNTIME_DIR"):
-        return Path(private).resolve() / "robotree"
-    import tempfile  # seldom needed, and 2 ms of every start
-
-    return Path(tempfile.gettempdir()) / f"robotree-{os.geteuid()}"
 
 
 def realm_name(realm: str | None) -> str:
@@ -79,13 +70,8 @@ def realm_name(realm: str | None) -> str:
 
 def met(realm: str) -> bool:
     """Whether a realm's folder is there, or a process that made it still runs. Creates no folder."""
-    directory = runtime_directory() / realm
+    directory = realm_folder(realm)
     return directory.is_dir() or bool(listening(directory))
-
-
-def process_of(tag: str) -> int:
-    """Return the id of the process that has a tag."""
-    return int(tag.partition("-")[0])
 
 
 class Beat:
@@ -98,7 +84,13 @@ class Beat:
             OSError: it cannot be opened, or made.
         """
         access = os.O_RDWR | os.O_CREAT if make else os.O_RDONLY
-        self._handle = files.opened(path, access | os.O_NOFOLLOW)
+        with forks.opening:
+            self._handle = files.opened(path, access | os.O_NOFOLLOW)
+            forks.owns(self)
+
+    def in_child(self) -> Iterable[int]:
+        """See `forks.Owner`."""
+        return (self._handle,)
 
     def write(self, now: float) -> None:
         """Give a sign of life [s, CLOCK_MONOTONIC]."""
@@ -113,26 +105,29 @@ class Beat:
 
     def close(self) -> None:
         """Close it. Once."""
-        os.close(self._handle)
+        handle, self._handle = self._handle, -1
+        os.close(handle)
 
 
 class Rendezvous:
     """The meeting place of one realm, as one process sees it. Its methods may be called in any thread."""
 
-    def __init__(self, realm: str, root: Path | None = None) -> None:
+    def __init__(self, realm: str, root: Path | None = None, *, listed: bool = True) -> None:
         """Make the folder, if it is not there.
 
         Args:
             realm: a name.
-            root: where realms lie; None: `runtime_directory()`.
+            root: where realms lie; None: where this one lies, see `realm_folder`.
+            listed: whether the others find this process here. One that is not listed writes nothing, also
+                makes no folder: it sees the others, and they know of it while it is connected to them.
 
         Raises:
             RealmUnusable: the folder cannot be made, or somebody else may write into it.
         """
-        self.realm = realm
-        self._root = root or runtime_directory()
-        self.directory = self._root / realm
-        self._make_folders()
+        self.realm, self.listed = realm, listed
+        self.directory = root / realm if root else realm_folder(realm)
+        if listed:
+            self._make_folders()
         self.tag = f"{os.getpid()}-{os.urandom(4).hex()}"
         self._keys = Counter[str]()
         self._lines = 0
@@ -154,7 +149,7 @@ class Rendezvous:
         try:
             door.setblocking(False)
             hidden = self.directory / f".{self.tag}"
-            with self._short(hidden) as path:
+            with short(hidden) as path:
                 door.bind(path)
             door.listen(BACKLOG)
             with self._lock:
@@ -164,7 +159,7 @@ class Rendezvous:
                 self._beat = Beat(self._path(_BEAT), make=True)
                 self._beat.write(time.monotonic())
                 self._write_keys()
-                hidden.rename(self._path(_SOCKET))
+                hidden.rename(self._path(SOCKET))
         except OSError as error:
             door.close()
             raise RealmUnusable(realm=self.realm, reason=f"{error}") from None
@@ -172,7 +167,7 @@ class Rendezvous:
 
     def registered(self) -> bool:
         """Whether others can still find all its files: somebody may have removed or renamed the folder."""
-        return all(self._path(end).exists() for end in (_SOCKET, _BEAT, _HELD))
+        return not self.listed or all(self._path(end).exists() for end in (SOCKET, _BEAT, HELD))
 
     def beat(self, now: float) -> None:
         """Give a sign of life [s, CLOCK_MONOTONIC]."""
@@ -207,6 +202,10 @@ class Rendezvous:
                 self._beat.close()
                 self._beat = None
 
+    def forsake(self) -> None:
+        """In a forked child: what belongs to this process is its parent's."""
+        self._there, self._beat = False, None
+
     # -- the others
 
     def others(self) -> list[str]:
@@ -214,31 +213,18 @@ class Rendezvous:
         found: list[str] = []
         with contextlib.suppress(OSError), os.scandir(self.directory) as entries:
             for entry in entries:
-                tag = entry.name.removesuffix(_SOCKET).removeprefix(".")
-                if not _TAG.fullmatch(tag) or tag == self.tag:
+                tag = entry.name.removesuffix(SOCKET).removeprefix(".")
+                if not TAG.fullmatch(tag) or tag == self.tag:
                     continue
-                if entry.name == f"{tag}{_SOCKET}":
+                if entry.name == f"{tag}{SOCKET}":
                     found.append(tag)
                 elif entry.name == f".{tag}":
                     self._sweep(Path(entry.path))
         return sorted(found)
 
     def dial(self, tag: str) -> socket.socket:
-        """Connect to another process.
-
-        Raises:
-            ConnectionRefusedError: it is dead.
-            OSError: it cannot be connected to now.
-        """
-        line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        try:
-            line.setblocking(False)
-            with self._short(self.directory / f"{tag}{_SOCKET}") as path:
-                line.connect(path)
-        except BaseException:
-            line.close()
-            raise
-        return line
+        """Connect to another process; errors as those of `realms.dial`."""
+        return dial(self.directory, tag)
 
     def beat_of(self, tag: str) -> Beat | None:
         """Return the sign of life of another process; None: it has none."""
@@ -248,23 +234,12 @@ class Rendezvous:
             return None
 
     def keys_of(self, tag: str) -> list[str] | None:
-        """Return the keys under which another process is present, as it has written them down.
-
-        None: that cannot be read here, or not any more.
-        """
-        try:
-            written = files.read(self.directory / f"{tag}{_HELD}", LONGEST_LIST)
-        except OSError:
-            return None
-        keys = Counter[str]()
-        for line in written.decode(errors="replace").split("\n")[:-1]:  # the last one may just be written
-            key = line.removeprefix("-")
-            keys[key] += 1 if key == line else -1
-        return list(keys.elements())
+        """Return the keys under which another process is present; see `realms.keys_of`."""
+        return keys_of(self.directory, tag)
 
     def forget(self, tag: str) -> None:
         """Remove the files of a process that has ended."""
-        for end in (_SOCKET, _BEAT, _HELD):
+        for end in (SOCKET, _BEAT, HELD):
             with contextlib.suppress(OSError):
                 (self.directory / f"{tag}{end}").unlink()
 
@@ -276,7 +251,7 @@ class Rendezvous:
         socket is nobody.
         """
         listen = {found[1] for name in listening(self.directory) if (found := _HIDDEN.fullmatch(name))}
-        seen = {tag for tag in self.others() if (self.directory / f"{tag}{_SOCKET}").is_socket()}
+        seen = {tag for tag in self.others() if (self.directory / f"{tag}{SOCKET}").is_socket()}
         return {tag for tag in (listen | seen) - {self.tag} if alive(process_of(tag))}
 
     # -- inside
@@ -294,7 +269,7 @@ class Rendezvous:
         new = self.directory / f".{self.tag}.new"
         try:
             new.write_text("".join(f"{key}\n" for key in keys))
-            new.rename(self._path(_HELD))
+            new.rename(self._path(HELD))
         except OSError:  # the folder is gone, or the disk full; `register` writes them anew
             self._remove_list()
 
@@ -304,7 +279,7 @@ class Rendezvous:
             return
         self._lines += 1
         try:
-            handle = files.opened(self._path(_HELD), os.O_WRONLY | os.O_APPEND | os.O_NOFOLLOW)
+            handle = files.opened(self._path(HELD), os.O_WRONLY | os.O_APPEND | os.O_NOFOLLOW)
         except OSError:
             self._write_keys()
             return
@@ -321,7 +296,7 @@ class Rendezvous:
     def _remove_list(self) -> None:
         """Have no list at all rather than a wrong one: a process without one is named by each stop."""
         with contextlib.suppress(OSError):
-            self._path(_HELD).unlink()
+            self._path(HELD).unlink()
 
     def _sweep(self, hidden: Path) -> None:
         """Remove what a process left that was killed before it could be seen."""
@@ -329,25 +304,10 @@ class Rendezvous:
             if time.time() - hidden.lstat().st_mtime > ABANDONED:
                 hidden.unlink()
 
-    @contextlib.contextmanager
-    def _short(self, path: Path) -> Generator[str]:
-        """Give a socket's path a form that the system takes, however long it is (108 bytes, unix(7)).
-
-        It is left as it is where that is short enough: the system remembers it, see `living`.
-        """
-        if len(os.fsencode(path)) < LONGEST_PATH:
-            yield str(path)
-            return
-        folder = os.open(path.parent, os.O_DIRECTORY | os.O_CLOEXEC)
-        try:
-            yield f"/proc/self/fd/{folder}/{path.name}"
-        finally:
-            os.close(folder)
-
     def _make_folders(self) -> None:
-        for folder in (self._root, self.directory):
+        for folder in (self.directory.parent, self.directory):
             try:
-                files.private_folder(folder)
+                files.private_folder(folder, strict=True)
             except OSError as error:
                 reason = f"{error}; set XDG_RUNTIME_DIR to a directory of your own"
                 raise RealmUnusable(realm=self.realm, reason=reason) from None

@@ -29,12 +29,16 @@ from typing import Any, Literal, Protocol, Self, TypeVar
 
 import msgspec
 
+from robotree.files import forks
 from robotree.vr.author.child import ChildCommand, readable
-from robotree.vr.author.context import CallFuture, CommandContext, enter
+from robotree.vr.author.context import CallFuture, CallLimit, CommandContext, enter
 from robotree.vr.base.errors import (
     ChildCancelled,
+    ChildTimeout,
     CommandCancelled,
     CommandFailed,
+    CommandInDoubt,
+    DeadlineExceeded,
     Failed,
     NoAnswer,
     Unreachable,
@@ -50,6 +54,7 @@ from robotree.vr.base.requests import (
     Returned,
     decode_reply,
 )
+from robotree.vr.running.feed import Feed, NoReadingYet
 from robotree.vr.running.interruptible import Interrupted
 from robotree.vr.running.page_trace import words_of
 from robotree.vr.running.process import Worker
@@ -84,6 +89,7 @@ class CallingRobot(Protocol):
         manner: CallManner,
         *,
         instead: str = "",
+        limit: CallLimit | None = None,
     ) -> Started:
         """Call the child in a slot, as one step of the command."""
         ...
@@ -116,7 +122,11 @@ class CallingRobot(Protocol):
         """Have what is due end."""
         ...
 
-    def meant(self, slot: str, error: VrError) -> VrError:
+    def feed_of(self, slot: str, wake: Callable[[], None]) -> Feed:
+        """Have the readings of the child in a slot taken from now on."""
+        ...
+
+    def meant(self, slot: str, error: VrError) -> Exception:
         """Return what the error of a call of a child means to the command."""
         ...
 
@@ -154,6 +164,8 @@ class Frame:
     """The innermost open group: what is started belongs to it."""
     over: bool = False
     """Whether its code has ended."""
+    looks: bool = False
+    """Whether a condition is looked at: that takes no steps."""
     guest: bool = False
     """Whether it is a thread of the author's own that works for a command."""
 
@@ -176,6 +188,8 @@ class Frame:
         """What it has started and what may go on beside it."""
         self.guests: dict[int, Frame] = {}
         """Threads that work for it."""
+        self.feeds: dict[str, Feed] = {}
+        """The readings of children that it follows, by slot."""
 
     @property
     def cancelled(self) -> bool:
@@ -216,7 +230,10 @@ class Frame:
             guest.worker.thread = guest.worker.here()
             context = contextvars.copy_context()
             context.run(enter, guest)
-            return context.run(work, *values, **arguments)
+            try:
+                return context.run(work, *values, **arguments)
+            finally:
+                forks.expect_parent()
 
         return run
 
@@ -281,10 +298,99 @@ class Frame:
         """See `Activity.observe`."""
         worker = self._leave_author()
         try:
-            self.step()
+            if not self.looks:
+                self.step()
             return look()
         finally:
             worker.arm(self)
+
+    # -- readings of children ---------------------------------------------------------------------
+
+    def next_reading(self, slot: str, after: int, at: float) -> tuple[int, Any]:
+        """See `Activity.next_reading`."""
+        worker = self._leave_author()
+        try:
+            self.step()
+            feed = self._feed(slot)
+            self.wait(_never, at - self.now())
+            return self._reading_of(feed, slot, after)
+        finally:
+            worker.arm(self)
+
+    def reading(self, slot: str) -> Any:
+        """See `Activity.reading`. While a condition is looked at, nothing waits and it is no step.
+
+        Raises:
+            NoReadingYet: a condition asks before anything has been published.
+        """
+        worker = self._leave_author()
+        try:
+            feed = self._feed(slot)
+            if not self.looks:
+                self.step()
+                return self._reading_of(feed, slot, 0)[1]
+            if feed.latest is None:
+                raise NoReadingYet
+            return feed.latest
+        finally:
+            worker.arm(self)
+
+    def wait_until(self, condition: Callable[[], object], limit: CallLimit | None) -> None:
+        """See `Activity.wait_until`."""
+        worker = self._leave_author()
+        try:
+            self.step()
+            self.looks = True
+            end = math.inf if limit is None else self.now() + limit.seconds
+            while True:
+                seen = self._newest()
+                if self._holds(condition):
+                    return
+                if not self.feeds:
+                    raise RuntimeError(
+                        "the condition of wait_until has read no readings of a child, so nothing tells when "
+                        "to look again; read them as in self.arm.readings.z"
+                    )
+                if not self.wait(partial(self._has_news, seen), end - self.now()):
+                    raise TimeoutError(f"the condition was not true within {limit.text if limit else ''}")
+        finally:
+            self.looks = False
+            worker.arm(self)
+
+    def _holds(self, condition: Callable[[], object]) -> bool:
+        """Look at a condition of the page."""
+        worker = self.worker
+        worker.arm(self)
+        try:
+            return bool(condition())
+        except NoReadingYet:
+            return False
+        finally:
+            worker.disarm()
+
+    def _newest(self) -> int:
+        return max((feed.number for feed in self.feeds.values()), default=0)
+
+    def _has_news(self, after: int) -> bool:
+        return self._newest() > after
+
+    def _feed(self, slot: str) -> Feed:
+        """Return what the child that is now in a slot publishes.
+
+        Raises:
+            SlotEmpty: there is none.
+        """
+        feed = self.feeds.get(slot)
+        if feed is None or feed.over:
+            feed = self.feeds[slot] = self.live.feed_of(slot, self.wake)
+        return feed
+
+    def _reading_of(self, feed: Feed, slot: str, after: int) -> tuple[int, Any]:
+        """Wait for a reading that is newer than the one numbered `after`."""
+        while feed.over or feed.number <= after:
+            self.wait(partial(feed.has_news, after))
+            feed = self._feed(slot)
+        return feed.number, feed.latest
 
     def keep(self, change: Callable[[], None]) -> None:
         """See `Activity.keep`."""
@@ -304,12 +410,14 @@ class Frame:
         """See `Activity.say`."""
         self.keep(lambda: self.live.say(self.context.key, level, text, piece=piece))
 
-    def call(self, slot: str, command: str, arguments: Mapping[str, Any]) -> Any:
-        """See `Activity.call`."""
+    def call(
+        self, slot: str, command: str, arguments: Mapping[str, Any], limit: CallLimit | None = None
+    ) -> Any:
+        """See `Activity.call`. With a limit, this worker stays free to notice that it is over."""
         worker = self._leave_author()
         try:
-            manner: CallManner = "started" if self.guest else "awaited"
-            return self.live.call_child(self, slot, command, arguments, manner).get()
+            manner: CallManner = "started" if self.guest or limit else "awaited"
+            return self.live.call_child(self, slot, command, arguments, manner, limit=limit).get()
         finally:
             worker.arm(self)
 
@@ -321,13 +429,17 @@ class Frame:
         finally:
             worker.arm(self)
 
-    def start(self, slot: str, command: str, arguments: Mapping[str, Any]) -> Started:
+    def start(
+        self, slot: str, command: str, arguments: Mapping[str, Any], limit: CallLimit | None = None
+    ) -> Started:
         """See `Activity.start`."""
         worker = self._leave_author()
         try:
             group = self.group
             decided = "" if group is None else group.decided
-            pending = self.live.call_child(self, slot, command, arguments, "started", instead=decided)
+            pending = self.live.call_child(
+                self, slot, command, arguments, "started", instead=decided, limit=limit
+            )
             self._keep(pending)
             return pending
         finally:
@@ -461,7 +573,13 @@ class Frame:
             worker.arm(self)
 
     def step(self) -> str:
-        """Take one more step; returns its path key."""
+        """Take one more step; returns its path key.
+
+        Raises:
+            RuntimeError: the condition of `wait_until` wants one.
+        """
+        if self.looks:
+            raise RuntimeError("the condition of wait_until only reads; call commands before or after it")
         self.steps += 1
         return f"{self.context.key}/{self.steps}"
 
@@ -492,6 +610,8 @@ class Frame:
             guest.end()
         for started in self.started:
             started.drop("the command that started it has ended")
+        for feed in self.feeds.values():
+            feed.close()
 
     def _leave_author(self) -> Worker:
         """Come from the author's code into ours.
@@ -691,12 +811,16 @@ class PendingCall(Started):
     """Called once it has ended."""
     key_of_child: str = ""
     """Under which a child in another process answers."""
+    limit: CallLimit | None = None
+    """The time that this call may take; None: as long as the command that makes it."""
+    _unlimit: Callable[[], None] | None = None
+    """Has the end of that time not noticed."""
     _fraction: float = math.nan
     _awaited: bool = False
     """Whether the caller waits until the child has accepted it."""
     _dropped: bool = False
     """Whether nobody waits for it any more."""
-    _error: VrError | None = None
+    _error: Exception | None = None
 
     def __init__(
         self, frame: Frame, slot: str, key: str, child: str, command: str, *, passes_on: bool = False
@@ -732,10 +856,31 @@ class PendingCall(Started):
         elif text:
             frame.live.note_child(frame.call_key, self.child, text)
 
+    def watch_limit(self, seconds: float) -> None:
+        """End it when its time [s] is over."""
+        process = self.frame.worker.process
+        self._unlimit = process.at(process.runner.now() + seconds, self._be_late)
+        if self.reply is not None:
+            self._unlimit()
+
+    def _be_late(self) -> None:
+        if self.reply is None:
+            self.withdraw(f"its caller gave it {self._limit_text}")
+            self.fail(self._late())
+
+    @property
+    def _limit_text(self) -> str:
+        return "" if self.limit is None else self.limit.text
+
+    def _late(self) -> ChildTimeout:
+        return ChildTimeout(robot=self.child, command=self.command, limit=self._limit_text)
+
     def settle(self, reply: Returned | Raised) -> None:
         """See `Listener.settle`."""
         if self.reply is None:
             self.reply = reply
+            if self._unlimit is not None:
+                self._unlimit()
             if self.ended is not None:
                 self.ended()
             if self._tell:
@@ -753,7 +898,7 @@ class PendingCall(Started):
                 return
             if self.accepted:
                 detail = "it ended in the middle; look where the robot stands before you go on"
-                self.fail(CommandFailed(robot=self.child, command=self.command, detail=detail))
+                self.fail(CommandInDoubt(robot=self.child, command=self.command, detail=detail))
             else:
                 self.fail(Unreachable(key=self.key_of_child))
             return
@@ -882,14 +1027,16 @@ class PendingCall(Started):
         assert error is not None  # noqa: S101 # it has failed
         raise error
 
-    def error(self) -> VrError | None:
+    def error(self) -> Exception | None:
         """See `Started.error`."""
         if not isinstance(self.reply, Raised):
             return None
         if self._error is None:
             meant = self.frame.live.meant(self.slot, self.reply.revive())
             self._error = meant
-            if isinstance(meant, CommandCancelled):
+            if self.limit is not None and isinstance(meant, DeadlineExceeded):
+                self._error = self._late()  # the child has noticed it first
+            elif isinstance(meant, CommandCancelled):
                 self._error = ChildCancelled(**meant.data)
                 self._error.trace = meant.trace
         return self._error

@@ -17,6 +17,7 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, Literal, Protocol, TextIO
 
+from robotree.files import forks
 from robotree.vr.author.context import activity_here
 from robotree.vr.base.requests import Level
 from robotree.vr.running.page_trace import authors_file
@@ -48,6 +49,8 @@ def speaking(voice: Voice) -> Generator[None]:
 
 def voice_here() -> Voice | None:
     """Return what takes the output of the code that runs here; None: nothing does."""
+    if forks.is_child:
+        return None
     activity = activity_here()
     return _voice.get() if activity is None else activity.say
 
@@ -115,6 +118,18 @@ def _level(number: int) -> Literal["debug", "info", "warning", "error"]:
     return "info" if number >= logging.INFO else "debug"
 
 
+def _no_debugger(*values: Any, **named: Any) -> None:
+    """Refuse `breakpoint()` in a page, which would wait for a keyboard; elsewhere do what Python does.
+
+    Raises:
+        OSError: the code of a robot calls it.
+    """
+    if voice_here() is None:
+        sys.__breakpointhook__(*values, **named)  # noqa: T100 # it is not a page that calls it
+        return
+    raise OSError("a host has no keyboard for breakpoint(): take it away, or run the page in a rehearsal")
+
+
 @contextlib.contextmanager
 def listening() -> Generator[None]:
     """Collect the output of robots in this process, and let them read no input: for the process of a host."""
@@ -124,7 +139,7 @@ def listening() -> Generator[None]:
     for other in root.handlers:
         other.setLevel(max(other.level, level))  # it gets no more than before
     sys.stdout, sys.stderr = _Stream(sys.stdout, "info"), _Stream(sys.stderr, "warning")
-    sys.stdin = _NoInput()
+    sys.stdin, sys.breakpointhook = _NoInput(), _no_debugger
     root.addHandler(handler)
     root.setLevel(logging.INFO)
 
@@ -148,6 +163,6 @@ def listening() -> Generator[None]:
         yield
     finally:
         sys.stdout, sys.stderr, warnings.showwarning = before
-        sys.stdin = typed
+        sys.stdin, sys.breakpointhook = typed, sys.__breakpointhook__
         root.removeHandler(handler)
         root.setLevel(level)

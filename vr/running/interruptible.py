@@ -11,6 +11,7 @@ import contextlib
 import threading
 from collections.abc import Callable
 
+from robotree.files import forks
 from robotree.vr.running.runner import Threads
 
 
@@ -66,6 +67,8 @@ class InterruptibleThread:
             return self._work(), None
         except BaseException as error:  # noqa: BLE001 # the last fence around foreign code
             return None, error
+        finally:
+            forks.expect_parent()
 
     def _leave(self) -> None:
         """Let nothing strike from here on: what was raised and has not arrived arrives in the loop.

@@ -17,26 +17,29 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from robotree.files import forks
 from robotree.vr.author.child import Exposed
 from robotree.vr.author.command import commands_of
-from robotree.vr.author.context import CommandContext
+from robotree.vr.author.context import CallLimit, CommandContext
 from robotree.vr.author.fields import SET
 from robotree.vr.author.robot import Robot
 from robotree.vr.author.signature import Command
 from robotree.vr.author.virtual_robot import VirtualRobot, exposures_of, slot_specs
 from robotree.vr.base.address import Address
 from robotree.vr.base.arguments import check_arguments
-from robotree.vr.base.description import Arguments, CommandSpec
-from robotree.vr.base.envelope import seal
+from robotree.vr.base.description import Arguments, CommandSpec, offered
+from robotree.vr.base.envelope import is_person, seal
 from robotree.vr.base.errors import BadArgument, CommandCancelled, CommandFailed, NoSuchCommand, VrError
 from robotree.vr.base.requests import PATIENCE, Call, Cancel, Detach, Level, Raised, Returned
 from robotree.vr.base.transport import Transport
 from robotree.vr.core import events as on
 from robotree.vr.core.events import Begin, CoreEffect, CoreEvent, Interrupt, Settled
-from robotree.vr.core.machine import AcceptedCall, RobotCore
+from robotree.vr.core.machine import RobotCore
+from robotree.vr.running.feed import Feed
 from robotree.vr.running.frame import DEEPEST, CallManner, Frame, Listener, PendingCall
-from robotree.vr.running.log import Log
+from robotree.vr.running.log import Log, whose
 from robotree.vr.running.outcome import raised
+from robotree.vr.running.own_errors import as_itself
 from robotree.vr.running.page_trace import begin_of, line_at_work, words_of
 from robotree.vr.running.process import Process, Worker
 
@@ -91,6 +94,7 @@ class LiveRobot:
         *,
         transport: Transport,
         describe_child: Callable[[NotDescribed, OnDescribed], None],
+        follow_child: Callable[[Address, Callable[[Mapping[str, float]], None]], Callable[[], None]],
         obeyed: Callable[[], int | None] | None,
         on_effect: Callable[[CoreEffect], None],
     ) -> None:
@@ -102,6 +106,8 @@ class LiveRobot:
             process: whose threads carry it out.
             transport: the way to children in other processes.
             describe_child: asks the child in a slot anew who it is, from any thread, without waiting.
+            follow_child: hands on the readings that a child publishes, from any thread, without waiting;
+                returns how to end that.
             obeyed: returns the epoch that what stands behind the robot obeys, None before it was heard; None:
                 nothing stands behind it.
             on_effect: carries out what is not about calls. In any thread.
@@ -111,8 +117,7 @@ class LiveRobot:
         """
         self.robot, self.core, self.process = robot, core, process
         self.key = core.state.address.key
-        self.isolated = robot.isolated
-        """Whether its commands always run on workers of their own."""
+        self.isolated = robot.isolated  # its commands always run on workers of their own
         if isinstance(robot, VirtualRobot):
             self._give_state(robot)
         self.frames: dict[str, Frame] = {}
@@ -121,7 +126,7 @@ class LiveRobot:
         """How far its running commands are, by key, as others see it."""
         self._own_progress: dict[str, tuple[float, str]] = {}  # without the progress of their children
         self.describe_child = describe_child
-        self._transport, self._obeyed = transport, obeyed
+        self._transport, self._obeyed, self._follow_child = transport, obeyed, follow_child
         self._on_effect = on_effect
         self.on_news: Callable[[], None] = _nothing
         """Called when `has_news` becomes true. In any thread."""
@@ -130,18 +135,15 @@ class LiveRobot:
         self._lock = process.runner.lock()
         self._commands = commands_of(type(robot))
         self._exposures = exposures_of(type(robot))
-        self.log = Log(self._runner.now, self._runner.unix)
-        """The output of its code, and how its commands ended."""
+        self.log = Log(self._runner.now, self._runner.unix)  # what its code says, and how its commands ended
         self._listeners: dict[str, list[Listener]] = {}
         self._turns: dict[str, PendingCall] = {}
         """Calls whose caller waits on its worker and would carry the command out itself."""
-        self._calling: dict[str, dict[PendingCall, None]] = {}
-        """Calls under way of the child in each slot, the oldest first: they end in that order."""
+        self._calling: dict[str, dict[PendingCall, None]] = {}  # by slot; they end in their order
+        self._feeds: dict[str, dict[Feed, None]] = {}  # who follows the readings of a child, by slot
         self._unremind: Callable[[], None] = _nothing
         self._neighbours: dict[Address, LiveRobot] = process.robots
-        """The robots that live in this process."""
-        self._ledgers: dict[str, _Ledger] = {}
-        """The numbered calls of each child in another process, by `parent/slot/epoch`."""
+        self._ledgers: dict[str, _Ledger] = {}  # the numbered calls of each distant child: parent/slot/epoch
 
     # -- the one door -----------------------------------------------------------------------------
 
@@ -164,6 +166,7 @@ class LiveRobot:
         Raises:
             VrError: the event is refused; nothing has changed.
         """
+        forks.expect_parent()
         now, refusal = self._runner.now(), None
         with self._lock:
             effects: list[CoreEffect] = []
@@ -186,8 +189,8 @@ class LiveRobot:
         if turned is not None:
             turned()
         self._remind_at(due if turn is None else math.inf)  # its caller watches over the deadline of a turn
-        if shows and not self.has_news:
-            self.changed()
+        if shows:
+            self._show_change()
         self._carry_out(effects)  # last, for this wakes other threads, which wait for the interpreter then
         if refusal is not None:
             raise refusal
@@ -289,6 +292,8 @@ class LiveRobot:
                 if not self._transport.after_reading(partial(self.process.carry_out, run)):
                     self.process.work(run)
             elif isinstance(effect, Settled):
+                if effect.course is not None:
+                    self.log.settle(effect.key, effect.course, effect.reply)
                 self._turns.pop(effect.key, None)
                 self.shown_progress.pop(effect.key, None)
                 self._own_progress.pop(effect.key, None)
@@ -307,6 +312,20 @@ class LiveRobot:
         return before != self._at_work or any(
             not isinstance(one, Begin | Settled | on.RenewLease | on.AskPart) for one in effects
         )
+
+    def _show_change(self) -> None:
+        """Let others see a change, and tell people whose commands wait which one is first."""
+        self.changed()
+        if not self.core.state.calls.waiting:
+            return
+        with self._lock:
+            calls = self.core.state.calls
+            if (first := calls.live.get(calls.running)) is None:
+                return
+            waiting = [key for key in calls.waiting if is_person(calls.live[key].caller)]
+            listeners = [one for key in waiting for one in self._listeners.get(key, ())]
+        for listener in listeners:
+            listener.note(math.nan, f"waits: {whose(first)} first")
 
     def _carry_out_other(self, effect: CoreEffect) -> None:
         if isinstance(effect, Interrupt):
@@ -420,10 +439,9 @@ class LiveRobot:
                 "any more; the robot is free again when it has ended, or after a restart of %s",
                 *(self.name, call.command, where and f" ({where})", self.core.state.home),
             )
-            if call.cause is not None:
-                self._enter_end(call, call.cause)
-            self.log.say("warning", f"{call.command} has ended and its code still runs: {where or '?'}")
         self.post(on.Abandon(key=key, where=where))
+        if call is not None:
+            self.log.say("warning", f"{call.command} has ended and its code still runs: {where or '?'}")
         frame = self.frames.get(key)
         if frame is not None and not frame.worker.dead:  # a part of it was abandoned, on another worker
             reason = "a part of it was abandoned, because it ignores every cancel"
@@ -462,19 +480,12 @@ class LiveRobot:
         else:
             self.log.say(level, text)
 
-    def _enter_end(self, call: AcceptedCall, reply: Returned | Raised) -> None:
-        """Enter in the log how a command ended: that, of those that only read, failures alone."""
-        if self.log.begun:
-            self.log.end(call.key)
-        if call.cause is not None and isinstance(reply, Raised):
-            reply = call.cause  # what its caller is told, too, however the code took it
-        if isinstance(reply, Returned):
-            if not call.reads:
-                self.log.say("done", f"{call.command} is done", call.command)
-        elif reply.error in {"CommandCancelled", "ChildCancelled"}:
-            self.log.say("cancelled", str(reply.revive()), call.command)
-        else:
-            self.log.say("failed", str(reply.revive()), call.command)
+    def enter_asked(self, core: RobotCore) -> None:
+        """Enter in the log which commands of people go on or wait, each once. Under the lock."""
+        calls = core.state.calls
+        for call in calls.live.values():
+            if not call.reads and is_person(call.caller):
+                self.log.ask(call, None if call.running else calls.live.get(calls.running))
 
     # -- what it can do ---------------------------------------------------------------------------
 
@@ -490,7 +501,7 @@ class LiveRobot:
             return self._present(command.spec) if command.spec.beside else command.spec
         exposed = self._exposures.get(name)
         if exposed is None:
-            known = ", ".join([*self._commands, *self._exposures]) or "none"
+            known = offered((*self._commands, *self._exposures), name)
             raise NoSuchCommand(robot=self.robot.name, command=name, known=known)
         child = self.core.state.slots.require(exposed.child.name).description
         spec = child.command(exposed.command)
@@ -573,7 +584,7 @@ class LiveRobot:
         value, error = frame.run(work)
         del self.frames[key]
         frame.over = True  # from now on a thread that works for it reaches no child
-        if frame.started or frame.guests:
+        if frame.started or frame.guests or frame.feeds:
             frame.end()
         if isinstance(robot, VirtualRobot) and not worker.dead:
             try:
@@ -584,7 +595,6 @@ class LiveRobot:
         if worker.dead:
             self.gone(key)
         else:
-            self._enter_end(call, reply)
             self.post(on.Finish(key=key, reply=reply))
 
     def _pass_on(self, frame: Frame, exposed: Exposed, arguments: Arguments) -> Any:
@@ -628,6 +638,7 @@ class LiveRobot:
         manner: CallManner,
         *,
         instead: str = "",
+        limit: CallLimit | None = None,
     ) -> PendingCall:
         """Call the child in a slot, as one step of a running command, within that command's deadline.
 
@@ -638,6 +649,7 @@ class LiveRobot:
             arguments: by name.
             manner: whether the caller waits for it, and for what.
             instead: why it is not to begin any more: it ends at once; empty: it is.
+            limit: the time that it may take; None: as long as the command.
 
         Raises:
             VrError: the slot is empty, or the child refuses.
@@ -654,9 +666,10 @@ class LiveRobot:
             arguments=dict(arguments),
             epoch=bond.lease.epoch,
             caller=self.robot.name,
-            deadline=frame.deadline_at - self._runner.now(),
+            deadline=min(frame.deadline_at - self._runner.now(), limit.seconds if limit else math.inf),
             oneway=manner == "told",
         )
+        pending.limit = limit
         child = self._neighbours.get(bond.child)
         if instead:
             pending.fail(CommandCancelled(robot=bond.child.name, command=command, reason=instead))
@@ -664,6 +677,8 @@ class LiveRobot:
             self._call_afar(pending, bond.child.key, call)
         else:
             self._call_here(pending, child, call, nested=manner in {"awaited", "passed on"})
+        if limit is not None:
+            pending.watch_limit(limit.seconds)
         return pending
 
     def _call_here(self, pending: PendingCall, child: LiveRobot, call: Call, *, nested: bool) -> None:
@@ -671,6 +686,9 @@ class LiveRobot:
         frame = pending.frame
         may_run_here = nested and not child.isolated and len(frame.worker.stack) < DEEPEST
         listener = None if call.oneway else pending
+        deadline_at = frame.deadline_at
+        if pending.limit is not None:
+            deadline_at = min(deadline_at, self._runner.now() + pending.limit.seconds)
         if not call.oneway:
             pending.withdraw = partial(child.cancel, pending.key)
             pending.detach_at_child = partial(child.detach, pending.key)
@@ -678,7 +696,7 @@ class LiveRobot:
             try:
                 child.admit(
                     call,
-                    frame.deadline_at,
+                    deadline_at,
                     listener=listener,
                     turn=pending if may_run_here and listener is not None else None,
                 )
@@ -743,11 +761,33 @@ class LiveRobot:
         """A child is gone: nobody waits for its answers any longer."""
         for pending in tuple(self._calling.get(slot, ())):
             pending.fail(self.core.state.slots.emptiness(slot))
+        for feed in tuple(self._feeds.get(slot, ())):
+            feed.end()
 
-    def meant(self, slot: str, error: VrError) -> VrError:
-        """Return what the error of a call means to its caller: that its child is gone, perhaps."""
+    def feed_of(self, slot: str, wake: Callable[[], None]) -> Feed:
+        """Have the readings of the child in a slot taken from now on, until the feed is closed.
+
+        Raises:
+            SlotEmpty: there is no child.
+        """
+        child, feed = self.core.state.slots.require(slot).child, Feed(wake)
+        self._feeds.setdefault(slot, {})[feed] = None
+        unfollow = self._follow_child(child, feed.take)
+
+        def close() -> None:
+            self._feeds[slot].pop(feed, None)
+            unfollow()
+
+        feed.close = close
+        bond = self.core.state.slots[slot].bond
+        if bond is None or bond.child != child:  # it has left before it was followed
+            feed.end()
+        return feed
+
+    def meant(self, slot: str, error: VrError) -> Exception:
+        """Return the error of a call as its caller sees it: the child is gone, or a class of the page."""
         slots = self.core.state.slots
-        return slots.emptiness(slot) if slots[slot].bond is None else error
+        return slots.emptiness(slot) if slots[slot].bond is None else as_itself(type(self.robot), error)
 
 
 class _Ledger:

@@ -1,17 +1,25 @@
-"""The log of one robot: the output of its code, and how its commands ended.
+"""The log of one robot: the output of its code, and its commands: who asked for which, and how each ended.
 
 A log keeps the last `KEPT` lines, and takes `BURST` lines at once and `RATE` a second after that; of what
-comes quicker it says how many lines were dropped.
+comes quicker it says how many lines were dropped. Commands of people are never dropped. That a command of
+a person goes on, or waits, is a line of its own; a short one has only the line of its end.
+
+A line about a command is written when somebody wants to read it: nothing waits for that.
 """
 
 from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
-from robotree.vr.base.requests import Level, LoggedLine
+from robotree.vr.base.envelope import is_person
+from robotree.vr.base.literal import write
+from robotree.vr.base.requests import Level, LoggedLine, Raised, Returned
+from robotree.vr.core.events import Course
+from robotree.vr.core.machine import AcceptedCall
 
 KEPT = 500
 """Lines of each robot."""
@@ -19,6 +27,9 @@ LONGEST = 500
 """Characters of a line."""
 BURST, RATE = 200, 50.0
 """Lines at once, and lines a second."""
+NOTICED = 0.05
+"""[s] below which nobody wants to know that a command has waited."""
+_CANCELS = frozenset({"CommandCancelled", "ChildCancelled"})
 
 
 class Log:
@@ -37,6 +48,10 @@ class Log:
         """Whether there are lines that nobody has asked for."""
         self._now, self._unix = now, unix
         self._lines: deque[LoggedLine] = deque(maxlen=KEPT)
+        self._fresh: deque[Callable[[], LoggedLine]] = deque(maxlen=KEPT)
+        """What has come since somebody has asked for lines."""
+        self._open: set[str] = set()
+        """Keys of the calls that have a line and have not ended."""
         self._lock = threading.Lock()
         self._number = 0
         self._room, self._at = float(BURST), now()
@@ -67,22 +82,25 @@ class Log:
             level: Any = place.rpartition("|")[2]
             self.say(level, self.begun.pop(place))
 
-    def say(self, level: Level, text: str, command: str = "") -> None:
-        """Take a line; `command`: has ended so."""
-        with self._lock:
-            now = self._now()
-            self._room = min(BURST, self._room + (now - self._at) * RATE)
-            self._at = now
-            if self._room < 1.0:
-                self._dropped += 1
-                return
-            self._room -= 1.0
-            if self._dropped:
-                self._note_dropped()
-            self._append(level, text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…", command)
-            first, self._news = not self._news, True
-        if first:
-            self.on_line()
+    def say(self, level: Level, text: str) -> None:
+        """Take a line."""
+        self._take(partial(_said, level, text))
+
+    def ask(self, call: AcceptedCall, ahead: AcceptedCall | None) -> None:
+        """Take, once, that the command of a person goes on, or waits for the one that is `ahead`."""
+        if call.key not in self._open:
+            self._open.add(call.key)
+            words = "begins" if ahead is None else f"waits: {whose(ahead)} first"
+            line = partial(_asked, call.command, call.sent, call.caller, call.key, words)
+            self._take(line, always=True)
+
+    def settle(self, key: str, course: Course, reply: Returned | Raised) -> None:
+        """Take how a command went; of those that only read, failures alone."""
+        if self.begun:
+            self.end(key)
+        self._open.discard(key)
+        if not (course.reads and isinstance(reply, Returned)):
+            self._take(partial(_settled, key, course, reply), always=is_person(course.caller))
 
     def since(self, number: int) -> list[LoggedLine]:
         """Return the lines after the one of a number, the oldest first."""
@@ -90,13 +108,94 @@ class Log:
             self._news = False
             if self._dropped:
                 self._note_dropped()
+            self._lines.extend(line() for line in self._fresh)
+            self._fresh.clear()
             return [line for line in self._lines if line.number > number]
+
+    def _take(self, line: Callable[[int, float], LoggedLine], *, always: bool = False) -> None:
+        with self._lock:
+            now = self._now()
+            self._room = min(BURST, self._room + (now - self._at) * RATE)
+            self._at = now
+            if self._room < 1.0 and not always:
+                self._dropped += 1
+                return
+            self._room = max(self._room - 1.0, 0.0)
+            if self._dropped:
+                self._note_dropped()
+            self._append(line)
+            first, self._news = not self._news, True
+        if first:
+            self.on_line()
 
     def _note_dropped(self) -> None:
         """Say how many lines were dropped."""
         count, self._dropped = self._dropped, 0
-        self._append("warning", f"{count} lines were dropped: it takes {RATE:g} a second")
+        self._append(partial(_said, "warning", f"{count} lines were dropped: it takes {RATE:g} a second"))
 
-    def _append(self, level: Level, text: str, command: str = "") -> None:
+    def _append(self, line: Callable[[int, float], LoggedLine]) -> None:
         self._number += 1
-        self._lines.append(LoggedLine(self._number, self._unix(), level, text, command))
+        self._fresh.append(partial(line, self._number, self._unix()))
+
+
+def whose(call: AcceptedCall) -> str:
+    """Return a command and who asked for it: `bob@pts/3's go_to`."""
+    return f"{call.caller}'s {call.command}" if call.caller else call.command
+
+
+def _said(level: Level, text: str, number: int, unix: float) -> LoggedLine:
+    return LoggedLine(number, unix, level, _short(text))
+
+
+def _asked(
+    command: str, arguments: Mapping[str, Any], caller: str, key: str, words: str, number: int, unix: float
+) -> LoggedLine:
+    given = _given(arguments)
+    text = f"{_by(command, caller)} {words}{_within(given)}"
+    return LoggedLine(number, unix, "asked", _short(text), command, key, caller, given)
+
+
+def _settled(key: str, course: Course, reply: Returned | Raised, number: int, unix: float) -> LoggedLine:
+    given, began = _given(course.arguments), course.began
+    turned = began >= 0.0
+    waited, ran = (began if turned else course.ended) - course.came, course.ended - began if turned else 0.0
+    times = [f"waited {waited:.1f} s"] if waited >= NOTICED else []
+    times += [f"ran {ran:.1f} s"] if turned else ["never began"]
+    level: Level
+    if isinstance(reply, Returned):
+        level, text = (
+            "done",
+            f"{_by(course.command, course.caller)} is done: {', '.join(times)}{_within(given)}",
+        )
+    else:
+        level = "cancelled" if reply.error in _CANCELS else "failed"
+        text = f"{reply.revive()} ({_by('', course.caller)}{', '.join(times)}){_within(given)}"
+    return LoggedLine(
+        number, unix, level, _short(text), course.command, key, course.caller, given, waited, ran
+    )
+
+
+def _by(command: str, caller: str) -> str:
+    """Return `go_to by anna@pts/3`, or `by anna@pts/3, `."""
+    if not command:
+        return f"by {caller}, " if caller else ""
+    return f"{command} by {caller}" if caller else command
+
+
+def _within(given: str) -> str:
+    return f"  ({given})" if given else ""
+
+
+def _given(arguments: Mapping[str, Any]) -> str:
+    """Return arguments as a person would type them."""
+    return _short(" ".join(f"{name}={_written(value)}" for name, value in arguments.items()))
+
+
+def _written(value: object) -> str:
+    if isinstance(value, str):
+        return value
+    return f"{len(value)} bytes" if isinstance(value, bytes) else write(value)
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…"

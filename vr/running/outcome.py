@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import logging
-from typing import Any
 
 from robotree.vr.author.context import CommandContext
 from robotree.vr.base.errors import BadArgument, CommandError, CommandFailed, Failed, NoSuchCommand, VrError
-from robotree.vr.base.plain import to_plain
 from robotree.vr.base.requests import Raised
-from robotree.vr.base.units import shorten
+from robotree.vr.running.own_errors import own_class_of, travelling
 from robotree.vr.running.page_trace import PageLine, page_lines, trace_of, words_of
 
 _log = logging.getLogger(__name__)
@@ -34,12 +32,12 @@ def raised(robot: str, context: CommandContext, error: BaseException, *, source:
     elif isinstance(known, (BadArgument, NoSuchCommand)) and lines and not known.trace:
         known = _refused_by_a_child(known, lines[-1])
     if isinstance(known, Failed):
-        known.data["values"] = {name: _travelling(value) for name, value in known.data["values"].items()}
+        known.data["values"] = {name: travelling(value) for name, value in known.data["values"].items()}
     if isinstance(known, CommandError):
         known.fill_in(robot, context.command)
     if begins_here:
         _log.warning("%s", "\n".join([str(known), *trace]))
-    known.trace = trace
+    known.trace, known.own_class = trace, own_class_of(error) or known.own_class
     return Raised.of(known)
 
 
@@ -53,10 +51,3 @@ def _refused_by_a_child(error: BadArgument | NoSuchCommand, line: PageLine) -> V
         return error
     last = "reason" if isinstance(error, BadArgument) else "known"
     return type(error)(**error.data | {last: f"{error.data[last]} ({line.place})"})
-
-
-def _travelling(value: Any) -> Any:
-    try:
-        return to_plain(value)
-    except TypeError:
-        return shorten(value)

@@ -17,10 +17,12 @@ from __future__ import annotations
 import functools
 import heapq
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from types import FrameType
 from typing import Any, Protocol
 
+from robotree.files import forks
+from robotree.vr.author import context
 from robotree.vr.base.address import Address
 from robotree.vr.base.errors import VrError
 from robotree.vr.core.events import CoreEvent
@@ -92,6 +94,8 @@ class Worker:
 
     def disarm(self) -> None:
         """Our own code is at work: nothing strikes from now on, and nothing that was sent is under way."""
+        if forks.is_child:
+            forks.expect_parent()
         arrived = False
         while True:
             try:
@@ -156,6 +160,7 @@ class Process:
             core: makes the machine of a robot, from its state.
         """
         hand_on()
+        forks.owns(self)
         self.runner: Runner = Threads() if runner is None else runner
         self.core = core
         self.journal = journal
@@ -173,6 +178,11 @@ class Process:
         self._bell = self.runner.waiter()
         self._watching = False
         self._watched: set[Worker] = set()
+
+    def in_child(self) -> Iterable[int]:
+        """See `forks.Owner`: in a child no command runs."""
+        context.in_child(forks.expect_parent)
+        return ()
 
     def close(self) -> None:
         """End the threads that wait; one that runs an author's code ends with that."""

@@ -18,7 +18,8 @@ import msgspec
 from clips.common import CLIPSError
 
 from robotree.vr.base.written import Scalar
-from robotree.vr.scripts import expression
+from robotree.vr.scripts import expression, joins
+from robotree.vr.scripts.agenda import RuleAgenda
 from robotree.vr.scripts.expression import Form, is_word, show
 from robotree.vr.scripts.guard import CHECK
 from robotree.vr.scripts.happening import (
@@ -40,6 +41,7 @@ from robotree.vr.scripts.program import (
     ROLE,
     SYSTEM,
     Program,
+    Rule,
     template_form,
 )
 from robotree.vr.scripts.working_memory import WorkingMemory
@@ -69,7 +71,6 @@ _PLAIN = (
     ),
 )
 """What CLIPS says, and how it is said here."""
-_FACT = re.compile(r"f-(\d+)")
 
 
 class ScriptError(Exception):
@@ -120,11 +121,15 @@ class Engine:
         self.handled = False
         """Whether a rule has used the latest happening."""
         self._told: list[str] = []
+        self._crowded: int | None = None
+        """Number of the rule whose join was compared when there were too many comparisons."""
         self._env = clips.Environment()
         self._env.add_router(_Ear(self._told))
+        self._agenda = RuleAgenda(self._env, program.rules)
         self._define()
         self._build()
         self._env.reset()
+        self._compared = self._env.find_global(joins.COUNT)
         self._memory = WorkingMemory(self._env)
         self._partners: dict[str, Any] = {}
         self._roles: dict[str, Any] = {}
@@ -135,8 +140,9 @@ class Engine:
             self._memory.begin(PARAMETER, name=into(name), value=into(value))
         for count, fact in enumerate(program.facts):
             self._memory.begin(fact.head, **_slots(program, fact))
-            if count % _GLANCE == 0:
+            if count % _GLANCE == 0 or self._crowded is not None:
                 self._look()
+                self._raise("with its first facts")
         self._look()
         self._raise("with its first facts")
 
@@ -162,6 +168,7 @@ class Engine:
         self.happened += 1
         self._orders.clear()
         self._told.clear()
+        self._compared.value = 0
         if happening.partner:
             self._seat(happening.partner, happening.robot)
         event = self._memory.insert(
@@ -209,12 +216,12 @@ class Engine:
 
     def agenda(self) -> list[str]:
         """Return the names of the rules that would fire next."""
-        return [str(one).split()[1].removesuffix(":") for one in self._env.activations()]
+        return [one.rule for one in self._agenda.each()]
 
     def matches(self, rule: str) -> list[str]:
         """Return what CLIPS says about how far the conditions of a rule are met."""
         self._told.clear()
-        self._env.eval(f"(matches {rule} verbose)")
+        self._env.eval(f"(matches {rule} succinct)")
         text = "".join(self._told)
         self._told.clear()
         return text.splitlines()
@@ -238,16 +245,15 @@ class Engine:
         done: set[tuple[str, str]] = set()
         self._memory.learn()
         for count in range(MOST_FIRINGS):
-            activation = next(self._env.activations(), None)
+            with self._unheard():
+                activation = self._agenda.first()
             if activation is None:
                 return used
-            _, _, line = str(activation).partition(" ")
-            rule, _, basis = line.strip().partition(": ")
-            numbers = [int(number) for number in _FACT.findall(basis)]
-            if event in numbers:
+            rule, basis = activation.rule, activation.basis
+            if event in activation.numbers:
                 used = True
                 if (rule, basis) in done:  # the rule has changed one of these facts itself: not twice
-                    activation.delete()
+                    self._agenda.drop(activation)
                     continue
                 done.add((rule, basis))
             because = self._because(basis) if count < _TOLD else ()
@@ -279,7 +285,7 @@ class Engine:
                 listener.activate()
 
     def _text(self, part: str) -> str:
-        found = _FACT.search(part)
+        found = re.search(r"f-(\d+)", part)
         return f"{found.group()} {self._memory.known(int(found.group(1)))}".strip() if found else "*"
 
     def _busiest(self) -> str:
@@ -297,11 +303,27 @@ class Engine:
         return int(self._env.call("mem-used"))
 
     def _look(self) -> None:
+        if self._crowded is not None and not self._error:
+            self._error = self._crowd(self.program.rules[self._crowded])
         if self.memory > MOST_MEMORY:
             self._error = (
                 self._error
                 or f"the rules need more than {MOST_MEMORY // 1_000_000} MB: too many facts fit together"
             )
+
+    def _crowd(self, rule: Rule) -> str:
+        """Say which conditions are met by so many facts that their combinations cannot be compared."""
+        counts = [line.rpartition(" ")[2] for line in self.matches(rule.name) if line.startswith("Pattern ")]
+        wanted = [one for one in rule.conditions if one.template]
+        each = [
+            f"{count} for {one.template} (line {one.mark.line})"
+            for one, count in zip(wanted, counts, strict=False)
+        ]
+        return (
+            f"the conditions of rule {rule.name} (line {rule.mark.line}) can be met in too many ways, "
+            f"more than {joins.MOST_COMPARISONS:,} were compared for one happening; facts that fit are "
+            f"{', '.join(each)}: let the conditions share a variable, or forget facts"
+        )
 
     def _raise(self, where: str) -> None:
         told = "".join(self._told).strip()
@@ -309,17 +331,22 @@ class Engine:
             reason = self._error or _sentence(told)
             if (found := _RULE.search(told)) and not self._error:
                 where = f"in rule {found.group(1)}"
+            where = "" if self._crowded is not None else f", {where}"
             self._error = ""
             self._told.clear()
-            raise ScriptError(f"{self.program.name}, {where}: {reason}")
+            raise ScriptError(f"{self.program.name}{where}: {reason}")
 
     def _build(self) -> None:
         self._env.eval("(set-dynamic-constraint-checking TRUE)")
         for template in (*SYSTEM, *self.program.templates):
             self._env.build(template_form(template))
-        for rule in self.program.rules:
+        self._env.build(joins.counter())
+        for number, rule in enumerate(self.program.rules):
+            form = joins.bounded(rule.form, number, self.program.template)
+            if form is not None:
+                self._env.build(joins.join_function(number))
             try:
-                self._env.build(show(rule.form))
+                self._env.build(show(self._agenda.leveled(form or rule.form, rule)))
             except CLIPSError:
                 raise ScriptError(
                     f"rule {rule.name} (line {rule.mark.line}): {_sentence(''.join(self._told))}"
@@ -348,6 +375,7 @@ class Engine:
             "text": self._text_of,
             "fields": self._fields,
             CHECK: self._check,
+            joins.CROWDED: self._crowds,
         }
 
     def _order(self, order: ScriptOrder) -> None:
@@ -420,6 +448,10 @@ class Engine:
         if len(values) > LONGEST_LIST:
             raise ScriptError(f"a list of more than {LONGEST_LIST} values")
         return list(values)
+
+    def _crowds(self, number: int) -> Any:
+        self._crowded = number
+        return clips.Symbol("FALSE")
 
     def _check(self) -> None:
         self._look()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 from robotree.vr.scripts.engine import Engine, Firing
 from robotree.vr.scripts.happening import order_line
 from robotree.vr.scripts.program import MESSAGE, PARAMETER, Condition, Program, Rule
@@ -92,13 +90,9 @@ def _why_not(engine: Engine, rule: Rule, fired: Firing | None) -> list[str]:
 
 def _matched(lines: list[str]) -> tuple[list[bool], list[bool]]:
     """Return what fits each pattern of a rule alone, and the first two, three … together."""
-    alone: list[bool] = []
-    together: list[bool] = []
-    for line, after in pairwise([*lines, ""]):
-        if line.startswith("Matches for Pattern"):
-            alone.append("None" not in after)
-        elif line.startswith("Partial matches for CEs"):
-            together.append("None" not in after)
+    counts = [(line.partition(" ")[0], line.rpartition(" ")[2] != "0") for line in lines]
+    alone = [fits for head, fits in counts if head == "Pattern"]
+    together = [fits for head, fits in counts if head == "CEs"]
     return alone, together
 
 

@@ -62,6 +62,8 @@ INSTEAD = {
 }
 KEPT = frozenset({MESSAGE, PARTNER, PARAMETER, ROLE})
 """Facts that come from outside: rules look at them and cannot make them."""
+MOST_LISTS = 3
+"""Parts of any length in one slot: a list of 64 values is split into so many in 2,145 ways."""
 HIGHEST = 10_000
 """Largest salience, as in CLIPS."""
 
@@ -193,6 +195,11 @@ class Guard:
 
     def _constraint(self, parts: Sequence[Node]) -> list[Node]:
         done: list[Node] = []
+        lists = [part for part in parts if isinstance(part, Atom) and part.text.startswith("$?")]
+        if len(lists) > MOST_LISTS:
+            raise lists[0].mark.error(
+                f"a list is split in too many ways: at most {MOST_LISTS} parts of any length ($?, or `has`)"
+            )
         for at, part in enumerate(parts):
             if isinstance(part, Atom):
                 done.append(part)

@@ -101,6 +101,16 @@ class Rule(msgspec.Struct, frozen=True, kw_only=True):
     doc: str = ""
 
     @property
+    def priority(self) -> int:
+        """The higher one goes first."""
+        declare = self.form.rest[1] if len(self.form.rest) > 1 else None
+        if not isinstance(declare, Form) or declare.head != "declare":
+            return 0
+        salience = declare.rest[0]
+        assert isinstance(salience, Form)  # noqa: S101 # the guard has seen to it
+        return int(show(salience.rest[0]))
+
+    @property
     def clips(self) -> str:
         """The rule as CLIPS is given it, and as `robotree rules check --listing` prints it."""
         name, *rest = map(show, self.form.rest)
@@ -202,9 +212,10 @@ RESERVED = frozenset({
 })  # fmt: skip
 TAKEN = frozenset({
     "attributes", "begins", "cancelled", "check", "child_slots", "cleanup", "condition", "context",
-    "facts", "finish", "halted", "hear", "isolated", "kinds", "lead", "learn_role", "message", "name",
-    "one_at_a_time", "online", "play", "program", "progress", "reading_units", "readings", "resume",
-    "safe_stop", "sleep", "slots_now", "start", "why",
+    "facts", "finish", "first", "halted", "hear", "isolated", "kinds", "lead", "learn_role",
+    "message", "name", "now", "one_at_a_time", "online", "play", "program", "progress", "random",
+    "reading_units", "readings", "resume", "safe_stop", "sleep", "slots_now", "start", "together",
+    "wait_until", "why",
 })  # fmt: skip
 """Names that the script's robot uses itself."""
 

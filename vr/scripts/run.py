@@ -15,8 +15,9 @@ from typing import Any, cast
 
 import msgspec
 
-from robotree.vr.author.child import ChildCommand, Record
+from robotree.vr.author.child import ChildCommand
 from robotree.vr.author.context import Activity, CallFuture, running
+from robotree.vr.author.readings import Record
 from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.errors import CommandCancelled, CommandFailed, VrError
 from robotree.vr.base.written import Mark, Scalar, Word, value_of

@@ -15,6 +15,7 @@ from robotree.vr.author.child import Child
 from robotree.vr.author.command import command
 from robotree.vr.author.context import running
 from robotree.vr.author.virtual_robot import VirtualRobot
+from robotree.vr.base.envelope import is_person
 from robotree.vr.base.errors import CommandFailed, NoRoles, NoSuchFile, VrError
 from robotree.vr.base.units import Range, Unit
 from robotree.vr.base.written import Scalar
@@ -27,6 +28,8 @@ from robotree.vr.scripts.roles.player import forward
 from robotree.vr.scripts.run import ScriptRun, lacking, words
 from robotree.vr.scripts.when_then import read_yaml
 
+OPERATOR = "operator"
+"""How scripts call every person who asks."""
 PAUSE = 0.01
 """[s] between two looks for an answer."""
 _TYPES: Mapping[str, Any] = {"text": str, "number": float, "yes/no": bool}
@@ -75,12 +78,10 @@ class Script(VirtualRobot):
 
     def lead(self, parameters: Mapping[str, Scalar]) -> str:
         """Run until the script is over; return what it says at the end."""
-        caller = self.context.caller
+        caller = self._sender
         allowed = self.program.starters
         if allowed and caller not in {*allowed, self.name}:
-            raise self._failed(
-                "start", f"{caller or 'this caller'} may not start it; those may: {', '.join(allowed)}"
-            )
+            raise self._failed("start", f"{caller} may not start it; those may: {', '.join(allowed)}")
         try:
             run = ScriptRun(self, self.program, parameters, running())
         except ScriptError as error:
@@ -196,7 +197,9 @@ class Script(VirtualRobot):
 
     @property
     def _sender(self) -> str:
-        return self.context.caller or "nobody"
+        """Who asked: a robot by its name; `operator`: a person."""
+        caller = self.context.caller or "nobody"
+        return OPERATOR if is_person(caller) else caller
 
     @property
     def _not_started(self) -> str:

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from robotree.vr.base.address import Address, check_name, everyone
 from robotree.vr.base.chance import token
 from robotree.vr.base.description import Listing, RobotDescription, Template
-from robotree.vr.base.errors import NoAnswer, NoHost, NoPage, NotVirtual, Unreachable, VrError
+from robotree.vr.base.errors import HostReserved, NoAnswer, NoHost, NoPage, NotVirtual, Unreachable, VrError
 from robotree.vr.base.presence import Held
 from robotree.vr.base.requests import (
     HostDescribed,
@@ -35,6 +35,7 @@ from robotree.vr.exchange.client import (
     ViewClient,
 )
 from robotree.vr.lookup.directory import Directory
+from robotree.vr.network.lean_stop import REASON
 from robotree.vr.supervision.releases import Releases
 from robotree.vr.supervision.stop import OnLate, StopOrder
 
@@ -57,8 +58,14 @@ _E = TypeVar("_E", State, LogLines)
 class Fleet:
     """Sees and commands all agents of a realm."""
 
-    def __init__(self, transport: Transport) -> None:
-        """Prepare; `start` looks around."""
+    def __init__(self, transport: Transport, realm: str = "") -> None:
+        """Prepare; `start` looks around.
+
+        Args:
+            transport: the way to the agents.
+            realm: name of their realm; empty: it has none that other processes could join.
+        """
+        self.realm = realm
         self.directory = Directory(transport)
         self._transport = transport
         self._releases = Releases(self.directory, transport)
@@ -105,6 +112,18 @@ class Fleet:
     def held(self) -> Sequence[Held]:
         """Return which process holds each agent, as far as this machine knows it."""
         return [one for one in self._transport.presence.held("*/*/*") if one.key]
+
+    def left(self, address: Address) -> bool:
+        """Whether an agent has taken its leave (`Presence.left`)."""
+        return self._transport.presence.left(address.key)
+
+    def hang(self) -> Sequence[Held]:
+        """Return the agents whose processes certainly hang by now (`Presence.hangs`)."""
+        return self._transport.presence.hangs("*/*/*")
+
+    def late(self) -> Sequence[Held]:
+        """Return the agents whose processes are late with their sign of life (`Presence.late`)."""
+        return self._transport.presence.late("*/*/*")
 
     async def hanging(self) -> Sequence[Held]:
         """Return the agents whose processes hang, as soon as that is certain of all."""
@@ -250,7 +269,9 @@ class Fleet:
         """End all commands of a robot."""
         await self._ask(name, lambda robot: robot.cancel(reason="the operator ended it"))
 
-    async def stop(self, name: str | None, *, on_late: OnLate = lambda _: None) -> Sequence[str]:
+    async def stop(
+        self, name: str | None, *, on_late: OnLate = lambda _: None, order: str = ""
+    ) -> Sequence[str]:
         """Protective stop of one robot or of all, at once, down to the hardware.
 
         It can be given before `start`: then it concerns the robots of this machine.
@@ -258,6 +279,7 @@ class Fleet:
         Args:
             name: of the robot; None: all.
             on_late: called, half a second later at most, with the robots that have not answered yet.
+            order: id of the order, if it has been sent already; empty: it is new.
 
         Returns:
             The names of those that have confirmed it.
@@ -267,15 +289,16 @@ class Fleet:
             NotConfirmed: a robot that lives has not confirmed it, or may have been missed. All others were
                 asked before this is raised; it names both, and the processes.
         """
-        order = StopOrder(
+        stop = StopOrder(
             self.directory,
             self._transport,
             name,
-            reason="the operator's protective stop",
+            reason=REASON,
             on_late=on_late,
             counted=self._releases.count,
+            order=order,
         )
-        return await order.carry_out()
+        return await stop.carry_out()
 
     async def resume(self, name: str | None, *, given: float | None = None) -> Sequence[str]:
         """Release the protective stop of one robot, or of all; parents pass it on to their children.
@@ -312,7 +335,7 @@ class Fleet:
         Args:
             path: of the file, on this machine.
             name: of the robot.
-            host: on which it shall live; empty: the first.
+            host: on which it shall live; empty: the first that takes it.
             wanted: name of the class; empty: the only one in the file.
             settings: values that are not the defaults: numbers in the declared units, or text with units.
 
@@ -321,14 +344,21 @@ class Fleet:
             BundleError: the file cannot be used.
             NoSuchHost: there is no such host.
             NoHost: there is none at all.
+            HostReserved: this host, or each that there is, runs another robot alone.
             AddressError: the name cannot be one, or is taken.
         """
         check_name(name)
         from robotree.vr.bundle import Bundle  # `ls` needs no source
 
         bundle = await asyncio.to_thread(Bundle.read, path, wanted)
-        client = HostClient(self._transport, await self._choose_host(host))
-        return await self._awake(client.create(bundle, name, settings))
+        refusal: VrError = NoHost()
+        for address in await self._hosts(host):
+            client = HostClient(self._transport, address)
+            try:
+                return await self._awake(client.create(bundle, name, settings))
+            except HostReserved as reserved:
+                refusal = reserved
+        raise refusal
 
     async def reload(
         self, name: str, path: str = "", wanted: str = "", *, now: bool = False, within: float = RELOADING
@@ -359,7 +389,7 @@ class Fleet:
         from robotree.vr.bundle import Bundle
 
         bundle = await asyncio.to_thread(Bundle.read, path, wanted)
-        client = HostClient(self._transport, await self._choose_host(robot.host))
+        client = HostClient(self._transport, await self.directory.resolve(robot.host, "host"))
         return await self._awake(client.reload(bundle, name, now=now, within=within))
 
     async def enslave(self, parent: str, slot: str, child: str) -> RobotDescription:
@@ -401,13 +431,9 @@ class Fleet:
             await self.directory.expect_awake(str(error.data["key"]))
             raise
 
-    async def _choose_host(self, name: str) -> Address:
-        if name:
-            return await self.directory.resolve(name, "host")
-        hosts = self.directory.present("host")
-        if not hosts:
-            raise NoHost
-        return hosts[0]
+    async def _hosts(self, name: str) -> Sequence[Address]:
+        """Return the host of a name; without a name all of them."""
+        return [await self.directory.resolve(name, "host")] if name else self.directory.present("host")
 
 
 class _Caller:

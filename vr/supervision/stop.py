@@ -78,6 +78,7 @@ class StopOrder:
         reason: str,
         on_late: OnLate,
         counted: Counted,
+        order: str = "",
     ) -> None:
         """Prepare.
 
@@ -88,6 +89,7 @@ class StopOrder:
             reason: for those whose commands it ends.
             on_late: called with the robots that have not answered for a while, each of them once.
             counted: called with how many stops each robot that confirms it has counted.
+            order: its id, if it has been sent already (`lean_stop.py`); empty: it is new.
 
         Raises:
             BadName: no robot can have this name.
@@ -95,7 +97,7 @@ class StopOrder:
         self._pattern = everyone("robot", "*" if name is None else check_name(name))
         self._directory, self._transport, self._name = directory, transport, name
         self._reason, self._on_late, self._counted = reason, on_late, counted
-        self._order = fresh_key()
+        self._order = order or fresh_key()
         self._requests: dict[Address, _StopRequest] = {}
         self._held: dict[Address, Held] = {}
         self._unlisted: dict[str, tuple[Held, float]] = {}

@@ -728,7 +728,7 @@ class MemoryTransport:
         if self.tokens[key] > 1:
             self.tokens[key] -= 1
         elif self.tokens.pop(key, 0):
-            self.presence.count(key, there=False)
+            self.presence.count(key, there=False, left=True)
             self._let_know(lambda other: other.learn_holder(self, key, there=False))
 
     # -- what the network brings ------------------------------------------------------------------
@@ -788,7 +788,7 @@ class MemoryTransport:
         if other not in self._known or (key in self._known[other][1]) == there:
             return
         (self._known[other][1].add if there else self._known[other][1].discard)(key)
-        self.presence.count(key, there=there)
+        self.presence.count(key, there=there, left=not there)
 
     def judge_itself(self) -> None:
         """See whether any other process can reach this one, and say when that changes."""

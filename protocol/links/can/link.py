@@ -73,6 +73,7 @@ class CanLink:
         bound: int = BOUND,
     ) -> None:
         self._port, self.address, self.ends, self.presence, self.width = port, address, ends, presence, width
+        self.controller = address.partition("&")[0]  # bus and node: what follows is the host's
         self._broadcast, self._on_end = broadcast, on_end
         to_partner = {"target": ends.partner, "source": ends.own}
         self._data_id = identifier(ends.toward, Kind.ADDRESSED, **to_partner)

@@ -8,10 +8,13 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from typing import Protocol
 
 import can
 import msgspec
+
+from robotree.files import forks
 
 PATIENCE = 1.0
 """[s] that a bus may refuse to take a frame before it counts as broken."""
@@ -57,8 +60,15 @@ class Port(ABC):
         """Must be set before the event loop runs again."""
         self._loop = asyncio.get_running_loop()
         self._open = True
+        forks.owns(self)
         self._sent: int = 0
         self._received = self._errors = self._failures = 0
+
+    def in_child(self) -> Iterable[int]:
+        """See `forks.Owner`. Not every interface of python-can has a descriptor."""
+        with contextlib.suppress(NotImplementedError, OSError, ValueError):
+            return (self.bus.fileno(),)
+        return ()
 
     @property
     @abstractmethod

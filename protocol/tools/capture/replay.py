@@ -11,6 +11,7 @@ somebody's own dialect, is rather left out once too often.
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -77,8 +78,8 @@ class RecordFilter:
         self._passive = passive
         self.withheld = 0
         """Removed frames with a secret."""
-        self.commands = 0
-        """Removed frames that command."""
+        self.commands = Counter[str]()
+        """Removed frames that command, by the name of their message."""
 
     def filter(self, records: Iterable[Captured]) -> Generator[Captured]:
         """The records without the removed frames; a record with nothing left is left out.
@@ -101,7 +102,8 @@ class RecordFilter:
             self.withheld += 1
             return True
         commanding = self._passive and commands(frame)
-        self.commands += commanding
+        if commanding:
+            self.commands[definitions()[msgid(frame)].name] += 1
         return commanding
 
 

@@ -69,7 +69,7 @@ async def test_a_kind_in_a_file_is_driven_by_the_command_line_over_tcp(
 
         shown = await answer("show", "belt-1")
         assert shown["kinds"] == ["Conveyor", "RobotProxy", "Robot"]
-        assert {one["name"] for one in shown["commands"]} == {"advance", "get_info", "stop"}
+        assert {one["name"] for one in shown["commands"]} == {"advance", "get_info", "halt"}
         assert {"position": "m", "speed": "m/s", "age": "s"}.items() <= shown["units"].items()
         _, told, _ = await robotree("watch", "belt-1", "--within", "2 s")
         assert re.search(r"position=\S+ m +speed=\S+ m/s", told)

@@ -33,7 +33,7 @@ async def test_an_error_in_a_handler_is_told_and_the_screen_goes_on(
         await operator.sees("something went wrong in here, not in the robots: RuntimeError('a mistake [/x]')")
         monkeypatch.undo()
         await operator.press("S")
-        await operator.sees("robots by name")
+        await operator.sees("robots with problems first")
         assert len(operator.app.errors) == 1
 
 

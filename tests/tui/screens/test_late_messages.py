@@ -68,7 +68,7 @@ async def test_a_command_that_was_just_chosen_is_the_one_that_runs(realm: Realm,
         await operator.settled()
         assert realm.arm.calls == [], "go_to, which was chosen before, has not run"
         page.action_run()
-        await operator.sees("arm-1.hold: done")
+        await operator.sees("arm-1: hold by ", "is done: ran")
 
 
 async def test_a_choice_that_a_person_made_is_not_taken_back_by_the_robot(
@@ -129,7 +129,7 @@ async def test_a_line_that_is_sent_twice_is_carried_out_once(realm: Realm, opera
         line.value = "call arm-1.go_to x=0.3 y=0 z=0.3 twist=0"
         line.post_message(Input.Submitted(line, line.value))
         line.post_message(Input.Submitted(line, line.value))
-        await operator.sees("arm-1.go_to is done")
+        await operator.sees("is done: ran")
         await operator.settled()
         assert realm.arm.calls == ["go_to"]
 

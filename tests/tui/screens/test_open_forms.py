@@ -108,7 +108,7 @@ async def test_the_form_is_a_line_for_a_shell_that_can_be_copied(
         assert realm.arm.pose["x"] == pytest.approx(0.45), "the line does what the form would"
 
 
-async def test_branch_and_picture_stand_beside_a_command_while_it_runs(
+async def test_branch_and_picture_come_with_the_first_command_and_stay(
     realm: Realm, operate: Operate
 ) -> None:
     await realm.create("teleop.py", "teleop")
@@ -121,20 +121,19 @@ async def test_branch_and_picture_stand_beside_a_command_while_it_runs(
         assert "--%" not in operator.text
         await operator.sees("  2 s")  # how long it has run is told also where nobody says how far it is
         realm.arm.under_way = False
-        await operator.sees("done in")
-        await operator.until(lambda: "└ arm:" not in operator.text, "the form has its room back")
-        assert not any(one.seen for one in page.query(PictureView))
+        await operator.sees("done in", "└ arm: arm-1", "cell / cell", "▀▀▀")
+        assert any(one.seen for one in page.query(PictureView))
 
 
-async def test_a_small_terminal_has_branch_and_picture_instead_of_the_readings(
+async def test_a_small_terminal_has_branch_picture_and_readings_below_each_other(
     realm: Realm, operate: Operate
 ) -> None:
     async with at_go_to(realm, operate, size=(80, 24)) as (operator, _page):
         realm.arm.under_way = True
         await operator.press("ctrl+r")
-        await operator.sees("arm-1  ◐ go_to", "▀▀▀", "◐ go_to")
+        await operator.sees("arm-1  ◐ go_to", "▀▀▀", "◐ go_to", "readings")
         realm.arm.under_way = False
-        await operator.sees("done in", "readings")
+        await operator.sees("done in", "readings", "▀▀▀")
 
 
 async def test_one_escape_leaves_the_panel_from_anywhere_and_what_runs_goes_on(
@@ -153,4 +152,4 @@ async def test_one_escape_leaves_the_panel_from_anywhere_and_what_runs_goes_on(
         await operator.at(MainPage)
         await operator.sees("arm-1.go_to goes on")
         realm.arm.under_way = False
-        await operator.sees("arm-1.go_to: done")
+        await operator.sees("is done: ran")

@@ -21,6 +21,7 @@ from robotree.tui.screen.widgets.field_row import FieldRow
 from robotree.tui.screen.widgets.readings import Readings
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.vr import Robot, command
+from robotree.vr.base.envelope import person_at
 from tests.tui.screens.rows import row
 
 if TYPE_CHECKING:
@@ -242,7 +243,7 @@ async def test_a_command_goes_on_when_its_panel_is_left(realm: Realm, operate: O
         await operator.at(MainPage)
         await operator.sees("◐ go_to")
         realm.arm.under_way = False
-        await operator.sees("arm-1.go_to: done")
+        await operator.sees(f"✓ arm-1: go_to by {person_at('pts/1')} is done: ran")
         assert realm.arm.pose["x"] == pytest.approx(0.45)
 
 
@@ -270,12 +271,25 @@ async def test_a_robot_that_vanishes_leaves_its_panel_to_be_read(realm: Realm, o
         await operator.press("ctrl+r")
         await operator.until(lambda: form.running, "it runs")
         realm.network.kill(realm.members["arm-1"])
-        await operator.sees("✗ has gone")
+        await operator.sees("✗ GONE")
         await operator.until(lambda: not form.running, "the call has ended")
         assert form.query_one("#run", Button).disabled
         await operator.press("escape")
         await operator.at(MainPage)
         await operator.until(lambda: "arm-1" not in operator.app.store.robots, "it is off the list")
+
+
+async def test_a_panel_says_of_a_robot_what_the_list_says_while_it_hangs_and_when_it_is_back(
+    realm: Realm, operate: Operate
+) -> None:
+    async with panel(realm, operate, "arm-1", "go_to") as (operator, _page, form):
+        realm.network.freeze(realm.members["arm-1"])
+        await operator.sees("✗ HANGS")
+        assert form.query_one("#run", Button).disabled
+        assert "gone" not in operator.text
+        realm.network.thaw(realm.members["arm-1"])
+        await operator.sees("● free")
+        await operator.until(lambda: not form.query_one("#run", Button).disabled, "it can be commanded again")
 
 
 def in_front(page: PanelPage) -> Any:
@@ -289,7 +303,7 @@ async def test_a_robot_that_comes_back_can_be_commanded_in_the_same_panel(
         late = await realm.robot(Odd("odd-1"))
         page = await open_panel(operator, "odd-1")
         await late.close()
-        await operator.sees("✗ has gone")
+        await operator.sees("✗ has left")
         await choose(operator, page, "poke")
         before = in_front(page)
         await fill(operator, before, "bracket", "[bold]")

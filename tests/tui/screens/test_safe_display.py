@@ -241,7 +241,7 @@ async def test_the_list_is_sorted_by_key(realm: Realm, operate: Operate) -> None
     async with operate(realm.fleet) as operator:
         await known(operator, "arm-1", "rover-1")
         await realm.fleet.stop("rover-1")
-        await operator.press("S", "S", "S")
+        await operator.press("S", "S", "S", "S")
         await operator.sees("robots by state")
         await operator.until(
             lambda: operator.one(RobotTable).names == ["rover-1", "arm-1"], "the worst first"
@@ -257,15 +257,15 @@ async def test_the_log_has_a_level_and_a_filter_of_its_own(realm: Realm, operate
         await operator.press("escape")
         await operator.obey("call arm-1.stumble")
         await operator.obey("call arm-1.hold")
-        await operator.sees("arm-1.hold is done after ")
+        await operator.sees("arm-1: hold by ", "is done: ran")
         await operator.press("g", "L", "L")
         await operator.sees("log  errors", "a stone")
-        await operator.until(lambda: "hold is done" not in operator.text, "only errors")
+        await operator.until(lambda: "hold by" not in operator.text, "only errors")
         await operator.press("L", "slash")
         await operator.type("!stone")
         await operator.press("enter")
         await operator.until(lambda: "a stone" not in operator.text, "filtered")
-        await operator.sees("hold is done", "log  /!stone")
+        await operator.sees("hold by", "log  /!stone")
         await operator.press("l")
         await operator.until(lambda: "/!stone" not in operator.text, "the robots have a filter of their own")
 

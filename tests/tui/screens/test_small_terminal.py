@@ -51,7 +51,9 @@ async def test_another_size_is_drawn_at_once_and_not_with_the_next_tick(
                 top, who, *_ = operator.text.splitlines()
                 cut = who.rstrip().endswith("…")
                 return (
-                    len(top) == width and ("2 robots" in top, cut) == (counts, not counts) and "STOP" in top
+                    len(top) == width
+                    and ("1 view" in top, "2 free" in top, cut) == (counts, True, not counts)
+                    and "STOP" in top
                 )
 
             await operator.until(fits, f"{width} columns")

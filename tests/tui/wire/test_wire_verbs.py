@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 from robotree.protocol import encode
-from robotree.protocol.messages import Heartbeat, NamedValueFloat, SetMode
+from robotree.protocol.messages import Claim, ClaimWish, Heartbeat, NamedValueFloat, SetMode
 from robotree.protocol.tools.capture import Recording, tlog
 from robotree.tui import exit_codes
 from robotree.tui.wire.lasting import Lasting
@@ -144,7 +144,8 @@ def test_a_controller_that_is_dialled_hears_nothing_that_commands_unless_that_is
     say: Any, tmp_path: Path
 ) -> None:
     path = tmp_path / "a.tlog"
-    spoken = (Heartbeat(6, 8, 0, 0, 4), SetMode(9, 1, 1, 1), NamedValueFloat(1, "x", 0.5))
+    claim = Claim(5, 9, 3000, 0, 1, 1, ClaimWish.KEEP, "a proxy")
+    spoken = (Heartbeat(6, 8, 0, 0, 4), SetMode(9, 1, 1, 1), NamedValueFloat(1, "x", 0.5), claim)
     frames = [encode(each, sequence=n, system=255, component=1) for n, each in enumerate(spoken)]
     path.write_bytes(b"".join(tlog.encode(NOON + n, raw) for n, raw in enumerate(frames)))
 
@@ -156,8 +157,9 @@ def test_a_controller_that_is_dialled_hears_nothing_that_commands_unless_that_is
                 return said.objects[-1], heard.read()
 
     passive, whole = replayed(), replayed("--commands")
-    assert passive == ({"frames": 2, "withheld": 0, "commands": 1}, frames[0] + frames[2])
-    assert whole == ({"frames": 3, "withheld": 0, "commands": 0}, b"".join(frames))
+    left_out = {"ROBOTREE_SET_MODE": 1, "ROBOTREE_CLAIM": 1}
+    assert passive == ({"frames": 2, "withheld": 0, "commands": left_out}, frames[0] + frames[2])
+    assert whole == ({"frames": 4, "withheld": 0, "commands": {}}, b"".join(frames))
 
 
 def test_a_recording_of_commands_alone_says_how_to_send_it(say: Any, tmp_path: Path) -> None:
@@ -204,6 +206,16 @@ def test_monitor_shows_rates_delay_and_last_values(say: Any, arm: str) -> None:
     assert "MESSAGE" in table
     assert "there: 1/1 GENERIC STANDBY" in table
     assert "\x1b" not in table
+
+
+def test_the_monitor_shows_who_holds_the_claim(say: Any, arm: str) -> None:
+    watching = ("wire", "monitor", "--connect", arm, "--for", "1.2s", "--every", "1.1s")
+    assert "\nclaim on 1/1: free, epoch 0\n" in say(*watching).out
+    claim = Claim(5, 9, 30_000, 0, 1, 1, ClaimWish.KEEP, "rover-1, pid 812")
+    port = int(arm.rpartition(":")[2])
+    with socket.create_connection(("127.0.0.1", port)) as proxy:
+        proxy.sendall(encode(claim, sequence=0, system=255, component=30))
+        assert "\nclaim on 1/1: held by rover-1, pid 812 (255/30), epoch 9\n" in say(*watching).out
 
 
 def test_ping_measures_and_says_when_nobody_answers(say: Any, arm: str, tmp_path: Path) -> None:

@@ -76,7 +76,7 @@ async def test_a_team_of_one_says_what_it_still_needs(realm: Realm) -> None:
     boss, *_ = await team(realm, 1)
     await typed(realm, "enslave team.rovers rover-1")
     description = boss.description()
-    assert status.needs(status.lacks_of(description)) == "rovers: Rover"
+    assert status.needs(status.lacks_of(description)) == "needs rovers: Rover"
     assert [slot.name for slot in description.slots] == ["rovers[0]", "rovers[1]", "scout"]
     assert forest.drawing(forest.forest([description])).splitlines()[2:] == [
         "├─ rovers[1]: empty (takes Rover)",

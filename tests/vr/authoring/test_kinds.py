@@ -94,8 +94,8 @@ def test_a_name_expects_what_the_page_uses_and_an_interface_what_it_promises() -
     used = {slot.name: slot.commands for slot in slot_specs(Picker)}
     assert used == {"arm": ("get_info", "go_to", "grip"), "arms": ("grip", "hold")}
     promised_ = {slot.name: slot.commands for slot in slot_specs(Typed)}
-    assert promised_["arm"] == ("get_info", "go_to", "grip", "hold", "stop")
-    assert promised_["rovers"] == ("get_info", "move", "stop")
+    assert promised_["arm"] == ("get_info", "go_to", "grip", "halt", "hold")
+    assert promised_["rovers"] == ("get_info", "halt", "move")
 
 
 class Gripper(Kind):

@@ -48,7 +48,7 @@ MISTAKES = {
     ),
     "a helper named like a robot's method": (
         "    def progress(self) -> None: ...\n",
-        "line 8: Team.progress: a method cannot have this name; every robot uses it itself",
+        "line 8: Team.progress: it cannot have this name; every robot uses it itself",
     ),
     "a command with a text": (
         "    @command('go')\n    def go(self) -> None: ...\n",
@@ -88,7 +88,7 @@ MISTAKES = {
     ),
     "exposed of a command that the kind lacks": (
         "    from robotree.kinds import Rover\n    rover = Child(Rover)\n    fly = rover.exposed()\n",
-        "line 10: Team.fly: rover is of kind Rover, which has no command 'fly'; it has: get_info, move, stop",
+        "line 10: Team.fly: rover is of kind Rover, which has no command 'fly'; it has: get_info, halt, move",
     ),
     "a hook that is async": (
         "    async def readings(self): ...\n",

@@ -202,10 +202,34 @@ async def test_a_silent_parent_loses_its_child_within_the_term(realm: Any) -> No
     realm.network.freeze(pair.transport)
     assert await realm.until(lambda: rover.description().bond is None) <= TERM
     await realm.until(lambda: "rover" in realm.listed(), within=0.1)
+    epoch = rover.live.core.state.lease.epoch
+    realm.network.thaw(pair.transport)
+    await realm.until(lambda: rover.description().bond is not None, within=TERM)
+    await realm.until(lambda: pair.description().slot("left").child == rover.address, within=1.0)
+    assert pair.description().slot("left").lost == "", "it has its child again, under a new lease"
+    assert rover.live.core.state.lease.epoch > epoch
+
+
+async def test_a_child_that_was_used_meanwhile_does_not_return(realm: Any) -> None:
+    realm.network.lease = 1000.0
+    rover, pair = await bound(realm)
+    realm.network.freeze(pair.transport)
+    await realm.until(lambda: rover.description().bond is None)
+    await realm.client(rover).call("move", {"x": 1})
     realm.network.thaw(pair.transport)
     await realm.until(lambda: pair.description().slot("left").lost != "", within=TERM)
+    with pytest.raises(TimeoutError):
+        await realm.until(lambda: rover.description().bond is not None, within=TERM)
+    assert "did not answer for 5 s" in pair.description().slot("left").lost
     rebound = await realm.client(pair).enslave("left", rover.address)
-    assert rebound.slot("left").lost == ""
+    assert rebound.slot("left").lost == "", "whoever asks for it gets it"
+
+
+async def test_a_child_that_was_released_does_not_return(realm: Any) -> None:
+    rover, pair = await bound(realm)
+    await realm.client(pair).free("left")
+    with pytest.raises(TimeoutError):
+        await realm.until(lambda: rover.description().bond is not None, within=TERM)
 
 
 async def test_the_parent_believes_the_bond_over_before_the_child_does(realm: Any) -> None:

@@ -107,7 +107,7 @@ async def failure(client: Any, command: str, **arguments: Any) -> VrError:
         ("plain", CommandFailed, "shelf-1.fetch failed: the shelf is empty"),
         ("argument", BadArgument, "shelf-1.fetch: shelf: is beyond the reach"),
         ("doubt", CommandInDoubt, "shelf-1.fetch may have been carried out or not: the gripper may hold it"),
-        ("own", Failed, "shelf-1.fetch failed: nothing in it (shelf=4)"),
+        ("own", Failed, "shelf-1.fetch failed: nothing in it (shelf=4) (ShelfEmpty)"),
         ("robot", Failed, "shelf-1.fetch failed: it does not answer (robot=rover-1)"),
         ("from", Failed, "shelf-1.fetch failed: there is no place 3"),
     ],

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import re
 from collections.abc import Awaitable
 from typing import Any
 
 import pytest
 
+from robotree.tui.seen.wording import portrait
 from robotree.vr import VirtualRobot
 from robotree.vr.base.errors import NotConfirmed
 from robotree.vr.supervision.fleet import Fleet
@@ -122,3 +124,72 @@ async def test_what_a_hook_returns_to_wait_for_is_no_confirmation(realm: Any, fl
     await realm.start(Returns("returns"))
     with pytest.raises(NotConfirmed, match=r"NOT by returns \(its safe_stop failed\)"):
         await fleet.stop(None)
+
+
+class Boiler(VirtualRobot):
+    """A boiler whose page has mistakes that only show at work."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.broken = True
+
+    def readings(self) -> dict[str, float]:
+        return {"heat": 1 / (not self.broken), "name": "boiler"}  # type: ignore[dict-item] # a mistake
+
+    def safe_stop(self, reason: str) -> None:
+        raise ValueError(f"the valve sticks at {reason}")
+
+
+async def test_a_hook_that_fails_is_in_the_log_and_in_the_description_with_page_and_line(
+    realm: Any, fleet: Fleet
+) -> None:
+    boiler = await realm.start(Boiler("boiler"))
+    line = r"\(test_hooks\.py, line \d+\)"
+    await realm.until(lambda: boiler.description().faults)
+    (fault,) = boiler.description().faults
+    assert re.fullmatch(rf"readings failed: ZeroDivisionError: division by zero {line}", fault)
+    boiler.robot.broken = False
+    await realm.until(lambda: "left out" in str(boiler.description().faults))
+    (fault,) = boiler.description().faults
+    assert re.fullmatch(
+        rf"readings gives what is no number, which is left out: 'name' is 'boiler' {line}", fault
+    )
+    assert boiler.description().readings == {"heat": 1.0}
+    with pytest.raises(NotConfirmed):
+        await fleet.stop(None)
+    stop_fault = boiler.description().faults[-1]
+    assert re.fullmatch(rf"safe_stop failed: ValueError: the valve sticks at .* {line}", stop_fault)
+    logged = [each.text for each in boiler.live.log.since(0) if each.level == "error"]
+    assert len(logged) == 3, "each fault is said once, however often readings are asked for"
+    assert logged[-1] == stop_fault
+    assert f"hook     {stop_fault}" in portrait(boiler.description())
+
+
+async def test_a_hook_that_works_again_is_no_fault_any_more(realm: Any) -> None:
+    class Mended(VirtualRobot):
+        broken = True
+
+        def readings(self) -> dict[str, float]:
+            return {"heat": 1 / (not self.broken)}
+
+    mended = await realm.start(Mended("mended"))
+    await realm.until(lambda: mended.description().faults)
+    mended.robot.broken = False
+    await realm.until(lambda: not mended.description().faults)
+    assert mended.description().readings == {"heat": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("hook", "function", "sentence"),
+    [
+        ("safe_stop", lambda self: None, r"write def safe_stop\(self, reason\)"),  # noqa: ARG005 # the mistake
+        ("resume", lambda self, reason: None, r"write def resume\(self\)"),  # noqa: ARG005 # the mistake
+        ("readings", {"x": 1.0}, r"write it as a method: def readings\(\)"),
+        ("readings", staticmethod(dict), r"write it as a method: def readings\(\)"),
+    ],
+)
+def test_a_hook_that_nobody_could_call_is_refused_when_the_class_is_made(
+    hook: str, function: Any, sentence: str
+) -> None:
+    with pytest.raises(TypeError, match=rf"Wrong\.{hook} .*{sentence}"):
+        type("Wrong", (VirtualRobot,), {hook: function})

@@ -15,6 +15,7 @@ from robotree.vr.base.errors import (
     BadName,
     BrokenSource,
     DuplicateName,
+    HostReserved,
     LeaseDenied,
     NoHost,
     NoSuchCommand,
@@ -55,10 +56,10 @@ async def test_the_thesis_story_by_name(world: World) -> None:
     with pytest.raises(NotInControl, match="r1 is commanded by carrier"):
         await fleet.call("r1", "move", {"x": 1.0})
     await world.create("train", "Train")
-    await fleet.enslave("train", "first", "carrier")
+    await fleet.enslave("train", "front", "carrier")
     with pytest.raises(StillBonded):
         await fleet.delete("carrier")
-    await fleet.release("train", "first")
+    await fleet.release("train", "front")
     assert (await fleet.release("carrier", "rover")).slots[0].child is None
     await fleet.delete("carrier")
     await until(lambda: world.names == ["r1", "r2", "train"], "all are free again")
@@ -69,7 +70,7 @@ async def test_the_tree_shows_parents_before_children_and_everybody_once(world: 
     fleet = world.fleet
     await asyncio.gather(world.create("a"), world.create("b"), world.create("t", "Train"))
     await fleet.enslave("t", "second", "a")
-    await fleet.enslave("t", "first", "b")
+    await fleet.enslave("t", "front", "b")
     await fleet.enslave("a", "rover", "r2")
     await fleet.enslave("b", "rover", "r1")
     await world.add("r0")
@@ -145,6 +146,34 @@ async def test_the_host_is_the_one_named_else_the_first(world: World) -> None:
         await world.create("d")
 
 
+async def test_a_host_for_one_robot_takes_no_other(world: World) -> None:
+    transport = world.network.join("host-0")
+    alone = Host(transport, "host-0", registrar=Registrar(transport), only="a")
+    await alone.start()
+    with pytest.raises(HostReserved, match="host 'host-0' runs a alone"):
+        await world.create("b", host="host-0")
+    assert (await world.create("b")).host == "host-1", "where none is named it is passed over"
+    await world.host.close()
+    with pytest.raises(HostReserved):
+        await world.create("c")
+    assert (await world.create("a")).host == "host-0"
+    over = asyncio.ensure_future(alone.deserted(5))
+    await world.fleet.delete("a")
+    await over
+    await alone.deserted(5)  # what has come and gone does not come again
+    await alone.close()
+
+
+async def test_a_host_whose_robot_does_not_come_waits_no_longer(world: World) -> None:
+    transport = world.network.join("host-0")
+    alone = Host(transport, "host-0", registrar=Registrar(transport), only="a")
+    await alone.start()
+    waiting = asyncio.ensure_future(alone.deserted(0.01))
+    await until(waiting.done, "it has waited")
+    assert not alone.agents
+    await alone.close()
+
+
 Ask = Callable[[World], Awaitable[object]]
 
 
@@ -163,7 +192,7 @@ Ask = Callable[[World], Awaitable[object]]
         (lambda world: world.fleet.call("nobody", "move", {}), NoSuchRobot),
         (lambda world: world.fleet.enslave("r1", "rover", "r2"), NotVirtual),
         (lambda world: world.fleet.enslave("carrier", "wheel", "r2"), NoSuchSlot),
-        (lambda world: world.fleet.enslave("train", "first", "r2"), WrongKind),
+        (lambda world: world.fleet.enslave("train", "front", "r2"), WrongKind),
         (lambda world: world.fleet.enslave("carrier", "rover", "nobody"), NoSuchRobot),
         (lambda world: world.fleet.enslave("thief", "rover", "r1"), LeaseDenied),
         (lambda world: world.fleet.call("thief", "carry", {"far": 1.0}), SlotEmpty),

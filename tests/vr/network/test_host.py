@@ -250,12 +250,12 @@ class Team(VirtualRobot):
     speed: Annotated[float, Unit("m/s"), Range(0.01, 0.3)] = 0.1
 
     def __init__(self, name):
-        self.first = self.speed
+        self.initial = self.speed
         super().__init__(name)
 
     @command(effect="read")
     def look(self) -> float:
-        return self.first
+        return self.initial
 """
 
 

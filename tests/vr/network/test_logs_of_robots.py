@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import re
 import sys
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
@@ -73,6 +74,10 @@ class Talker(VirtualRobot):
     def look(self) -> int:
         return 1
 
+    @command
+    def debug(self) -> None:
+        breakpoint()
+
     def safe_stop(self, reason):
         print("stops:", reason)
 """
@@ -96,7 +101,8 @@ class Stage:
 
     async def lines(self, name: str) -> list[tuple[str, str]]:
         """Return what a robot has said after it was made."""
-        return [(one.level, one.text) for one in await self.robots[name].read_log(2)]
+        said = await self.robots[name].read_log(2)
+        return [(one.level, re.sub(r"(: | \()ran \d\.\d s\)?$", "", one.text)) for one in said]
 
 
 @asynccontextmanager
@@ -129,6 +135,14 @@ async def test_what_a_page_says_while_it_is_loaded_is_heard_too() -> None:
     async with on_stage() as stage:
         said = await stage.robots["two"].read_log()
         assert [one.text for one in said] == ["loading", "made two"]
+
+
+async def test_a_breakpoint_in_a_host_fails_with_its_line_and_waits_for_nobody() -> None:
+    async with on_stage() as stage:
+        sentence = r"a host has no keyboard for breakpoint\(\).*\(talker\.py, line 56\)"
+        with pytest.raises(CommandFailed, match=sentence):
+            await stage.robots["one"].call("debug", {})
+    assert sys.breakpointhook is sys.__breakpointhook__
 
 
 async def test_a_page_that_asks_for_input_fails_at_once_and_reads_nothing_of_the_hosts() -> None:
@@ -204,7 +218,7 @@ async def test_who_follows_hears_each_line_once() -> None:
 
         watching = await stage.operator.subscribe(f"{stage.robots['one'].address.key}/log", hear)
         await stage.robots["one"].call("talk", {})
-        await until(lambda: any(one.text == "talk is done" for one in heard), "all of it")
+        await until(lambda: any(one.text.startswith("talk is done") for one in heard), "all of it")
         await watching.close()
         numbers = [one.number for one in heard]
         assert numbers == sorted(set(numbers))

@@ -12,7 +12,7 @@ import pytest
 
 from robotree.vr.base.errors import TransportClosed
 from robotree.vr.base.presence import LONGEST, Held, Presence
-from robotree.vr.network.mesh import HANGS, TICK, Mesh
+from robotree.vr.network.mesh import HANGS, LATE, RECENT, STEADY, Mesh
 from robotree.vr.network.rendezvous import Rendezvous
 from robotree.vr.world.testing import in_virtual_time
 
@@ -155,7 +155,7 @@ def there(tmp_path: Path) -> Iterator[Rendezvous]:
     ("silent_for", "known_for", "hangs"),
     [
         (0.0, 0.0, False),
-        (2 * TICK, 0.0, False),
+        (RECENT, 0.0, False),
         (0.0, HANGS + 0.1, True),
         (HANGS + 0.1, 0.0, True),
     ],
@@ -174,3 +174,60 @@ def test_a_newcomer_doubts_one_that_it_has_not_met_until_that_must_hang(
     assert newcomer.presence.lives(ARM)
     assert not newcomer.presence.there(ARM)
     newcomer.close().result(10.0)
+
+
+def test_a_process_that_misses_its_beat_is_late_within_a_second_and_does_not_flicker(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is shown before it is known to hang, nothing else follows, and one beat in time does not end it."""
+    here, there = (Mesh(Rendezvous("test", tmp_path / "r")) for _ in range(2))
+    for mesh in (here, there):
+        mesh.open()
+    there.announce(ARM)
+    try:
+        await_that(lambda: here.presence.there(ARM))
+        assert here.presence.late("**") == []
+        beat, last = there.place.beat, time.monotonic()
+        monkeypatch.setattr(there.place, "beat", lambda _: None)
+        await_that(lambda: here.presence.late("robot/*/*") != [])
+        assert LATE - 0.05 < time.monotonic() - last < HANGS
+        assert here.presence.there(ARM), "it counts as present"
+        assert here.presence.hangs("**") == [], "and not as one that hangs"
+        monkeypatch.setattr(there.place, "beat", beat)
+        beat(again := time.monotonic())
+        shown = [here.presence.late("**") != []]
+        while time.monotonic() - again < STEADY + 0.5:
+            time.sleep(0.02)
+            late = here.presence.late("**") != []
+            if late != shown[-1]:
+                shown.append(late)
+        assert shown == [True, False], "it is late once, and then no longer"
+    finally:
+        for mesh in (here, there):
+            mesh.close().result(10.0)
+
+
+def test_who_says_so_has_left_and_who_dies_has_not(tmp_path: Path) -> None:
+    here, polite, lost = (Mesh(Rendezvous("test", tmp_path / "r")) for _ in range(3))
+    for mesh in (here, polite, lost):
+        mesh.open()
+    try:
+        polite.announce("robot/polite/1")
+        lost.announce("robot/lost/1")
+        await_that(lambda: len(here.presence.keys("robot/*/*")) == 2)
+        polite.withdraw("robot/polite/1")
+        for mesh in (polite, lost):
+            mesh.close().result(10.0)
+        await_that(lambda: here.presence.keys("robot/*/*") == [])
+        assert here.presence.left("robot/polite/1"), "though its process has ended since"
+        assert not here.presence.left("robot/lost/1")
+    finally:
+        for mesh in (here, polite, lost):
+            mesh.close().result(10.0)
+
+
+def await_that(condition: Callable[[], bool]) -> None:
+    began = time.monotonic()
+    while not condition():
+        assert time.monotonic() - began < 30.0
+        time.sleep(0.01)

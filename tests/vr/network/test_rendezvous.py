@@ -17,9 +17,10 @@ import pytest
 
 from robotree.vr.base.errors import BadName, RealmUnusable
 from robotree.vr.network.local import join
-from robotree.vr.network.mesh import TICK, Mesh
+from robotree.vr.network.mesh import RECENT, Mesh
 from robotree.vr.network.readers import What
-from robotree.vr.network.rendezvous import Rendezvous, realm_name, runtime_directory
+from robotree.vr.network.realms import runtime_directory
+from robotree.vr.network.rendezvous import Rendezvous, realm_name
 
 
 def place_at(folder: Path) -> Rendezvous:
@@ -196,6 +197,33 @@ def test_somebody_elses_place_is_refused(tmp_path: Path) -> None:
         Rendezvous("test", tmp_path / "r")
 
 
+@pytest.mark.parametrize("linked", ["r", "r/test"])
+def test_a_folder_that_is_a_link_is_refused_and_what_it_leads_to_stays_as_it_is(
+    tmp_path: Path, linked: str
+) -> None:
+    (tmp_path / "shared").mkdir()
+    (tmp_path / "shared").chmod(0o1777)
+    (tmp_path / linked).parent.mkdir(exist_ok=True)
+    (tmp_path / linked).symlink_to(tmp_path / "shared")
+    with pytest.raises(RealmUnusable, match="symbolic link"):
+        Rendezvous("test", tmp_path / "r")
+    assert (tmp_path / "shared").stat().st_mode & 0o7777 == 0o1777
+    assert not list((tmp_path / "shared").iterdir())
+
+
+def test_a_folder_in_which_others_can_exchange_the_realms_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "shared").mkdir()
+    (tmp_path / "shared").chmod(0o777)
+    with pytest.raises(RealmUnusable, match="where every user can write"):
+        Rendezvous("test", tmp_path / "shared" / "r")
+    (tmp_path / "shared").chmod(0o1777)  # as /tmp: nobody else can rename what is ours
+    assert Rendezvous("test", tmp_path / "shared" / "r").directory.is_dir()
+    if os.geteuid() == 0:
+        os.chown(tmp_path / "shared", 65534, 65534)
+        with pytest.raises(RealmUnusable, match="belongs to user 65534"):
+            Rendezvous("test", tmp_path / "shared" / "r")
+
+
 async def test_a_path_too_long_for_a_socket_is_no_obstacle(tmp_path: Path) -> None:
     deep = tmp_path / ("d" * 120)
     one, other = await join("test", root=deep), await join("test", root=deep)
@@ -331,7 +359,7 @@ def test_a_newcomer_waits_for_one_that_is_busy_and_not_for_one_that_hangs(tmp_pa
     assert newcomer.presence.keys("robot/*/*") == [f"robot/r{there.place.tag}/1"]
     newcomer.close().result(10.0)
 
-    there.place.beat(time.monotonic() - 2 * TICK)
+    there.place.beat(time.monotonic() - RECENT)
     newcomer, entered = enter()
     assert entered.wait(10.0), "it hangs: its last sign of life is old"
     assert newcomer.presence.keys("robot/*/*") == []

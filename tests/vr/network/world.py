@@ -30,7 +30,7 @@ class Carrier(VirtualRobot):
         return self.rover.move(x=far)
 
 class Train(VirtualRobot):
-    first = Child("Carrier")
+    front = Child("Carrier")
     second = Child("Carrier")
 """
 

@@ -10,12 +10,11 @@ from textual import on
 from textual.app import ComposeResult
 from textual.binding import BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
-from textual.events import Resize
 from textual.screen import ModalScreen, ScreenResultType
-from textual.widgets import Button, Static
+from textual.widgets import Button, Input, Static
 
 from robotree.tui.screen.bindings import bindings
-from robotree.tui.screen.hanging import hanging
+from robotree.tui.screen.hanging import containing, hanging
 from robotree.tui.screen.leaving import Leaving
 from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.key_line import KeyLine
@@ -100,16 +99,21 @@ class Confirm(Modal[bool]):
 
 
 class Broken(Part, Static):
-    """Shows a text whose long lines go on below their last column."""
+    """Shows a text whose long lines go on below their last column, whole or the lines with some letters."""
 
     def __init__(self, text: Text) -> None:
         """Show a text; it is no markup."""
         super().__init__(text, markup=False)
-        self._text = text
+        self._text, self._shown = text, text
 
-    def on_resize(self, event: Resize) -> None:
+    def search(self, letters: str) -> None:
+        """Show only the parts of the text that contain these letters; none: all of it."""
+        self._shown = containing(self._text, letters) if letters.strip() else self._text
+        self.on_resize()
+
+    def on_resize(self) -> None:
         """Break the lines for this width."""
-        self.update(hanging(self._text, event.size.width, self.app.console))
+        self.update(hanging(self._shown, self.size.width, self.app.console))
 
 
 class Reading(Modal[None]):
@@ -123,11 +127,38 @@ class Reading(Modal[None]):
         self.heading, self._text = title, Text(text) if isinstance(text, str) else text
 
     def box(self) -> ComposeResult:
-        """Title and text."""
-        with VerticalScroll(classes="dialog reading") as box:
+        """Title, text, and the field for a search, which is hidden until somebody searches."""
+        with Vertical(classes="dialog reading") as box:
             box.border_title = Text(self.heading)
-            yield Broken(self._text)
+            with VerticalScroll():
+                yield Broken(self._text)
+            yield Input(compact=True, id="search", placeholder="letters to search for; esc shows all again")
 
     def on_mount(self) -> None:
         """Let the arrow keys scroll."""
+        self.query_one(Input).display = False
+        self.query_one(VerticalScroll).focus()
+
+    def action_search(self) -> None:
+        """Begin to type the letters that are searched for."""
+        field = self.query_one(Input)
+        field.display = True
+        field.focus()
+
+    def action_leave(self) -> None:
+        """Leave the search, then the text."""
+        field = self.query_one(Input)
+        if not field.display:
+            self.dismiss()
+            return
+        field.value, field.display = "", False
+        self.query_one(VerticalScroll).focus()
+
+    @on(Input.Changed)
+    def _search(self, event: Input.Changed) -> None:
+        self.query_one(Broken).search(event.value)
+
+    @on(Input.Submitted)
+    def _found(self) -> None:
+        """Scroll in what was found."""
         self.query_one(VerticalScroll).focus()

@@ -17,6 +17,15 @@ from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.widgets.marks import STATUSES, tint
 
+PAGES = {
+    "panel": "In the panel of a robot",
+    "teleop": "In the tele-operation of an arm",
+    "new": "On the page for new robots",
+    "question": "In a question",
+    "text": "In a text",
+}
+"""Titles of the pages that have keys of their own, in their order."""
+
 ROOM = 11
 """Columns that the keys of a line take."""
 
@@ -34,13 +43,14 @@ def help_text(app: OperatorApp) -> Text:
         text.append("\n")
 
     _stop(app, text)
+    pages = {name: (title, page_rows(name, app.keymap)) for name, title in PAGES.items()}
+    front = getattr(app.screen, "KEYS_OF", "")
+    if front in pages:  # what works here and now comes first
+        block(*pages.pop(front))
     block("On every page, but not in a field that you type in", _actions(app, Scope.PROGRAM))
     block("On the main page", [*_actions(app, Scope.PAGE), *_own(MainPage)])
-    block("In the panel of a robot", page_rows("panel", app.keymap))
-    block("In the tele-operation of an arm", page_rows("teleop", app.keymap))
-    block("On the page for new robots", page_rows("new", app.keymap))
-    block("In a question", page_rows("question", app.keymap))
-    block("In a text", page_rows("text", app.keymap))
+    for title, rows in pages.values():
+        block(title, rows)
     text.append("Verbs", strong)
     text.append("  at the `:` prompt, on the command line after `robotree`, and in session scripts\n", muted)
     for actions in app.prompt.groups.values():

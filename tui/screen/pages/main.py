@@ -22,7 +22,7 @@ from robotree.tui.screen.widgets.cameras import PictureBox
 from robotree.tui.screen.widgets.details import Details
 from robotree.tui.screen.widgets.flash import LastLines
 from robotree.tui.screen.widgets.log_pane import LogPane
-from robotree.tui.screen.widgets.prompt import Kind, Prompt
+from robotree.tui.screen.widgets.prompt import Prompt
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.tui.screen.widgets.views_pane import ViewsPane
 from robotree.tui.seen.rows import ORDERS, Placement, SortOrder, family, listed
@@ -82,7 +82,7 @@ def _bindings() -> list[BindingType]:
 
 
 class MainPage(Page):
-    """Three panes of one realm, and the prompt below."""
+    """Three panes of one realm."""
 
     BINDINGS: ClassVar[list[BindingType]] = _bindings()
     VERTICAL_BREAKPOINTS: list[tuple[int, str]] | None = [  # noqa: RUF012 # as Textual declares it
@@ -107,7 +107,7 @@ class MainPage(Page):
         """Will draw the details of the robot that was selected."""
 
     def parts(self) -> ComposeResult:
-        """Panes, prompt."""
+        """Panes."""
         with Horizontal(classes="columns"):
             with ContentSwitcher(initial=_pane_id(FIRST), id="panes"):
                 with Vertical(id=_pane_id("robots")):
@@ -120,7 +120,6 @@ class MainPage(Page):
                 with Vertical(id=_pane_id("log")):
                     yield LogPane(id="log")
             yield CachedText(id="empty")
-        yield Prompt(self.app, id="prompt")
 
     def messages(self) -> ComposeResult:
         """Yield the last lines of the log."""
@@ -142,7 +141,7 @@ class MainPage(Page):
         """Return the pane's name, how it is sorted, and what it is filtered by."""
         letters, title = self.filters.get(self.pane, ""), self.pane
         if self.pane == FIRST and self.order != "tree":
-            title += f" by {self.order}"
+            title += ", problems first" if self.order == "problems" else f" by {self.order}"
         if self.pane == "log" and self.level != "good":
             title += f"  {self.level}s" + (" and errors" if self.level == "warning" else "")
         if letters:
@@ -177,6 +176,11 @@ class MainPage(Page):
         self.draw()
         self.refresh_bindings()
 
+    def reveal(self) -> None:
+        """Bring the whole list of robots to the front, without a filter."""
+        self.filters.pop(FIRST, None)
+        self.show_pane(FIRST)
+
     def _focus_pane(self) -> None:
         self.query_one(PANES[self.pane]).focus()
 
@@ -189,18 +193,14 @@ class MainPage(Page):
         elif self.app.certain():
             self.app.ask_for(verb, self.place)
 
-    def open_line(self, kind: Kind) -> None:
-        """Open the line below, for a verb or for a filter."""
-        self.query_one(Prompt).open(kind)
-
     def sort(self, order: SortOrder | None = None) -> None:
         """Sort the robots so, or by what comes after the present order."""
         self.order = order or ORDERS[(ORDERS.index(self.order) + 1) % len(ORDERS)]
-        self.app.tell(
-            "robots by name, children below their parents"
-            if self.order == "tree"
-            else f"robots by {self.order}"
-        )
+        named = {
+            "tree": "robots by name, children below their parents",
+            "problems": "robots with problems first, children below their parents",
+        }
+        self.app.tell(named.get(self.order, f"robots by {self.order}"))
         self.show_pane(FIRST)
 
     def widen(self) -> None:
@@ -273,19 +273,14 @@ class MainPage(Page):
     def _rewrite_log(self) -> None:
         self.draw()
 
-    @on(Prompt.Entered)
-    def _typed(self, event: Prompt.Entered) -> None:
-        self.app.run_typed(event.text)
-
     @on(Prompt.Filtered)
     def _filtered(self) -> None:
         self.filters[self.pane] = self.query_one(Prompt).letters  # the present ones
         self.draw()
 
-    @on(Prompt.Left)
-    def _left_prompt(self) -> None:
-        if not self.query_one(Prompt).display:  # it may be open again
-            self._focus_pane()
+    def focus_again(self) -> None:
+        """Give the focus to the pane in front, which may be another one than before."""
+        self._focus_pane()
 
     # -- drawing -----------------------------------------------------------------------------------
 
@@ -364,3 +359,10 @@ def _pane_id(name: str) -> str:
 def main_page(app: OperatorApp) -> MainPage:
     """Return the main page of an app."""
     return next(screen for screen in app.screen_stack if isinstance(screen, MainPage))
+
+
+def in_front(app: OperatorApp) -> MainPage:
+    """Return the main page, after the pages over it were left; what runs there goes on."""
+    while not isinstance(app.screen, MainPage):
+        app.pop_screen()
+    return main_page(app)

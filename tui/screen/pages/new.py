@@ -32,7 +32,8 @@ from robotree.vr.base.description import CommandSpec
 from robotree.vr.base.errors import BadName
 from robotree.vr.bundle import LARGEST
 
-ANY_HOST = "*"
+ANY_HOST, OWN_HOST = "*", "+"
+"""What is no host's name: any host, and one for this robot alone."""
 
 
 class SourceTree(Part, DirectoryTree):
@@ -128,7 +129,8 @@ class NewPage(Form, Page):
                 yield Button("Create", id="create", variant="primary", disabled=True, compact=True)
 
     def _hosts(self) -> list[tuple[str, str]]:
-        return [("any", ANY_HOST), *((name, name) for name in self.app.store.hosts)]
+        hosts = ((name, name) for name in self.app.store.hosts)
+        return [("any", ANY_HOST), *hosts, ("a process of its own", OWN_HOST)]
 
     def on_mount(self) -> None:
         """Begin in the tree, at its first file."""
@@ -281,7 +283,9 @@ class NewPage(Form, Page):
         values: dict[str, Value] = {"FILE": f"{self.path}:{chosen.name}", "NAME": name}
         if edited:
             values["PARAMETER=VALUE"] = edited
-        if host != ANY_HOST:
+        if host == OWN_HOST:
+            values["--own-host"] = True
+        elif host != ANY_HOST:
             values["HOST"] = host
         self.query_one("#create", Button).disabled = True
         self.carrying = f"{name} is being made"

@@ -14,6 +14,7 @@ from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.flash import FlashLine
 from robotree.tui.screen.widgets.key_line import KeyLine
+from robotree.tui.screen.widgets.prompt import Kind, Prompt
 from robotree.tui.screen.widgets.topbar import Banner, TopBar
 
 CALM_TICK = 1.0
@@ -31,17 +32,21 @@ class Page(Part, Leaving[None]):
         (0, "-slim"),
         (60, "-narrow"),
         (100, "-wide"),
+        (140, "-broad"),
     ]
     VERTICAL_BREAKPOINTS: list[tuple[int, str]] | None = [(0, "-low"), (32, "-high")]  # noqa: RUF012
 
     _due = False
     """It will be drawn before the next tick."""
+    _left_for_line: Widget | None = None
+    """What had the focus before the prompt."""
 
     def compose(self) -> ComposeResult:
         """Frame the page's own parts."""
         yield TopBar(classes="topbar")
         yield Banner(classes="banner")
         yield from self.parts()
+        yield Prompt(self.app, id="prompt")
         yield from self.messages()
         yield KeyLine()
 
@@ -77,6 +82,35 @@ class Page(Part, Leaving[None]):
     def _tick(self) -> None:
         if self.is_active:
             self.draw()
+
+    # -- the prompt --------------------------------------------------------------------------------
+
+    def open_line(self, kind: Kind) -> None:
+        """Open the line below, for a verb or for a filter: all keys but that of the stop are text then."""
+        self._left_for_line = self.focused
+        self.query_one(Prompt).open(kind)
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Take no key of the page while somebody types at the prompt."""
+        if self.focused is not None and self.focused.id == Prompt.LINE:
+            return False
+        return super().check_action(action, parameters)
+
+    @on(Prompt.Entered)
+    def _typed(self, event: Prompt.Entered) -> None:
+        self.app.run_typed(event.text)
+
+    @on(Prompt.Left)
+    def _left_prompt(self) -> None:
+        if not self.query_one(Prompt).display:  # it may be open again
+            self.focus_again()
+
+    def focus_again(self) -> None:
+        """Give the focus back to what had it before the prompt."""
+        before, self._left_for_line = self._left_for_line, None
+        self.set_focus(before if before is not None and before.is_attached else None)
+
+    # -- drawing -----------------------------------------------------------------------------------
 
     def title_of_page(self) -> str:
         """Return what stands in the line on top."""

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 SCRIPT = "Script"
 """Kind of robots that are led by rules."""
+BEGINS = "start"
+"""The command of a script that a person needs first."""
 GLANCE = 1.0
 """[s] between two looks at the facts of a script, and for its answer."""
 
@@ -48,7 +50,6 @@ class PanelPage(Page):
         """Open the panel of a robot as it described itself, at a command or at the first."""
         super().__init__()
         self.robot, self._command = robot, command
-        self._gone = False
         self._left_off: dict[str, tuple[dict[str, str], str]] = {}
         """What was typed into forms that are made anew, and the field with the cursor, by command."""
 
@@ -83,7 +84,8 @@ class PanelPage(Page):
         commands.border_title, self.query_one("#readings").border_title = "commands", "readings"
         if self.robot.commands:
             names = [one.name for one in self.robot.commands]
-            commands.highlighted = names.index(self._command) if self._command in names else 0
+            wanted = self._command or (BEGINS if self._leads else "")
+            commands.highlighted = names.index(wanted) if wanted in names else 0
         commands.focus()
         if self._leads:
             self.query_one("#rules").border_title = "rules"
@@ -106,6 +108,10 @@ class PanelPage(Page):
             await asyncio.sleep(GLANCE)
 
     @property
+    def _answers(self) -> bool:
+        return self.app.store.answers(self.robot.name, self.app.now())
+
+    @property
     def _readings(self) -> dict[str, float]:
         return self.app.store.readings(self.robot.name)
 
@@ -122,7 +128,7 @@ class PanelPage(Page):
             spec = self.robot.commands[at]
             form = CommandForm(self.robot.name, spec, self._readings)
             form.id = wanted
-            form.gone = self._gone
+            form.answers = self._answers
             form.display = False  # until all of it is there
             form.border_title = Text(wording.signature(command_as_shown(spec)))
             await forms.mount(form)
@@ -228,11 +234,7 @@ class PanelPage(Page):
         newest = store.descriptions.get(name)
         self._notice(newest)
         muted = tint(self.app, "muted")
-        state = (
-            Text("✗ has gone", tint(self.app, "error"))
-            if self._gone
-            else status_mark(self.app, store.status(name, now), store.doing(name, now))
-        )
+        state = status_mark(self.app, store.status(name, now), store.doing(name, now))
         about = wording.summary(self.robot.doc)
         line = Text.assemble(
             " ",
@@ -247,23 +249,22 @@ class PanelPage(Page):
         self.query_one(Readings).draw(ShownReadings.of(store, name, now))
         if form := self._in_front:
             form.draw(self._readings)
-        running = any(one.running for one in self.query(CommandForm))
-        self.set_class(running, "-running")
-        if running:
+        # both stay: no part moves when a command ends
+        if store.views and not self.app.calm:
+            self.add_class("-pictures")
+        if any(form.running for form in self.query(CommandForm)):
+            self.add_class("-ran")
+        if self.has_class("-ran") or self.has_class("-pictures"):
             for beside in self.query(SidePane):
                 beside.draw(name)
 
     def _notice(self, newest: RobotDescription | None) -> None:
         """Follow the robot: it may go, come back as another incarnation, or have other commands now."""
+        for form in self.query(CommandForm):
+            form.note_answers(answers=self._answers)
         if newest is None:
-            if not self._gone and self.robot.name not in self.app.store.robots:
-                self._gone = True
-                for form in self.query(CommandForm):
-                    form.vanish()
-                self.app.tell(f"{self.robot.name} has gone; its panel stays open to be read", "warning")
             return
         if newest.address != self.robot.address or _forms(newest) != _forms(self.robot):
-            self._gone = False
             self.robot = newest
             self._rebuild()
         elif newest.commands != self.robot.commands:

@@ -21,10 +21,11 @@ from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.teleoperable import GET_INFO, GO_TO, GRIP
 from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.cameras import Cameras
-from robotree.tui.screen.widgets.marks import tint
+from robotree.tui.screen.widgets.marks import status_mark, tint
 from robotree.tui.screen.widgets.picture import PictureView
 from robotree.tui.screen.widgets.readings import Readings, ShownReadings
 from robotree.tui.seen import instruments
+from robotree.tui.seen.store import OLD
 from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
@@ -214,8 +215,7 @@ class TeleopPage(Page):
     async def _ask(self, command: str, arguments: Mapping[str, Any]) -> str:
         """Have a command carried out; return why not, or nothing."""
         try:
-            with self.app.store.asking(self.robot.name):
-                await self.app.fleet.call(self.robot.name, command, arguments, deadline=MOVE_LIMIT)
+            await self.app.fleet.call(self.robot.name, command, arguments, deadline=MOVE_LIMIT)
         except VrError as error:
             return str(error)
         return ""
@@ -255,15 +255,14 @@ class TeleopPage(Page):
 
     def _state_line(self) -> Text:
         """Return how the robot is, in one bold line: stopped, refused, moving, held back, or holding."""
-        store, name = self.app.store, self.robot.name
-        state, readings, short = store.state(name), store.readings(name), self._short()
+        store, name, now = self.app.store, self.robot.name, self.app.now()
+        how, readings, short = store.status(name, now), store.readings(name), self._short()
         error, accent = tint(self.app, "error", bold=True), tint(self.app, "accent", bold=True)
         force = instruments.size(readings) or 0.0
         line = Text(" ", "bold", overflow="ellipsis")
-        if state is not None and not state.online:
-            line.append("✗ LOST its controller  ", error)
-        elif state is not None and state.stopped:
-            line.append("■ STOPPED  ", error)
+        if how in OLD | {"stopped"}:
+            line.append_text(status_mark(self.app, how, store.doing(name, now)))
+            line.append("  ")
         elif self._refusal:
             line.append(f"✗ {self._refusal}  ", error)
         if self.jog.moving:

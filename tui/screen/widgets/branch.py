@@ -38,7 +38,7 @@ def _lines(
 ) -> Iterator[tuple[int, str, str, bool]]:
     """Yield depth, slot and robot of each line, and whether it is needed; an empty slot has no robot."""
     yield len(above), slot, name, True
-    robot = store.descriptions.get(name)
+    robot = store.described(name)
     if robot is None or name in above:
         return
     for one in robot.slots:

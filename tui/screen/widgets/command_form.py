@@ -24,7 +24,7 @@ from robotree.tui.screen.widgets.field_row import FieldRow
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.seen import wording
 from robotree.vr.base.description import CommandSpec
-from robotree.vr.network.rendezvous import DEFAULT_REALM
+from robotree.vr.network.realms import DEFAULT_REALM
 
 CELLS = 20
 """Of the bar that shows how far a command is."""
@@ -50,7 +50,8 @@ class CommandForm(Form, Part, VerticalScroll):
         self.robot, self.spec = robot, spec
         self._fraction, self._told = math.nan, ""
         self._readings = dict(readings)
-        self.gone = False
+        self.answers = True
+        """The robot is there to be commanded."""
         self._began = 0.0
         """[s] When the command was sent, on the clock of events."""
         self._came_from: Widget | None = None
@@ -178,7 +179,7 @@ class CommandForm(Form, Part, VerticalScroll):
         if self.running:
             self.app.tell(f"{self.carrying} already; cancel it, or wait until it has ended", "warning")
             return
-        if self.gone or not self.spec.available:
+        if not (self.answers and self.spec.available):
             return
         rows = {row.spec.name: row for row in self.query(FieldRow)}
         read = entry.read(self.spec, self.texts)
@@ -251,10 +252,11 @@ class CommandForm(Form, Part, VerticalScroll):
         self._ended()
         self._say("✗", "error", reason)
 
-    def vanish(self) -> None:
-        """The robot has gone: nothing can be sent any more."""
-        self.gone = True
-        self._enable()
+    def note_answers(self, *, answers: bool) -> None:
+        """Take whether the robot is there to be commanded: nothing can be sent to one that is not."""
+        if answers != self.answers:
+            self.answers = answers
+            self._enable()
 
     def _ended(self) -> None:
         self.carrying = ""
@@ -264,7 +266,7 @@ class CommandForm(Form, Part, VerticalScroll):
         self._enable()
 
     def _enable(self) -> None:
-        usable = self.spec.available and not self.gone
+        usable = self.spec.available and self.answers
         self.query_one("#run", Button).disabled = self.running or not usable
         self.query_one("#cancel", Button).disabled = not self.running
         if self.running and self.has_focus_within:

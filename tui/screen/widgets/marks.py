@@ -16,6 +16,7 @@ from robotree.tui.seen.store import Weight
 STATUSES: Mapping[Status, tuple[str, str]] = {
     "hangs": ("✗", "error"),
     "gone": ("✗", "error"),
+    "late": ("◔", "warning"),
     "silent": ("◌", "warning"),
     "offline": ("✗", "error"),
     "stopped": ("■", "error"),

@@ -14,6 +14,7 @@ from textual.suggester import Suggester
 from textual.widgets import Input, Label
 
 from robotree.tui.line import completion
+from robotree.tui.screen.busy import Apart
 from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.marks import tint
@@ -29,6 +30,9 @@ BEFORE = 3
 
 class Known(Protocol):
     """Where completion takes the names from."""
+
+    past: list[str]
+    """Lines that were typed, on whatever page."""
 
     def words(self) -> completion.Words:
         """Return the names of the moment."""
@@ -48,8 +52,11 @@ class VerbSuggester(Suggester):
         return completion.complete(value, self._known.words())
 
 
-class Prompt(Part, Vertical):
+class Prompt(Apart, Part, Vertical):
     """One line of input, and above it what the last word may become; hidden while nobody types."""
+
+    LINE: ClassVar[str] = "line"
+    """Id of the field that one types in."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "leave", "Leave"),
@@ -81,6 +88,7 @@ class Prompt(Part, Vertical):
     def __init__(self, known: Known, *, id: str | None = None) -> None:  # noqa: A002 # Textual's name for it
         """Complete from what `known` knows."""
         super().__init__(id=id)
+        self.display = False
         self._known, self._suggester = known, VerbSuggester(known)
         self._read = ""
         """The line for which the candidates were found."""
@@ -89,7 +97,6 @@ class Prompt(Part, Vertical):
         self._offered: tuple[str, ...] = ()
         self._taken = NONE_YET
         self.kind: Kind = "verb"
-        self._past: list[str] = []
         self._at = 0
         self.letters = ""
 
@@ -98,11 +105,9 @@ class Prompt(Part, Vertical):
         yield CachedText(id="candidates")
         with Horizontal():
             yield Label(":", id="sign", markup=False)
-            yield Input(compact=True, id="line", suggester=self._suggester, select_on_focus=False)
-
-    def on_mount(self) -> None:
-        """Hide until somebody types."""
-        self.display = False
+            line = Input(compact=True, id=self.LINE, suggester=self._suggester, select_on_focus=False)
+            line.can_focus = False  # a page gives the focus to the first part that can have it, hidden or not
+            yield line
 
     def open(self, kind: Kind, text: str = "") -> None:
         """Begin to type a verb, or letters to filter by."""
@@ -112,9 +117,9 @@ class Prompt(Part, Vertical):
         line.suggester = self._suggester if kind == "verb" else None
         line.value = self.letters if kind == "filter" and not text else text
         line.cursor_position = len(line.value)
-        self._at = len(self._past)
+        self._at = len(self._known.past)
         self._offer(line.value)
-        self.display = True
+        self.display = line.can_focus = True
         line.focus()
 
     @on(Input.Submitted)
@@ -127,7 +132,8 @@ class Prompt(Part, Vertical):
             self._filter(event.value)
         self._close()
         if self.kind == "verb" and text:
-            self._past = [*[one for one in self._past if one != text], text][-REMEMBERED:]
+            past = self._known.past
+            past[:] = [*[one for one in past if one != text], text][-REMEMBERED:]
             self.post_message(self.Entered(text))
 
     @on(Input.Changed)
@@ -151,10 +157,11 @@ class Prompt(Part, Vertical):
 
     def action_recall(self, by: int) -> None:
         """Bring back an earlier line."""
-        if self.kind == "verb" and self._past:
-            self._at = min(max(self._at + by, 0), len(self._past))
+        past = self._known.past
+        if self.kind == "verb" and past:
+            self._at = min(max(self._at + by, 0), len(past))
             line = self.query_one(Input)
-            line.value = self._past[self._at] if self._at < len(self._past) else ""
+            line.value = past[self._at] if self._at < len(past) else ""
             line.cursor_position = len(line.value)
 
     def action_complete(self, by: int) -> None:
@@ -193,5 +200,5 @@ class Prompt(Part, Vertical):
         shown.show(text)
 
     def _close(self) -> None:
-        self.display = False
+        self.display = self.query_one(Input).can_focus = False
         self.post_message(self.Left())

@@ -2,45 +2,72 @@
 
 from __future__ import annotations
 
+import math
+
 from rich.cells import cell_len
 from rich.text import Text
 
 from robotree.tui.line.actions import BY_VERB
 from robotree.tui.line.keys import spell
 from robotree.tui.screen.widgets.cached_text import CachedText
-from robotree.tui.screen.widgets.marks import block, tint
+from robotree.tui.screen.widgets.marks import STATUSES, block, tint
 from robotree.tui.seen.cells import clip, seen
+from robotree.tui.seen.status import CALM, COUNTED, Status
 from robotree.tui.seen.store import Store
 
 STOPPED = "■ PROTECTIVE STOP: "
+COUNT_AGAIN = 1.0
+"""[s] between two counts of the robots: each looks at all of them."""
+GAP = 3
+"""Cells between what stands on the left and on the right, at least."""
 
 
 class TopBar(CachedText):
     """Name of the program, realm, page; on the right the counts, and how to stop."""
 
+    _counts: tuple[float, list[tuple[Status, int]]] = (-math.inf, [])
+    """When the robots were counted last [s], and how many have each status."""
+
     def draw(self, store: Store, realm: str, page: str) -> None:
         """Draw the line."""
         muted, strong = tint(self.app, "muted"), tint(self.app, "primary", bold=True)
         left = Text.assemble((" robotree ", strong), (" realm ", muted), realm, ("  ", muted), page)
-        counts = [
-            (len(store.known), "robot"),
-            (len(store.views), "view"),
-            (len(store.hosts), "host"),
-            (len(store.services), "lookup"),
-        ]
         stop = Text.assemble((f" {spell(BY_VERB['stop'].key)} STOP ", block(self.app)))
-        right = Text()
-        for count, noun in counts:
-            right.append(" · " if right else "", muted)
-            right.append(f"{count}", "" if count else tint(self.app, "warning"))
-            right.append(f" {noun}{'' if count == 1 else 's'}", muted)
-        right.append("  ")
+        robots, others = self._robots(store), self._others(store)
         width = max(self.size.width, 1)
-        if left.cell_len + right.cell_len + stop.cell_len >= width:
-            right = Text()
+        room = width - left.cell_len - stop.cell_len - GAP
+        wanted = (Text.assemble(robots, (" · ", muted), others), robots, Text())
+        right = next(text for text in wanted if text.cell_len <= room or not text)
+        if right:
+            right.append("  ")
         left.truncate(max(width - stop.cell_len - 1, 0), overflow="ellipsis")  # how to stop stays to be read
         gap = max(width - left.cell_len - right.cell_len - stop.cell_len, 1)
         self.show(Text.assemble(left, " " * gap, right, stop, no_wrap=True, overflow="ellipsis"))
+
+    def _robots(self, store: Store) -> Text:
+        """Return how many robots have each status, the worst first: `3 hang · 988 free`."""
+        now, (counted, _) = self.app.now(), self._counts
+        if now - counted >= COUNT_AGAIN or not self._counts[1]:
+            self._counts = now, store.count(now)
+        muted, text = tint(self.app, "muted"), Text()
+        for status, count in self._counts[1]:
+            words = f"{count} {status if count == 1 else COUNTED.get(status, status)}"
+            text.append(" · " if text else "", muted)
+            text.append(words, tint(self.app, STATUSES[status][1]) if status not in CALM else "")
+        return text or Text("0 robots", tint(self.app, "warning"))
+
+    def _others(self, store: Store) -> Text:
+        """Return how many views, hosts and lookup services there are."""
+        muted, text = tint(self.app, "muted"), Text()
+        for count, noun in (
+            (len(store.views), "view"),
+            (len(store.hosts), "host"),
+            (len(store.services), "lookup"),
+        ):
+            text.append(" · " if text else "", muted)
+            text.append(f"{count}", "" if count else tint(self.app, "warning"))
+            text.append(f" {noun}{'' if count == 1 else 's'}", muted)
+        return text
 
 
 class Banner(CachedText):

@@ -1,0 +1,114 @@
+"""`robotree wire conform` at the controllers of the examples and the simulated ones, and at broken ones."""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from robotree.protocol.errors import LinkError
+from robotree.protocol.messages import Claim, ClaimWish
+from robotree.protocol.tools.conform import KINDS, RULES, Level, Outcome, Result, examine
+from robotree.protocol.tools.conform.examine import NotExaminable
+from robotree.sim.serving.server import serving
+from tests.command_line import ROBOTREE
+from tests.station import Station
+
+ROOT = Path(__file__).parents[2]
+GUIDE = ROOT / "docs" / "bring-your-own-robot.md"
+COMPANION = {"base": 1, "limb": 25, "head": 27}
+
+
+async def tried(url: str, **options: object) -> list[Result]:
+    return [result async for result in examine(url, **options)]  # type: ignore[arg-type]
+
+
+def broken(results: list[Result], level: Level = Level.MUST) -> dict[str, str]:
+    return {
+        each.rule.id: each.detail
+        for each in results
+        if each.outcome is Outcome.BROKEN and each.rule.level is level
+    }
+
+
+def test_the_guide_has_each_rule_with_its_id_and_its_level() -> None:
+    levels = tuple(f"| {level} |" for level in Level)
+    lines = GUIDE.read_text().splitlines()
+    rows = [line for line in lines if line.startswith("| `") and any(level in line for level in levels)]
+    assert rows == [f"| `{rule.id}` | {rule.level} | {rule.text} |" for rule in RULES.values()]
+
+
+async def test_the_simulated_rover_keeps_all_rules() -> None:
+    async with serving("rover", "tcp:127.0.0.1:0") as server:
+        results = await tried(server.address)
+    assert [each.rule.id for each in results] == [*RULES]
+    assert {each.rule.id for each in results if each.outcome is not Outcome.KEPT} == set()
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("kind", sorted(KINDS.keys() - {"rover"}))
+async def test_each_simulated_kind_keeps_all_rules(kind: str) -> None:
+    async with serving("companion" if kind in COMPANION else kind, "tcp:127.0.0.1:0") as server:
+        results = await tried(server.address, kind=kind, controller=(1, COMPANION.get(kind, 1)))
+    assert {each.rule.id: each.detail for each in results if each.outcome is not Outcome.KEPT} == {}
+
+
+async def test_the_controller_in_python_keeps_all_that_it_must(tmp_path: Path) -> None:
+    shutil.copy(ROOT / "examples" / "controller_py" / "controller.py", tmp_path)
+    words = [*ROBOTREE, "wire", "dialect", "--lang", "python", "rover_wire.py"]
+    await asyncio.to_thread(subprocess.run, words, cwd=tmp_path, check=True, capture_output=True)
+    with started([sys.executable, "controller.py", "0"], tmp_path) as url:
+        results = await tried(url)
+    assert broken(results) == {}
+    assert set(broken(results, Level.SHOULD)) == {"life", "several-clients", "sentence"}
+
+
+@contextmanager
+def started(words: list[str], folder: Path) -> Iterator[str]:
+    """A controller that says where it is ready, inside the block."""
+    with subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        word, address = process.stdout.readline().split()
+        assert word == "ready"
+        try:
+            yield address
+            assert process.poll() is None, "it has ended by itself"
+        finally:
+            process.kill()
+
+
+async def test_a_controller_that_somebody_commands_is_left_alone() -> None:
+    async with serving("rover", "tcp:127.0.0.1:0") as server:
+        proxy = await Station(component=30).dial(server.address)
+        proxy.say(Claim(5, 9, 30_000, 0, 1, 1, ClaimWish.KEEP, "rover-1, pid 812"))
+        await proxy.ping()
+        with pytest.raises(NotExaminable, match="rover-1, pid 812 holds this controller; end it first"):
+            await tried(server.address)
+
+
+async def test_nobody_there_is_told_in_one_sentence() -> None:
+    with pytest.raises(LinkError, match=r"tcp:127\.0\.0\.1:1 cannot be opened"):
+        await tried("tcp:127.0.0.1:1")
+
+    ended = asyncio.Event()
+
+    async def ignore(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.read()
+        writer.close()
+        await writer.wait_closed()
+        ended.set()
+
+    silent = await asyncio.start_server(ignore, "127.0.0.1", 0)
+    port = silent.sockets[0].getsockname()[1]
+    with pytest.raises(
+        NotExaminable, match=r"HEARTBEAT did not come within .*; is a controller of robotree's"
+    ):
+        await tried(f"tcp:127.0.0.1:{port}")
+    await ended.wait()
+    silent.close()

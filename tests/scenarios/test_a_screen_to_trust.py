@@ -1,0 +1,163 @@
+"""On a real terminal: who hangs is seen within a second, each command has its entry, `:` is safe."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import re
+import signal
+import time
+from collections.abc import AsyncIterator, Iterator
+from pathlib import Path
+
+import pytest
+import pytest_asyncio
+
+from robotree.tui.processes.crew import Crew
+from robotree.tui.processes.realm import joined
+from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.world.testing import until
+from tests.command_line import ROBOTREE, within_realm
+from tests.scenarios.test_forms_on_a_terminal import ENTER
+from tests.scenarios.test_terminals import Terminal
+
+pytestmark = [pytest.mark.e2e, pytest.mark.asyncio(loop_scope="module"), pytest.mark.timeout(180)]
+
+REALM = "trust"
+WITHIN = 1.0
+"""[s] in which a process that does not answer must be shown."""
+BUSY = 1.0
+"""[s] that a busy machine may take besides."""
+RUN = within_realm(REALM)
+
+
+class Screen(Terminal):
+    """A person at a terminal with the full screen, or one line, in it."""
+
+    def __init__(self, *words: str) -> None:
+        super().__init__(*ROBOTREE, "--realm", REALM, *words)
+
+    def types(self, keys: str, *, sees: str) -> None:
+        """Press keys, all at once, and wait for words that are drawn after it."""
+        self.shown = b""
+        os.write(self._master, keys.encode())
+        self.shows(sees.encode())
+
+    @property
+    def terminal(self) -> str:
+        return self._inside.removeprefix("/dev/")
+
+    def leave(self) -> None:
+        self.close()
+        if not self.is_over():
+            os.kill(self.pid, signal.SIGTERM)
+        self.wait()
+
+
+class Cell:
+    """The processes of a cell, and a fleet that sees them."""
+
+    def __init__(self, crew: Crew, fleet: Fleet, proxy: int) -> None:
+        self.crew, self.fleet, self.proxy = crew, fleet, proxy
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def cell(shared_place: Path) -> AsyncIterator[Cell]:
+    async with Crew(REALM, shared_place) as crew:
+        arm = await crew.start("sim", "arm", "--listen", "tcp:127.0.0.1:0", "--open")
+        *_, proxy = await crew.start_all(
+            ("lookup", "lookup-1"),
+            ("host", "host-1"),
+            ("proxy", "arm", "arm-1", "--connect", arm.address, "--open"),
+        )
+        async with joined(REALM) as fleet:
+            await until(lambda: len(fleet.robots()) == 1, "the arm is listed")
+            yield Cell(crew, fleet, proxy.pid)
+
+
+@pytest.fixture
+def screen(cell: Cell) -> Iterator[Screen]:
+    del cell  # it is there
+    found = Screen()
+    try:
+        found.shows(b"pose")  # in the details of the arm, which is selected
+        yield found
+    finally:
+        found.leave()
+
+
+async def test_a_robot_that_hangs_is_seen_within_a_second_in_the_list_and_in_an_open_panel(
+    cell: Cell, screen: Screen
+) -> None:
+    screen.types(ENTER, sees="peak")  # its panel
+    os.kill(cell.proxy, signal.SIGSTOP)
+    began = time.monotonic()
+    try:
+        screen.shown = b""
+        screen.shows(b"late", within=10.0)
+        assert time.monotonic() - began < WITHIN + BUSY
+        screen.shows(f"HANGS (pid {cell.proxy})".encode(), within=10.0)
+        assert b"gone" not in screen.shown
+    finally:
+        os.kill(cell.proxy, signal.SIGCONT)
+    screen.shows(b"answers again")
+    screen.types("\x1b", sees="log  g")
+
+
+async def test_a_parent_says_that_its_child_hangs_and_not_that_it_needs_one(
+    cell: Cell, screen: Screen
+) -> None:
+    screen.types(":create examples/move_to.py as mover\r", sees="needs arm")
+    screen.types(":enslave mover.arm arm-1\r", sees="under mover")
+    os.kill(cell.proxy, signal.SIGSTOP)
+    try:
+        screen.shown = b""
+        screen.shows(b"arm: arm-1 hangs")
+        _, listed, _ = await RUN("ls")
+        assert re.search(r"mover .*arm: arm-1 hangs", listed), listed
+    finally:
+        os.kill(cell.proxy, signal.SIGCONT)
+    screen.shows(b"answers again")
+    await cell.fleet.delete("mover")
+    await until(lambda: len(cell.fleet.robots()) == 1, "the arm is free")
+
+
+async def test_two_people_who_command_one_robot_have_two_entries_with_their_names(
+    cell: Cell, screen: Screen
+) -> None:
+    assert not (await cell.fleet.describe("arm-1")).busy
+    way = ("call", "arm-1.go_to", "y=0", "z=0.3", "twist=0")
+    anna = Screen(*way, "x=0.5", "speed=0.03")
+    people = [anna]
+    try:
+        screen.shows(f"by {os_user()}@{anna.terminal} begins".encode())
+        people.append(bob := Screen(*way, "x=0.4", "speed=0.2"))
+        screen.shows(f"by {os_user()}@{bob.terminal} waits".encode())
+        bob.shows(f"waits: {os_user()}@{anna.terminal}'s go_to first".encode())
+        screen.shows(f"by {os_user()}@{bob.terminal} is done".encode())
+    finally:
+        for person in people:
+            person.leave()
+    await asyncio.sleep(0.3)  # the lines of a log are published ten times a second
+    _, out, _ = await RUN("log", "arm-1", "--json")
+    ended = [one for one in json.loads(out) if one["level"] == "done" and one["command"] == "go_to"]
+    last = {one["caller"]: one for one in ended[-2:]}
+    assert set(last) == {f"{os_user()}@{who.terminal}" for who in people}
+    first, second = sorted(last.values(), key=lambda one: one["unix"])
+    assert first["waited"] < 0.1 < second["waited"], "the time in the queue is told apart"
+    assert "y=0" in first["arguments"]
+    _, text, _ = await RUN("log")
+    assert re.search(rf"\d{{4}}-\d\d-\d\d .* arm-1: go_to by {os_user()}@pts/\d+ is done: waited", text), text
+
+
+async def test_a_verb_typed_in_a_panel_stops_nothing(cell: Cell, screen: Screen) -> None:
+    screen.types(ENTER, sees="peak")
+    screen.types(":show arm-1\r", sees="commands")
+    assert not (await cell.fleet.describe("arm-1")).stopped
+
+
+def os_user() -> str:
+    import pwd
+
+    return pwd.getpwuid(os.geteuid()).pw_name

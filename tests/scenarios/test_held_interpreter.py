@@ -1,0 +1,229 @@
+"""A page that holds the interpreter in one call into C, so that no thread of its host runs."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import signal
+import time
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+
+from robotree.tui import exit_codes
+from robotree.tui.processes import guard
+from robotree.tui.processes.crew import Crew
+from robotree.tui.processes.ending import LAST_WORDS
+from robotree.tui.processes.realm import joined
+from tests.command_line import ROBOTREE, within_realm
+from tests.scenarios.test_crew import children, ended, is_running
+from tests.soak.observer import holds
+
+pytestmark = pytest.mark.e2e
+
+REALM = "held"
+robotree = within_realm(REALM)
+PAGE = '''
+"""Greedy: holds the interpreter."""
+import os
+import re
+import signal
+import time
+from robotree.vr import VirtualRobot, command
+
+class Greedy(VirtualRobot):
+    """Computes in C."""
+
+    @command
+    def hold(self, letters: int = 32) -> None:
+        """Match for long: twice as long for each letter, 5 s with 26."""
+        re.match(r"(a+)+$", "a" * letters + "b")
+
+    @command(effect="read")
+    def count(self) -> int:
+        """Return a number."""
+        return 1
+
+    @command(effect="read")
+    def beget(self) -> None:
+        """Fork, and end the child by a signal."""
+        if not (child := os.fork()):
+            time.sleep(60)
+            os._exit(0)
+        time.sleep(0.5)
+        os.kill(child, signal.SIGTERM)
+        time.sleep(0.5)
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+'''
+HARD = guard.LIMIT + 3.0
+"""[s] until a process that holds its interpreter has ended; the machine may be busy."""
+
+
+@pytest.fixture
+async def crew(place: Path) -> AsyncIterator[Crew]:
+    """A host with a robot that can hold the interpreter."""
+    (place / "greedy.py").write_text(PAGE)
+    async with Crew(REALM, place) as crew:
+        await crew.start("host", "host-1")
+        code, _, complaints = await robotree("create", str(place / "greedy.py"), "as", "greedy")
+        assert code == 0, complaints
+        yield crew
+        for pid in process_of("apart-host").split():  # left by a test that failed
+            os.kill(int(pid), signal.SIGKILL)
+
+
+def cpu(pid: int) -> float:
+    """[s] that a process has computed."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+@contextlib.asynccontextmanager
+async def held(pid: int, robot: str = "greedy") -> AsyncIterator[None]:
+    """Hold the interpreter of a host: it computes, and its network thread gives no sign of life."""
+    beat = next((Path(os.environ["XDG_RUNTIME_DIR"]) / "robotree" / REALM).glob(f"{pid}-*.beat"))
+    caller = await asyncio.create_subprocess_exec(
+        *(*ROBOTREE, "call", f"{robot}.hold", "--realm", REALM),
+        stdout=asyncio.subprocess.DEVNULL,
+        stderr=asyncio.subprocess.DEVNULL,
+    )
+    try:
+        async with asyncio.timeout(60):
+            while True:
+                sign, computed = beat.read_bytes(), cpu(pid)
+                await asyncio.sleep(1.2)  # more than two beats
+                if beat.read_bytes() == sign and cpu(pid) - computed > 0.3:
+                    break
+        yield
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            caller.kill()
+        await caller.wait()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+async def test_a_signal_ends_a_host_whose_page_holds_the_interpreter(
+    crew: Crew, number: signal.Signals
+) -> None:
+    host = crew.members[0]
+    async with held(host.pid):
+        guards, began = children(host.pid), time.monotonic()
+        handles = [os.pidfd_open(one) for one in (host.pid, *guards)]
+        os.kill(host.pid, number)
+        assert all(await asyncio.gather(*(ended(one, HARD) for one in handles)))
+        assert time.monotonic() - began >= LAST_WORDS, "it had the time for an orderly end"
+    assert f"process {host.pid} was killed: it did not end within 3.5 s" in host.log
+
+
+async def test_it_does_not_outlive_its_starter(crew: Crew) -> None:
+    host = crew.members[0]
+    async with held(host.pid):
+        handle = os.pidfd_open(host.pid)
+        assert host.process.stdin is not None
+        host.process.stdin.close()  # as the kernel does when the starter is killed
+        assert await ended(handle, HARD)
+
+
+async def test_an_orderly_end_is_as_quick_as_without_a_guard(crew: Crew) -> None:
+    host = crew.members[0]
+    (watcher,) = children(host.pid)
+    os.kill(watcher, signal.SIGTERM)  # service managers send it to all processes of a service
+    assert is_running(watcher)
+    began, handles = time.monotonic(), [os.pidfd_open(host.pid), os.pidfd_open(watcher)]
+    os.kill(host.pid, signal.SIGTERM)
+    assert all(await asyncio.gather(*(ended(one, HARD) for one in handles)))
+    assert time.monotonic() - began < LAST_WORDS
+    assert await host.process.wait() == 0
+    assert "killed" not in host.log
+
+
+async def test_a_guard_that_was_killed_takes_nothing_with_it(crew: Crew) -> None:
+    host = crew.members[0]
+    (watcher,) = children(host.pid)
+    os.kill(watcher, signal.SIGKILL)
+    code, out, _ = await robotree("call", "greedy.count")
+    assert (code, out) == (0, "1\n")
+    handle = os.pidfd_open(host.pid)
+    os.kill(host.pid, signal.SIGTERM)
+    assert await ended(handle, LAST_WORDS)
+    assert "BrokenPipe" not in host.log
+
+
+async def test_a_host_that_was_killed_leaves_no_guard(crew: Crew) -> None:
+    host = crew.members[0]
+    (watcher,) = children(host.pid)
+    handle = os.pidfd_open(watcher)
+    os.kill(host.pid, signal.SIGKILL)
+    assert await ended(handle, 10)
+
+
+async def test_the_end_of_a_forked_child_is_not_that_of_its_host(crew: Crew) -> None:
+    host = crew.members[0]
+    code, _, complaints = await robotree("call", "greedy.beget")
+    assert code == 0, complaints
+    with pytest.raises(TimeoutError):
+        await ended(os.pidfd_open(host.pid), HARD)
+
+
+def process_of(host: str) -> str:
+    """The process id of a host, as text; empty: it does not run."""
+    found: list[str] = []
+    for one in Path("/proc").iterdir():
+        with contextlib.suppress(OSError):
+            words = (one / "cmdline").read_bytes().split(b"\0") if one.name.isdigit() else []
+            if host.encode() in words and b"host" in words:
+                found.append(one.name)
+    return " ".join(found)
+
+
+@pytest.mark.usefixtures("crew")
+async def test_a_robot_in_a_process_of_its_own_holds_no_other(place: Path) -> None:
+    code, out, complaints = await robotree("create", str(place / "greedy.py"), "as", "apart", "--own-host")
+    assert (code, out) == (0, "apart (Greedy) runs on apart-host\n"), complaints
+    _, out, _ = await robotree("ls", "--hosts")
+    assert out.splitlines()[1:] == ["apart-host  apart", "host-1      greedy"]
+    code, _, complaints = await robotree("create", str(place / "greedy.py"), "as", "apart", "--own-host")
+    assert (code, complaints) == (
+        1,
+        "robotree: a robot named 'apart' is already running; choose another name or end that one first\n",
+    )
+    pid = int(process_of("apart-host"))
+    handle = os.pidfd_open(pid)
+    async with held(pid, "apart"):
+        code, out, complaints = await robotree("call", "greedy.count")
+        assert (code, out) == (0, "1\n"), complaints
+        code, _, complaints = await robotree("show", "apart")
+        assert code == exit_codes.NOBODY
+        assert f"`kill {pid}` ends it" in complaints
+        os.kill(pid, signal.SIGTERM)
+        assert await ended(handle, HARD)
+
+
+@pytest.mark.usefixtures("crew")
+async def test_a_process_of_its_own_ends_with_its_robot(place: Path) -> None:
+    page = str(place / "greedy.py")
+    assert (await robotree("create", page, "as", "apart", "--own-host"))[0] == 0
+    handle = os.pidfd_open(int(process_of("apart-host")))
+    code, out, _ = await robotree("delete", "apart")
+    assert (code, out) == (0, "apart is deleted\n")
+    assert await ended(handle, 10)
+    code, _, complaints = await robotree("create", f"{page}:None", "as", "apart", "--own-host")
+    assert (code, "defines no virtual robot" in complaints) == (1, True)
+    async with joined(REALM) as fleet:
+        assert await holds(lambda: [one.name for one in fleet.directory.present("host")] == ["host-1"], 10.0)
+
+
+async def test_what_is_named_as_the_end_of_it_ends_it(crew: Crew) -> None:
+    host = crew.members[0]
+    async with held(host.pid):
+        _, _, complaints = await robotree("stop")
+        assert f"`kill {host.pid}` ends it" in complaints
+        handle = os.pidfd_open(host.pid)
+        os.kill(host.pid, signal.SIGTERM)
+        assert await ended(handle, HARD)
+    async with joined(REALM) as fleet:
+        assert not await fleet.hanging()
+        assert not fleet.directory.present("robot")

@@ -1,0 +1,114 @@
+"""`:` opens the prompt on every page; while it is open all keys are text, and none of them stops a robot."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from textual.widgets import Button, Input
+
+from robotree.tui.screen.pages.dialogs import Confirm, Reading
+from robotree.tui.screen.pages.main import MainPage
+from robotree.tui.screen.pages.new import NewPage
+from robotree.tui.screen.pages.page import Page
+from robotree.tui.screen.pages.panel import PanelPage
+from robotree.tui.screen.pages.teleop import TeleopPage
+from robotree.tui.screen.place import Place
+from robotree.tui.screen.widgets.command_form import CommandForm
+from robotree.tui.screen.widgets.prompt import Prompt
+
+if TYPE_CHECKING:
+    from tui.conftest import Realm
+    from tui.screens.conftest import Operate, Operator
+
+
+async def go_to(operator: Operator, page: type[Page]) -> None:
+    """Open a page about arm-1, with the focus where no letter is text."""
+    await operator.until(lambda: "arm-1" in operator.app.store.descriptions, "it is known")
+    operator.app.choose("arm-1")
+    if page is NewPage:
+        await operator.press("n")
+    if page in {PanelPage, TeleopPage}:
+        operator.app.ask_for("panel", Place("arm-1"))
+        await operator.at(PanelPage)
+    if page is TeleopPage:
+        await operator.press("x")
+    await operator.at(page)
+
+
+@pytest.mark.parametrize("page", [MainPage, PanelPage, TeleopPage, NewPage])
+async def test_a_verb_can_be_typed_on_every_page_and_a_space_in_it_is_no_stop(
+    realm: Realm, operate: Operate, page: type[Page]
+) -> None:
+    async with operate(realm.fleet) as operator:
+        await go_to(operator, page)
+        before = operator.app.screen.focused
+        operator.burst(":show rover-1 , x.c")
+        await operator.until(lambda: operator.one(Input, "#line").value == "show rover-1 , x.c", "the line")
+        await operator.press("ctrl+u")
+        await operator.type("show rover-1")
+        await operator.press("enter")
+        await operator.at(Reading)
+        await operator.sees("A rover of paper.")
+        await operator.press("escape")
+        assert isinstance(await operator.at(page), page)
+        assert operator.app.screen.focused is before, "the focus is where it was"
+        assert operator.app.store.stop is None, "nothing was stopped"
+        assert realm.arm.calls == [], "and nothing was moved"
+
+
+async def test_it_is_open_while_a_command_of_the_panel_runs(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await go_to(operator, PanelPage)
+        form = operator.app.screen.query_one(CommandForm)
+        realm.arm.under_way = True
+        await operator.press("ctrl+r")
+        await operator.until(lambda: form.running, "it runs")
+        operator.burst(":cancel arm-1\r")
+        await operator.until(lambda: not form.running, "it is cancelled")
+        realm.arm.under_way = False
+        assert operator.app.store.stop is None
+
+
+async def test_keys_of_the_page_have_no_effect_while_a_verb_is_typed(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await go_to(operator, TeleopPage)
+        await operator.press("colon", "pageup", "up", "escape")
+        await operator.until(lambda: not operator.one(Prompt).display, "it is closed")
+        assert realm.arm.calls == []
+
+
+async def test_what_is_typed_for_the_prompt_at_a_question_answers_nothing_and_stops_nothing(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.fleet) as operator:
+        await realm.create("move_to.py", "mover")
+        await operator.until(lambda: "mover" in operator.app.store.descriptions, "it is known")
+        operator.app.choose("mover")
+        await operator.press("d")
+        question = await operator.at(Confirm)
+        question.query_one("#yes", Button).focus()
+        operator.burst(":delete \r")
+        entries = operator.app.store.entries
+        await operator.until(
+            lambda: any("a question or a text is in front" in one.text for one in entries), "it is told"
+        )
+        await operator.until(lambda: any("keys (" in one.text for one in entries), "what was dropped is told")
+        assert operator.app.screen is question
+        assert operator.app.store.stop is None
+
+
+async def test_a_verb_about_the_list_leaves_the_panel_for_it(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await go_to(operator, PanelPage)
+        operator.burst(":log\r")
+        main = await operator.at(MainPage)
+        assert main.pane == "log"
+
+
+async def test_lines_typed_on_one_page_can_be_recalled_on_another(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await operator.obey("sort")
+        await go_to(operator, PanelPage)
+        await operator.press("colon", "up")
+        assert operator.one(Input, "#line").value == "sort"

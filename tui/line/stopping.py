@@ -1,0 +1,118 @@
+"""The verb `stop` on the command line, in one realm or in all of this user.
+
+It enters no realm: it writes no file, so it works on a full disk. Where it has too few descriptors or threads
+to see the realm it asks one process after another.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Coroutine, Sequence
+from pathlib import Path
+from typing import Any
+
+from robotree.tui import exit_codes
+from robotree.tui.errors import NothingToAsk, sentence
+from robotree.tui.line.grammar import Line
+from robotree.tui.line.shell import Console
+from robotree.tui.line.verbs import Outcome, stopped
+from robotree.tui.processes.realm import nothing_to_ask, visited
+from robotree.tui.terminal import complain, error_data, note
+from robotree.vr.base.chance import token
+from robotree.vr.base.envelope import sitting_at, this_terminal
+from robotree.vr.base.errors import NoSuchRobot, RealmUnusable, VrError
+from robotree.vr.network.realms import all_realms, realm_folder
+from robotree.vr.supervision.stop_in_turn import stop_in_turn
+
+Answer = Sequence[str] | VrError | None
+"""What came of a stop in one realm: who has confirmed it, or an error; None: nobody is there."""
+Run = Callable[[Coroutine[Any, Any, int]], int]
+"""Runs something on an event loop to its end, and returns the exit code."""
+
+
+def stop(line: Line, realm: str, run: Run) -> int:
+    """Carry out the line.
+
+    Args:
+        line: that was understood; its order may have been sent already.
+        realm: that is meant, unless all are.
+        run: how to run on an event loop.
+
+    Returns:
+        The exit code.
+    """
+    console = Console(as_json=line.flag("--json"))
+    everywhere, name = line.flag("--everywhere"), line.text("NAME") or None
+    folders = all_realms() if everywhere else [realm_folder(realm)]
+    order, answers = line.order or token(), dict[Path, Answer]()
+    work = _stop_all(folders, name, order, console, answers)
+    try:
+        if run(work) == exit_codes.INTERRUPTED:
+            note("robotree: the stop has been sent; a robot that has it stays stopped")
+            return exit_codes.INTERRUPTED
+    except (OSError, RuntimeError, MemoryError, RealmUnusable) as error:
+        work.close()
+        console.warn(f"the stop asks one process after another, because {_reason(error)}")
+        answers = {folder: _in_turn(folder, name, order) for folder in folders}
+    if everywhere:
+        return _report_all(answers, console)
+    given = answers[folders[0]]
+    answer = nothing_to_ask(realm) if given is None else given
+    if isinstance(answer, Exception):
+        console.error(answer)
+        return exit_codes.code_of(answer)
+    console.outcome(stopped(answer))
+    return exit_codes.DONE
+
+
+async def _stop_all(
+    folders: Sequence[Path], name: str | None, order: str, console: Console, answers: dict[Path, Answer]
+) -> int:
+    """Stop the robots of all these realms at once, and note the answers."""
+
+    async def stop_one(folder: Path) -> None:
+        async with visited(folder) as fleet:
+            try:
+                inhabited = fleet.inhabited()
+                answers[folder] = (
+                    await fleet.stop(name, on_late=console.warn, order=order) if inhabited else None
+                )
+            except VrError as error:
+                answers[folder] = error
+
+    await asyncio.gather(*map(stop_one, folders))
+    return exit_codes.DONE
+
+
+def _in_turn(folder: Path, name: str | None, order: str) -> Answer:
+    try:
+        with sitting_at(this_terminal()):
+            return stop_in_turn(folder, name, order)
+    except VrError as error:
+        return error
+
+
+def _report_all(answers: dict[Path, Answer], console: Console) -> int:
+    """Print what came of a stop in several realms; return the highest exit code."""
+    known = {folder: answer for folder, answer in answers.items() if answer is not None}
+    meant = {folder: answer for folder, answer in known.items() if not isinstance(answer, NoSuchRobot)}
+    code, data, lines = exit_codes.DONE, list[dict[str, Any]](), list[str]()
+    if not known:
+        console.error(NothingToAsk(""))
+        return exit_codes.NOBODY
+    for folder, answer in (meant or known).items():
+        about = {"realm": folder.name, "folder": str(folder)}
+        if isinstance(answer, Exception):
+            code = max(code, exit_codes.code_of(answer))
+            data.append({**about, **error_data(answer)})
+            complain(f"realm {folder.name}: {sentence(answer)}") if not console.as_json else None
+        else:
+            done = stopped(answer)
+            data.append({**about, **done.data})
+            lines.append(f"realm {folder.name}: {done.text}")
+    console.outcome(Outcome({"realms": data}, "\n".join(lines)))
+    return code
+
+
+def _reason(error: BaseException) -> str:
+    return sentence(error) if isinstance(error, Exception) and str(error) else "there is too little memory"

@@ -1,0 +1,3 @@
+from typing import Any
+
+def activation_pp_string(environment: Any, activation: Any) -> str: ...

@@ -1,0 +1,248 @@
+"""How a page calls its children, as its tree says: commands that a kind lacks, and wrong arguments. Pure.
+
+A child is `self.arm`, `self.rovers[0]`, or a name that stands for nothing else in its function:
+
+    arm = self.arm
+    for rover in self.rovers: …
+    for index, rover in self.rovers.items(): …
+"""
+
+from __future__ import annotations
+
+import ast
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from difflib import get_close_matches
+from typing import Any, NamedTuple
+
+from robotree.vr.author.child import WITHIN
+from robotree.vr.author.usage import READINGS
+from robotree.vr.base.arguments import check_argument
+from robotree.vr.base.description import CommandSpec, offered
+from robotree.vr.base.errors import BadArgument
+from robotree.vr.base.units import Unit, convert
+from robotree.vr.bundle.reading import Finding, Function, Page, dotted, last
+
+Kinds = Mapping[str, Mapping[str, CommandSpec | None]]
+"""The commands of kinds of robots, by name of the kind."""
+OF_EVERY_CHILD = frozenset({"set", READINGS})
+"""Names that work for children of all kinds."""
+OF_A_GROUP = frozenset({"items"})
+"""What a group of children has beside their commands."""
+MANNERS = frozenset({"start", "tell"})
+"""How a command of a child can be called, beside directly."""
+_UNKNOWN: Any = object()
+
+
+class _Command(NamedTuple):
+    """A command of a child, as an expression of the page names it."""
+
+    slot: str
+    name: str
+    node: ast.Attribute
+
+
+def of_children(page: Page, kinds: Kinds) -> Iterator[Finding]:
+    """Find commands that the kind of a slot lacks, and arguments that a command does not take.
+
+    Args:
+        page: whose slots these are.
+        kinds: that are known.
+    """
+    for slot, command, call in page.exposed:
+        yield from _lacks(page, slot, command, call.lineno, kinds)
+        yield from _wrong_units(slot, _spec(page, slot, command, kinds), command, call)
+    for method in page.methods:
+        yield from _Calls(page, method, kinds).findings()
+
+
+class _Calls:
+    """The calls of one method."""
+
+    def __init__(self, page: Page, method: Function, kinds: Kinds) -> None:
+        self._page, self._method, self._kinds = page, method, kinds
+        self._names = dict(_names(page, method))
+
+    def findings(self) -> Iterator[Finding]:
+        """Yield what is wrong, in no order."""
+        for node in ast.walk(self._method):
+            if isinstance(node, ast.Attribute) and (command := self._command(node)):
+                yield from self._of_name(command)
+            elif isinstance(node, ast.Call):
+                yield from self._of_call(node)
+
+    def _command(self, node: ast.expr) -> _Command | None:
+        """Return the command that an expression names: `self.arm.go_to`."""
+        if not isinstance(node, ast.Attribute) or node.attr.startswith("_"):
+            return None
+        slot, _ = self._child(node.value)
+        return _Command(slot, node.attr, node) if slot else None
+
+    def _child(self, node: ast.expr) -> tuple[str, bool]:
+        """Return the slot of the child that an expression is, or "", and whether it is a whole group."""
+        if isinstance(node, ast.Name):
+            return self._names.get(node.id, ""), False
+        return _direct(self._page, node)
+
+    def _of_name(self, command: _Command) -> Iterator[Finding]:
+        slot, name, node = command
+        group = self._child(node.value)[1]
+        if group and name in OF_A_GROUP:
+            return
+        if group and name in {"values", "keys"}:
+            what = f"self.{slot} has no {name}()"
+            yield Finding(node.lineno, what, f"write for child in self.{slot}, or self.{slot}.items()")
+            return
+        yield from _lacks(self._page, slot, name, node.lineno, self._kinds)
+
+    def _of_call(self, node: ast.Call) -> Iterator[Finding]:
+        """Look at the arguments of `self.arm.go_to(…)`, `.start(…)` and `both.start(self.arm.go_to)`."""
+        function, given = node.func, node.args
+        if isinstance(function, ast.Attribute) and function.attr in MANNERS:
+            if command := self._command(function.value):
+                yield from self._of_arguments(command, given, node.keywords)
+            elif given and (command := self._command(given[0])):
+                yield from self._of_arguments(command, given[1:], node.keywords)
+        elif command := self._command(function):
+            yield from self._of_arguments(command, given, node.keywords)
+
+    def _of_arguments(
+        self, command: _Command, values: list[ast.expr], named: list[ast.keyword]
+    ) -> Iterator[Finding]:
+        spec = _spec(self._page, command.slot, command.name, self._kinds)
+        if spec is None:
+            return
+        if any(isinstance(one, ast.Starred) for one in values) or any(one.arg is None for one in named):
+            return
+        label, line = f"{command.slot}.{command.name}", command.node.lineno
+        takes = f"it takes: {', '.join(spec.by_name) or 'nothing'}"
+        if len(values) > len(spec.parameters):
+            yield Finding(line, f"{label} is given {len(values)} values", takes)
+            return
+        given: dict[str, ast.expr] = dict(zip(spec.by_name, values, strict=False))
+        for one in named:
+            name = str(one.arg)
+            if name == WITHIN and name not in spec.by_name:
+                continue
+            if name in given:
+                yield Finding(line, f"{label} is given {name} twice", takes)
+            elif name not in spec.by_name:
+                near = get_close_matches(name, spec.by_name, n=1)
+                instead = f"did you mean {near[0]}?" if near else takes
+                yield Finding(line, f"{label} has no parameter {name!r}", instead)
+            given[name] = one.value
+        for name in (field.name for field in spec.parameters if field.required and field.name not in given):
+            yield Finding(line, f"{label} needs {name}", takes)
+        yield from _wrong_values(spec, given, label, line)
+
+
+def _wrong_values(
+    spec: CommandSpec, given: Mapping[str, ast.expr], label: str, line: int
+) -> Iterator[Finding]:
+    """Find literals that a command refuses."""
+    for field in spec.parameters:
+        value = _constant(given.get(field.name))
+        if value is not _UNKNOWN:
+            try:
+                check_argument(field, value, command=label)
+            except BadArgument as error:
+                yield Finding(line, f"{label}: {field.name}", str(error.data["reason"]))
+
+
+def _names(page: Page, method: Function) -> Iterator[tuple[str, str]]:
+    """Yield the names that stand for the child of one slot wherever the method binds them, with the slot."""
+    bound: dict[str, list[str]] = {}
+    times: Counter[str] = Counter()
+    for node in ast.walk(method):
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            times[node.id] += 1
+        elif isinstance(node, ast.arg):
+            times[node.arg] += 1
+        names: dict[str, str] = {}
+        match node:
+            case ast.Assign(targets=[ast.Name(id=name)], value=value):
+                slot, group = _direct(page, value)
+                names = {} if group else {name: slot}
+            case ast.For(target=target, iter=source) | ast.comprehension(target=target, iter=source):
+                names = _of_loop(page, target, source)
+            case _:
+                pass
+        for name, slot in names.items():
+            bound.setdefault(name, []).append(slot)
+    for name, slots in bound.items():
+        if len(set(slots)) == 1 and len(slots) == times[name] and slots[0]:
+            yield name, slots[0]
+
+
+def _of_loop(page: Page, target: ast.expr, source: ast.expr) -> dict[str, str]:
+    """Return the names that a loop over a group gives to its children."""
+    match target, source:
+        case ast.Name(id=name), _:
+            slot, group = _direct(page, source)
+            return {name: slot if group else ""}
+        case ast.Tuple(elts=[_, ast.Name(id=name)]), ast.Call(func=function, args=[*given]):
+            if isinstance(function, ast.Attribute) and function.attr == "items":
+                slot, group = _direct(page, function.value)
+            else:
+                counts = dotted(function) == "enumerate" and len(given) > 0
+                slot, group = _direct(page, given[0]) if counts else ("", False)
+            return {name: slot if group else ""}
+        case _:
+            return {}
+
+
+def _direct(page: Page, node: ast.expr) -> tuple[str, bool]:
+    """Return the slot in `self.arm` or `self.rovers[0]`, or "", and whether it is a whole group."""
+    if isinstance(node, ast.Subscript):
+        slot, group = _direct(page, node.value)
+        return (slot, False) if group and not isinstance(node.slice, ast.Slice) else ("", False)
+    if isinstance(node, ast.Attribute) and dotted(node.value) == "self" and node.attr in page.slots:
+        return node.attr, node.attr in page.groups
+    return "", False
+
+
+def _spec(page: Page, slot: str, command: str, kinds: Kinds) -> CommandSpec | None:
+    known = kinds.get(page.slots.get(slot, ""))
+    return None if known is None else known.get(command)
+
+
+def _lacks(page: Page, slot: str, command: str, line: int, kinds: Kinds) -> Iterator[Finding]:
+    kind = page.slots.get(slot, "")
+    known = kinds.get(kind)
+    if known is not None and command not in known and command not in OF_EVERY_CHILD:
+        what = f"{slot} is of kind {kind}, which has no command {command!r}"
+        yield Finding(line, what, f"it has: {offered(sorted(known), command)}")
+
+
+def _wrong_units(slot: str, spec: CommandSpec | None, command: str, call: ast.Call) -> Iterator[Finding]:
+    """Find units of an exposed command that measure something else than the child's."""
+    if spec is None:
+        return
+    units = {field.name or "result": field.unit for field in (*spec.parameters, *spec.result)}
+    for given in call.keywords:
+        match given.value:
+            case ast.Call(func=function, args=[ast.Constant(value=str(symbol))]) if last(function) == "Unit":
+                pass
+            case _:
+                continue
+        own = units.get(str(given.arg), "")
+        if not own:
+            numbers = ", ".join(name for name, unit in units.items() if unit) or "none"
+            what = f"{slot}.{command} has no {given.arg!r} with a unit"
+            yield Finding(given.value.lineno, what, f"those with a unit are: {numbers}")
+            continue
+        try:
+            Unit(symbol)
+            convert(1.0, symbol, own)
+        except ValueError as error:
+            yield Finding(given.value.lineno, f"{slot}.{command}: {given.arg}", str(error))
+
+
+def _constant(node: ast.expr | None) -> Any:
+    """Return the value of a literal; `_UNKNOWN`: it is none."""
+    if node is None:
+        return _UNKNOWN
+    try:
+        return ast.literal_eval(node)
+    except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):
+        return _UNKNOWN

@@ -1,0 +1,218 @@
+"""The protective stop that a command line sends before it loads anything else.
+
+On a busy machine nearly all the time of `robotree stop` is the start of Python and its imports. So this
+module sends the stop to each robot that the processes of a realm have written down, in plain Python, and
+loads no library. Then the full order (`supervision/stop.py`) follows under the same order id: a robot that
+gets an order twice has been stopped once. The full order also finds robots that are not written down, waits
+for all answers and reports.
+
+It writes no file, needs two descriptors at a time, and waits for nobody: a process that hangs reads the stop
+when it wakes. What is written in the folder is not trusted: the kernel says who is at the other end.
+
+The frames are those of `link.py` and `envelope.py`; a test compares the bytes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import socket
+import struct
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from robotree.vr.network.realms import (
+    DEFAULT_REALM,
+    REALM_VARIABLE,
+    all_realms,
+    dial,
+    members,
+    realm_folder,
+    robots_of,
+)
+
+REASON = "the operator's protective stop"
+"""For those whose commands it ends."""
+
+WITHIN = 2.4
+"""[s] in which the answer of a robot must leave, were it awaited: as in the full order."""
+
+PATIENCE = 0.1
+"""[s] to wait for a process whose socket takes no more."""
+
+SCRIPT = "script"
+"""See `envelope.py`."""
+
+VERSION, URGENT = 2, 0
+"""See `link.py`."""
+
+_HELLO, _ASK = 0, 2
+"""Tags of the frames."""
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
+_FLAGS = {"--json", "--readonly", "--calm"}
+"""Options that change nothing of what is stopped."""
+
+_Packable = str | bytes | float | Sequence["_Packable"] | Mapping[str, "_Packable"]
+
+
+class StopLine(NamedTuple):
+    """A line that asks for a stop."""
+
+    name: str = ""
+    """Of the robot; empty: all."""
+    realm: str = ""
+    """Empty: that of the environment."""
+    everywhere: bool = False
+    """Whether all realms of this user are meant."""
+
+    def folders(self) -> list[Path]:
+        """Return the folders of the realms that are meant."""
+        if self.everywhere:
+            return all_realms()
+        return [realm_folder(self.realm or os.environ.get(REALM_VARIABLE) or DEFAULT_REALM)]
+
+
+def understood(words: Sequence[str]) -> StopLine | None:
+    """Understand the plain forms of the line `stop`; None: it is another line, or the full parser decides.
+
+    Args:
+        words: of the line, without the program's name.
+    """
+    plain: list[str] = []
+    realm, everywhere, rest = "", False, iter(words)
+    for word in rest:
+        if word == "--everywhere":
+            everywhere = True
+        elif word.partition("=")[0] == "--realm":
+            again, realm = bool(realm), word[8:] if "=" in word else next(rest, "")
+            if again or not _NAME.fullmatch(realm):
+                return None
+        elif word.startswith("-"):
+            if word not in _FLAGS:
+                return None
+        else:
+            plain.append(word)
+    if plain[:1] != ["stop"] or len(plain) > 2 or not all(map(_NAME.fullmatch, plain)):
+        return None
+    if not _NAME.fullmatch(realm or os.environ.get(REALM_VARIABLE) or DEFAULT_REALM):
+        return None
+    return StopLine("".join(plain[1:]), realm, everywhere)
+
+
+def send_first(words: Sequence[str]) -> str:
+    """Send the stop that a line asks for.
+
+    Args:
+        words: of the line, without the program's name.
+
+    Returns:
+        The id of the order, for the full order that follows; empty: the line asks for something else, or is
+        left to the full parser.
+    """
+    line = understood(words)
+    if line is None:
+        return ""
+    order = os.urandom(8).hex()
+    for folder in line.folders():
+        for tag in members(folder):
+            keys = robots_of(folder, tag)
+            meant = [key for key, name in keys.items() if line.name in {"", name}]
+            if meant:
+                with contextlib.suppress(OSError):  # the full order says who was not reached
+                    _tell(folder, tag, meant, order)
+    return order
+
+
+def _tell(folder: Path, tag: str, keys: Iterable[str], order: str) -> None:
+    with dial(folder, tag, PATIENCE) as line:
+        if user_of(line) == os.geteuid():
+            line.sendall(frames(keys, order, time.monotonic()))
+
+
+def user_of(line: socket.socket) -> int:
+    """Return the user id of the process at the other end of a connection (SO_PEERCRED, unix(7))."""
+    packed = line.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
+    return int(struct.unpack("3i", packed)[1])
+
+
+# -- frames ----------------------------------------------------------------------------------------
+
+
+def frames(keys: Iterable[str], order: str, now: float) -> bytes:
+    """Return what is sent to one process: who speaks, and one request for each robot.
+
+    Args:
+        keys: of the robots.
+        order: id of the order.
+        now: [s, CLOCK_MONOTONIC].
+    """
+    stop: dict[str, _Packable] = {"type": "SafeStop", "reason": REASON, "within": WITHIN, "order": order}
+    envelope = _packed([stop, "", now, float("inf"), _clock(), b"", _terminal()])
+    member = f"{os.getpid()}-{os.urandom(4).hex()}"
+    hello = _framed([_HELLO, VERSION, member, URGENT, {}])
+    asked = (_framed([_ASK, number, key, envelope]) for number, key in enumerate(keys, 1))
+    return b"".join([hello, *asked])
+
+
+def _framed(frame: Sequence[_Packable]) -> bytes:
+    body = _packed(frame)
+    return len(body).to_bytes(4, "little") + body
+
+
+def _packed(value: _Packable) -> bytes:
+    """Return a value as MessagePack, in the forms that msgspec chooses."""
+    match value:
+        case str():
+            packed = _headed(len(value.encode()), 0xA0, 32, 0xD9) + value.encode()
+        case bytes():
+            packed = _headed(len(value), 0, 0, 0xC4) + value
+        case float():
+            packed = b"\xcb" + struct.pack(">d", value)
+        case int():
+            packed = _headed(value, 0, 128, 0xCC)
+        case Mapping():
+            parts = [part for item in value.items() for part in item]
+            packed = bytes([0x80 + len(value), *b"".join(map(_packed, parts))])
+        case _:
+            packed = bytes([0x90 + len(value), *b"".join(map(_packed, value))])
+    return packed
+
+
+def _headed(number: int, small: int, below: int, first: int) -> bytes:
+    """Return a header with a number in it, in one byte or behind one.
+
+    Args:
+        number: from 0 on.
+        small: the header of 0, where the number is in the header itself.
+        below: which the number must be for that.
+        first: the header of a number in one byte; those of two and of four bytes follow it.
+    """
+    if number < below:
+        return bytes([small + number])
+    size = 1 if number < 1 << 8 else 2 if number < 1 << 16 else 4
+    return bytes([first + size.bit_length() - 1]) + number.to_bytes(size, "big")
+
+
+def _terminal() -> str:
+    """Return the terminal of this process; see `envelope.this_terminal`."""
+    for stream in range(3):
+        with contextlib.suppress(OSError):
+            return os.ttyname(stream).removeprefix("/dev/")
+    return SCRIPT
+
+
+def _clock() -> str:
+    """Return the name of this machine's clock; see `envelope.this_clock`."""
+    try:
+        with Path("/proc/sys/kernel/random/boot_id").open(encoding="ascii") as boot:
+            name = boot.read().strip()
+    except OSError:
+        return ""
+    try:
+        return f"{name[:13]}{Path('/proc/self/ns/time').readlink()}"
+    except OSError:
+        return name[:13]

@@ -1,0 +1,187 @@
+"""Where the realms of this user lie on this machine, and what each of their processes has written down.
+
+The reading side of `rendezvous.py`. It imports little, makes nothing and asks nobody, so that a stop can
+begin here before anything else is loaded (`lean_stop.py`).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import socket
+from collections import Counter
+from collections.abc import Generator
+from pathlib import Path
+
+from robotree import files
+from robotree.vr.network.living import alive, listening_anywhere
+
+REALM_VARIABLE = "ROBOTREE_REALM"
+DEFAULT_REALM = "default"
+
+LOGIN, SHARED = Path("/run/user"), Path("/tmp")  # noqa: S108 # whose folder it is, is checked
+"""Where private folders of users lie: those of login sessions, and those of everybody else."""
+
+LONGEST_LIST = 1 << 22
+"""[bytes] of a list of keys that are read; a longer file is not one of ours."""
+
+LONGEST_PATH = 108
+"""[bytes] of a socket's path, with a final zero (sun_path, unix(7))."""
+
+SOCKET, HELD = ".sock", ".held"
+TAG = re.compile(r"\d{1,10}-[0-9a-f]{8}")
+_ENTRY = re.compile(rf"({TAG.pattern}){re.escape(SOCKET)}")
+_ROBOT = re.compile(r"robot/([A-Za-z0-9][A-Za-z0-9_-]{0,63})/[^/\s]+")
+
+
+def runtime_directory() -> Path:
+    """Return where a new realm of this user lies: private, and gone after a restart of the machine.
+
+    It depends on nothing but `$XDG_RUNTIME_DIR` and the user. What `tempfile` chooses also depends on which
+    folders are full, so that two processes could choose two. Links are resolved: the system remembers sockets
+    by the path as it was given, see `living`.
+    """
+    if private := os.environ.get("XDG_RUNTIME_DIR"):
+        return Path(private).resolve() / "robotree"
+    return SHARED.resolve() / f"robotree-{os.geteuid()}"
+
+
+def realm_folder(realm: str) -> Path:
+    """Return the folder of a realm: where its processes meet already, else the one below `runtime_directory`.
+
+    A service of the system and a login session of the same user have different runtime directories. Both are
+    looked at, so that a process of one joins the realm of the other. Where `$XDG_RUNTIME_DIR` names a third
+    folder, the user wants realms apart.
+    """
+    own = runtime_directory()
+    user = os.geteuid()
+    usual = [LOGIN / str(user) / "robotree", SHARED.resolve() / f"robotree-{user}"]
+    if own in usual and not inhabited(own / realm):
+        usual.remove(own)
+        if inhabited(usual[0] / realm):
+            return usual[0] / realm
+    return own / realm
+
+
+def all_realms() -> list[Path]:
+    """Return the folders of all realms of this user in which a process lives, by the name of the realm.
+
+    The kernel knows those that lie below another runtime directory than ours; see `living`.
+    """
+    found, own = _known_to_the_kernel(), runtime_directory()
+    with contextlib.suppress(OSError):
+        found |= {path for path in own.iterdir() if _has_members(path)}
+    return sorted(found, key=lambda path: (path.name, path))
+
+
+def members(directory: Path) -> list[str]:
+    """Return the tags of all processes with an entry in a realm's folder, also of those that have ended."""
+    with contextlib.suppress(OSError):
+        return sorted(entry[1] for path in directory.iterdir() if (entry := _ENTRY.fullmatch(path.name)))
+    return []
+
+
+def inhabited(directory: Path) -> bool:
+    """Whether a process of ours lives in the realm of a folder, also after the folder has been removed."""
+    return _has_members(directory) or directory in _known_to_the_kernel()
+
+
+def process_of(tag: str) -> int:
+    """Return the id of the process that has a tag."""
+    return int(tag.partition("-")[0])
+
+
+def keys_of(directory: Path, tag: str) -> list[str] | None:
+    """Return the keys under which a process is present, as it has written them down.
+
+    None: that cannot be read here, or not any more.
+    """
+    try:
+        written = files.read(directory / f"{tag}{HELD}", LONGEST_LIST)
+    except OSError:
+        return None
+    keys = Counter[str]()
+    for line in written.decode(errors="replace").split("\n")[:-1]:  # the last one may just be written
+        key = line.removeprefix("-")
+        keys[key] += 1 if key == line else -1
+    return list(keys.elements())
+
+
+def robots_of(directory: Path, tag: str) -> dict[str, str]:
+    """Return the names of the robots that a process has written down, by their keys."""
+    found = ((key, _ROBOT.fullmatch(key)) for key in keys_of(directory, tag) or ())
+    return {key: match[1] for key, match in found if match}
+
+
+def robots_in(directory: Path) -> list[str]:
+    """Return the names of the robots that the living processes of a realm have written down."""
+    living = (tag for tag in members(directory) if alive(process_of(tag)))
+    return sorted({name for tag in living for name in robots_of(directory, tag).values()})
+
+
+@contextlib.contextmanager
+def short(path: Path) -> Generator[str]:
+    """Give a socket's path a form that the system takes, however long it is (108 bytes, unix(7)).
+
+    It is left as it is where that is short enough: the system remembers it, see `living`.
+    """
+    if len(os.fsencode(path)) < LONGEST_PATH:
+        yield str(path)
+        return
+    folder = os.open(path.parent, os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        yield f"/proc/self/fd/{folder}/{path.name}"
+    finally:
+        os.close(folder)
+
+
+def dial(directory: Path, tag: str, timeout: float = 0.0) -> socket.socket:
+    """Connect to a process.
+
+    Args:
+        directory: of the realm.
+        tag: of the process.
+        timeout: [s] of the connection; 0: it does not block.
+
+    Raises:
+        ConnectionRefusedError: it is dead.
+        OSError: it cannot be connected to now.
+    """
+    line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        line.settimeout(timeout)
+        with short(directory / f"{tag}{SOCKET}") as path:
+            line.connect(path)
+    except BaseException:
+        line.close()
+        raise
+    return line
+
+
+# -- inside ----------------------------------------------------------------------------------------
+
+
+def _has_members(directory: Path) -> bool:
+    """Whether a folder is ours and has the entry of a living process."""
+    return _owner(directory) == os.geteuid() and any(alive(process_of(tag)) for tag in members(directory))
+
+
+def _known_to_the_kernel() -> set[Path]:
+    """Return the folders of all realms in which a process of this user listens."""
+    roots, user = {"robotree", f"robotree-{os.geteuid()}"}, os.geteuid()
+    found = {path.parent: path.name.removeprefix(".") for path in listening_anywhere()}
+    return {
+        directory
+        for directory, tag in found.items()
+        if directory.parent.name in roots
+        and TAG.fullmatch(tag)
+        and _owner(Path(f"/proc/{process_of(tag)}")) == user
+    }
+
+
+def _owner(path: Path) -> int | None:
+    try:
+        return os.lstat(path).st_uid
+    except OSError:
+        return None
