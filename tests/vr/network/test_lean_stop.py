@@ -119,10 +119,8 @@ class Ear:
 
 
 @pytest.fixture
-def realm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    monkeypatch.delenv("ROBOTREE_REALM", raising=False)
-    return tmp_path / "robotree" / "default"
+def realm(place: Path) -> Path:
+    return place / "robotree" / "default"
 
 
 def test_each_robot_that_a_process_has_written_down_is_asked_once(realm: Path) -> None:
