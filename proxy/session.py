@@ -60,6 +60,14 @@ SUPERVISOR_SYSTEM = 255
 """System id of ground stations, by MAVLink's convention."""
 NOT_YET = "its controller was not heard yet"
 """Why a session is offline before its first link."""
+NOTHING_HEARD = "nothing was heard from its controller yet"
+"""Why a session is offline on a link on which no frame of the controller has arrived."""
+UNANSWERED = (
+    "its controller is heard but answers no CLAIM, as one that sends a life in MODE must"
+)
+"""Why a session is offline on a link on which its CLAIM was not answered."""
+INCOMPLETE = "its controller is heard but has sent no {} yet"
+"""Why a session is offline on a link on which this message of the controller is missing."""
 SETTLED = 2.5
 """[s] within which a new link brings the first messages of a healthy controller. Behind a router a new link
 is not greeted: the next HEARTBEAT comes within a second, and then the claim is answered."""
@@ -215,7 +223,7 @@ class ControllerSession:
         self._desired.opened()
         if self._claim is not None:
             self._claim.opened()
-        self.trouble = self.rejection or "nothing was heard from its controller yet"
+        self.trouble = self.rejection or NOTHING_HEARD
         self._heartbeats.hurry()
         self._goals.opened()
         return self.tick(now)
@@ -250,9 +258,8 @@ class ControllerSession:
         else:
             self.twin.update(message, now)
             effects += self._hear(frame, message, now)
-        if not self.online and self._open and self._is_introduced():
-            self._goals.meet()
-            effects += self._set_online(online=True, trouble="") + self._ask_for_rates(now)
+        if not self.online and self._open:
+            effects += self._introduction(now)
         return effects
 
     def _hear(self, frame: Frame, message: AnyMessage, now: float) -> list[SessionEffect]:
@@ -373,6 +380,16 @@ class ControllerSession:
             return False
         told = self._report is not None and self._report.heard_at >= self._opened_at
         return self._beats > 1 or (self._beats == 1 and told)
+
+    def _introduction(self, now: float) -> list[SessionEffect]:
+        """Go online once the controller is introduced; until then say what is missing."""
+        if self._is_introduced():
+            self._goals.meet()
+            return self._set_online(online=True, trouble="") + self._ask_for_rates(now)
+        unanswered = self._claim is not None and not self._claim.settled
+        missing = UNANSWERED if unanswered else INCOMPLETE.format("MODE" if self._beats else "HEARTBEAT")
+        self.trouble = self.rejection or missing
+        return []
 
     def _keep_claim(self, now: float, *, beats: bool = False) -> list[SessionEffect]:
         """Send the claim, if it is due or a heartbeat goes out."""

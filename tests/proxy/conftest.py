@@ -66,6 +66,8 @@ class Controller:
         self.objection = Reason.NONE
         """Why it does not obey a release."""
         self.mute = False
+        self.answers_claims = self.beats = self.modes = True
+        """Whether it sends CLAIM_STATUS, HEARTBEAT and MODE."""
         self.place: tuple[float, float] | None = None
         self.jpeg = b""
         self.holes = 0
@@ -98,10 +100,11 @@ class Controller:
     def tick(self, now: float) -> None:
         self.now = now
         for beat in self._heartbeats.tick(Heartbeat(0, 0, 0, 0, 4), now):
-            self.say(beat)
+            if self.beats:
+                self.say(beat)
         if now - self._mode_told >= 0.5:
             self._tell_mode()
-            if self.life:
+            if self.life and self.answers_claims:
                 self.say(self.claims.status())
         self._carry_out(self.goals.tick(now))
 
@@ -153,7 +156,7 @@ class Controller:
             self._carry_out(self.goals.receive(message, peer, self.now))
         elif isinstance(message, SetMode):
             self._set_mode(message)
-        elif isinstance(message, Claim) and self.life:
+        elif isinstance(message, Claim) and self.life and self.answers_claims:
             peer = Peer(None, frame.system, frame.component)
             for effect in self.claims.receive(message, peer, self.now):
                 if isinstance(effect, Send):
@@ -194,7 +197,8 @@ class Controller:
         standing = Reason.OPERATOR if self.mode == ModeKind.SAFE_STOP else Reason.NONE
         reason = standing if answer is None else answer
         now = round(1000 * (self.now - self._began))
-        self.say(Mode(now, self.goals.epoch, 1000, self.mode, reason, self.stops, self.life))
+        if self.modes:
+            self.say(Mode(now, self.goals.epoch, 1000, self.mode, reason, self.stops, self.life))
 
     def _carry_out(self, effects: list[GoalServerEffect]) -> None:
         for effect in effects:

@@ -26,7 +26,7 @@ from robotree.protocol.services.peer import Peer, Send
 from robotree.proxy.desired_mode import ReleaseRefused
 from robotree.proxy.motion import Request
 from robotree.proxy.restart import LONGEST_DELAY
-from robotree.proxy.session import ControllerSession
+from robotree.proxy.session import DEAD, ControllerSession
 from robotree.proxy.translate import COMPONENTS, component_of
 
 Talk = Any
@@ -52,6 +52,30 @@ def held_by(talk: Talk, holder: int = 6, wish: ClaimWish = ClaimWish.TAKE_OVER) 
     epoch = talk.controller.fence.epoch + 1
     claim = Claim(holder, epoch, 3000, talk.controller.life, 1, 1, wish, "arm-2, pid 13")
     talk.controller.claims.receive(claim, ELSEWHERE, talk.now)
+
+
+def test_a_controller_that_is_heard_but_answers_no_claim_is_not_called_silent(
+    make_talk: type[Talk],
+) -> None:
+    talk = make_talk(session=claiming(), life=9)
+    talk.controller.answers_claims = False
+    assert talk.session.trouble == "nothing was heard from its controller yet"
+    talk.wait(DEAD + 1.0)
+    assert talk.session.trouble.startswith("its controller is heard but answers no CLAIM")
+    assert not talk.redials, "a new link would not change it"
+    talk.controller.mute = True
+    talk.wait(SILENCE)
+    talk.controller.mute, talk.controller.answers_claims = False, True
+    talk.wait(1.0)
+    assert (talk.session.trouble, talk.turns) == ("", [True])
+
+
+@pytest.mark.parametrize("missing", ["HEARTBEAT", "MODE"])
+def test_a_session_says_what_it_has_not_heard(missing: str, make_talk: type[Talk]) -> None:
+    talk = make_talk(session=claiming(), life=9)
+    talk.controller.beats, talk.controller.modes = missing != "HEARTBEAT", missing != "MODE"
+    talk.wait(0.9)
+    assert talk.session.trouble == f"its controller is heard but has sent no {missing} yet"
 
 
 @pytest.mark.parametrize("moment", [0.0, 0.1, 0.2, 0.3, 0.7, 1.2])
