@@ -62,9 +62,7 @@ NOT_YET = "its controller was not heard yet"
 """Why a session is offline before its first link."""
 NOTHING_HEARD = "nothing was heard from its controller yet"
 """Why a session is offline on a link on which no frame of the controller has arrived."""
-UNANSWERED = (
-    "its controller is heard but answers no CLAIM, as one that sends a life in MODE must"
-)
+UNANSWERED = "its controller is heard but answers no CLAIM, as one that sends a life in MODE must"
 """Why a session is offline on a link on which its CLAIM was not answered."""
 INCOMPLETE = "its controller is heard but has sent no {} yet"
 """Why a session is offline on a link on which this message of the controller is missing."""
