@@ -187,6 +187,8 @@ class Rendezvous:
             if not self._keys[key]:
                 return
             self._keys[key] -= 1
+            if not self._keys[key]:
+                del self._keys[key]
             if self._lines > 2 * len(self._keys) + SHORT_LIST:
                 self._write_keys()
             else:
@@ -263,7 +265,6 @@ class Rendezvous:
         """At once: who reads meanwhile reads the old list or the new one."""
         if not self._there:
             return
-        self._keys = +self._keys
         keys = list(self._keys.elements())
         self._lines = len(keys)
         new = self.directory / f".{self.tag}.new"

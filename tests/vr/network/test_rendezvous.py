@@ -20,7 +20,7 @@ from robotree.vr.network.local import join
 from robotree.vr.network.mesh import RECENT, Mesh
 from robotree.vr.network.readers import What
 from robotree.vr.network.realms import runtime_directory
-from robotree.vr.network.rendezvous import Rendezvous, realm_name
+from robotree.vr.network.rendezvous import SHORT_LIST, Rendezvous, realm_name
 
 
 def place_at(folder: Path) -> Rendezvous:
@@ -90,6 +90,19 @@ def test_what_a_process_holds_no_longer_is_taken_back_line_by_line_and_the_list_
     for key in (keys[0], *keys[100:]):
         one.drop(key)
     assert other.keys_of(one.tag) == []
+    door.close()
+
+
+def test_the_list_stays_short_however_many_keys_there_have_been(tmp_path: Path) -> None:
+    """Each robot has a key of its own. A list that grows for ever is too long to be read one day."""
+    one, other = place_at(tmp_path), place_at(tmp_path)
+    door = one.register()
+    one.hold("host/h/1")
+    for number in range(2000):
+        one.hold(f"robot/r{number}/1")
+        one.drop(f"robot/r{number}/1")
+    assert other.keys_of(one.tag) == ["host/h/1"]
+    assert len((one.directory / f"{one.tag}.held").read_text().splitlines()) < 2 * SHORT_LIST
     door.close()
 
 
