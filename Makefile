@@ -39,9 +39,11 @@ $(STAMP): $(LOCK) pyproject.toml
 demo: $(STAMP)  ## the whole system in one terminal: cell, proxy, two lookups, host, supervisor
 	@$(BIN)/robotree demo
 
-# One worker more than cores: nearly half of the time the tests wait for something.
+# One worker more than cores: nearly half of the time the tests wait for something. Tests that measure speed come
+# after the others, one at a time: a worker beside them on the same core makes their processor time longer, too.
 test: $(STAMP)  ## the test suite (5 to 7 minutes on 2 cores); PYTHON=python3.13 chooses another interpreter
 	$(BIN)/python -m pytest -n $(WORKERS)
+	$(BIN)/python -m pytest -m "speed and not soak"
 
 # Looked for on PATH, then where pyenv and uv keep theirs. A shim of pyenv is there and runs nothing, so each is tried.
 interpreters:  ## the test suite on every interpreter that the project supports and this machine has

@@ -35,6 +35,7 @@ def _run(code: str, **environment: str) -> str:
     return subprocess.run(command, env=everything, check=True, capture_output=True, text=True).stdout
 
 
+@pytest.mark.speed
 def test_the_import_is_fast(tmp_path: Path) -> None:
     """With bytecode at hand, as in any second run."""
     code = "import time; a = time.process_time(); import robotree.protocol; print(time.process_time() - a)"

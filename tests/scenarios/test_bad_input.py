@@ -158,7 +158,7 @@ class Witness(Client):
 
     @contextlib.asynccontextmanager
     async def watching(self, arm: Member) -> AsyncGenerator[None]:
-        """Hold that the arm keeps real time and answers quickly while the block runs."""
+        """Hold that the arm keeps real time and answers everything while the block runs."""
         await self.until(lambda: self.of(SysStatus), "it told nothing about itself")
         self._clock.clear()
         self._trips.clear()
@@ -177,8 +177,11 @@ class Witness(Client):
         assert lost < LARGEST_DEBT + withheld, (
             f"lost {lost:.3f} s of {last - first:.3f}, {withheld:.3f} withheld"
         )
-        assert statistics.median(self._trips) < LONGEST_PING, "half of the answers were slow"
         assert not self._pinger.lost, f"{self._pinger.lost} questions were never answered"
+
+    def assert_quick(self) -> None:
+        """Hold that most answers of the last watch came soon, which a busy machine may prevent."""
+        assert statistics.median(self._trips) < LONGEST_PING, "half of the answers were slow"
 
     async def _ask(self) -> None:
         beats = 0.0
@@ -277,7 +280,12 @@ async def test_bad_frames_are_counted(name: str, bench: Bench, witness: Witness)
 
 
 @pytest.mark.parametrize(
-    "number", [1_000_000, pytest.param(10_000_000, marks=pytest.mark.soak)], ids=["1 MB", "10 MB"]
+    "number",
+    [
+        pytest.param(1_000_000, marks=pytest.mark.speed),
+        pytest.param(10_000_000, marks=pytest.mark.soak),
+    ],
+    ids=["1 MB", "10 MB"],
 )
 async def test_bytes_of_chance_are_counted(number: int, bench: Bench, dial: Dial[Witness]) -> None:
     arm = await bench.another_arm()
@@ -289,6 +297,7 @@ async def test_bytes_of_chance_are_counted(number: int, bench: Bench, dial: Dial
     async with witness.watching(arm):
         await _throw(arm.address, chance)
         await witness.counts(min(expected, LARGEST_COUNT))
+    witness.assert_quick()
     assert witness.counted <= expected + 1, "nothing is counted twice"
 
 
@@ -342,6 +351,7 @@ async def test_goals_that_mean_nothing_are_refused_in_one_sentence(
             assert _is_one_sentence(status.text), status.text
 
 
+@pytest.mark.speed
 async def test_a_thousand_who_say_nothing_keep_nobody_from_being_served(
     bench: Bench, witness: Witness, dial: Dial[Client]
 ) -> None:
@@ -355,9 +365,11 @@ async def test_a_thousand_who_say_nothing_keep_nobody_from_being_served(
                     await asyncio.get_running_loop().sock_connect(one, (host, int(port)))
             newcomer = await dial(Client())
             await newcomer.until(lambda: newcomer.of(Tool), "a newcomer who speaks was not served")
+        witness.assert_quick()
         assert newcomer.end is None
 
 
+@pytest.mark.speed
 async def test_who_is_one_too_many_is_told_so_in_one_sentence(
     bench: Bench, witness: Witness, dial: Dial[Client]
 ) -> None:
@@ -370,11 +382,13 @@ async def test_who_is_one_too_many_is_told_so_in_one_sentence(
         crowd.append(await dial(Client()))
         last = crowd[-1]
         await last.until(lambda: last.end is not None, "it was not sent away")
+    witness.assert_quick()
     (text,) = last.of(Statustext)
     assert _is_one_sentence(text.text), text.text
     assert "clients are served already" in text.text
 
 
+@pytest.mark.speed
 async def test_who_asks_for_everything_and_never_reads_costs_itself(bench: Bench, witness: Witness) -> None:
     host, port = bench.address.removeprefix("tcp:").rsplit(":", 1)
     greedy = socket.socket()
@@ -398,4 +412,5 @@ async def test_who_asks_for_everything_and_never_reads_costs_itself(bench: Bench
                     await loop.sock_sendall(greedy, every)
                     await asyncio.sleep(PERIOD)
     greedy.close()
+    witness.assert_quick()
     assert len(witness.of(Joints)) > 50, "the witness was served all the while"

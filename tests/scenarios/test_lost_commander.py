@@ -112,6 +112,7 @@ async def under_way(track: Track) -> None:
     await until(lambda: track.speed() > 0.9 * FAST, "the arm moves at its top speed")
 
 
+@pytest.mark.speed
 async def test_the_arm_stands_within_150_ms_of_a_kill_of_its_proxy_over_tcp(
     place: Path, record_property: Callable[[str, object], None]
 ) -> None:
@@ -188,6 +189,7 @@ async def test_the_arm_stands_when_no_process_can_reach_its_proxy_any_more(place
     assert seconds < UNREACHED, f"{seconds:.2f} s"
 
 
+@pytest.mark.speed
 async def test_the_arm_stands_within_150_ms_of_the_end_of_its_serial_line(
     make_cable: Callable[[], Any],
 ) -> None:

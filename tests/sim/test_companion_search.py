@@ -18,6 +18,7 @@ def figure() -> Figure:
     return Figure()
 
 
+@pytest.mark.speed
 def test_a_search_that_comes_no_nearer_is_given_up(figure: Figure) -> None:
     q = np.zeros(15)
     beyond = Pose(np.array((2.0, 0.3, 1.0)), tool(0.0, math.pi / 2))

@@ -76,6 +76,7 @@ def test_what_ends_the_physics_is_told() -> None:
     running.close()
 
 
+@pytest.mark.speed
 def test_the_physics_is_ten_times_faster_than_real_time() -> None:
     """Measured in this thread's processor time, so that a busy machine does not matter; the best of five."""
     cell = kind("arm").build(1, 2.0).cell

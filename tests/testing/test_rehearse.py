@@ -31,6 +31,7 @@ def test_what_was_commanded_can_be_asserted_on() -> None:
     assert team.progress == [(0.0, "gripping"), (0.5, "lifting"), (1.0, "lifted")]
 
 
+@pytest.mark.speed
 def test_a_rehearsal_takes_no_time() -> None:
     rehearse(Lift, arm=Fake(Arm)).close()
     began = time.process_time()

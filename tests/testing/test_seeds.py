@@ -12,6 +12,7 @@ from robotree.testing.team import Team
 from tests.testing.pages import Careless, Deaf, Lift, Sending, Swallowing
 
 
+@pytest.mark.speed
 def test_a_good_page_keeps_the_laws_under_100_seeds_in_two_seconds_of_processor_time() -> None:
     began = time.process_time()
     rehearse_seeds(Lift, "lift", {"height": "10 cm"}, arm=Fake(Arm, get_info={"z": 0.3}))

@@ -16,6 +16,7 @@ FASTER = 5.0
 """Virtual time by processor time that authors are promised; it is about 15 on a machine of 2026."""
 
 
+@pytest.mark.speed
 def test_a_lever_is_closed_by_the_simulated_arm_faster_than_real_time() -> None:
     began = time.process_time()
     with rehearse(OpenCloseLever, mover=Page(MoveTo, arm=cell("arm"))) as team:

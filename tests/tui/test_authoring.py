@@ -7,12 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from robotree.tui.cli import _kinds, main
+from robotree.tui.cli import main
+from robotree.tui.rules import known_kinds
 from robotree.vr.base.errors import BrokenSource
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.check import examine
 
-KINDS = {"Arm": {"go_to": None, "get_info": None, "grip": _kinds()["Arm"]["grip"]}}
+KINDS = {"Arm": {"go_to": None, "get_info": None, "grip": known_kinds()["Arm"]["grip"]}}
 HEADER = """\
 import random, subprocess, time
 from datetime import datetime

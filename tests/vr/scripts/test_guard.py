@@ -140,6 +140,7 @@ ENDLESS = {
 }
 
 
+@pytest.mark.speed
 @pytest.mark.parametrize("name", ENDLESS)
 def test_whatever_runs_is_ended_soon_with_a_sentence(name: str) -> None:
     source, sentence = ENDLESS[name]
@@ -151,6 +152,7 @@ def test_whatever_runs_is_ended_soon_with_a_sentence(name: str) -> None:
     assert time.thread_time() - began < 2.0
 
 
+@pytest.mark.speed
 def test_two_rules_that_set_each_other_off_are_ended_in_a_tenth_of_a_second() -> None:
     source, _ = ENDLESS["two rules that set each other off"]
     engine = Engine(read_clp(FACT + source, "x.clp", "x"), spent=time.thread_time)

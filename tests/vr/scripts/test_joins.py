@@ -47,6 +47,7 @@ def rule(conditions: str) -> Program:
     return read_clp(f"{FACTS}\n(defrule crowd {conditions} => (bind ?z 1))\n{ADD}", "x.clp", "x")
 
 
+@pytest.mark.speed
 @pytest.mark.parametrize("name", CROWDED)
 def test_no_combination_of_conditions_computes_for_long(name: str) -> None:
     engine, longest = Engine(rule(CROWDED[name])), 0.0
@@ -82,6 +83,7 @@ def test_the_sentence_names_the_rule_its_conditions_and_the_facts() -> None:
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 40_000, "[kB]"
 
 
+@pytest.mark.speed
 def test_other_threads_of_the_process_go_on_meanwhile() -> None:
     """The interpreter is held for none of it: the other robots of a host answer."""
     engine, longest, over = Engine(rule(CROWDED["comparisons that all fail"])), 0.0, threading.Event()
