@@ -134,7 +134,8 @@ async def test_two_people_who_command_one_robot_have_two_entries_with_their_name
         screen.shows(f"by {os_user()}@{anna.terminal} begins".encode())
         people.append(bob := Screen(*way, "x=0.4", "speed=0.2"))
         screen.shows(f"by {os_user()}@{bob.terminal} waits".encode())
-        bob.shows(f"waits: {os_user()}@{anna.terminal}'s go_to first".encode())
+        bob.shows(f"waits: {os_user()}@{anna.terminal}'s go_to first, 2 s".encode())
+        bob.shows(b"has waited")
         screen.shows(f"by {os_user()}@{bob.terminal} is done".encode())
     finally:
         for person in people:

@@ -16,6 +16,7 @@ from robotree.tui import exit_codes
 from robotree.tui.line.carrying import Refusal, carry_out
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import Outcome
+from robotree.tui.seen.wording import without_seconds
 from robotree.tui.terminal import complain, note, over, put, put_data
 
 if TYPE_CHECKING:  # help must not wait for the agents
@@ -49,7 +50,7 @@ class Console:
             if self._worth_a_line(fraction, text):
                 self._log()
             return
-        if self._open and text != before[1]:
+        if self._open and without_seconds(text) != without_seconds(before[1]):
             note("")  # what the command said before stays on the screen
         full = 0 if math.isnan(fraction) else round(min(max(fraction, 0.0), 1.0) * BAR)
         share = "" if math.isnan(fraction) else f"{fraction:4.0%} "
@@ -58,7 +59,11 @@ class Console:
 
     def _worth_a_line(self, fraction: float, text: str) -> bool:
         share, told = self._told
-        if text != told or abs(fraction - share) >= STEP or math.isnan(share) != math.isnan(fraction):
+        if (
+            without_seconds(text) != without_seconds(told)
+            or abs(fraction - share) >= STEP
+            or math.isnan(share) != math.isnan(fraction)
+        ):
             return True
         return self._clock() - self._told_at >= PACE
 

@@ -256,6 +256,16 @@ def log_line(line: LoggedLine, robot: str = "") -> str:
     return f"{clock}  {line.level:9}  {who}{line.text}"
 
 
+def is_waiting(text: str) -> bool:
+    """Whether a progress text says that the command waits for its turn."""
+    return text.startswith("waits: ")
+
+
+def without_seconds(text: str) -> str:
+    """Return a progress text without the time that the command has waited: that is news each second."""
+    return text.rpartition(", ")[0] if is_waiting(text) and text.endswith(" s") else text
+
+
 def settings(robot: RobotDescription) -> tuple[FieldSpec, ...]:
     """Return the settings of a robot; the default of each is its present value."""
     spec = robot.command("set")

@@ -285,12 +285,16 @@ class Interrupt(_Value, frozen=True, kw_only=True):
     """Whether not even its clean-up may command children any more."""
 
 
-class Course(_Value, frozen=True, kw_only=True):
-    """How a call went, beside its reply: what its entry in the log says."""
+class Ended(msgspec.Struct, frozen=True):
+    """One call that is over: what is answered when it is asked again, and what its line in the log says."""
 
+    key: str
     command: str
-    arguments: dict[str, Any]
-    """As they came."""
+    sent: dict[str, Any]
+    """Its arguments, as they came."""
+    reply: Returned | Raised
+    source: str
+    number: int
     caller: str
     reads: bool
     came: float
@@ -305,7 +309,7 @@ class Settled(_Value, frozen=True, kw_only=True):
 
     key: str
     reply: Returned | Raised
-    course: Course | None = None
+    call: Ended | None = None
     """None: it had ended before, and is asked again."""
 
 

@@ -40,7 +40,7 @@ from robotree.vr.core.events import (
     ChildGone,
     CoreEffect,
     CoreEvent,
-    Course,
+    Ended,
     FieldsChanged,
     Interrupt,
     LeaseChanged,
@@ -91,16 +91,6 @@ class AcceptedCall(msgspec.Struct, kw_only=True):
     """[s] when it was accepted, on the robot's clock; so is the next."""
     began: float = -1.0
     """[s] when its turn came; below 0: not yet."""
-
-
-class Ended(msgspec.Struct, frozen=True):
-    """One call that is over."""
-
-    command: str
-    sent: dict[str, Any]
-    reply: Returned | Raised
-    source: str = ""
-    number: int = 0
 
 
 class Calls(msgspec.Struct, kw_only=True):
@@ -196,25 +186,26 @@ class Calls(msgspec.Struct, kw_only=True):
 
     # -- going ------------------------------------------------------------------------------------
 
-    def leave(self, key: str, reply: Returned | Raised, now: float) -> str:
-        """Note how a live call ended [s].
+    def leave(self, ended: Ended) -> str:
+        """Note how a live call ended.
 
         Returns:
             The key of the call whose turn it is now because of that; empty: of none.
         """
-        call = self.live.pop(key)
-        if not (call.source and self.late(call.source, call.number)):
-            self.ended[key] = Ended(call.command, call.sent, reply, call.source, call.number)
+        key = ended.key
+        del self.live[key]
+        if not (ended.source and self.late(ended.source, ended.number)):
+            self.ended[key] = ended
             while len(self.ended) > MOST_KEPT:
                 del self.ended[next(iter(self.ended))]
-        if call.reads:
+        if ended.reads:
             self.readers -= 1
         elif self.running != key:
             self.waiting.remove(key)
         elif self.waiting:
             self.running = self.waiting.pop(0)
             following = self.live[self.running]
-            following.running, following.began = True, now
+            following.running, following.began = True, ended.ended
             return self.running
         else:
             self.running = ""
@@ -394,17 +385,21 @@ class RobotCore:
     def _settle(self, call: AcceptedCall, reply: Returned | Raised, now: float) -> Effects:
         if call.cause is not None and isinstance(reply, Raised):
             reply = call.cause
-        following = self.state.calls.leave(call.key, reply, now)
-        course = Course(
-            command=call.command,
-            arguments=call.sent,
-            caller=call.caller,
-            reads=call.reads,
-            came=call.came,
-            began=call.began,
-            ended=now,
+        ended = Ended(
+            call.key,
+            call.command,
+            call.sent,
+            reply,
+            call.source,
+            call.number,
+            call.caller,
+            call.reads,
+            call.came,
+            call.began,
+            now,
         )
-        effects: Effects = [Settled(key=call.key, reply=reply, course=course)]
+        following = self.state.calls.leave(ended)
+        effects: Effects = [Settled(key=call.key, reply=reply, call=ended)]
         if following:
             effects.append(Begin(key=following))
         return effects

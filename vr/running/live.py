@@ -37,7 +37,7 @@ from robotree.vr.core.events import Begin, CoreEffect, CoreEvent, Interrupt, Set
 from robotree.vr.core.machine import RobotCore
 from robotree.vr.running.feed import Feed
 from robotree.vr.running.frame import DEEPEST, CallManner, Frame, Listener, PendingCall
-from robotree.vr.running.log import Log, whose
+from robotree.vr.running.log import Log, waits
 from robotree.vr.running.outcome import raised
 from robotree.vr.running.own_errors import as_itself
 from robotree.vr.running.page_trace import begin_of, line_at_work, words_of
@@ -83,6 +83,8 @@ class LiveRobot:
     _written: int = 0
     """The number that the journal returned for the last event."""
 
+    _looks: bool = False
+    """Whether people whose commands wait are told of it again in a moment."""
     _at_work = ("", 0)
     """The call that runs and how many wait, as it was last published."""
 
@@ -139,6 +141,7 @@ class LiveRobot:
         self._listeners: dict[str, list[Listener]] = {}
         self._turns: dict[str, PendingCall] = {}
         """Calls whose caller waits on its worker and would carry the command out itself."""
+        self._waited: set[str] = set()  # keys of calls whose people were told that they wait
         self._calling: dict[str, dict[PendingCall, None]] = {}  # by slot; they end in their order
         self._feeds: dict[str, dict[Feed, None]] = {}  # who follows the readings of a child, by slot
         self._unremind: Callable[[], None] = _nothing
@@ -285,6 +288,8 @@ class LiveRobot:
     def _carry_out(self, effects: list[CoreEffect]) -> None:
         for effect in effects:
             if isinstance(effect, Begin):
+                if effect.key in self._waited:
+                    self._tell_turn(effect.key)
                 turn = self._turns.pop(effect.key, None)
                 run = partial(self._run, effect.key)
                 if turn is not None and turn.give_turn(run):
@@ -292,9 +297,10 @@ class LiveRobot:
                 if not self._transport.after_reading(partial(self.process.carry_out, run)):
                     self.process.work(run)
             elif isinstance(effect, Settled):
-                if effect.course is not None:
-                    self.log.settle(effect.key, effect.course, effect.reply)
+                if effect.call is not None:
+                    self.log.settle(effect.call)
                 self._turns.pop(effect.key, None)
+                self._waited.discard(effect.key)
                 self.shown_progress.pop(effect.key, None)
                 self._own_progress.pop(effect.key, None)
                 for listener in self._listeners.pop(effect.key, ()):
@@ -316,16 +322,38 @@ class LiveRobot:
     def _show_change(self) -> None:
         """Let others see a change, and tell people whose commands wait which one is first."""
         self.changed()
-        if not self.core.state.calls.waiting:
-            return
+        if self.core.state.calls.waiting:
+            self._tell_waiting()
+
+    def _tell_waiting(self) -> None:
+        """Tell people whose commands wait which one is first and how long they wait; again each second."""
+        now = self._runner.now()
         with self._lock:
             calls = self.core.state.calls
             if (first := calls.live.get(calls.running)) is None:
                 return
-            waiting = [key for key in calls.waiting if is_person(calls.live[key].caller)]
-            listeners = [one for key in waiting for one in self._listeners.get(key, ())]
-        for listener in listeners:
-            listener.note(math.nan, f"waits: {whose(first)} first")
+            found = [calls.live[key] for key in calls.waiting if is_person(calls.live[key].caller)]
+            listeners = [(one, call.came) for call in found for one in self._listeners.get(call.key, ())]
+            self._waited |= {call.key for call in found}
+            looks = bool(found) and not self._looks
+            self._looks = self._looks or looks
+        for listener, came in listeners:
+            listener.note(math.nan, waits(first, now - came))
+        if looks:
+            self.process.at(now + 1.0, self._look_at_waiting)
+
+    def _look_at_waiting(self) -> None:
+        with self._lock:
+            self._looks = False
+        self._tell_waiting()
+
+    def _tell_turn(self, key: str) -> None:
+        """Tell a person whose command has waited that its turn has come."""
+        with self._lock:
+            self._waited.discard(key)
+            call = self.core.state.calls.live[key]
+        for listener in self._listeners.get(key, ()):
+            listener.note(math.nan, f"has waited {call.began - call.came:.0f} s")
 
     def _carry_out_other(self, effect: CoreEffect) -> None:
         if isinstance(effect, Interrupt):

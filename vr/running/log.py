@@ -9,16 +9,16 @@ A line about a command is written when somebody wants to read it: nothing waits 
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
-from functools import partial
 from typing import Any
 
 from robotree.vr.base.envelope import is_person
 from robotree.vr.base.literal import write
-from robotree.vr.base.requests import Level, LoggedLine, Raised, Returned
-from robotree.vr.core.events import Course
+from robotree.vr.base.requests import Level, LoggedLine, Returned
+from robotree.vr.core.events import Ended
 from robotree.vr.core.machine import AcceptedCall
 
 KEPT = 500
@@ -27,8 +27,12 @@ LONGEST = 500
 """Characters of a line."""
 BURST, RATE = 200, 50.0
 """Lines at once, and lines a second."""
+PERIOD, DEPTH = 1.0 / RATE, (BURST - 0.5) / RATE
+"""[s] Time that a line takes up, and how much of it lines may be ahead: half a line more, for rounding."""
 NOTICED = 0.05
 """[s] below which nobody wants to know that a command has waited."""
+_Write = Callable[..., LoggedLine]
+"""Writes a line of what it is made of, its number, and its time [s] since 1970."""
 _CANCELS = frozenset({"CommandCancelled", "ChildCancelled"})
 
 
@@ -48,13 +52,14 @@ class Log:
         """Whether there are lines that nobody has asked for."""
         self._now, self._unix = now, unix
         self._lines: deque[LoggedLine] = deque(maxlen=KEPT)
-        self._fresh: deque[Callable[[], LoggedLine]] = deque(maxlen=KEPT)
-        """What has come since somebody has asked for lines."""
+        self._fresh: deque[tuple[_Write, tuple[Any, ...], int, float]] = deque(maxlen=KEPT)
+        """What has come since somebody has asked for lines: how each is written, of what, number, time."""
         self._open: set[str] = set()
         """Keys of the calls that have a line and have not ended."""
         self._lock = threading.Lock()
         self._number = 0
-        self._room, self._at = float(BURST), now()
+        self._opens = -math.inf
+        """[s] from when on a line is taken."""
         self._dropped = 0
         self.begun: dict[str, str] = {}
         """Lines that have no end yet, by command and level."""
@@ -84,23 +89,28 @@ class Log:
 
     def say(self, level: Level, text: str) -> None:
         """Take a line."""
-        self._take(partial(_said, level, text))
+        self._take(_said, level, text, now=self._now())
 
     def ask(self, call: AcceptedCall, ahead: AcceptedCall | None) -> None:
         """Take, once, that the command of a person goes on, or waits for the one that is `ahead`."""
         if call.key not in self._open:
             self._open.add(call.key)
-            words = "begins" if ahead is None else f"waits: {whose(ahead)} first"
-            line = partial(_asked, call.command, call.sent, call.caller, call.key, words)
-            self._take(line, always=True)
+            words = "begins" if ahead is None else waits(ahead)
+            self._take(_asked, call, words, now=self._now(), always=True)
 
-    def settle(self, key: str, course: Course, reply: Returned | Raised) -> None:
+    def settle(self, call: Ended) -> None:
         """Take how a command went; of those that only read, failures alone."""
         if self.begun:
-            self.end(key)
-        self._open.discard(key)
-        if not (course.reads and isinstance(reply, Returned)):
-            self._take(partial(_settled, key, course, reply), always=is_person(course.caller))
+            self.end(call.key)
+        if self._open:
+            self._open.discard(call.key)
+        if call.reads and isinstance(call.reply, Returned):
+            return
+        if call.ended < self._opens and not is_person(call.caller):  # as nearly always where calls are many
+            with self._lock:
+                self._dropped += 1
+            return
+        self._take(_settled, call, now=call.ended, always=is_person(call.caller))
 
     def since(self, number: int) -> list[LoggedLine]:
         """Return the lines after the one of a number, the oldest first."""
@@ -108,22 +118,27 @@ class Log:
             self._news = False
             if self._dropped:
                 self._note_dropped()
-            self._lines.extend(line() for line in self._fresh)
+            self._lines.extend(write(*what, number, unix) for write, what, number, unix in self._fresh)
             self._fresh.clear()
             return [line for line in self._lines if line.number > number]
 
-    def _take(self, line: Callable[[int, float], LoggedLine], *, always: bool = False) -> None:
+    def _take(self, write: _Write, *what: Any, now: float, always: bool = False) -> None:
+        """Take a line, if there is room for it.
+
+        Args:
+            write: returns the line, when somebody wants to read it.
+            what: of which it is made.
+            now: [s] on the monotonic clock.
+            always: whether it is never dropped.
+        """
         with self._lock:
-            now = self._now()
-            self._room = min(BURST, self._room + (now - self._at) * RATE)
-            self._at = now
-            if self._room < 1.0 and not always:
+            if now < self._opens and not always:
                 self._dropped += 1
                 return
-            self._room = max(self._room - 1.0, 0.0)
+            self._opens = min(max(self._opens, now - DEPTH), now) + PERIOD
             if self._dropped:
                 self._note_dropped()
-            self._append(line)
+            self._append(write, what)
             first, self._news = not self._news, True
         if first:
             self.on_line()
@@ -131,47 +146,43 @@ class Log:
     def _note_dropped(self) -> None:
         """Say how many lines were dropped."""
         count, self._dropped = self._dropped, 0
-        self._append(partial(_said, "warning", f"{count} lines were dropped: it takes {RATE:g} a second"))
+        self._append(_said, ("warning", f"{count} lines were dropped: it takes {RATE:g} a second"))
 
-    def _append(self, line: Callable[[int, float], LoggedLine]) -> None:
+    def _append(self, write: _Write, what: tuple[Any, ...]) -> None:
         self._number += 1
-        self._fresh.append(partial(line, self._number, self._unix()))
+        self._fresh.append((write, what, self._number, self._unix()))
 
 
-def whose(call: AcceptedCall) -> str:
-    """Return a command and who asked for it: `bob@pts/3's go_to`."""
-    return f"{call.caller}'s {call.command}" if call.caller else call.command
+def waits(first: AcceptedCall, seconds: float = 0.0) -> str:
+    """Return for which command, of whom, another one waits, and how long: `waits: bob's go_to first, 8 s`."""
+    whose = f"{first.caller}'s {first.command}" if first.caller else first.command
+    return f"waits: {whose} first" + (f", {seconds:.0f} s" if seconds >= 1.0 else "")
 
 
 def _said(level: Level, text: str, number: int, unix: float) -> LoggedLine:
     return LoggedLine(number, unix, level, _short(text))
 
 
-def _asked(
-    command: str, arguments: Mapping[str, Any], caller: str, key: str, words: str, number: int, unix: float
-) -> LoggedLine:
-    given = _given(arguments)
-    text = f"{_by(command, caller)} {words}{_within(given)}"
-    return LoggedLine(number, unix, "asked", _short(text), command, key, caller, given)
+def _asked(call: AcceptedCall, words: str, number: int, unix: float) -> LoggedLine:
+    given = _given(call.sent)
+    text = f"{_by(call.command, call.caller)} {words}{_within(given)}"
+    return LoggedLine(number, unix, "asked", _short(text), call.command, call.key, call.caller, given)
 
 
-def _settled(key: str, course: Course, reply: Returned | Raised, number: int, unix: float) -> LoggedLine:
-    given, began = _given(course.arguments), course.began
+def _settled(call: Ended, number: int, unix: float) -> LoggedLine:
+    given, began = _given(call.sent), call.began
     turned = began >= 0.0
-    waited, ran = (began if turned else course.ended) - course.came, course.ended - began if turned else 0.0
+    waited, ran = (began if turned else call.ended) - call.came, call.ended - began if turned else 0.0
     times = [f"waited {waited:.1f} s"] if waited >= NOTICED else []
     times += [f"ran {ran:.1f} s"] if turned else ["never began"]
     level: Level
-    if isinstance(reply, Returned):
-        level, text = (
-            "done",
-            f"{_by(course.command, course.caller)} is done: {', '.join(times)}{_within(given)}",
-        )
+    if isinstance(call.reply, Returned):
+        level, text = "done", f"{_by(call.command, call.caller)} is done: {', '.join(times)}{_within(given)}"
     else:
-        level = "cancelled" if reply.error in _CANCELS else "failed"
-        text = f"{reply.revive()} ({_by('', course.caller)}{', '.join(times)}){_within(given)}"
+        level = "cancelled" if call.reply.error in _CANCELS else "failed"
+        text = f"{call.reply.revive()} ({_by('', call.caller)}{', '.join(times)}){_within(given)}"
     return LoggedLine(
-        number, unix, level, _short(text), course.command, key, course.caller, given, waited, ran
+        number, unix, level, _short(text), call.command, call.key, call.caller, given, waited, ran
     )
 
 

@@ -48,12 +48,12 @@ class CommandForm(Form, Part, VerticalScroll):
         """Draw a command of a robot, with what that reads now."""
         super().__init__(classes="form", can_focus=False)
         self.robot, self.spec = robot, spec
-        self._fraction, self._told = math.nan, ""
+        self._fraction, self._text = math.nan, ""
         self._readings = dict(readings)
         self.answers = True
         """The robot is there to be commanded."""
-        self._began = 0.0
-        """[s] When the command was sent, on the clock of events."""
+        self._began = self._turned = 0.0
+        """[s] When the command was sent, and when its turn came, on the clock of events."""
         self._came_from: Widget | None = None
         """What had the focus when the command was sent."""
 
@@ -206,7 +206,7 @@ class CommandForm(Form, Part, VerticalScroll):
         """The command was sent."""
         if self._left:
             return
-        self._fraction, self._told = math.nan, ""
+        self._fraction, self._text, self._turned = math.nan, "", self._began
         self.query_one("#outcome", Static).update("")
         self.query_one("#progress").display = True
         self._draw_progress()
@@ -220,11 +220,13 @@ class CommandForm(Form, Part, VerticalScroll):
         """The command reports how far it is."""
         if self._left:
             return
-        self._fraction, self._told = fraction, text
+        if wording.is_waiting(self._text) and not wording.is_waiting(text):
+            self._turned = self.app.now()
+        self._fraction, self._text = fraction, text
         self._draw_progress()
 
     def _draw_progress(self) -> None:
-        """Say how far it is, as far as the command says, and in any case for how long it has been running."""
+        """Draw how far it is, as far as the command says, and for how long it has been running or waiting."""
         style, muted = tint(self.app, "accent"), tint(self.app, "muted")
         line = Text.assemble(("◐ ", style), (self.spec.name, "bold"))
         if math.isfinite(self._fraction):
@@ -232,8 +234,9 @@ class CommandForm(Form, Part, VerticalScroll):
             whole = round(share * CELLS)
             line.append_text(Text.assemble("  ", ("━" * whole, style), ("─" * (CELLS - whole), muted)))
             line.append(f" {share:.0%}")
-        line.append(f"  {self.app.now() - self._began:.0f} s", muted)
-        line.append(f"  {self._told}" if self._told else "")
+        if not wording.is_waiting(self._text):
+            line.append(f"  {self.app.now() - self._turned:.0f} s", muted)
+        line.append(f"  {self._text}" if self._text else "")
         self.query_one("#progress", CachedText).show(line)
 
     def succeeded(self, value: Any, seconds: float) -> None:
