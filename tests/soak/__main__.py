@@ -12,25 +12,29 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import contextlib
 import os
 import random
 import signal
 import sys
 import tempfile
 import time
-from collections.abc import Awaitable, Callable, Iterator, Sequence
+from collections.abc import Awaitable, Callable, Generator, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
 from robotree.tui.errors import MemberFailed
 from robotree.vr.base.errors import VrError
-from tests.soak import ends, forks, freezes, kills, resources, rules, stops
+from tests import apart
+from tests.soak import damage, ends, forks, freezes, kills, resources, rules, stops
 from tests.soak.stage import Stage, staged
 from tests.soak.table import Row, Trial, is_good, table
 
 Try = Callable[[Stage, random.Random], Awaitable[Sequence[Trial]]]
 LONGEST_TRIAL = 60.0
 """[s] A trial that takes longer hangs."""
+ROOM = "8m"
+"""Size of the file systems on which the folders of realm and state lie."""
 BROKEN = Row("campaign", "the trial itself", "")
 
 
@@ -74,6 +78,9 @@ def _resources(rounds: int) -> Iterator[tuple[str, Try]]:
     for number in range(rounds):
         for fault in resources.FAULTS:
             yield f"{fault}-{number}", partial(resources.exhaust, fault=fault)
+        yield f"fence-{number}", damage.fence
+        yield f"key-{number}", damage.key
+        yield f"page-{number}", damage.page
         yield f"held-{2 * number}", partial(resources.hold, letters=26, kill=False)
         yield f"held-{2 * number + 1}", partial(resources.hold, letters=29, kill=True)
 
@@ -81,14 +88,9 @@ def _resources(rounds: int) -> Iterator[tuple[str, Try]]:
 async def run(seed: int, *, quick: bool, only: str, limit: float) -> list[Trial]:
     """Run the trials, each with its own chance drawn from the seed and its name."""
     trials, began = list[Trial](), time.monotonic()
-    with tempfile.TemporaryDirectory(prefix="soak-") as folder:
-        logs = Path(folder)
-        for variable, name in (("XDG_RUNTIME_DIR", "run"), ("XDG_STATE_HOME", "state")):
-            (logs / name).mkdir(mode=0o700)
-            os.environ[variable] = str(logs / name)
-        for variable in ("ROBOTREE_REALM", "ROBOTREE_KEY"):
-            os.environ.pop(variable, None)
+    with _folders() as (logs, shared):
         async with staged(f"soak-{seed}", logs) as stage:
+            stage.shared = shared
             for name, attempt in plan(quick):
                 if (only and not name.startswith(only)) or time.monotonic() - began > limit:
                     continue
@@ -100,6 +102,35 @@ async def run(seed: int, *, quick: bool, only: str, limit: float) -> list[Trial]
                     told = f"{name}: {one.row.what}: {good}{seconds} {one.note} {one.false or ''}"
                     _tell(f"{time.monotonic() - began:6.1f} {told}")
     return trials
+
+
+@contextlib.contextmanager
+def _folders() -> Generator[tuple[Path, str]]:
+    """Set the folders of realm and state, each with a small file system of its own where that can be.
+
+    Yields:
+        The folder of the logs, and why those file systems cannot be.
+    """
+    with tempfile.TemporaryDirectory(prefix="soak-") as folder:
+        logs, mounted = Path(folder), list[Path]()
+        for variable, name in (("XDG_RUNTIME_DIR", "run"), ("XDG_STATE_HOME", "state")):
+            (logs / name).mkdir(mode=0o700)
+            os.environ[variable] = str(logs / name)
+        for variable in ("ROBOTREE_REALM", "ROBOTREE_KEY"):
+            os.environ.pop(variable, None)
+        shared = ""
+        try:
+            apart.enter(network=False)
+            for variable in ("XDG_RUNTIME_DIR", "XDG_STATE_HOME"):
+                apart.mount(Path(os.environ[variable]), ROOM)
+                mounted.append(Path(os.environ[variable]))
+        except OSError as error:
+            shared = f"no file system of its own can be mounted here: {error.strerror}"
+        try:
+            yield logs, shared
+        finally:
+            for path in mounted:
+                apart.unmount(path)
 
 
 async def _one(stage: Stage, name: str, attempt: Try, chance: random.Random) -> list[Trial]:

@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 
+from tests.apart import fill
 from tests.soak.observer import holds
 from tests.soak.stage import ARM, ROVER, SQUARE, Said, Stage, names
 from tests.soak.table import Row, Trial
@@ -27,6 +28,7 @@ ROOM = 1 << 20
 STOPPED = "from the start of the command line until both stand"
 FAULTS = {
     "disk": Row("resource", "no process can write a file, then `stop`", STOPPED, 2.0),
+    "space": Row("resource", "the file systems of realm and state are full, then `stop`", STOPPED, 2.0),
     "descriptors": Row("resource", "no process can open a descriptor, then `stop`", STOPPED, 2.0),
     "memory": Row("resource", "host and proxies can map 1 MB more, then `stop`", STOPPED, 2.0),
     "files": Row("resource", "garbage in the host's beat and list, then `stop`", STOPPED, 2.0),
@@ -58,6 +60,8 @@ ALL = {ARM, ROVER, SQUARE}
 
 async def exhaust(stage: Stage, _chance: random.Random, fault: str) -> Sequence[Trial]:
     """Take a resource away while both robots move, stop everything, and give it back."""
+    if fault == "space" and stage.shared:
+        return [Trial(FAULTS[fault], False, skipped=stage.shared)]
     await stage.furnish()
     calls = await stage.both_move()
     trial = Trial(FAULTS[fault], False)
@@ -70,6 +74,8 @@ async def exhaust(stage: Stage, _chance: random.Random, fault: str) -> Sequence[
         said = await verb.end()
         trial.note = "" if trial.reached else str(said)
         trial.false = _false(said, stage)
+        if fault == "space":
+            trial.false += await _joined_elsewhere(stage)
     for call in calls:
         if (ended := await call.end()).code is None:
             trial.false.append(f"`{ended.words[1]}` did not end with the stop")
@@ -84,6 +90,17 @@ def _false(said: Said, stage: Stage) -> list[str]:
     if said.done and not names(said) >= ALL:
         return [f"{said}; it claims success and leaves out {ALL - names(said)}"]
     return []
+
+
+async def _joined_elsewhere(stage: Stage) -> list[str]:
+    """Check that a newcomer that cannot enter the realm says why, and enters no other one."""
+    fill(stage.folder.parent.parent)  # a process that gave up a list has freed a page
+    newcomer = await stage.verb("lookup", "lookup-3")
+    said = await newcomer.end(5.0)
+    if said.code is None or said.done or "No space left on device" not in said.complaints:
+        return [f"{said}; though its realm's folder is full"]
+    left = [path.name for path in stage.folder.iterdir() if f"{newcomer.pid}-" in path.name]
+    return [f"{said}; it left {left}"] if left else []
 
 
 @contextlib.contextmanager
@@ -105,6 +122,16 @@ def _everybody(stage: Stage) -> list[int]:
 
 def _disk(stage: Stage) -> contextlib.AbstractContextManager[None]:
     return _limited(_everybody(stage), resource.RLIMIT_FSIZE, lambda _: 0)
+
+
+@contextlib.contextmanager
+def _space(_: Stage) -> Generator[None]:
+    files = [fill(Path(os.environ[name])) for name in ("XDG_RUNTIME_DIR", "XDG_STATE_HOME")]
+    try:
+        yield
+    finally:
+        for file in files:
+            file.unlink()
 
 
 def _descriptors(stage: Stage) -> contextlib.AbstractContextManager[None]:
@@ -146,6 +173,7 @@ def _load(_: Stage) -> Generator[None]:
 
 _FAULTS: dict[str, Callable[[Stage], contextlib.AbstractContextManager[None]]] = {
     "disk": _disk,
+    "space": _space,
     "descriptors": _descriptors,
     "memory": _memory,
     "files": _files,

@@ -63,8 +63,8 @@ class Said:
 class Verb:
     """A running command line."""
 
-    def __init__(self, words: Sequence[str], process: asyncio.subprocess.Process) -> None:
-        self.words, self.process, self.began = tuple(words), process, time.monotonic()
+    def __init__(self, words: Sequence[str], process: asyncio.subprocess.Process, began: float) -> None:
+        self.words, self.process, self.began = tuple(words), process, began
         self._hearing = asyncio.create_task(self._hear())
 
     @property
@@ -102,6 +102,8 @@ class Stage:
 
     def __init__(self, realm: str, crew: Crew, ties: AsyncExitStack) -> None:
         self.realm, self._crew, self._ties = realm, crew, ties
+        self.shared = ""
+        """Why the folders of realm and state have no file systems of their own; empty: they have."""
         self.members: dict[str, Member] = {}
         self._lines: dict[str, tuple[str, ...]] = {}
         self.fleet: Fleet
@@ -137,6 +139,10 @@ class Stage:
         *words, _ = self._lines[name]
         self._lines[name] = (*words, address)
 
+    def line_of(self, name: str) -> tuple[str, ...]:
+        """Return the words with which a member is started."""
+        return self._lines[name]
+
     def dead(self) -> list[str]:
         """Return the members of the stage that do not run."""
         return [name for name in self._furniture if name not in self.members]
@@ -154,6 +160,7 @@ class Stage:
             program: that is started.
         """
         within = ("sh", "-c", f'ulimit {limits}; exec "$@"', "sh") if limits else ()
+        began = time.monotonic()  # on a busy machine it takes long until we go on, and the line runs already
         process = await asyncio.create_subprocess_exec(
             *within,
             *program,
@@ -164,7 +171,7 @@ class Stage:
             env={**os.environ, "ROBOTREE_REALM": self.realm},
             start_new_session=True,
         )
-        verb = Verb(words, process)
+        verb = Verb(words, process, began)
         self._ties.callback(verb.kill)
         return verb
 

@@ -33,13 +33,19 @@ class Trial:
     """Why it was not reached."""
     number: str = ""
     """Name of the trial, for `--only`."""
+    skipped: str = ""
+    """Why it could not be tried here."""
 
 
 def table(trials: Iterable[Trial]) -> str:
     """Write the table in Markdown; below it each trial that failed."""
     rows: dict[Row, list[Trial]] = {}
+    skipped = list[Trial]()
     for one in trials:
-        rows.setdefault(one.row, []).append(one)
+        if one.skipped:
+            skipped.append(one)
+        else:
+            rows.setdefault(one.row, []).append(one)
     lines = [
         "| | trials | reached | p50 [s] | max [s] | bar [s] | false | time from … to |",
         "|---|---|---|---|---|---|---|---|",
@@ -54,6 +60,7 @@ def table(trials: Iterable[Trial]) -> str:
         lines.append(f"| {' | '.join(map(str, cells))} |")
     bad = [one for found in rows.values() for one in found if _is_bad(one)]
     lines += ["", *(f"* {_told(one)}" for one in bad)] if bad else ["", "Every trial passed."]
+    lines += [f"* {one.number} ({one.row.kind}: {one.row.what}): not tried: {one.skipped}" for one in skipped]
     return "\n".join(lines)
 
 
@@ -63,6 +70,8 @@ def is_good(trials: Iterable[Trial]) -> bool:
 
 
 def _is_bad(one: Trial) -> bool:
+    if one.skipped:
+        return False
     late = one.row.bar is not None and one.seconds is not None and one.seconds > one.row.bar
     return not one.reached or late or bool(one.false)
 

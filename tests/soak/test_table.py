@@ -32,6 +32,14 @@ def test_late_and_false_are_told_though_it_was_reached() -> None:
     assert "* kill-2 (kill: proxy): false: it is done" in table([late, false])
 
 
+def test_what_could_not_be_tried_is_named_and_counts_nowhere() -> None:
+    trials = [Trial(ROW, True, 0.1), Trial(ROW, False, skipped="no namespaces", number="kill-2")]
+    told = table(trials)
+    assert "| kill: proxy | 1 | 1 |" in told
+    assert "* kill-2 (kill: proxy): not tried: no namespaces" in told
+    assert is_good(trials)
+
+
 def test_the_quick_campaign_tries_every_kind_that_the_long_one_tries() -> None:
     quick, whole = ({name.partition("-")[0] for name, _ in plan(quick=quick)} for quick in (True, False))
     assert whole - quick == {"deep"}

@@ -146,9 +146,9 @@ class Rendezvous:
         """
         self._make_folders()
         door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        hidden = self.directory / f".{self.tag}"
         try:
             door.setblocking(False)
-            hidden = self.directory / f".{self.tag}"
             with short(hidden) as path:
                 door.bind(path)
             door.listen(BACKLOG)
@@ -162,6 +162,8 @@ class Rendezvous:
                 hidden.rename(self._path(SOCKET))
         except OSError as error:
             door.close()
+            with contextlib.suppress(OSError):
+                hidden.unlink()
             raise RealmUnusable(realm=self.realm, reason=f"{error}") from None
         return door
 

@@ -130,6 +130,24 @@ def test_a_list_that_cannot_be_written_whole_is_removed_and_written_anew(
     door.close()
 
 
+def test_a_newcomer_that_finds_no_room_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    there, newcomer = place_at(tmp_path), place_at(tmp_path)
+    door = there.register()
+    before = names(there)
+
+    def write(*_: object) -> int:
+        raise OSError(errno.ENOSPC, "no space left on device")
+
+    monkeypatch.setattr(os, "pwrite", write)
+    with pytest.raises(RealmUnusable, match="no space left on device"):
+        newcomer.register()
+    newcomer.leave()
+    assert names(there) == before
+    door.close()
+
+
 def test_a_sign_of_life_can_be_read_without_asking_for_it(tmp_path: Path) -> None:
     one, other = place_at(tmp_path), place_at(tmp_path)
     assert other.beat_of(one.tag) is None
