@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Coroutine, Sequence
+from collections.abc import Sequence
 
 from robotree.vr.author.virtual_robot import slots_of
 from robotree.vr.base.address import Address
@@ -70,7 +70,8 @@ class ChildKeeper:
         self._watching: dict[str, Undo] = {}
         """The children whose presence is watched, by slot."""
         self._retracting: dict[asyncio.Task[None], None] = {}
-        self._returning: dict[asyncio.Task[None], None] = {}
+        self._returning: dict[str, asyncio.Task[None]] = {}
+        """Those that bind a lost child again, by slot."""
         self._closed = False
 
     @property
@@ -82,13 +83,12 @@ class ChildKeeper:
 
     # -- binding ----------------------------------------------------------------------------------
 
-    async def enslave(self, slot: str, child: Address, *, returns: int | None = None) -> None:
-        """Bind a child to a slot, or to one of a group.
+    async def enslave(self, slot: str, child: Address) -> None:
+        """Bind a child to a slot, or to one of a group; a child that was lost there does not return to it.
 
         Args:
             slot: name of the slot, or of the group.
             child: who.
-            returns: epoch of the lease that was lost by silence, if it shall return; None: it is a new bond.
 
         Raises:
             BondError: there is no such slot, it is occupied, or the child is of another kind.
@@ -96,6 +96,13 @@ class ChildKeeper:
             TransportError: the child does not answer; the petition is taken back, should it have agreed.
         """
         slot = self._slots.place(slot, child.name)
+        if returning := self._returning.get(slot):
+            returning.cancel()
+            await asyncio.wait([returning])
+        await self._bind(slot, child, None)
+
+    async def _bind(self, slot: str, child: Address, returns: int | None) -> None:
+        """Bind a child; `returns` is the epoch of a lease that was lost by silence, None for a new bond."""
         self._live.post(on.Reserve(slot=slot, child=child))
         client = RobotClient(self._transport, child)
         key = fresh_key()
@@ -129,7 +136,7 @@ class ChildKeeper:
     async def close(self) -> None:
         """Release all children, and take no more."""
         self._closed = True
-        for task in list(self._returning):
+        for task in self._returning.values():
             task.cancel()
         await asyncio.gather(*map(self._free_if_bound, self._slots.bonds()))
         if self._retracting:
@@ -159,8 +166,13 @@ class ChildKeeper:
             unwatch()
         if effect.reason:
             _log.warning("%s.%s lost its child: %s", self._parent.name, effect.slot, effect.reason)
-            self._keep(self._take_back(effect), self._returning)
+            task = self._returning[effect.slot] = asyncio.ensure_future(self._take_back(effect))
+            task.add_done_callback(lambda done: self._forget(effect.slot, done))
         self._live.changed()
+
+    def _forget(self, slot: str, returning: asyncio.Task[None]) -> None:
+        if self._returning.get(slot) is returning:
+            del self._returning[slot]
 
     async def _take_back(self, lost: on.ChildGone) -> None:
         """Bind a child again that was lost by silence, when it is heard and if nobody has used it since.
@@ -174,7 +186,7 @@ class ChildKeeper:
                     return
                 if not await self._presence.until(key, there=True, within=latest - _now()):
                     return
-                await self.enslave(lost.slot, lost.child, returns=lost.epoch)
+                await self._bind(lost.slot, lost.child, lost.epoch)
             except TransportClosed:
                 return
             except TransportError:
@@ -240,12 +252,9 @@ class ChildKeeper:
                 else:
                     return
 
-        self._keep(tell(), self._retracting)
-
-    def _keep(self, work: Coroutine[None, None, None], tasks: dict[asyncio.Task[None], None]) -> None:
-        task = asyncio.ensure_future(work)
-        tasks[task] = None
-        task.add_done_callback(tasks.pop)
+        task = asyncio.ensure_future(tell())
+        self._retracting[task] = None
+        task.add_done_callback(self._retracting.pop)
 
     # -- keeping ----------------------------------------------------------------------------------
 

@@ -61,6 +61,7 @@ async def test_it_is_open_while_a_command_of_the_panel_runs(realm: Realm, operat
     async with operate(realm.fleet) as operator:
         await go_to(operator, PanelPage)
         form = operator.app.screen.query_one(CommandForm)
+        await operator.until(lambda: bool(form.texts["x"]), "the form has its values")
         realm.arm.under_way = True
         await operator.press("ctrl+r")
         await operator.until(lambda: form.running, "it runs")

@@ -210,6 +210,23 @@ async def test_a_silent_parent_loses_its_child_within_the_term(realm: Any) -> No
     assert rover.live.core.state.lease.epoch > epoch
 
 
+async def test_an_operator_can_fill_the_slot_while_its_lost_child_is_asked_to_return(realm: Any) -> None:
+    realm.network.lease = 1000.0
+    rover, pair = await bound(realm)
+    spare = await realm.start(Rover("spare"))
+    realm.network.freeze(pair.transport)
+    await realm.until(lambda: rover.description().bond is None)
+    realm.network.freeze(rover.transport)  # it will not answer
+    realm.network.thaw(pair.transport)
+    slot = pair.live.core.state.slots["left"]
+    await realm.until(lambda: slot.asked == rover.address, within=TERM)
+    await realm.client(pair).enslave("left", spare.address)
+    realm.network.thaw(rover.transport)
+    with pytest.raises(TimeoutError):
+        await realm.until(lambda: rover.description().bond is not None, within=TERM)
+    assert pair.description().slot("left").child == spare.address
+
+
 async def test_a_child_that_was_used_meanwhile_does_not_return(realm: Any) -> None:
     realm.network.lease = 1000.0
     rover, pair = await bound(realm)

@@ -179,7 +179,10 @@ class CommandForm(Form, Part, VerticalScroll):
         if self.running:
             self.app.tell(f"{self.carrying} already; cancel it, or wait until it has ended", "warning")
             return
-        if not (self.answers and self.spec.available):
+        if not self.answers:
+            self.app.tell(f"{self.robot} does not answer: {self.spec.name} was not sent", "warning")
+            return
+        if not self.spec.available:  # the form shows the remedy
             return
         rows = {row.spec.name: row for row in self.query(FieldRow)}
         read = entry.read(self.spec, self.texts)
