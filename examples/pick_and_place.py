@@ -2,7 +2,7 @@
 
 robotree create examples/pick_and_place.py as picker
 robotree enslave picker.arm arm-1
-robotree call picker.pick_and_place x="30 cm" y=0 to_x="30 cm" to_y="20 cm"
+robotree call picker.pick_and_place x="30 cm" y="-20 cm" to_x="30 cm" to_y="-30 cm"
 """
 
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""The arm's cell: a table with the arm, and the lever within its reach; compiled, and put in its first place.
+"""The arm's cell: a table with the arm, a lever and a block; compiled, and put in its first place.
 
 World frame W: x forward, y left, z up, its origin the arm's foot on the table top.
 """
@@ -6,6 +6,7 @@ World frame W: x forward, y left, z up, its origin the arm's foot on the table t
 from dataclasses import dataclass
 from typing import Final
 
+from robotree.sim.arm import block as block_model
 from robotree.sim.arm import lever as lever_model
 from robotree.sim.arm import model as arm_model
 from robotree.sim.arm.device import Arm
@@ -27,24 +28,33 @@ _STEEL: Final = (0.42, 0.45, 0.50, 1.0)
 
 @dataclass(frozen=True, slots=True)
 class ArmWorld:
-    """The arm at its table, with the lever open."""
+    """The arm at its table, with the lever open and the block to its right."""
 
     cell: Cell
     arm: Arm
     lever: lever_model.LeverPorts
+    block: block_model.BlockPorts
 
     @property
     def lever_angle(self) -> float:
         """[rad] below 0: open, towards the arm; above 0: closed."""
         return float(self.lever.angle[0])
 
+    @property
+    def block_place(self) -> tuple[float, float, float]:
+        """[m] in W: the middle of the block."""
+        x, y, z = self.block.place.tolist()
+        return x, y, z
+
 
 def cell() -> mujoco.MjSpec:
-    """A table with the arm, and the lever within its reach."""
+    """A table with the arm, and the lever and the block within its reach."""
     world = scenery.floor(height=-TABLE_HEIGHT)
     _table(world)
     scenery.attach(world, arm_model.spec(), arm_model.PREFIX, (0.0, 0.0, 0.0))
     scenery.attach(world, lever_model.spec(), lever_model.PREFIX, LEVER_FOOT)
+    scenery.attach(world, block_model.spec(), block_model.PREFIX, block_model.PLACE)
+    world.option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
     scenery.camera(world, eye=(1.42, -1.22, 0.80), target=(0.17, 0.03, 0.27), fovy=36.0)
     return world
 
@@ -56,6 +66,7 @@ def build() -> ArmWorld:
     mujoco.mj_forward(model, data)
     ports = arm_model.bind(model, data)
     lever = lever_model.bind(model, data)
+    block = block_model.bind(model, data)
     ports.q[:] = HOME
     for finger in ("finger_l", "finger_r"):
         data.qpos[model.joint(arm_model.PREFIX + finger).qposadr[0]] = FINGERS_AT_FIRST
@@ -63,7 +74,7 @@ def build() -> ArmWorld:
     lever.angle[:] = lever_model.OPEN
     mujoco.mj_forward(model, data)
     arm = Arm(ports)
-    return ArmWorld(Cell(model, data, arm), arm, lever)
+    return ArmWorld(Cell(model, data, arm), arm, lever, block)
 
 
 def _table(cell: mujoco.MjSpec) -> None:

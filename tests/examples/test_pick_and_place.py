@@ -1,4 +1,4 @@
-"""The example that other systems are compared with, in rehearsals."""
+"""The example that other systems are compared with, rehearsed with fakes and with the simulated cell."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import pytest
 
 from robotree.examples.pick_and_place import PickAndPlace
 from robotree.kinds import Arm
-from robotree.testing import Fake, rehearse, rehearse_seeds
+from robotree.testing import Fake, cell, rehearse, rehearse_seeds
 from robotree.testing.team import Team
 from robotree.vr import BadArgument, CommandCancelled, DeadlineExceeded, Failed
 from robotree.vr.base.errors import Stopped
 
 WAY = {"x": "30 cm", "y": 0, "to_x": 0.3, "to_y": "20 cm"}
+BLOCK = {"x": "30 cm", "y": "-20 cm", "to_x": "30 cm", "to_y": "-30 cm"}
+"""From where the block of the cell lies at first."""
 HOLDING = {"holding": True}
 
 
@@ -34,6 +36,15 @@ def test_it_takes_a_thing_from_here_to_there() -> None:
         ("arm", "grip", {"action": "open"}),
     ]
     assert team.progress == [(0.5, "gripped")]
+
+
+def test_it_moves_the_block_of_the_simulated_cell() -> None:
+    arm = cell("arm")
+    with rehearse(PickAndPlace, arm=arm) as team:
+        team.call("pick_and_place", within=120, **BLOCK)
+        assert arm.world.block_place == pytest.approx((0.30, -0.30, 0.02), abs=0.005)
+        with pytest.raises(Failed, match="nothing is there"):
+            team.call("pick_and_place", within=120, **BLOCK)
 
 
 def test_it_says_that_nothing_is_there() -> None:

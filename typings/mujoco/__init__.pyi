@@ -17,6 +17,9 @@ class mjtGeom(IntEnum):
     mjGEOM_CYLINDER = ...
     mjGEOM_SPHERE = ...
 
+class mjtEnableBit(IntEnum):
+    mjENBL_SLEEP = ...
+
 class mjtEq(IntEnum):
     mjEQ_WELD = ...
 
@@ -77,6 +80,7 @@ class MjOption:
     integrator: mjtIntegrator
     cone: mjtCone
     impratio: float
+    enableflags: int
 
 class MjSpec:
     option: MjOption
