@@ -30,13 +30,15 @@ class Motions(msgspec.Struct, frozen=True, kw_only=True):
     offset: Place
     """From the place at the start to the other end of the movement."""
     slow: float
-    """Speed of a movement that no rule waits for, [m/s] or [rad/s]."""
+    """[m/s] or [rad/s] of a movement that no rule waits for; less if the way is too short for it."""
     slowest: float
     """[m/s] or [rad/s] The proxies ask for no less."""
     quick: float
     """[m/s] or [rad/s]"""
     still: float
     """[m] or [rad] by which a robot that stands may move in half a second."""
+    lever: float = 1.0
+    """Length in units of the speed per unit of the place: [m/rad] where a hand's speed leads to an angle."""
     summary: str
     """Where it will move, for people."""
 
@@ -100,6 +102,7 @@ KINDS = {
             slowest=0.01,
             quick=0.5,
             still=0.01,
+            lever=0.25,
             summary="the first joint up to 0.5 rad and back",
         ),
         Motions(

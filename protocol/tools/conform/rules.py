@@ -505,29 +505,43 @@ async def _stop_later(t: Trial) -> None:
 
 def _silence(t: Trial) -> float:
     """[s] of our time for which the controller bears silence."""
-    return (t.mode.silence_ms if t.mode is not None else 2000) / 1000 / t.pace
+    return _silence_ms(t) / 1000 / t.pace
+
+
+def _silence_ms(t: Trial) -> int:
+    return t.mode.silence_ms if t.mode is not None else 2000
 
 
 @_rule("silence", MUST, "holds when who commanded a goal is silent for silence_ms, whoever else speaks")
 async def _silent(t: Trial) -> None:
-    goal, began = await t.begin(), t.now()
-    while (status := await _state_of(t, goal)) == GoalState.ACTIVE and t.now() - began < _silence(t) + 2.0:
-        t.line.say(BEAT, SECOND)
-        await asyncio.sleep(0.1)
-    require(
-        status == GoalState.CANCELLED,
-        f"{t.now() - began:.1f} s after the last message the goal is {status.name}",
-    )
-    took = t.now() - began
+    goal = await t.begin()
+    took = await _abandoned(t, goal, lambda: t.line.say(BEAT, SECOND))
     require(
         took > 0.7 * _silence(t), f"it has ended after {took:.1f} s, and silence_ms says {_silence(t):g} s"
     )
-    expect_status(await t.ask(_question(goal)), GoalState.CANCELLED, reason=Reason.LINK_SILENT)
     await t.line.until(lambda: t.mode is not None and t.mode.mode == ModeKind.HOLD, 1.0, "MODE HOLD")
     await t.stands()
 
 
-async def _state_of(t: Trial, goal: Goal) -> GoalState:
+async def _abandoned(t: Trial, goal: Goal, speak: Callable[[], None]) -> float:
+    """Speak as somebody who does not keep the goal alive; check that it ends by silence.
+
+    Returns:
+        How long that took, [s] of our time.
+    """
+    began, limit = t.now(), t.controller_time + _silence_ms(t) / 1000 + 2.0
+    latest = began + 5 * (_silence_ms(t) / 1000 + 2.0)  # where its time stands still
+    while _state_of(t, goal) == GoalState.ACTIVE and t.controller_time < limit and t.now() < latest:
+        speak()
+        await asyncio.sleep(0.1)
+    took = t.now() - began
+    state = _state_of(t, goal)
+    require(state.final, f"{took:.1f} s after the last message that counts the goal is {state.name}")
+    expect_status(await t.ask(_question(goal)), GoalState.CANCELLED, reason=Reason.LINK_SILENT)
+    return took
+
+
+def _state_of(t: Trial, goal: Goal) -> GoalState:
     """Its state as it was told last, without a word of ours."""
     found = GoalState.ACTIVE
     for each in t.line.received:
@@ -597,11 +611,7 @@ async def _link_other(t: Trial) -> None:
 )
 async def _link_namesake(t: Trial) -> None:
     async with t.second_line() as line:
-        goal, began = await t.begin(), t.now()
-        while await _state_of(t, goal) == GoalState.ACTIVE and t.now() - began < _silence(t) + 2.0:
-            line.say(BEAT)
-            await asyncio.sleep(0.1)
-        expect_status(await t.ask(_question(goal)), GoalState.CANCELLED, reason=Reason.LINK_SILENT)
+        await _abandoned(t, await t.begin(), lambda: line.say(BEAT))
 
 
 # -- lives
@@ -751,11 +761,7 @@ async def _claim_heard(t: Trial) -> None:
         await t.request(5, epoch=epoch)
         await asyncio.sleep(_silence(t) / 8)
     expect_status(await t.ask(_question(goal)), GoalState.ACTIVE)
-    began = t.now()
-    while await _state_of(t, goal) == GoalState.ACTIVE and t.now() - began < _silence(t) + 2.0:
-        t.line.say(BEAT)
-        await asyncio.sleep(0.1)
-    expect_status(await t.ask(_question(goal)), GoalState.CANCELLED, reason=Reason.LINK_SILENT)
+    await _abandoned(t, goal, lambda: t.line.say(BEAT))
 
 
 @_rule("claim-malformed", MUST, "refuses a claim of holder 0, or with an unknown wish, as BAD_ARGUMENT")

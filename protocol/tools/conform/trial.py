@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+from collections import deque
 from dataclasses import dataclass
 from itertools import count
 from typing import TYPE_CHECKING, TypeVar
@@ -51,6 +52,8 @@ SECOND: Sender = (255, 91)
 WITHIN = 2.0
 """[s] in which a controller answers; in fact it is milliseconds, but a machine may be busy."""
 BEAT = Heartbeat(MavType.ONBOARD_CONTROLLER, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)
+TIMES = 10
+"""MODEs from which the controller's pace is known: those of five seconds, or fewer where it changes."""
 NO_ARGS = (math.nan,) * 7
 
 
@@ -203,8 +206,8 @@ class Trial:
         self.several: bool | None = None
         """Whether it serves several clients; None: not known yet."""
         self._motions = motions
-        self._first = self._last = (0.0, 0)
-        """When the first and the last MODE came [s], and the controller's time in it [ms]."""
+        self._times = deque[tuple[float, float]](maxlen=TIMES)
+        """When the latest MODEs came, and the controller's time in each, [s]."""
         self._home: Place | None = None
         self._place: Place | None = None
         self._places = 0
@@ -226,9 +229,7 @@ class Trial:
             self.epoch = max(self.epoch, message.epoch)
         if isinstance(message, Mode):
             self.mode, self.life = message, message.life
-            if not self._first[1]:
-                self._first = spoken.at, message.time_boot_ms
-            self._last = spoken.at, message.time_boot_ms
+            self._times.append((spoken.at, message.time_boot_ms / 1000))
         elif isinstance(message, ClaimStatus):
             self.claim = message
         elif self._motions is not None and isinstance(message, self._motions.telemetry):
@@ -237,9 +238,16 @@ class Trial:
     @property
     def pace(self) -> float:
         """Seconds of the controller in one of ours: the rules use its time, and a simulation may be slow."""
-        (here, there), (here_now, there_now) = self._first, self._last
-        passed = (there_now - there) / 1000
+        if len(self._times) < 2:
+            return 1.0
+        (here, there), (here_now, there_now) = self._times[0], self._times[-1]
+        passed = there_now - there
         return min(max(passed / (here_now - here), 0.2), 1.0) if passed > 0 and here_now > here else 1.0
+
+    @property
+    def controller_time(self) -> float:
+        """Of the latest MODE, [s]."""
+        return self._times[-1][1] if self._times else 0.0
 
     # -- links
 
@@ -334,7 +342,8 @@ class Trial:
         there = tuple(a + b for a, b in zip(home, motions.offset, strict=True))
         end = max((home, there), key=lambda each: math.dist(each, here))
         silence = 2.0 if self.mode is None else self.mode.silence_ms / 1000
-        slow = max(min(motions.slow, math.dist(here, end) / (silence + 3.0)), motions.slowest)
+        way = math.dist(here, end) * motions.lever
+        slow = max(min(motions.slow, way / (2 * silence + 3.0)), motions.slowest)
         return motions.goal(here, end, motions.quick if quick else slow)
 
     # -- asking
