@@ -13,6 +13,9 @@ INTEROP := .venv-interop
 INTEROP_LOCK := requirements-interop.lock
 COMPARISON := .venv-comparison
 COMPARISON_LOCK := requirements-comparison.lock
+JAVASCRIPT := examples/controller_js
+# What the example in JavaScript needs, where there is npm; else its tests are skipped.
+NODE_READY := $(if $(shell command -v npm),$(JAVASCRIPT)/node_modules/.ready)
 SUBPACKAGES := files kinds protocol sim vr proxy testing tui
 
 .DEFAULT_GOAL := help
@@ -41,7 +44,7 @@ demo: $(STAMP)  ## the whole system in one terminal: cell, proxy, two lookups, h
 
 # One worker more than cores: nearly half of the time the tests wait for something. Tests that measure speed come
 # after the others, one at a time: a worker beside them on the same core makes their processor time longer, too.
-test: $(STAMP)  ## the test suite (5 to 7 minutes on 2 cores); PYTHON=python3.13 chooses another interpreter
+test: $(STAMP) $(NODE_READY)  ## the test suite (5 to 7 minutes on 2 cores); PYTHON=python3.13 chooses another interpreter
 	$(BIN)/python -m pytest -n $(WORKERS)
 	$(BIN)/python -m pytest -m "speed and not soak"
 
@@ -60,7 +63,7 @@ interpreters:  ## the test suite on every interpreter that the project supports 
 	done; \
 	printf "$$said\n"; exit $$code
 
-soak: $(STAMP)  ## the slow tests, and the campaign of kills, freezes, splits and stops; SEED=2 QUICK=--quick
+soak: $(STAMP) $(NODE_READY)  ## the slow tests, and the campaign of kills, freezes, splits and stops; SEED=2 QUICK=--quick
 	$(BIN)/python -m pytest -m soak
 	$(BIN)/python -m pytest --hypothesis-profile search tests/machines
 	$(BIN)/python -m tests.soak --seed $(SEED) $(QUICK)
@@ -71,6 +74,9 @@ interop: $(STAMP) $(INTEROP)/.ready  ## drive the simulated arm with the real MA
 comparison: $(STAMP) $(COMPARISON)/.ready  ## play docs/comparison.md: the same page here, with py_trees and with bluesky
 	$(BIN)/python -m pytest -m comparison tests/comparison
 	$(BIN)/python -m tests.comparison.table
+
+$(JAVASCRIPT)/node_modules/.ready: $(JAVASCRIPT)/package-lock.json
+	@$(MAKE) --no-print-directory -C $(JAVASCRIPT) node_modules/.ready
 
 # Tools of other people, apart from ours: what they need must not decide what we get.
 $(INTEROP)/.ready: $(INTEROP_LOCK)
@@ -109,4 +115,4 @@ $(BIN)/uv:
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r $(VENV)/uv.lock
 
 clean:  ## remove what setup and the tests made
-	rm -rf .venv .venv-3.* $(INTEROP) $(COMPARISON) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-3.* $(INTEROP) $(COMPARISON) $(JAVASCRIPT)/node_modules build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

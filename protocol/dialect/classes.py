@@ -149,7 +149,7 @@ def source(parsed: list[MAVXML]) -> str:
         KeyError: the dialect lacks a message, an enumeration or an entry that is listed here.
     """
     messages = {each.name: each for file in parsed for each in file.message}
-    enums = _merged(parsed)
+    enums = entries_by_enum(parsed)
     chosen = [messages[name] for name in MESSAGES] + [m for n, m in messages.items() if n.startswith(OURS)]
     typed = [*ENUMS, *(name for name in enums if name.startswith(OURS))]
     chosen.sort(key=lambda each: each.id)
@@ -167,7 +167,7 @@ def _import_order(name: str) -> tuple[int, str]:
     return 0 if name.isupper() else 1 if name[0].isupper() else 2, name
 
 
-def _merged(parsed: list[MAVXML]) -> dict[str, tuple[MAVEnum, list[MAVEnumEntry]]]:
+def entries_by_enum(parsed: list[MAVXML]) -> dict[str, tuple[MAVEnum, list[MAVEnumEntry]]]:
     """Each enumeration with the entries that all files give it, by value."""
     found: dict[str, tuple[MAVEnum, list[MAVEnumEntry]]] = {}
     for enum in (each for file in parsed for each in file.enum):

@@ -142,6 +142,17 @@ def parse(xml: Path = DIALECT) -> list[MAVXML]:
     return every
 
 
+def checked(xml: Path = DIALECT) -> list[MAVXML]:
+    """Read a dialect with everything it includes, for a generator.
+
+    Raises:
+        DialectError: the XML is wrong, or a message is too long for the wire.
+    """
+    parsed = parse(xml)
+    table_of(parsed, xml)
+    return parsed
+
+
 def build(xml: Path = DIALECT) -> list[Definition]:
     """The table of a dialect, by id.
 
@@ -204,8 +215,7 @@ def generate(output: Path, *, xml: Path = DIALECT, language: str = "Python3") ->
     """
     from pymavlink.generator import mavgen
 
-    parsed = parse(xml)
-    table_of(parsed, xml)
+    parsed = checked(xml)
     said, failure, done = io.StringIO(), "", False
     with workspace(xml) as copy, contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
         options = mavgen.Opts(

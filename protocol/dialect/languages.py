@@ -1,7 +1,7 @@
 """The dialect in other languages, by pymavlink's generator, with the base headers it needs.
 
-The generator knows more languages than are offered: its Ada fails, its JavaScript needs other packages, its
-TypeScript has wrong types, and its Lua leaves the file open.
+The generator knows more languages than are offered: its Ada fails, its TypeScript has wrong types, and its
+Lua leaves the file open. JavaScript is written by us, for the package node-mavlink.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import msgspec
 
 from robotree.files import overwrite
 from robotree.protocol.dialect import compile as compiler
+from robotree.protocol.dialect import javascript
 from robotree.protocol.dialect.errors import NoFile, TargetTaken, UnknownLanguage, writing
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ class Language(msgspec.Struct, frozen=True):
     """One language that the dialect can be had in."""
 
     generator: str
-    """Its name in pymavlink."""
+    """Its name in pymavlink; empty: the generator is ours."""
     suffix: str = ""
     """Of the one file that is made; empty: it is a folder."""
 
@@ -34,6 +35,7 @@ LANGUAGES = {
     "c++": Language("C++11"),
     "csharp": Language("CS"),
     "java": Language("Java"),
+    "javascript": Language("", ".js"),
     "objc": Language("ObjC"),
     "python": Language("Python3", ".py"),
     "swift": Language("Swift"),
@@ -81,7 +83,10 @@ def write(name: str, target: Path, dialect: Path = compiler.DIALECT, *, base: st
             return _write_xml(target, xml)
         with tempfile.TemporaryDirectory(prefix="robotree-dialect-") as folder:
             made = Path(folder) / f"out{suffix}"
-            compiler.generate(made, xml=xml, language=LANGUAGES[name].generator)
+            if generator := LANGUAGES[name].generator:
+                compiler.generate(made, xml=xml, language=generator)
+            else:
+                made.write_text(javascript.source(compiler.checked(xml)), encoding="utf-8")
             return _place(made, target)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import random
+import shutil
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack
 from pathlib import Path
@@ -20,6 +21,8 @@ from robotree.vr.bundle import Bundle
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.world.network import MemoryNetwork
 from robotree.vr.world.testing import until
+from tests.examples import node
+from tests.examples.controllers import COMPILER, compiled, generated
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 HURRY = 6.0
@@ -81,3 +84,23 @@ async def workshop() -> AsyncIterator[Workshop]:
 @pytest.fixture
 def examples() -> Path:
     return EXAMPLES
+
+
+@pytest.fixture(scope="session")
+def controller_c(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The program of the controller in C."""
+    if COMPILER is None or shutil.which("make") is None:
+        pytest.skip("there is no C compiler or no make here")
+    return compiled(tmp_path_factory.mktemp("controller_c"))
+
+
+@pytest.fixture(scope="session")
+def controller_py(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """How the controller in Python is started."""
+    return generated(tmp_path_factory.mktemp("controller_py"))
+
+
+@pytest.fixture(scope="session")
+def controller_js(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """How the controller in JavaScript is started."""
+    return node.made(tmp_path_factory.mktemp("controller_js"))

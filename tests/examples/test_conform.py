@@ -3,11 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import shutil
-import subprocess
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -17,7 +12,7 @@ from robotree.protocol.messages import Claim, ClaimWish
 from robotree.protocol.tools.conform import KINDS, RULES, Level, Outcome, Result, examine
 from robotree.protocol.tools.conform.examine import NotExaminable
 from robotree.sim.serving.server import serving
-from tests.command_line import ROBOTREE
+from tests.examples.controllers import started
 from tests.station import Station
 
 ROOT = Path(__file__).parents[2]
@@ -59,28 +54,23 @@ async def test_each_simulated_kind_keeps_all_rules(kind: str) -> None:
     assert {each.rule.id: each.detail for each in results if each.outcome is not Outcome.KEPT} == {}
 
 
-async def test_the_controller_in_python_keeps_all_that_it_must(tmp_path: Path) -> None:
-    shutil.copy(ROOT / "examples" / "controller_py" / "controller.py", tmp_path)
-    words = [*ROBOTREE, "wire", "dialect", "--lang", "python", "rover_wire.py"]
-    await asyncio.to_thread(subprocess.run, words, cwd=tmp_path, check=True, capture_output=True)
-    with started([sys.executable, "controller.py", "0"], tmp_path) as url:
-        results = await tried(url)
+async def test_the_controller_in_python_keeps_all_that_it_must(controller_py: list[str]) -> None:
+    with started([*controller_py, "0"]) as running:
+        results = await tried(running.url)
     assert broken(results) == {}
     assert set(broken(results, Level.SHOULD)) == {"life", "several-clients", "sentence"}
 
 
-@contextmanager
-def started(words: list[str], folder: Path) -> Iterator[str]:
-    """A controller that says where it is ready, inside the block."""
-    with subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        word, address = process.stdout.readline().split()
-        assert word == "ready"
-        try:
-            yield address
-            assert process.poll() is None, "it has ended by itself"
-        finally:
-            process.kill()
+async def test_the_controller_in_c_keeps_all_rules(controller_c: Path) -> None:
+    with started([controller_c, "0"]) as running:
+        results = await tried(running.url)
+    assert {each.rule.id: each.detail for each in results if each.outcome is not Outcome.KEPT} == {}
+
+
+async def test_the_controller_in_javascript_keeps_all_rules(controller_js: list[str]) -> None:
+    with started([*controller_js, "0"]) as running:
+        results = await tried(running.url)
+    assert {each.rule.id: each.detail for each in results if each.outcome is not Outcome.KEPT} == {}
 
 
 async def test_a_controller_that_somebody_commands_is_left_alone() -> None:

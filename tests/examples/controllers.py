@@ -1,0 +1,78 @@
+"""The controllers of the examples, made as their READMEs say, and started as processes of their own."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+from tests.command_line import ROBOTREE
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+COMPILER = shutil.which(os.environ.get("CC", "cc"))
+SANITIZERS = "-g -O1 -fsanitize=address,undefined -fno-sanitize-recover=all"
+
+
+class Running(NamedTuple):
+    """A controller that has said that it is ready."""
+
+    url: str
+    process: subprocess.Popen[str]
+    errors: Path
+
+    def complaints(self) -> str:
+        """What it has written to its standard error."""
+        return self.errors.read_text()
+
+
+def compiled(folder: Path) -> Path:
+    """Make the controller in C in a clean folder, with sanitizers where the compiler has them."""
+    for source in (EXAMPLES / "controller_c").iterdir():
+        if source.is_file():
+            shutil.copy(source, folder)
+    probe: list[str | Path] = [str(COMPILER), *SANITIZERS.split(), "-x", "c", "-", "-o", folder / "probe"]
+    able = subprocess.run(probe, input=b"int main(void) { return 0; }", capture_output=True, check=False)
+    able_to_run = able.returncode == 0 and subprocess.run([folder / "probe"], check=False).returncode == 0
+    robotree = f"ROBOTREE={sys.executable} -m robotree.tui"
+    words: list[str | Path] = ["make", "-C", folder, robotree, f"CC={COMPILER}"]
+    words += [f"CFLAGS={SANITIZERS}"] if able_to_run else []
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder / "build" / "controller"
+
+
+def generated(folder: Path) -> list[str]:
+    """Put the controller in Python and its messages into a clean folder; returns how it is started."""
+    for source in (EXAMPLES / "controller_py").glob("*.py"):
+        shutil.copy(source, folder)
+    words = [*ROBOTREE, "wire", "dialect", "--lang", "python", "rover_wire.py"]
+    subprocess.run(words, cwd=folder, check=True, capture_output=True)
+    return [sys.executable, str(folder / "controller.py")]
+
+
+@contextmanager
+def started(words: Sequence[str | Path], env: Mapping[str, str] | None = None) -> Generator[Running]:
+    """A controller that is ready, inside the block. It must not end by itself, only be killed."""
+    errors = tempfile.NamedTemporaryFile("w+", prefix="controller-", delete=False)  # noqa: SIM115
+    with (
+        errors,
+        subprocess.Popen(
+            words, stdout=subprocess.PIPE, stderr=errors, text=True, env={**os.environ, **(env or {})}
+        ) as process,
+    ):
+        assert process.stdout is not None
+        try:
+            word, _, address = process.stdout.readline().strip().partition(" ")
+            assert word == "ready", Path(errors.name).read_text()
+            yield Running(address, process, Path(errors.name))
+            assert process.poll() in {None, -9}, f"it has ended by itself: {Path(errors.name).read_text()}"
+        finally:
+            process.kill()
+            process.wait()
+            Path(errors.name).unlink()
