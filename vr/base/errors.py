@@ -527,6 +527,15 @@ class RealmUnusable(TransportError):
     sentence = "realm {realm!r} cannot be entered: {reason}"
 
 
+class TooManyKeys(TransportError):
+    """The other processes take no more keys of this one, or no key as long as this."""
+
+    sentence = (
+        "{key} cannot be announced: a process may announce {most} keys, of at most {longest} bytes each; "
+        "start another host for more robots"
+    )
+
+
 class NetworkUnusable(TransportError):
     """The network between machines cannot be used."""
 

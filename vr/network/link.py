@@ -1,8 +1,9 @@
 """One connection between two processes of a machine, and what goes over it.
 
 A frame is four bytes of length, little-endian, and as many bytes of MessagePack: an array whose first item
-says which of the classes below it is. A process that says anything else is not one of ours, or of another
-version: its connection is closed. Sending never blocks, in any thread.
+says which of the classes below it is. The first frame in each direction is a `Hello`. A process that says
+anything else is not one of ours, or of another version: its connection is closed. Sending never blocks, in
+any thread.
 """
 
 from __future__ import annotations
@@ -13,14 +14,26 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 from enum import IntEnum
+from typing import Annotated, ClassVar, NamedTuple
 
 import msgspec
+
+from robotree.vr.network.refusals import RefusalKind
 
 VERSION = 2
 """Of these frames. Two processes whose versions differ do not talk; `robotree doctor` names them."""
 
 LONGEST_FRAME = 64 << 20
 """[bytes] A longer one is nonsense: pictures have 10 kB, the source of a virtual robot less."""
+
+MOST_KEYS = 1 << 15
+"""Keys that one process may announce. A robot needs two; a host has some thousand robots."""
+
+LONGEST_KEY = 255
+"""[bytes] of a key or a pattern that is announced."""
+
+LONGEST_HELLO = MOST_KEYS * (LONGEST_KEY + 3) + 1024
+"""[bytes] of the first frame on a connection, with all keys that its process may announce."""
 
 PIECE = 1 << 16
 """[bytes] read in one go."""
@@ -54,6 +67,10 @@ class Topic(IntEnum):
     """It wants the samples published under a pattern."""
 
 
+Key = Annotated[str, msgspec.Meta(max_length=LONGEST_KEY)]
+Known = dict[Topic, Annotated[list[Key], msgspec.Meta(max_length=MOST_KEYS)]]
+
+
 class Hello(msgspec.Struct, frozen=True, array_like=True, tag=0):
     """The first frame on each connection, in both directions."""
 
@@ -61,7 +78,7 @@ class Hello(msgspec.Struct, frozen=True, array_like=True, tag=0):
     member: str
     """Who speaks: the name of its socket in the realm's folder."""
     channel: Channel
-    known: dict[Topic, list[str]]
+    known: Annotated[Known, msgspec.Meta(max_length=len(Topic))]
     """All that it lets others know; empty on the bulk channel."""
 
 
@@ -69,7 +86,7 @@ class News(msgspec.Struct, frozen=True, array_like=True, tag=1):
     """One change of what a process lets others know."""
 
     topic: Topic
-    key: str
+    key: Key
     there: bool
 
 
@@ -115,7 +132,21 @@ _decoder: msgspec.msgpack.Decoder[LinkFrame] = msgspec.msgpack.Decoder(LinkFrame
 
 
 class NotAFrame(ValueError):
-    """What came is no frame."""
+    """What came is no frame, or none that may come now."""
+
+    kind: ClassVar[RefusalKind] = "nonsense"
+
+
+class Impostor(NotAFrame):
+    """A process says that it is another one."""
+
+    kind: ClassVar[RefusalKind] = "identity"
+
+
+class Greedy(NotAFrame):
+    """A process announces more than is taken of one."""
+
+    kind: ClassVar[RefusalKind] = "keys"
 
 
 def pack(frame: LinkFrame) -> bytes:
@@ -127,9 +158,19 @@ def pack(frame: LinkFrame) -> bytes:
 class Unpacker:
     """Cuts a stream into frames."""
 
-    def __init__(self) -> None:
-        """Begin at the start of a stream."""
+    def __init__(self, longest: int = LONGEST_FRAME) -> None:
+        """Begin at the start of a stream.
+
+        Args:
+            longest: [bytes] of a frame; a longer one is none.
+        """
+        self.longest = longest
         self._rest = bytearray()
+
+    @property
+    def size(self) -> int:
+        """Return how much of a frame that is not complete has come [bytes]."""
+        return len(self._rest)
 
     def feed(self, data: bytes) -> Iterator[LinkFrame]:
         """Take the next piece of the stream; read the iterator to its end.
@@ -150,8 +191,8 @@ class Unpacker:
         try:
             while len(self._rest) - begin >= _LENGTH:
                 length = int.from_bytes(self._rest[begin : begin + _LENGTH], "little")
-                if length > LONGEST_FRAME:
-                    raise NotAFrame(f"a frame of {length} bytes")
+                if length > self.longest:
+                    raise NotAFrame(f"a frame of {length} bytes; the longest has {self.longest}")
                 end = begin + _LENGTH + length
                 if len(self._rest) < end:
                     return
@@ -167,6 +208,13 @@ def _read(body: bytes | memoryview) -> LinkFrame:
         return _decoder.decode(body)
     except msgspec.MsgspecError as error:
         raise NotAFrame(str(error)) from None
+
+
+class Credentials(NamedTuple):
+    """The process at the far end of a connection, as the kernel names it (SO_PEERCRED, unix(7))."""
+
+    process: int
+    user: int
 
 
 class Overflow(Exception):
@@ -199,26 +247,33 @@ class PeerLink:
         self.socket, self.channel, self.member = sock, channel, member
         self.dialed = bool(member)
         """Whether this side dialed."""
+        self.introduced = False
+        """Whether the far end has said hello."""
         self.refused = False
         """Whether the far end will close it for another one, so that its messages here do not count."""
         self.closed = False
         self.full = False
         """Whether the last piece was a whole one, so that more may have come."""
         self._wants_to_write = wants_to_write
-        self._unpacker = Unpacker()
+        self._unpacker = Unpacker(LONGEST_HELLO)
         self._lock = threading.Lock()
         self._frames: deque[bytes | memoryview] = deque()
         self._frames_size = 0
         self._samples: deque[tuple[str, bytes]] = deque()
         self._samples_size = 0
 
+        packed = sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+        self.far_end = Credentials(*_CREDENTIALS.unpack(packed)[:2])
+
     @property
-    def user(self) -> int:
-        """User id of the process at the far end, from the kernel (SO_PEERCRED, unix(7))."""
-        size = _CREDENTIALS.size
-        packed = self.socket.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size)
-        _, user, _ = _CREDENTIALS.unpack(packed)
-        return int(user)
+    def incomplete(self) -> int:
+        """Return how much of a frame that is not complete has come [bytes]."""
+        return self._unpacker.size
+
+    def introduce(self) -> None:
+        """The far end has said hello; longer frames may come now."""
+        self.introduced = True
+        self._unpacker.longest = LONGEST_FRAME
 
     def send(self, packed: bytes) -> None:
         """Send a frame, now or when there is room; on a closed link it is lost.

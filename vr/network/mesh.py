@@ -28,20 +28,26 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
+from functools import partial
 from typing import Any, Final
 
 from robotree.files import forks
-from robotree.vr.base.errors import RealmUnusable
+from robotree.vr.base.errors import RealmUnusable, TooManyKeys
 from robotree.vr.base.pattern import Handlers, matches
 from robotree.vr.base.presence import Held, Presence
 from robotree.vr.base.transport import End, Occupied, OnReply, Respond
+from robotree.vr.network.door import Door
 from robotree.vr.network.link import (
+    LONGEST_KEY,
+    MOST_KEYS,
     VERSION,
     AskFrame,
     Awake,
     Channel,
     EndFrame,
+    Greedy,
     Hello,
+    Impostor,
     LinkFrame,
     News,
     NotAFrame,
@@ -54,7 +60,8 @@ from robotree.vr.network.link import (
 )
 from robotree.vr.network.living import alive, asleep, remedy
 from robotree.vr.network.readers import ENDED, Readers, Sockets, What
-from robotree.vr.network.realms import process_of
+from robotree.vr.network.realms import TAG, process_of
+from robotree.vr.network.refusals import Refusals
 from robotree.vr.network.rendezvous import Beat, Rendezvous
 
 TICK: Final = 0.25
@@ -78,6 +85,9 @@ HANGS: Final = 2.0
 GREETING: Final = 0.3
 """[s] that a new process waits at most for the greeting of processes that hang."""
 
+PATIENCE: Final = 0.1
+"""[s] that a new process waits for each place in the line of those that want to connect to another one."""
+
 LOST: Final = 4
 """Ticks in a row in which a process is found by nobody, after which it knows that nobody can reach it."""
 
@@ -89,6 +99,12 @@ REMEMBERED: Final = 4096
 
 REPLACE: Final = "process {} runs another version of robotree; start it again with this one"
 """What a person can do about a process that is not understood."""
+
+MOST_MEMBERS: Final = 64
+"""Members of a realm that one process may be."""
+
+GREEDY: Final = "process {} announces too many keys; end it, and start its robots in several hosts"
+"""What a person can do about a process that announces more than `MOST_KEYS`."""
 
 LOST_FILES: Final = "its files in the realm's folder are gone, so that nobody who comes now can reach it"
 """Why it is not known which robots a running process holds."""
@@ -119,7 +135,7 @@ class _Peer:
         self.tag = tag
         self.links: dict[Channel, PeerLink] = {}
         self.refused: list[PeerLink] = []
-        """Connections that it has dialed and is going to close: see `_settle_who_dialed`."""
+        """Connections that it has dialed and is going to close, one a channel: see `_settle_who_dialed`."""
         self.greeted: set[Channel] = set()
         """The channels on which its greeting has come."""
         self.known: dict[Topic, set[str]] = {topic: set() for topic in Topic}
@@ -163,13 +179,18 @@ class Mesh:
         """Who serves a key, of the others."""
         self._listeners: dict[str, list[_Peer]] = {}
         """Who wants the samples of a key, of the others, as far as somebody asked."""
-        self._strangers: set[str] = set()
-        """Processes in the folder whose frames are not understood."""
+        self._strangers: dict[str, str] = {}
+        """Processes in the folder that are refused, and what a person can do about each."""
+        self._announced = Counter[int]()
+        """How many keys each other process announces."""
+        self._undialed: dict[str, float] = {}
+        """Processes in the folder to which no connection could be made yet, and since when [s]."""
+        self._refusals = Refusals(_log)
         self._numbers = itertools.count(1)
         self._to_settle: list[Callable[[], None]] = []
         self._settling = False
         self._sockets = Sockets()
-        self._door: socket.socket | None = None
+        self._door: Door | None = None
         with forks.opening:
             self._nudge, self._nudged = socket.socketpair()
             forks.owns(self)
@@ -234,7 +255,7 @@ class Mesh:
         latest = time.monotonic() + HANGS
         while not self._complete.wait(patience) and patience and time.monotonic() < latest:
             with self._lock:
-                unmet = [tag for tag, peer in self._peers.items() if not peer.met]
+                unmet = [*self._undialed, *(tag for tag, peer in self._peers.items() if not peer.met)]
             if not any(self._beats(tag) for tag in unmet):
                 return
 
@@ -259,7 +280,7 @@ class Mesh:
         self._ticked = time.monotonic()
         self._readers.due = self._ticked + TICK
         self._register()
-        self._dial_all()
+        self._dial_all(PATIENCE)
 
     def in_child(self) -> Iterable[int]:
         """See `forks.Owner`: a child is nobody here, and leaves what is its parent's."""
@@ -290,10 +311,12 @@ class Mesh:
 
         Raises:
             ValueError: this process serves it already.
+            TooManyKeys: it announces as many keys as others take.
         """
         with self._lock:
             if key in self._servers:
                 raise ValueError(f"{key} is served already")
+            self._check_room(Topic.SERVES, key)
             self._servers[key] = answer
             self._announce_change(Topic.SERVES, key, there=True)
 
@@ -308,7 +331,10 @@ class Mesh:
 
         Raises:
             Occupied: somebody is present under one of the patterns `unless`.
+            TooManyKeys: this process announces as many keys as others take.
         """
+        with self._lock:
+            self._check_room(Topic.HOLDS, key)
         self.place.hold(key)  # first: a process that cannot be seen must be known of
         with self._lock:
             others = [other for pattern in unless for other in self.presence.keys(pattern)]
@@ -358,8 +384,13 @@ class Mesh:
             on_reply(None)  # of this process
 
     def subscribe(self, pattern: str, on_sample: OnSample) -> int:
-        """Take the samples under a pattern; returns a number for `unsubscribe`."""
+        """Take the samples under a pattern; returns a number for `unsubscribe`.
+
+        Raises:
+            TooManyKeys: this process announces as many keys as others take.
+        """
         with self._lock:
+            self._check_room(Topic.SUBSCRIBES, pattern)
             number = next(self._numbers)
             self._subscribers.add(number, pattern, on_sample)
             self._announce_change(Topic.SUBSCRIBES, pattern, there=True)
@@ -391,6 +422,7 @@ class Mesh:
         with self._lock:
             doubts = {tag: self._certain(peer, now) for tag, peer in self._peers.items()}
             doubts |= dict.fromkeys(self._strangers, True)
+            doubts |= {tag: self._unmet_for(tag, since, now) for tag, since in self._undialed.items()}
             return [
                 (one, certain)
                 for tag, certain in sorted(doubts.items())
@@ -421,14 +453,17 @@ class Mesh:
 
         Who comes, wakes or ends shows it within `HANGS`. One that is stopped and shows no sign does not.
         """
-        process = process_of(peer.tag)
         if peer.awake:
             heard = peer.beat is None or now - max(peer.last_sign, peer.beat.read()) < RECENT
-            return None if heard else asleep(process)
+            return None if heard else asleep(process_of(peer.tag))
+        return self._unmet_for(peer.tag, now if peer.met else peer.since, now)
+
+    def _unmet_for(self, tag: str, since: float, now: float) -> bool | None:
+        """As `_certain`, of a process that is not present here; tried to meet it `since` [s]."""
+        process = process_of(tag)
         if not alive(process):
             return None  # it has just ended, and holds nothing any more
-        unmet = not peer.met and now - peer.since > HANGS
-        return unmet or now - self._sign_of(peer.tag) > HANGS or asleep(process)
+        return now - since > HANGS or now - self._sign_of(tag) > HANGS or asleep(process)
 
     def held(self, pattern: str) -> list[Held]:
         """Return what is held present by all processes that live, this one included; see `Presence.held`.
@@ -440,7 +475,7 @@ class Mesh:
         with self._lock:
             own = [key for key in self._known[Topic.HOLDS] if matches(pattern, key)]
             living = self.place.living()
-            unknown = living - self._peers.keys() - self._strangers
+            unknown = living - self._peers.keys() - self._strangers.keys()
             peers = {tag for tag, one in self._peers.items() if one.awake or alive(process_of(tag))}
             others = sorted(living | peers)  # of one that hung and has just ended nothing is left
             found = held_by(os.getpid(), own) + [one for tag in others for one in self._held_by(tag, pattern)]
@@ -460,7 +495,7 @@ class Mesh:
         keys = [key for key in (said or set()).union(written or ()) if matches(pattern, key)]
         if tag not in self._strangers:
             return held_by(process, keys)
-        advice = REPLACE.format(process)
+        advice = self._strangers[tag]
         return [Held(key, f"process {process}", advice, "which is not understood") for key in sorted(keys)]
 
     def ask(self, key: str, body: bytes, *, void_at: float = 0.0, urgent: bool, on_reply: OnReply) -> None:
@@ -546,29 +581,42 @@ class Mesh:
         if not self.place.listed:
             return
         with forks.opening:
-            door = self.place.register()
-            self._sockets.add(door, self._accept)
-        if self._door is not None:
-            self._sockets.remove(self._door)
-            self._door.close()
-        self._door = door
+            listening = self.place.register()
+            if self._door is not None:
+                self._door.close()
+            self._door = Door(
+                listening,
+                self._sockets,
+                wrap=partial(PeerLink, wants_to_write=self._later),
+                close=self._ended,
+                refusals=self._refusals,
+            )
 
-    def _dial_all(self) -> None:
-        """Dial those in the folder that this process does not know."""
+    def _dial_all(self, patience: float = 0.0) -> None:
+        """Dial those in the folder that this process does not know.
+
+        Args:
+            patience: [s] to wait for each of them in which too many others wait already.
+        """
         now = time.monotonic()
         others = self.place.others()
-        self._strangers.intersection_update(others)
+        with self._lock:
+            for tag in self._undialed.keys() - (set(others) - self._peers.keys()):
+                del self._undialed[tag]
+        for tag in self._strangers.keys() - set(others):
+            del self._strangers[tag]
         for tag in others:
             if tag in self._peers or tag in self._strangers:
                 continue
             with self._lock, forks.opening:
-                self._dial(tag, now)
+                self._dial(tag, now, patience)
 
-    def _dial(self, tag: str, now: float) -> None:
+    def _dial(self, tag: str, now: float, patience: float) -> None:
         """Connect to another process, if it can be. Under the lock."""
         lines: list[socket.socket] = []
         try:
-            lines.extend(self.place.dial(tag) for _ in Channel)
+            for _ in Channel:
+                lines.append(self.place.dial(tag, patience))  # noqa: PERF401 # the first one is to be closed
         except OSError as error:
             for line in lines:
                 line.close()
@@ -576,31 +624,29 @@ class Mesh:
                 raise RealmUnusable(realm=self.place.realm, reason=f"{error}") from None
             if isinstance(error, ConnectionRefusedError):
                 self.place.forget(tag)  # it listened before it could be seen, so it is dead
+                self._undialed.pop(tag, None)
+            else:
+                self._undialed.setdefault(tag, now)
             return
-        peer = self._peers[tag] = _Peer(tag, now)
-        for channel, line in zip(Channel, lines, strict=True):
-            self._add_link(peer, PeerLink(line, channel=channel, member=tag, wants_to_write=self._later))
-
-    def _accept(self) -> None:
-        while self._door is not None:
-            with forks.opening:
-                try:
-                    line, _ = self._door.accept()
-                except OSError:
-                    return
-                link = PeerLink(line, wants_to_write=self._later)
-                if link.user == os.geteuid():
-                    self._sockets.add(line, link)
-                    continue
-                _log.warning("a process of user %d tried to enter the realm; it was refused", link.user)
+        links = [
+            PeerLink(line, channel=channel, member=tag, wants_to_write=self._later)
+            for channel, line in zip(Channel, lines, strict=True)
+        ]
+        if any(link.far_end != (process_of(tag), os.geteuid()) for link in links):
+            for link in links:
                 link.close()
+            far = links[0].far_end
+            text = f"process {far.process} of user {far.user} listens as if it were process {process_of(tag)}"
+            self._refusals.note("identity", f"{text}; it is not connected to")
+            return
+        self._undialed.pop(tag, None)
+        peer = self._peers[tag] = _Peer(tag, now)
+        for link in links:
+            self._add_link(peer, link)
 
     def _add_link(self, peer: _Peer, link: PeerLink) -> None:
         """Send the greeting: which process this is, and all that it announces. Under the lock."""
         if link.channel is None:
-            return
-        if link.user != os.geteuid():  # somebody else's socket in our folder
-            link.close()
             return
         peer.links[link.channel] = link
         if link.dialed:
@@ -615,11 +661,9 @@ class Mesh:
             self._take_hello(link, hello)
 
     def _take_hello(self, link: PeerLink, hello: Hello) -> None:
-        if hello.version != VERSION:
-            link.member = hello.member
-            raise NotAFrame(f"version {hello.version} of the frames; this process has {VERSION}")
+        self._identify(link, hello)
         if not link.dialed:
-            link.member, link.channel = hello.member, hello.channel
+            link.channel = hello.channel
             if (peer := self._settle_who_dialed(link)) is None:
                 return
             self._add_link(peer, link)
@@ -628,8 +672,9 @@ class Mesh:
             return
         peer.greeted.add(hello.channel)
         if hello.channel is Channel.URGENT:
-            for topic in Topic:
-                said = set(hello.known.get(topic, ()))
+            known = {topic: set(hello.known.get(topic, ())) for topic in Topic}
+            self._check_greed(peer, sum(len(known[topic]) - len(peer.known[topic]) for topic in Topic))
+            for topic, said in known.items():
                 for key in peer.known[topic] - said:
                     self._learn(peer, News(topic, key, there=False))
                 for key in said:
@@ -637,6 +682,37 @@ class Mesh:
         if peer.met:
             self._show(peer)
         self._check_complete()
+
+    def _identify(self, link: PeerLink, hello: Hello) -> None:
+        """Check that a process is the one that it says it is, and speaks as this one does. Under the lock.
+
+        Raises:
+            NotAFrame: it is another one, or of another version, or says it a second time.
+        """
+        process = link.far_end.process
+        named = process_of(hello.member) if TAG.fullmatch(hello.member) else 0
+        if named != process or link.member not in {"", hello.member}:
+            raise Impostor(f"it says that it is {hello.member!r}")
+        if link.introduced:
+            raise NotAFrame("it says a second time who it is")
+        link.member = hello.member
+        if hello.version != VERSION:
+            raise NotAFrame(f"version {hello.version} of the frames; this process has {VERSION}")
+        members = {tag for tag in self._peers if process_of(tag) == process}
+        if len(members | {hello.member}) > MOST_MEMBERS:
+            raise NotAFrame(f"it is in the realm more than {MOST_MEMBERS} times")
+        link.introduce()
+        if self._door is not None:
+            self._door.introduced(link)
+
+    def _check_greed(self, peer: _Peer, more: int) -> None:
+        """Check that a process announces no more keys than are taken of one. Under the lock.
+
+        Raises:
+            Greedy: it would, with so many `more`.
+        """
+        if self._announced[process_of(peer.tag)] + more > MOST_KEYS:
+            raise Greedy(f"it announces more than {MOST_KEYS} keys")
 
     def _settle_who_dialed(self, link: PeerLink) -> _Peer | None:
         """Return the process that has dialed; None: this one has dialed it, too, and that counts.
@@ -649,6 +725,9 @@ class Mesh:
         if peer is not None and mine is not None:
             if mine.dialed and self.place.tag < link.member:
                 link.refused = True
+                for before in [one for one in peer.refused if one.channel is link.channel]:
+                    peer.refused.remove(before)
+                    self._close_link(before)
                 peer.refused.append(link)
                 return None
             if not mine.dialed:  # it has lost this connection, and comes again
@@ -659,11 +738,12 @@ class Mesh:
                 peer.greeted.discard(mine.channel)
         if peer is None:
             peer = self._peers[link.member] = _Peer(link.member, time.monotonic())
+            self._undialed.pop(link.member, None)
         return peer
 
     def _check_complete(self) -> None:
         with self._lock:
-            if all(peer.met for peer in self._peers.values()):
+            if not self._undialed and all(peer.met for peer in self._peers.values()):
                 self._complete.set()
 
     # -- who is there
@@ -710,6 +790,7 @@ class Mesh:
         self._peers.pop(peer.tag, None)
         for link in (*peer.links.values(), *peer.refused):
             self._close_link(link)
+        self._count_keys(peer, -sum(map(len, peer.known.values())))
         if peer.beat is not None:
             peer.beat.close()
             peer.beat = None
@@ -721,7 +802,10 @@ class Mesh:
         keys = peer.known[news.topic]
         if (news.key in keys) == news.there:
             return
+        if news.there:
+            self._check_greed(peer, 1)
         (keys.add if news.there else keys.discard)(news.key)
+        self._count_keys(peer, 1 if news.there else -1)
         if news.topic is Topic.SUBSCRIBES:
             self._listeners.clear()
         elif not peer.awake:
@@ -732,6 +816,20 @@ class Mesh:
             self._where[news.key] = peer
         elif self._where.get(news.key) is peer:
             del self._where[news.key]
+
+    def _count_keys(self, peer: _Peer, more: int) -> None:
+        """Count how many keys a process announces. Under the lock."""
+        process = process_of(peer.tag)
+        self._announced[process] += more
+        if not self._announced[process]:
+            del self._announced[process]
+
+    def _check_room(self, topic: Topic, key: str) -> None:
+        """Check that the others take one more key of this process. Under the lock."""
+        if len(key.encode()) > LONGEST_KEY or (
+            key not in self._known[topic] and sum(map(len, self._known.values())) >= MOST_KEYS
+        ):
+            raise TooManyKeys(key=key, most=MOST_KEYS, longest=LONGEST_KEY)
 
     def _announce_change(self, topic: Topic, key: str, *, there: bool) -> None:
         """Change what this process announces, and send the change to the others. Under the lock."""
@@ -751,26 +849,27 @@ class Mesh:
     def _serve_socket(self, what: What, events: int) -> bool:
         """Do what a socket is ready for; returns whether more may have come."""
         if not isinstance(what, PeerLink):
-            what()
-            return False
+            return what()
         if events & select.EPOLLOUT:
             self._flush(what)
         if not events & ~select.EPOLLOUT:
             return False
         return self._read(what, ended=bool(events & ENDED))
 
-    def _take_nudges(self) -> None:
+    def _take_nudges(self) -> bool:
         with contextlib.suppress(BlockingIOError):
             while self._nudged.recv(4096):
                 pass
         while self._to_flush:
             self._flush(self._to_flush.popleft())
+        return False
 
-    def _take_time(self) -> None:
+    def _take_time(self) -> bool:
         try:
             self._tick(time.monotonic())
         except (OSError, RealmUnusable) as error:
             _log.warning("realm %s: %s", self.place.realm, error)
+        return False
 
     def _read(self, link: PeerLink, *, ended: bool) -> bool:
         """Read once; returns whether more may have come: of a far end that has `ended`, at least its end."""
@@ -786,11 +885,20 @@ class Mesh:
         except EOFError:
             self._ended(link)
         except NotAFrame as error:
-            _log.warning("process %s is not understood: %s", link.member or "?", error)
-            if link.member:
-                self._strangers.add(link.member)
-            self._ended(link)
+            self._refuse(link, error)
+        else:
+            if not link.introduced and self._door is not None:
+                self._door.came(link)
         return not link.closed and (link.full or ended)
+
+    def _refuse(self, link: PeerLink, why: NotAFrame) -> None:
+        """Disconnect from a process that is not understood, or not believed, or announces too much."""
+        process = link.far_end.process
+        self._refusals.note(why.kind, f"process {process} is refused: {why}")
+        if link.member:
+            advice = GREEDY if isinstance(why, Greedy) else REPLACE
+            self._strangers[link.member] = advice.format(process)
+        self._ended(link)
 
     def _ended(self, link: PeerLink) -> None:
         """The far end has closed. Its earlier messages on the other channel still count."""
@@ -810,7 +918,7 @@ class Mesh:
                 self._lose(peer)
 
     def _take(self, link: PeerLink, frame: LinkFrame) -> None:
-        if not (link.member or isinstance(frame, Hello)):
+        if not (link.introduced or isinstance(frame, Hello)):
             raise NotAFrame("it did not say who it is")
         if link.refused:  # it says all of it again on the connection that stays
             return
@@ -872,7 +980,10 @@ class Mesh:
         try:
             link.send(packed)
         except Overflow:
-            _log.warning("process %s does not read what is sent to it; it is disconnected", link.member)
+            process = link.far_end.process
+            self._refusals.note(
+                "deaf", f"process {process} does not read what is sent to it; it is disconnected"
+            )
             with contextlib.suppress(OSError):
                 link.socket.shutdown(socket.SHUT_RDWR)
 
@@ -898,6 +1009,9 @@ class Mesh:
             except RealmUnusable as error:
                 trouble = str(error)
         self._dial_all()
+        if self._door is not None:
+            self._door.tick()
+        self._refusals.write()
         self._judge_itself(trouble)
 
     def _judge_itself(self, trouble: str) -> None:
@@ -956,6 +1070,8 @@ class Mesh:
         if not link.closed:
             self._sockets.remove(link.socket)
             link.close()
+            if self._door is not None:
+                self._door.closed(link)
 
     def _release(self) -> None:
         """Send what waits, as far as it can be, and close all that is open."""
@@ -972,9 +1088,10 @@ class Mesh:
             self._peers.clear()
         for link in links:
             link.close()
-        for end in (self._door, self._nudge, self._nudged):
-            if end is not None:
-                end.close()
+        if self._door is not None:
+            self._door.close()
+        for end in (self._nudge, self._nudged):
+            end.close()
         self._sockets.close()
         self._ended_all.set_result(None)
 

@@ -35,8 +35,9 @@ ENDED: Final = select.EPOLLRDHUP | select.EPOLLHUP | select.EPOLLERR
 _COMES: Final = select.EPOLLIN | select.EPOLLRDHUP | select.EPOLLET
 _BULK: Final = Channel.BULK
 
-What = PeerLink | Callable[[], None]
-"""What a socket is for: a link, or what is to be done when something has come."""
+What = PeerLink | Callable[[], bool]
+"""What a socket is for: a link, or what is to be done when something has come; it returns whether more may
+have come."""
 
 Job = Callable[[], bool]
 """Carries something out; returns whether its thread can read again. It must not raise."""
@@ -98,7 +99,7 @@ class Readers:
         sockets: Sockets,
         *,
         serve: Callable[[What, int], bool],
-        tick: Callable[[], None],
+        tick: Callable[[], bool],
         period: float,
         wake: Callable[[], None],
         release: Callable[[], None],
@@ -108,7 +109,7 @@ class Readers:
         Args:
             sockets: that are read.
             serve: reads once what is ready; takes its events, returns whether more may have come.
-            tick: does what is to be done again and again.
+            tick: does what is to be done again and again; returns False.
             period: [s] between two ticks.
             wake: makes a socket ready for which there is nothing to read.
             release: called in the last thread when all have ended.

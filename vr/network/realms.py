@@ -10,6 +10,7 @@ import contextlib
 import os
 import re
 import socket
+import struct
 from collections import Counter
 from collections.abc import Generator
 from pathlib import Path
@@ -28,6 +29,9 @@ LONGEST_LIST = 1 << 22
 
 LONGEST_PATH = 108
 """[bytes] of a socket's path, with a final zero (sun_path, unix(7))."""
+
+_TIMEVAL = struct.Struct("@ll")
+"""Seconds and microseconds (struct timeval, socket(7))."""
 
 SOCKET, HELD = ".sock", ".held"
 TAG = re.compile(r"\d{1,10}-[0-9a-f]{8}")
@@ -142,7 +146,8 @@ def dial(directory: Path, tag: str, timeout: float = 0.0) -> socket.socket:
     Args:
         directory: of the realm.
         tag: of the process.
-        timeout: [s] of the connection; 0: it does not block.
+        timeout: [s] of the connection, and to wait for a place in its line, if too many others wait there
+            already; 0: it does not block.
 
     Raises:
         ConnectionRefusedError: it is dead.
@@ -150,9 +155,14 @@ def dial(directory: Path, tag: str, timeout: float = 0.0) -> socket.socket:
     """
     line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
-        line.settimeout(timeout)
+        line.settimeout(None if timeout else 0.0)
+        if timeout:  # of `connect` only the kernel can limit how long it waits for a place (unix(7))
+            seconds = int(timeout)
+            limit = _TIMEVAL.pack(seconds, int((timeout - seconds) * 1e6))
+            line.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
         with short(directory / f"{tag}{SOCKET}") as path:
             line.connect(path)
+        line.settimeout(timeout)
     except BaseException:
         line.close()
         raise

@@ -226,9 +226,11 @@ class Rendezvous:
                     self._sweep(Path(entry.path))
         return sorted(found)
 
-    def dial(self, tag: str) -> socket.socket:
-        """Connect to another process; errors as those of `realms.dial`."""
-        return dial(self.directory, tag)
+    def dial(self, tag: str, patience: float = 0.0) -> socket.socket:
+        """Connect to another process; as `realms.dial`, but later nothing blocks."""
+        line = dial(self.directory, tag, patience)
+        line.setblocking(False)
+        return line
 
     def beat_of(self, tag: str) -> Beat | None:
         """Return the sign of life of another process; None: it has none."""

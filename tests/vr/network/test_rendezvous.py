@@ -291,9 +291,9 @@ def test_a_process_that_leaves_while_it_enters_leaves_nothing_behind(tmp_path: P
     mesh = Mesh(place_at(tmp_path))
     enter = mesh._dial_all
 
-    def leave_meanwhile() -> None:
+    def leave_meanwhile(patience: float) -> None:
         mesh.close()
-        enter()
+        enter(patience)
 
     mesh._dial_all = leave_meanwhile  # type: ignore[method-assign]
     mesh.open()
@@ -306,7 +306,7 @@ class ByHand(Mesh):
 
     def __init__(self, folder: Path, tag: str) -> None:
         super().__init__(place_at(folder))
-        self.place.tag = f"1-{tag:0>8}"
+        self.place.tag = f"{os.getpid()}-{tag:0>8}"
         self.met: list[bool] = []
         """Each change of whether the other one is there."""
         self.waiting: list[tuple[What, int]] = []
@@ -352,9 +352,9 @@ def test_two_that_dial_each_other_at_once_meet_in_whatever_order_their_greetings
         there.met.clear()
         begin = newcomer._dial_all
 
-        def dial_too(begin: Callable[[], None] = begin, there: ByHand = there) -> None:
+        def dial_too(patience: float, begin: Callable[[float], None] = begin, there: ByHand = there) -> None:
             there.dial()
-            begin()
+            begin(patience)
 
         newcomer._dial_all = dial_too  # type: ignore[method-assign]
         newcomer.enter()

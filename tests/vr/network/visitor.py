@@ -50,6 +50,11 @@ class Visitor:
             return False
         return True
 
+    def is_cut_off_now(self, channel: Channel) -> bool:
+        """Whether the far end has closed this connection within a moment."""
+        self.lines[channel].settimeout(0.5)
+        return self.is_cut_off(channel)
+
     def close(self) -> None:
         for line in self.lines.values():
             line.close()
