@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from robotree.vr import Kind, Range, Unit, promised
+from robotree.vr import Kind, Range, Unit, Within, promised
 
 
 @dataclass(kw_only=True)
@@ -33,7 +33,7 @@ class Base(Kind):
     """The base of a companion: it drives around what is in the way, turns, leans its waist, and charges."""
 
     @promised(effect="read")
-    def halt(self) -> None:
+    def halt(self, *, within: Within = None) -> None:
         """Stop moving and stay here, compliantly; the next command may move again."""
         raise NotImplementedError
 
@@ -43,12 +43,14 @@ class Base(Kind):
         x: Annotated[float, Unit("m"), Range(-3.0, 3.0), "forward; negative: backward"],
         y: Annotated[float, Unit("m"), Range(-3.0, 3.0), "to the left; negative: to the right"],
         speed: Annotated[float, Unit("m/s"), Range(0.01, 1.0), "along the way"] = 0.4,
+        *,
+        within: Within = None,
     ) -> None:
         """Move by a distance from here, without turning."""
         raise NotImplementedError
 
     @promised(effect="read")
-    def get_info(self) -> BaseInfo:
+    def get_info(self, *, within: Within = None) -> BaseInfo:
         """Tell place, speed, lean, balance and battery."""
         raise NotImplementedError
 
@@ -64,6 +66,8 @@ class Base(Kind):
             "counterclockwise from x of the flat",
         ],
         speed: Annotated[float, Unit("m/s"), Range(0.01, 0.8), "along the way; slower near people"] = 0.4,
+        *,
+        within: Within = None,
     ) -> None:
         """Drive to a place, around what stands in the way, and turn."""
         raise NotImplementedError
@@ -77,6 +81,8 @@ class Base(Kind):
             Range(-6.283185307179586, 6.283185307179586),
             "counterclockwise from x of the flat",
         ],
+        *,
+        within: Within = None,
     ) -> None:
         """Turn on the spot."""
         raise NotImplementedError
@@ -85,6 +91,8 @@ class Base(Kind):
     def lean(
         self,
         angle: Annotated[float, Unit("rad"), Range(-0.1, 0.7), "forward"],
+        *,
+        within: Within = None,
     ) -> None:
         """Lean the waist forward."""
         raise NotImplementedError

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from robotree.vr import Kind, Range, Unit, promised
+from robotree.vr import Kind, Range, Unit, Within, promised
 
 
 @dataclass(kw_only=True)
@@ -34,6 +34,8 @@ class Companion(Kind):
         self,
         role: Annotated[str, "butler, maid, man, woman, child, neutral, or one that it has learned"],
         at: Annotated[str, "path of child slots to the robot that is meant; empty: this one"] = "",
+        *,
+        within: Within = None,
     ) -> str:
         """Play a role from the next act on; what runs now goes on as it began."""
         raise NotImplementedError
@@ -43,12 +45,14 @@ class Companion(Kind):
         self,
         source: Annotated[str, "a role as YAML"],
         at: Annotated[str, "as in play"] = "",
+        *,
+        within: Within = None,
     ) -> str:
         """Learn a role, so that it can be played; returns its name."""
         raise NotImplementedError
 
     @promised(effect="read")
-    def roles(self) -> str:
+    def roles(self, *, within: Within = None) -> str:
         """Tell which role it plays, and which ones it knows."""
         raise NotImplementedError
 
@@ -56,6 +60,8 @@ class Companion(Kind):
     def say(
         self,
         text: Annotated[str, "what to say, up to 200 bytes"],
+        *,
+        within: Within = None,
     ) -> str:
         """Say a phrase as the present role words it; returns when it is said."""
         raise NotImplementedError
@@ -67,6 +73,8 @@ class Companion(Kind):
             str,
             "a place, a thing or a person by name: door, sofa, table, shelf, middle, dock, red cup, green cup, blue cup, anna, bela, cleo",
         ],
+        *,
+        within: Within = None,
     ) -> None:
         """Turn the head to something."""
         raise NotImplementedError
@@ -75,6 +83,8 @@ class Companion(Kind):
     def nod(
         self,
         times: Annotated[int, Range(1, 10), "how often"] = 2,
+        *,
+        within: Within = None,
     ) -> None:
         """Nod."""
         raise NotImplementedError
@@ -83,6 +93,8 @@ class Companion(Kind):
     def shake_head(
         self,
         times: Annotated[int, Range(1, 10), "how often"] = 2,
+        *,
+        within: Within = None,
     ) -> None:
         """Shake the head."""
         raise NotImplementedError
@@ -94,6 +106,8 @@ class Companion(Kind):
             str,
             "a place, a thing or a person by name: door, sofa, table, shelf, middle, dock, red cup, green cup, blue cup, anna, bela, cleo",
         ],
+        *,
+        within: Within = None,
     ) -> bool:
         """Tell whether it has been seen in the last two seconds."""
         raise NotImplementedError
@@ -103,6 +117,8 @@ class Companion(Kind):
         self,
         times: Annotated[int, Range(1, 10), "how often"] = 3,
         height: Annotated[float, Range(0.0, 1.0), "0 to 1"] = 0.8,
+        *,
+        within: Within = None,
     ) -> None:
         """Wave with the right hand, and let it hang again."""
         raise NotImplementedError
@@ -111,6 +127,8 @@ class Companion(Kind):
     def bow(
         self,
         depth: Annotated[float, Unit("rad"), Range(0.0, 0.6), "how deep"] = 0.3,
+        *,
+        within: Within = None,
     ) -> None:
         """Bow from the waist, and stand upright again."""
         raise NotImplementedError
@@ -122,12 +140,14 @@ class Companion(Kind):
             str,
             "a place, a thing or a person by name: door, sofa, table, shelf, middle, dock, red cup, green cup, blue cup, anna, bela, cleo",
         ],
+        *,
+        within: Within = None,
     ) -> Literal["left", "right"]:
         """Look at something and stretch an arm towards it; `rest` takes the arm down."""
         raise NotImplementedError
 
     @promised(effect="repeat")
-    def rest(self) -> None:
+    def rest(self, *, within: Within = None) -> None:
         """Let the arms hang, stand upright and look ahead; a hand that holds something stays level."""
         raise NotImplementedError
 
@@ -136,6 +156,8 @@ class Companion(Kind):
         self,
         place: Annotated[str, "a place by name: door, sofa, table, shelf, middle, dock"],
         speed: Annotated[float, Unit("m/s"), Range(0.05, 0.8), "of the base; slower near people"] = 0.5,
+        *,
+        within: Within = None,
     ) -> None:
         """Go to a place by its name."""
         raise NotImplementedError
@@ -147,6 +169,8 @@ class Companion(Kind):
             str,
             "a place, a thing or a person by name: door, sofa, table, shelf, middle, dock, red cup, green cup, blue cup, anna, bela, cleo",
         ],
+        *,
+        within: Within = None,
     ) -> None:
         """Turn the whole body to something."""
         raise NotImplementedError
@@ -157,6 +181,8 @@ class Companion(Kind):
         who: Annotated[str, "a person by name: anna, bela, cleo"],
         seconds: Annotated[float, Unit("s"), Range(0.0, 3600.0), "how long"] = 20.0,
         distance: Annotated[float, Unit("m"), Range(0.5, 3.0), "to the person"] = 1.0,
+        *,
+        within: Within = None,
     ) -> None:
         """Go after a person, at a distance, until the time is over."""
         raise NotImplementedError
@@ -166,6 +192,8 @@ class Companion(Kind):
         self,
         who: Annotated[str, "a person by name: anna, bela, cleo"],
         distance: Annotated[float, Unit("m"), Range(0.5, 3.0), "to the person"] = 1.1,
+        *,
+        within: Within = None,
     ) -> None:
         """Go to a person and stop at a distance, face to face."""
         raise NotImplementedError
@@ -174,6 +202,8 @@ class Companion(Kind):
     def charge(
         self,
         until: Annotated[float, Range(0.0, 1.0), "0 to 1"] = 0.9,
+        *,
+        within: Within = None,
     ) -> float:
         """Go to the charging place and stay until the battery is as full as asked for."""
         raise NotImplementedError
@@ -184,6 +214,8 @@ class Companion(Kind):
         x: Annotated[float, Unit("m"), Range(-3.0, 3.0), "of the flat"],
         y: Annotated[float, Unit("m"), Range(-2.4, 2.4), "of the flat"],
         z: Annotated[float, Unit("m"), Range(0.2, 1.7), "above the floor"],
+        *,
+        within: Within = None,
     ) -> Literal["left", "right"]:
         """Bring a hand to a point of the flat, the one that is nearer; the base stays."""
         raise NotImplementedError
@@ -192,6 +224,8 @@ class Companion(Kind):
     def take(
         self,
         what: Annotated[str, "a thing by name: red cup, green cup, blue cup"],
+        *,
+        within: Within = None,
     ) -> Literal["left", "right"]:
         """Go to a thing, take it, lift it, and step back."""
         raise NotImplementedError
@@ -200,6 +234,8 @@ class Companion(Kind):
     def give(
         self,
         who: Annotated[str, "a person by name: anna, bela, cleo"],
+        *,
+        within: Within = None,
     ) -> None:
         """Offer what a hand holds, set it on the person's open palm, and let go once the palm carries it."""
         raise NotImplementedError
@@ -208,12 +244,14 @@ class Companion(Kind):
     def put(
         self,
         place: Annotated[str, "a place by name: door, sofa, table, shelf, middle, dock"] = "table",
+        *,
+        within: Within = None,
     ) -> None:
         """Put what a hand holds down on the table."""
         raise NotImplementedError
 
     @promised(effect="read")
-    def holding(self) -> Literal["nothing", "left", "right", "both"]:
+    def holding(self, *, within: Within = None) -> Literal["nothing", "left", "right", "both"]:
         """Tell which hands hold something."""
         raise NotImplementedError
 
@@ -227,6 +265,6 @@ class Companion(Kind):
         raise NotImplementedError
 
     @promised(effect="read")
-    def heard(self) -> CompanionHeardResult:
+    def heard(self, *, within: Within = None) -> CompanionHeardResult:
         """Tell what was heard last."""
         raise NotImplementedError

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from robotree.vr import Kind, Range, Unit, promised
+from robotree.vr import Kind, Range, Unit, Within, promised
 
 
 @dataclass(kw_only=True)
@@ -51,7 +51,7 @@ class Head(Kind):
     """A head: it looks, sees tags with two cameras, speaks and listens."""
 
     @promised(effect="read")
-    def halt(self) -> None:
+    def halt(self, *, within: Within = None) -> None:
         """Stop moving and stay here, compliantly; the next command may move again."""
         raise NotImplementedError
 
@@ -61,6 +61,8 @@ class Head(Kind):
         pan: Annotated[float, Unit("rad"), Range(-1.7, 1.7), "to the left"],
         tilt: Annotated[float, Unit("rad"), Range(-0.6, 0.8), "downward"],
         rate: Annotated[float, Unit("rad/s"), Range(0.05, 3.0), "of the neck"] = 1.5,
+        *,
+        within: Within = None,
     ) -> None:
         """Turn the head."""
         raise NotImplementedError
@@ -69,12 +71,14 @@ class Head(Kind):
     def say(
         self,
         text: Annotated[str, "what to say, up to 200 bytes"],
+        *,
+        within: Within = None,
     ) -> None:
         """Say something aloud."""
         raise NotImplementedError
 
     @promised(effect="read")
-    def heard(self) -> HeadHeardResult:
+    def heard(self, *, within: Within = None) -> HeadHeardResult:
         """Tell what was heard last."""
         raise NotImplementedError
 
@@ -91,11 +95,13 @@ class Head(Kind):
     def see(
         self,
         tag: Annotated[int, Range(1, 255), "number of the tag"],
+        *,
+        within: Within = None,
     ) -> HeadSeeResult:
         """Tell where a tag was seen last."""
         raise NotImplementedError
 
     @promised(effect="read")
-    def get_info(self) -> HeadInfo:
+    def get_info(self, *, within: Within = None) -> HeadInfo:
         """Tell how it looks, and what it knows."""
         raise NotImplementedError

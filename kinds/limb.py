@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from robotree.vr import Kind, Range, Unit, promised
+from robotree.vr import Kind, Range, Unit, Within, promised
 
 
 @dataclass(kw_only=True)
@@ -36,7 +36,7 @@ class Limb(Kind):
     """An arm of a body: goes to points before the body, takes postures, yields when pushed, and feels."""
 
     @promised(effect="read")
-    def halt(self) -> None:
+    def halt(self, *, within: Within = None) -> None:
         """Stop moving and stay here, compliantly; the next command may move again."""
         raise NotImplementedError
 
@@ -53,12 +53,14 @@ class Limb(Kind):
             "of the gripper, counterclockwise from above",
         ],
         speed: Annotated[float, Unit("m/s"), Range(0.01, 0.8), "of the hand"] = 0.25,
+        *,
+        within: Within = None,
     ) -> None:
         """Move the hand to a point, the fingers down, and turn it."""
         raise NotImplementedError
 
     @promised(effect="read")
-    def get_info(self) -> LimbInfo:
+    def get_info(self, *, within: Within = None) -> LimbInfo:
         """Tell place, twist, forces on every axis, and what the gripper does."""
         raise NotImplementedError
 
@@ -67,12 +69,14 @@ class Limb(Kind):
         self,
         action: Literal["open", "close", "width"],
         width: Annotated[float, Unit("m"), Range(0.0, 0.08), "between the fingers"] = 0.08,
+        *,
+        within: Within = None,
     ) -> None:
         """Open or close the gripper, or bring it to a width; it stops at what is between the fingers."""
         raise NotImplementedError
 
     @promised(effect="repeat")
-    def hold(self) -> None:
+    def hold(self, *, within: Within = None) -> None:
         """Stay here: yield when pushed, and come back."""
         raise NotImplementedError
 
@@ -84,6 +88,8 @@ class Limb(Kind):
         z: Annotated[float, Unit("m"), Range(0.15, 1.8), "up, from the floor"],
         hand: Literal["any", "level", "forward", "down"] = "any",
         speed: Annotated[float, Unit("m/s"), Range(0.01, 0.8), "of the hand"] = 0.25,
+        *,
+        within: Within = None,
     ) -> None:
         """Move the hand to a point before the body, around what is in the way."""
         raise NotImplementedError
@@ -98,6 +104,8 @@ class Limb(Kind):
         j5: Annotated[float, Unit("rad"), Range(-2.9, 2.9), "forearm about itself, outward"],
         j6: Annotated[float, Unit("rad"), Range(-1.9, 1.9), "wrist forward"],
         speed: Annotated[float, Unit("m/s"), Range(0.01, 0.8), "of the hand"] = 0.25,
+        *,
+        within: Within = None,
     ) -> None:
         """Bring the six joints to angles; the same angles look the same, mirrored, on both arms."""
         raise NotImplementedError

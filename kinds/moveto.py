@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from robotree.vr import Kind, Range, Unit, promised
+from robotree.vr import Kind, Range, Unit, Within, promised
 
 
 @dataclass(kw_only=True)
@@ -43,6 +43,8 @@ class MoveTo(Kind):
         z: Annotated[float, Unit("m"), Range(-0.8, 0.8)],
         twist: Annotated[float, Unit("rad"), Range(-3.141592653589793, 3.141592653589793)],
         speed: Annotated[float, Unit("m/s"), Range(0.01, 0.2), "along the way"] = 0.1,
+        *,
+        within: Within = None,
     ) -> None:
         """Go to a point in small steps."""
         raise NotImplementedError
@@ -62,12 +64,14 @@ class MoveTo(Kind):
         speed: Annotated[
             float, Unit("m/s"), Range(0.005, 0.25), "along the way; slower where contact is expected"
         ] = 0.15,
+        *,
+        within: Within = None,
     ) -> None:
         """Move the gripper to a point, on a line if there is one, and turn it."""
         raise NotImplementedError
 
     @promised(effect="read")
-    def get_info(self) -> MoveToInfo:
+    def get_info(self, *, within: Within = None) -> MoveToInfo:
         """Tell place, twist, forces on every axis, and what the gripper does."""
         raise NotImplementedError
 
@@ -76,6 +80,8 @@ class MoveTo(Kind):
         self,
         action: Literal["open", "close", "width"],
         width: Annotated[float, Unit("m"), Range(0.0, 0.08), "between the fingers"] = 0.08,
+        *,
+        within: Within = None,
     ) -> None:
         """Open or close the gripper, or bring it to a width; it stops at what is between the fingers."""
         raise NotImplementedError

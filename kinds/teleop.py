@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from robotree.vr import Kind, Range, Unit, promised
+from robotree.vr import Kind, Range, Unit, Within, promised
 
 
 @dataclass(kw_only=True)
@@ -40,6 +40,8 @@ class TeleOp(Kind):
         self,
         axis: Literal["x", "y", "z"],
         distance: Annotated[float, Unit("m"), Range(-0.1, 0.1), "how far; its sign says which way"],
+        *,
+        within: Within = None,
     ) -> None:
         """Move the gripper along one axis of the cell: x forward, y to the left, z up."""
         raise NotImplementedError
@@ -50,6 +52,8 @@ class TeleOp(Kind):
         angle: Annotated[
             float, Unit("rad"), Range(-0.5, 0.5), "how far; positive is counterclockwise from above"
         ],
+        *,
+        within: Within = None,
     ) -> None:
         """Turn the gripper about the vertical."""
         raise NotImplementedError
@@ -69,12 +73,14 @@ class TeleOp(Kind):
         speed: Annotated[
             float, Unit("m/s"), Range(0.005, 0.25), "along the way; slower where contact is expected"
         ] = 0.15,
+        *,
+        within: Within = None,
     ) -> None:
         """Move the gripper to a point, on a line if there is one, and turn it."""
         raise NotImplementedError
 
     @promised(effect="read")
-    def get_info(self) -> TeleOpInfo:
+    def get_info(self, *, within: Within = None) -> TeleOpInfo:
         """Tell place, twist, forces on every axis, and what the gripper does."""
         raise NotImplementedError
 
@@ -83,16 +89,18 @@ class TeleOp(Kind):
         self,
         action: Literal["open", "close", "width"],
         width: Annotated[float, Unit("m"), Range(0.0, 0.08), "between the fingers"] = 0.08,
+        *,
+        within: Within = None,
     ) -> None:
         """Open or close the gripper, or bring it to a width; it stops at what is between the fingers."""
         raise NotImplementedError
 
     @promised(effect="repeat")
-    def hold(self) -> None:
+    def hold(self, *, within: Within = None) -> None:
         """Stay here: yield when pushed, and come back."""
         raise NotImplementedError
 
     @promised(effect="read")
-    def halt(self) -> None:
+    def halt(self, *, within: Within = None) -> None:
         """Stop moving and stay here, compliantly; the next command may move again."""
         raise NotImplementedError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from robotree.vr import Kind, Range, Unit, promised
+from robotree.vr import Kind, Range, Unit, Within, promised
 
 
 class TwoArms(Kind):
@@ -14,6 +14,8 @@ class TwoArms(Kind):
     def lift(
         self,
         height: Annotated[float, Unit("m"), Range(-0.2, 0.2), "how far up; negative: down"],
+        *,
+        within: Within = None,
     ) -> Annotated[float, Unit("m"), "how far apart they are in height"]:
         """Raise both grippers, each from where it is."""
         raise NotImplementedError
@@ -22,6 +24,8 @@ class TwoArms(Kind):
     def grip(
         self,
         action: Literal["open", "close"],
+        *,
+        within: Within = None,
     ) -> None:
         """Open or close both grippers."""
         raise NotImplementedError

@@ -16,7 +16,7 @@ from robotree.vr.author.command import commands_of
 from robotree.vr.author.kind import Kind as Interface
 from robotree.vr.author.kind import Promised, promises_of
 from robotree.vr.author.robot import Robot
-from robotree.vr.author.signature import Command, signature_of
+from robotree.vr.author.signature import Command
 from robotree.vr.author.virtual_robot import VirtualRobot, exposures_of
 from robotree.vr.base.description import CommandSpec, FieldSpec, RobotDescription
 
@@ -98,7 +98,7 @@ def _from_interface(cls: type[Interface]) -> Kind:
 
 
 def _returned_by(promise: Promised[..., Any]) -> Any:
-    return signature_of(promise.function, promise.effect).returns
+    return promise.signature().returns
 
 
 def _exposed_by(cls: type[VirtualRobot]) -> Iterator[tuple[str, CommandSpec]]:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from robotree.vr.author.readings import Record
     from robotree.vr.author.retry import retry
     from robotree.vr.author.robot import Robot
+    from robotree.vr.author.signature import Within
     from robotree.vr.author.virtual_robot import VirtualRobot
     from robotree.vr.base.errors import (
         BadArgument,
@@ -50,6 +51,7 @@ __all__ = [
     "state",
     "Kind",
     "promised",
+    "Within",
     # its commands
     "command",
     "Unit",
@@ -82,6 +84,7 @@ _FROM = {
     "author.readings": ("Record",),
     "author.retry": ("retry",),
     "author.robot": ("Robot",),
+    "author.signature": ("Within",),
     "author.virtual_robot": ("VirtualRobot",),
     "base.units": ("Range", "Unit"),
 }

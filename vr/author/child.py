@@ -385,8 +385,8 @@ class ChildCommand:
     def __call__(self, *values: Any, **arguments: Any) -> Any:
         """Have it carried out, wait for the end and return the result.
 
-        `within=5` or `within="500 ms"` gives this call a limit of its own, unless the command has a parameter
-        of this name.
+        `within=5` or `within="500 ms"` gives this call a limit of its own, and `within=None` none, unless the
+        command has a parameter of this name.
 
         Raises:
             ChildTimeout: the limit is over; the child's command is cancelled.
@@ -414,6 +414,8 @@ class ChildCommand:
         if spec is not None and WITHIN in spec.by_name:
             return None
         given = arguments.pop(WITHIN)
+        if given is None:
+            return None
         try:
             return CallLimit(seconds(given), given if isinstance(given, str) else f"{given:g} s")
         except (TypeError, ValueError) as error:

@@ -4,12 +4,15 @@
         "Opens and closes."
 
         @promised(effect="repeat")
-        def grip(self, width: Annotated[float, Unit("m"), Range(0, 0.08)]) -> None:
+        def grip(self, width: Annotated[float, Unit("m"), Range(0, 0.08)], *, within: Within = None) -> None:
             "Bring the fingers to a width."
 
 `arm = Child(Gripper)` takes a robot whose class is called `Gripper`, or is derived from one, *and* that has
 these commands. The kinds that come with robotree are in `robotree.kinds`; `robotree stubs NAME` writes that
 of a living robot. Nothing here is ever called: a slot gives the child that is in it.
+
+Each call may have a limit (`self.gripper.grip(0.02, within="5 s")`). `within: Within` says so to type
+checkers, which cannot add a parameter to those of a method by themselves; it is no parameter of the command.
 """
 
 from __future__ import annotations
@@ -17,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Concatenate, Generic, ParamSpec, Protocol, TypeVar, overload
 
-from robotree.vr.author.signature import signature_of
+from robotree.vr.author.signature import Command, signature_of
 from robotree.vr.base.description import CommandSpec, Effect
 
 if TYPE_CHECKING:
@@ -73,13 +76,13 @@ class Promised(Generic[P, R]):
     def __get__(self, robot: object | None, kind: type[Any]) -> Promised[P, R] | Offered[P, R]:
         return self  # a kind has no instances: a slot gives the child in it
 
-    def spec(self) -> CommandSpec:
-        """Describe it.
+    def signature(self) -> Command:
+        """Read it as callers see it.
 
         Raises:
             TypeError: an annotation is missing, or of a type that cannot travel.
         """
-        return signature_of(self.function, self.effect).spec
+        return signature_of(self.function, self.effect, promised=True)
 
 
 @overload
@@ -112,4 +115,4 @@ def promises_of(kind: type[Kind]) -> tuple[CommandSpec, ...]:
         for name, value in vars(base).items()
         if isinstance(value, Promised)
     }
-    return tuple(one.spec() for one in found.values())
+    return tuple(one.signature().spec for one in found.values())

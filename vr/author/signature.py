@@ -28,6 +28,10 @@ _CHANGEABLE = frozenset({list, dict})
 _EFFECTS = ", ".join(map(repr, get_args(Effect)))
 
 
+Within = Annotated[float | str | None, "longest time of a call: [s], or text with a unit; None: no own limit"]
+"""The type of `within`, which interfaces name for type checkers; the command itself has no such parameter."""
+
+
 class Command(msgspec.Struct, frozen=True):
     """One command of a class: how it looks, and what runs."""
 
@@ -101,12 +105,13 @@ class Command(msgspec.Struct, frozen=True):
             raise BadArgument(command=self.spec.name, parameter=name, reason=str(error)) from None
 
 
-def signature_of(function: Callable[..., Any], effect: Effect) -> Command:
+def signature_of(function: Callable[..., Any], effect: Effect, *, promised: bool = False) -> Command:
     """Read a method as its callers see it.
 
     Args:
         function: the undecorated method, `self` first.
         effect: what a repetition does.
+        promised: whether it belongs to an interface, where a parameter of the type `Within` is left out.
 
     Raises:
         TypeError: it is no plain method, an annotation is missing or of a type that cannot travel, or there
@@ -114,6 +119,9 @@ def signature_of(function: Callable[..., Any], effect: Effect) -> Command:
     """
     hints = hints_of(function, function.__qualname__)
     parameters = _expect_method(function, hints)
+    if promised:
+        parameters = [one for one in parameters if hints.get(one.name) != Within]
+        hints = {name: hint for name, hint in hints.items() if hint != Within}
     if effect not in get_args(Effect):
         raise TypeError(f"{function.__qualname__}: no effect {effect!r}; write one of {_EFFECTS}")
     spec = CommandSpec(

@@ -10,10 +10,13 @@ import keyword
 from collections.abc import Iterator
 from textwrap import indent
 
+from robotree.vr.author.child import WITHIN
 from robotree.vr.base.description import CommandSpec, FieldSpec, RobotDescription
 
 _TYPES = {"float": "float", "int": "int", "bool": "bool", "str": "str", "bytes": "bytes"}
 _QUOTES = '"""'
+_OURS = {"Range": "(", "Unit": "(", "Within": " ="}
+"""Names of `robotree.vr`, and what follows them where they are used."""
 
 
 def interface(robot: RobotDescription, *, origin: str) -> str:
@@ -25,8 +28,9 @@ def interface(robot: RobotDescription, *, origin: str) -> str:
     """
     page = _Page()
     body = "\n".join(page.commands(robot)) or "    pass\n"
-    names = [name for name in ("Annotated", "Literal") if f"{name}[" in "".join([*page.records, body])]
-    ours = [name for name in ("Range", "Unit") if f"{name}(" in "".join([*page.records, body])]
+    used = "".join([*page.records, body])
+    ours = [name for name, sign in _OURS.items() if f"{name}{sign}" in used]
+    names = [name for name in ("Annotated", "Literal") if f"{name}[" in used]
     lines = [
         f"{_QUOTES}The interface of {robot.kind}. {origin}{_QUOTES}\n",
         "from __future__ import annotations\n",
@@ -54,8 +58,11 @@ class _Page:
         mark = "@promised" if command.effect == "once" else f'@promised(effect="{command.effect}")'
         ordered = sorted(command.parameters, key=lambda field: not field.required)
         parameters = [self._parameter(f"{name}{_title(field.name)}", field) for field in ordered]
+        if WITHIN not in command.by_name:
+            parameters += ["*", f"{WITHIN}: Within = None"]
         listed = "".join(f"    {one},\n" for one in parameters)
-        head = f"def {command.name}(\n    self,\n{listed})" if parameters else f"def {command.name}(self)"
+        plain = f"def {command.name}({', '.join(['self', *parameters])})"
+        head = f"def {command.name}(\n    self,\n{listed})" if command.parameters else plain
         body = indent(f"{_doc(command.doc)}\nraise NotImplementedError\n", "    ")
         return f"{mark}\n{head} -> {self._result(name, command)}:\n{body}"
 

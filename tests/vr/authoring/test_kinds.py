@@ -14,11 +14,13 @@ from robotree.kinds import Rover as RoverKind
 from robotree.tui.line.carrying import Silent
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import stubs
-from robotree.vr import Child, Children, Kind, Robot, Unit, VirtualRobot, command, promised
+from robotree.vr import Child, Children, Kind, Robot, Unit, VirtualRobot, Within, command, promised
+from robotree.vr.author.command import commands_of
 from robotree.vr.author.fitting import misfit
 from robotree.vr.author.kind import promises_of
 from robotree.vr.author.stubs import interface
 from robotree.vr.author.virtual_robot import slot_specs
+from robotree.vr.base.address import Address
 from robotree.vr.base.description import RobotDescription
 from robotree.vr.base.errors import DoesNotFit
 from robotree.vr.bundle import Bundle
@@ -183,3 +185,38 @@ async def test_the_interface_of_a_living_robot_is_a_kind(
     lacks = misfit(painter.description(), promises_of(Gripper), ())
     assert lacks.startswith("has no command grip; it has: follow")
     del sys.modules["painter_kind"]
+
+
+class Slide(Kind):
+    """Goes to and fro; one of its commands has a `within` of its own."""
+
+    @promised
+    def go(self, far: float, *, within: Within = None) -> None:
+        raise NotImplementedError
+
+    @promised
+    def search(self, within: Annotated[float, Unit("m")]) -> float:
+        raise NotImplementedError
+
+
+def test_the_limit_of_a_call_is_no_parameter_that_a_kind_promises() -> None:
+    go, search = promises_of(Slide)
+    assert [field.name for field in go.parameters] == ["far"]
+    assert [(field.name, field.unit) for field in search.parameters] == [("within", "m")]
+    slide = RobotDescription(address=Address("robot", "s", "1"), kinds=("Slide",), commands=(go, search))
+    source = interface(slide, origin="Written by a test.")
+    assert "    far: float,\n        *,\n        within: Within = None,\n" in source
+    assert source.count("Within") == 2, "imported, and used for one command"
+
+
+class Limited(VirtualRobot):
+    """Takes a limit as if it were an argument."""
+
+    @command
+    def go(self, within: Within = None) -> None:
+        """Go."""
+
+
+def test_a_command_takes_no_limit_itself() -> None:
+    with pytest.raises(TypeError, match=r"Limited\.go: parameter 'within'"):
+        commands_of(Limited)

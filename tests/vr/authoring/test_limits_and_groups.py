@@ -30,6 +30,18 @@ class Hasty(VirtualRobot):
             both.start(self.arm.go_to, x=0.3, y=0, z=0.3, twist=0, within="500 ms")
 
 
+class Patient(VirtualRobot):
+    """Gives its arm all the time that it has itself."""
+
+    arm = Child(Arm)
+
+    @command
+    def go(self) -> None:
+        """Go, without a limit."""
+        self.arm.go_to(x=0.3, y=0, z=0.3, twist=0, within=None)
+        self.arm.grip.start(action="open", within=None).result()
+
+
 class Slow(VirtualRobot):
     """A page that takes its time."""
 
@@ -74,6 +86,15 @@ def test_a_call_that_is_late_is_cancelled_and_named_with_its_limit() -> None:
     assert team.now - before == pytest.approx(2.0, abs=0.1)
     team.wait(0.5)
     assert not team.describe("arm").busy
+
+
+def test_none_is_no_limit() -> None:
+    team = rehearse(Patient, arm=Fake(Arm, takes=30.0))
+    team.call("go", within=100)
+    assert team.commanded == [
+        ("arm", "go_to", {"x": 0.3, "y": 0, "z": 0.3, "twist": 0}),
+        ("arm", "grip", {"action": "open"}),
+    ]
 
 
 def test_a_page_below_is_cancelled_too() -> None:

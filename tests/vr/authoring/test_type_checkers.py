@@ -35,6 +35,10 @@ class Right(VirtualRobot):
         here = self.arm.get_info()
         self.arm.go_to(x=x, y=here.y, z=here.z + 0.1, twist=0)
         self.arm.go_to(x, 0.0, 0.3, 0.0, speed=0.1)
+        self.arm.go_to(x=x, y=0, z=0.3, twist=0, within="5 s")
+        self.arm.go_to(x, 0, 0.3, 0, within=5)
+        self.arm.grip.start(action="open", within="500 ms").result()
+        soon: float = self.arm.get_info(within=0.5).z
         moving = self.arm.get_info.start()
         self.arm.grip.tell(action="open")
         height: float = moving.result().z
@@ -53,7 +57,8 @@ class Right(VirtualRobot):
                 both.start(rover.move, x=0.1, y=0).detach()
         with self.first() as race:
             race.start(self.arm.get_info)
-        return height + first
+            race.start(self.arm.get_info, within="1 s")
+        return height + first + soon
 
     def fetch(self, what: str, count: int = 1) -> str:
         """Fetch something."""
@@ -82,6 +87,13 @@ class Wrong(VirtualRobot):
         self.arm.grip(action="ajar")  # wrong
         self.arm.go_to.start(x=0.1, y=0, z="up", twist=0)  # wrong
         self.arm.go_to.tell(a=1)  # wrong
+        self.arm.go_to(x=0.1, y=0, z=0.1, twist=0, within=[5])  # wrong
+        self.arm.go_to(x="far", y=0, z=0.1, twist=0, within="5 s")  # wrong
+        self.arm.go_to(x=0.1, y=0, within="5 s")  # wrong
+        self.arm.go_to(x=0.1, y=0, z=0.1, twist=0, whithin="5 s")  # wrong
+        self.arm.go_to(0.1, 0, 0.1, 0, 0.1, "5 s")  # wrong
+        number: str = self.arm.get_info(within="5 s").z  # wrong
+        self.arm.get_info.start(within=None, without=2)  # wrong
         word: str = self.arm.get_info.start().result().z  # wrong
         for rover in self.rovers:
             rover.fly()  # wrong
@@ -89,13 +101,14 @@ class Wrong(VirtualRobot):
         with self.together() as both:
             both.start(self.arm.go_to, x="far", y=0, z=0, twist=0)  # wrong
             both.start(self.arm.go_to, x=0.1)  # wrong
+            both.start(self.arm.get_info, within=b"5 s")  # wrong
             both.start(self.arm.no_such)  # wrong
             both.start(self.fetch, 3)  # wrong
             word = both.start(self.arm.get_info).result().z  # wrong
             both.start(self.arm.go_to(x=0.1, y=0, z=0.1, twist=0))  # wrong
         with self.first() as race:
             race.start(self.rovers[0].move, x=None, y=0)  # wrong
-        print(word)
+        print(word, number)
 
     def fetch(self, what: str) -> str:
         """Fetch something."""
@@ -121,7 +134,8 @@ class Studio(VirtualRobot):
     def paint(self) -> int:
         """Paint."""
         self.painter.stroke(heights=[0.1], hand="up")  # wrong
-        seen = self.painter.look()
+        seen = self.painter.look(within="1 s")
+        self.painter.look(within=None, where=1)  # wrong
         nearest: float = seen.nearest  # wrong
         print(nearest, seen.cups[0].at.x + 1)
         return self.painter.follow(points=[])
