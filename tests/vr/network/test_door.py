@@ -138,7 +138,7 @@ def test_a_process_that_dials_again_and_again_has_one_connection_a_channel(
 def test_the_largest_greeting_that_is_allowed_is_taken(mesh: Mesh, visitor: Visitor) -> None:
     keys = [f"robot/{number}/".ljust(LONGEST_KEY, "x") for number in range(MOST_KEYS)]
     visitor.greet(*keys)
-    wait_until(lambda: mesh.presence.keys("robot/*/*"), "it is taken")
+    wait_until(lambda: len(mesh.presence.keys("robot/*/*")) == MOST_KEYS, "it is not taken")
     assert mesh.presence.keys("robot/*/*") == sorted(keys)
 
 
