@@ -24,6 +24,8 @@ static int robot_objects(int verb, const float *args, const char **text); /* why
 static void robot_begins(int verb, const float *args);
 static void robot_holds(void); /* here, whatever it did */
 static uint64_t robot_clock(void); /* seconds since 1970; 0: this robot has no clock */
+static void robot_remembers(void); /* keep `fence` for good before you return; memory.h does. A person at the machine
+                                    * needs a way to clear it: a jumper, a button held while it starts. */
 
 /* -- the rules' memory */
 
@@ -43,20 +45,13 @@ static int link_heard;              /* where the message came from that is being
 static uint64_t now, heard, progress_told, mode_due, heartbeat_due, claim_due;
 
 /* Which leases were obeyed, and who holds the claim. This must outlive a restart, else a lease that is over could
- * command the robot again. It is in RAM because these rules do no I/O and the example's computer has nothing that
- * outlives it. On yours define FENCE_MEMORY as the attribute of RAM that a battery or a reset keeps, such as
- * __attribute__((section(".backup"))), or copy it to FRAM or EEPROM whenever it changes, and back before
- * rules_start. A person at the machine needs a way to clear it: a jumper, a button held while it starts. */
-#ifndef FENCE_MEMORY
-#define FENCE_MEMORY
-#endif
+ * command the robot again: see robot_remembers. */
 static struct fence {
     uint64_t holder; /* 0: nobody */
     uint32_t epoch;  /* the highest one obeyed */
     uint16_t life;   /* names this life in MODE: another number after each start, never 0 */
     char name[25];   /* of the holder, for people */
-    uint32_t check;  /* of the rest: after a cold start there is anything in such memory */
-} fence FENCE_MEMORY;
+} fence;
 
 static struct {
     uint64_t holder; /* 0: nobody holds the claim */
@@ -66,19 +61,11 @@ static struct {
     uint8_t system, component;
 } claim;
 
-static uint32_t fence_check(void) { /* FNV-1a, http://www.isthe.com/chongo/tech/comp/fnv/ */
-    uint32_t sum = 2166136261u;
-    uint64_t words[] = {fence.holder, fence.epoch, fence.life};
-    for (size_t i = 0; i < sizeof words; i++) sum = (sum ^ ((const uint8_t *)words)[i]) * 16777619u;
-    for (size_t i = 0; i < sizeof fence.name; i++) sum = (sum ^ (uint8_t)fence.name[i]) * 16777619u;
-    return sum;
-}
-
 static void set_fence(uint32_t epoch, uint64_t holder, const char *name) {
     fence.epoch = epoch;
     fence.holder = holder;
     if (name != fence.name) snprintf(fence.name, sizeof fence.name, "%.24s", name);
-    fence.check = fence_check();
+    robot_remembers();
 }
 
 /* -- how the controller is as a whole: MODE and HEARTBEAT */
@@ -376,9 +363,8 @@ static void on_claim(const mavlink_message_t *from, const mavlink_robotree_claim
 
 /* -- called by the robot */
 
-static void rules_start(uint16_t chance) { /* first of all; chance: any number, from whatever varies */
-    bool intact = fence.life && fence.check == fence_check() && fence.epoch <= LAST_EPOCH;
-    if (!intact) fence = (struct fence){.life = chance};
+static void rules_start(uint16_t chance) { /* when `fence` is what was remembered; chance: any number that varies */
+    if (!fence.life) fence.life = chance; /* nothing was */
     if (!++fence.life) fence.life = 1;
     set_fence(fence.epoch, fence.holder, fence.name);
     claim.holder = fence.holder; /* the last holder is waited for */

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import asyncio
+import subprocess
+import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from robotree.protocol.errors import LinkError
+from robotree.protocol.links.keyring import Keyring, create
+from robotree.protocol.links.security import Security
 from robotree.protocol.messages import Claim, ClaimWish
 from robotree.protocol.tools.conform import KINDS, RULES, Level, Outcome, Result, examine
 from robotree.protocol.tools.conform.examine import NotExaminable
 from robotree.sim.serving.server import serving
+from robotree.tui import exit_codes
+from tests.command_line import ROBOTREE
 from tests.examples.controllers import started
 from tests.station import Station
 
@@ -71,6 +78,61 @@ async def test_the_controller_in_javascript_keeps_all_rules(controller_js: list[
     with started([*controller_js, "0"]) as running:
         results = await tried(running.url)
     assert {each.rule.id: each.detail for each in results if each.outcome is not Outcome.KEPT} == {}
+
+
+@pytest.fixture(params=["sim", "c", "python"])
+def keyed(
+    request: pytest.FixtureRequest, controller_c: Path, controller_py: list[str], tmp_path: Path
+) -> Iterator[str]:
+    """The address of a controller with a key, as of another place: it needs a name there."""
+    key = tmp_path / "cell.key"
+    create(key)
+    if request.param == "sim":
+        words = [
+            *ROBOTREE,
+            "sim",
+            "rover",
+            "--listen",
+            "tcp:127.0.0.1:0?controller=rover-1",
+            "--key",
+            str(key),
+        ]
+    else:
+        program = [str(controller_c)] if request.param == "c" else controller_py
+        memory = ("--memory", str(tmp_path / "memory"), "--reset-epoch")
+        words = [*program, "0", *memory, "--key", str(key), "--name", "rover-1"]
+    with started(words, {"XDG_STATE_HOME": str(tmp_path / "state")}) as running:
+        yield f"{running.url.partition('?')[0]}?controller=rover-1"
+
+
+async def test_a_controller_with_a_key_is_examined_by_who_has_the_key_and_by_nobody_else(
+    keyed: str, tmp_path: Path
+) -> None:
+    rules = ("introduction", "reaches", "stop", "key-of-sender", "link-other", "epoch-told")
+    words = [*ROBOTREE, "wire", "conform", "--connect", keyed]
+
+    async def conform(*options: str) -> tuple[int, str]:
+        done = await asyncio.to_thread(
+            subprocess.run, [*words, *options, *rules], capture_output=True, text=True, check=False
+        )
+        return done.returncode, done.stdout + done.stderr
+
+    code, said = await conform("--key", str(tmp_path / "cell.key"))
+    assert code == exit_codes.DONE, said
+    assert "it conforms.  MUST: 6 kept" in said or "it conforms.  MUST: 5 kept, 0 broken, 1 not" in said, said
+    create(tmp_path / "other.key")
+    code, said = await conform("--key", str(tmp_path / "other.key"))
+    assert code != exit_codes.DONE, said
+    code, said = await conform()
+    assert code != exit_codes.DONE, said
+
+
+@pytest.mark.soak
+async def test_with_a_key_a_controller_keeps_all_rules_that_it_must(keyed: str, tmp_path: Path) -> None:
+    security = Security(Keyring(tmp_path / "cell.key"), time.time)
+    results = await tried(keyed, security=security)
+    assert broken(results) == {}
+    assert set(broken(results, Level.SHOULD)) <= {"life", "several-clients", "sentence"}
 
 
 async def test_a_controller_that_somebody_commands_is_left_alone() -> None:

@@ -97,7 +97,7 @@ class Line:
         """Connect; a first heartbeat shows that somebody is here where no connection does."""
 
         def accept(link: Link) -> Endpoint:
-            pair = security.signer_pair(link.address)
+            pair = security.signer_pair(link.controller)
             self._endpoint = Endpoint(
                 link, system=FIRST[0], component=FIRST[1], on_frame=self._hear, on_closed=self._close, **pair
             )

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-import shutil
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -34,38 +32,16 @@ from robotree.protocol.messages import (
 )
 from robotree.protocol.parser import Parser
 
-SOURCE = Path(__file__).parents[3] / "examples" / "controller_c"
 OWN = os.environ.get("ROBOTREE_CONTROLLER")
 """A program that takes the same words, to be examined in place of the example."""
-COMPILER = shutil.which(os.environ.get("CC", "cc"))
-SANITIZERS = "-g -O1 -fsanitize=address,undefined -fno-sanitize-recover=all"
 PATIENCE = 30.0
 """[s] after which what has not come will not come."""
 T = TypeVar("T", bound=Message)
 
 
-def compiled(folder: Path) -> Path:
-    """Make the controller in a clean folder, with sanitizers where the compiler has them."""
-    for name in ("controller.c", "rules.h", "Makefile"):
-        shutil.copy(SOURCE / name, folder)
-    probe: list[str | Path] = [str(COMPILER), *SANITIZERS.split(), "-x", "c", "-", "-o", folder / "probe"]
-    able = subprocess.run(probe, input=b"int main(void) { return 0; }", capture_output=True, check=False)
-    able_to_run = able.returncode == 0 and subprocess.run([folder / "probe"], check=False).returncode == 0
-    robotree = f"ROBOTREE={sys.executable} -m robotree.tui"
-    words: list[str | Path] = ["make", "-C", folder, robotree, f"CC={COMPILER}"]
-    words += [f"CFLAGS={SANITIZERS}"] if able_to_run else []
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return folder / "build" / "controller"
-
-
 @pytest.fixture(scope="session")
-def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    if OWN:
-        return Path(OWN).resolve()
-    if COMPILER is None or shutil.which("make") is None:
-        pytest.skip("there is no C compiler or no make here")
-    return compiled(tmp_path_factory.mktemp("controller_c"))
+def program(controller_c: Path) -> Path:
+    return Path(OWN).resolve() if OWN else controller_c
 
 
 @contextmanager

@@ -5,8 +5,6 @@ from __future__ import annotations
 import ast
 import asyncio
 import random
-import shutil
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,27 +17,18 @@ from robotree.vr.base.errors import CommandCancelled, Stopped
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.world.network import MemoryNetwork
 from robotree.vr.world.testing import until
-from tests.command_line import ROBOTREE
+from tests.examples.controllers import started
 
 pytestmark = pytest.mark.e2e
 SOURCE = Path(__file__).parents[3] / "examples" / "controller_py" / "controller.py"
-PAGE = 92
+PAGE = 113
 """Lines of code; blank ones and the first words do not count."""
 
 
 @pytest.fixture
-def url(tmp_path: Path) -> Iterator[str]:
-    shutil.copy(SOURCE, tmp_path)
-    words = [*ROBOTREE, "wire", "dialect", "--lang", "python", "rover_wire.py"]
-    subprocess.run(words, cwd=tmp_path, check=True, capture_output=True)
-    start = [sys.executable, "controller.py", "0"]
-    with subprocess.Popen(start, cwd=tmp_path, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        word, address = process.stdout.readline().split()
-        assert word == "ready"
-        yield address
-        assert process.poll() is None, "it has ended by itself"
-        process.kill()
+def url(controller_py: list[str]) -> Iterator[str]:
+    with started([*controller_py, "0"]) as running:
+        yield running.url
 
 
 def test_it_is_one_page_and_needs_nothing_but_pymavlink() -> None:
@@ -53,7 +42,9 @@ def test_it_is_one_page_and_needs_nothing_but_pymavlink() -> None:
         if isinstance(each, ast.Import | ast.ImportFrom)
         for alias in each.names
     }
-    assert names - sys.stdlib_module_names == {"rover_wire"}, "what pymavlink has generated"
+    assert names - sys.stdlib_module_names == {"rover_wire", "keys", "memory"}, (
+        "pymavlink generates one, the others are here"
+    )
 
 
 async def test_the_real_proxy_drives_stops_and_leaves_it(url: str) -> None:

@@ -1,0 +1,271 @@
+"""The controllers of the examples, started with a key: who has it is obeyed, and no recording ever is."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+import os
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from robotree.protocol.errors import LinkError
+from robotree.protocol.links.keyring import create
+from robotree.protocol.links.url import connect
+from robotree.protocol.messages import AnyMessage, Goal, GoalStatus, Mode, ModeKind, SetMode, Verb
+from robotree.protocol.testing import RecordingHandler
+from robotree.vr.world.testing import until
+from tests.examples.controllers import COMPILER, Running, started
+from tests.scenarios.test_replay_after_a_kill import Operator
+from tests.sim.test_server_keys import Punctual
+from tests.station import Station
+
+pytestmark = pytest.mark.e2e
+GOLDEN = Path(__file__).parents[1] / "protocol" / "golden" / "controller_keys.json"
+NAN = (math.nan,) * 4
+NAME = "rover-1"
+Start = Callable[..., AbstractContextManager[Running]]
+ORDERS: list[AnyMessage] = [
+    SetMode(3, 1, 1, ModeKind.READY),
+    Goal(77, 3, 0, (0.3, 0.2, 0.4, *NAN), Verb.MOVE, 1, 1),
+    SetMode(3, 1, 1, ModeKind.SAFE_STOP),
+    SetMode(3, 1, 1, ModeKind.READY),
+    Goal(78, 3, 0, (0.1, 0.2, 0.4, *NAN), Verb.MOVE, 1, 1),
+]
+CLOCK = """
+#define _GNU_SOURCE
+#include <dlfcn.h>
+#include <stdlib.h>
+#include <time.h>
+int clock_gettime(clockid_t id, struct timespec *t) {
+    typedef int (*clock_fn)(clockid_t, struct timespec *);
+    int failed = ((clock_fn)dlsym(RTLD_NEXT, "clock_gettime"))(id, t);
+    if (id == CLOCK_REALTIME) t->tv_sec += atol(getenv("CLOCK_OFFSET"));
+    return failed;
+}
+"""
+
+
+@pytest.fixture(params=["c", "python"])
+def program(request: pytest.FixtureRequest, controller_c: Path, controller_py: list[str]) -> list[str]:
+    return [str(controller_c)] if request.param == "c" else controller_py
+
+
+@pytest.fixture
+def key(tmp_path: Path) -> Path:
+    create(tmp_path / "cell.key")
+    return tmp_path / "cell.key"
+
+
+@pytest.fixture
+def start(program: list[str], key: Path, tmp_path: Path) -> Start:
+    """Starts a controller, by its name; under the same name it is the same one again."""
+
+    def begin(
+        name: str = NAME, *, key: Path = key, env: dict[str, str] | None = None
+    ) -> AbstractContextManager[Running]:
+        memory = tmp_path / f"memory of {abs(hash(name))}"
+        words = ["--memory", str(memory), "--key", str(key), "--name", name]
+        first = [] if memory.exists() else ["--reset-epoch"]
+        return started([*program, "0", *words, *first], env)
+
+    return begin
+
+
+def named(running: Running, name: str = NAME) -> str:
+    return f"{running.url}?controller={name}"
+
+
+async def drive(running: Running, key: Path, name: str = NAME) -> Operator:
+    """Give a controller all orders, with the key; what was sent is kept."""
+    operator = await Operator(key, 7).dial(named(running, name))
+    for order in ORDERS:
+        operator.say(order)
+        await asyncio.sleep(0.05)
+    await until(lambda: operator.latest() == ModeKind.ACTIVE, "it obeys who has the key")
+    return operator
+
+
+async def replay(running: Running, frames: list[bytes]) -> None:
+    """Send frames as they were recorded, and wait until they were read."""
+    ended = asyncio.Event()
+
+    class Attacker(RecordingHandler):
+        def closed(self, reason: LinkError) -> None:
+            super().closed(reason)
+            ended.set()
+
+    link = await connect(running.url, Attacker)
+    for frame in frames:
+        link.send(frame)
+    await until(lambda: "refused: a frame of 255" in running.complaints(), "it refuses them")
+    await asyncio.sleep(0.3)
+    link.close()
+
+
+def stood(witness: Operator) -> bool:
+    """Whether no mode that was heard says that anything was obeyed."""
+    modes = [each for each in witness.heard if isinstance(each, Mode)]
+    goals = [each for each in witness.heard if isinstance(each, GoalStatus)]
+    return bool(modes) and not goals and {each.mode for each in modes} == {ModeKind.READY}
+
+
+async def witnessed(running: Running, key: Path, name: str = NAME) -> Operator:
+    """Somebody who has the key, and hears how the controller is."""
+    witness = await Operator(key, 99).dial(named(running, name))
+    witness.say(Goal(5, 3, 0, (math.nan,) * 7, Verb.STATUS, 1, 1))
+    await until(lambda: any(isinstance(each, GoalStatus) for each in witness.heard), "it answers")
+    witness.heard[:] = [each for each in witness.heard if not isinstance(each, GoalStatus)]
+    await until(lambda: witness.latest() is not None, "it says how it is")
+    return witness
+
+
+@pytest.mark.parametrize("number", range(6))
+async def test_its_key_is_that_of_the_golden_vectors(start: Start, tmp_path: Path, number: int) -> None:
+    vector = json.loads(GOLDEN.read_text())[number]
+    master = tmp_path / "master.key"
+    master.touch(mode=0o600)
+    master.write_text(f"# of the cell\ntcp:*  {'7f' * 32}\n* {vector['master']}\n")
+    name = vector["controller"]
+    if name.startswith("tcp:"):
+        master.write_text(f"* {vector['master']}\n")
+    with start(name, key=master) as running:
+        station = await Station(security=Punctual(bytes.fromhex(vector["key"]))).dial(running.url)
+        station.say(Goal(5, 1, 0, (math.nan,) * 7, Verb.STATUS, 1, 1))
+        await station.told(GoalStatus, key=5)
+        assert station.refused == 0, "it signs with the same key"
+
+
+async def test_a_line_with_its_very_name_has_its_own_key(start: Start, tmp_path: Path) -> None:
+    file = tmp_path / "own.key"
+    file.touch(mode=0o600)
+    file.write_text(f"{NAME} {'5a' * 32}\n* {'7f' * 32}\n")
+    with start(key=file) as running:
+        station = await Station(security=Punctual(b"\x5a" * 32)).dial(running.url)
+        station.say(Goal(5, 1, 0, (math.nan,) * 7, Verb.STATUS, 1, 1))
+        await station.told(GoalStatus, key=5)
+        assert station.refused == 0
+
+
+@pytest.mark.parametrize("security", [None, Punctual(b"o" * 32)], ids=["unsigned", "another key"])
+async def test_who_has_not_the_key_commands_nothing(
+    start: Start, key: Path, security: Punctual | None
+) -> None:
+    with start() as running:
+        stranger = await (Station(security=security) if security else Station()).dial(running.url)
+        for order in ORDERS:
+            stranger.say(order)
+        await until(lambda: "refused: a frame of 255" in running.complaints(), "it says so")
+        await asyncio.sleep(0.3)
+        stranger.link.close()
+        witness = await witnessed(running, key)
+        assert stood(witness)
+        assert {each.epoch for each in witness.heard if isinstance(each, Mode)} == {0}
+
+
+async def test_a_recording_of_one_controller_does_nothing_at_another_one(start: Start, key: Path) -> None:
+    with start() as running, start("rover-2") as other:
+        operator = await drive(running, key)
+        await replay(other, operator.said)
+        witness = await witnessed(other, key, "rover-2")
+        await asyncio.sleep(0.6)
+        assert stood(witness)
+
+
+async def test_a_recording_is_not_obeyed_again_by_the_same_controller(start: Start, key: Path) -> None:
+    with start() as running:
+        operator = await drive(running, key)
+        operator.say(SetMode(3, 1, 1, ModeKind.SAFE_STOP))
+        await until(lambda: operator.latest() == ModeKind.SAFE_STOP, "it is stopped")
+        operator._link.close()
+        await replay(running, operator.said[:-1])
+        witness = await witnessed(running, key)
+        assert witness.latest() == ModeKind.SAFE_STOP
+
+
+@pytest.mark.parametrize("offset", [0, -3600], ids=["at once", "with the clock set back"])
+async def test_a_recording_does_nothing_after_a_restart(
+    start: Start, key: Path, tmp_path: Path, offset: int
+) -> None:
+    with start() as running:
+        operator = await drive(running, key)
+        os.kill(running.process.pid, signal.SIGKILL)
+        running.process.wait()
+    with start(env=clock(tmp_path, offset) if offset else {}) as again:
+        await replay(again, operator.said)
+        witness = await witnessed(again, key)
+        await asyncio.sleep(0.6)
+        assert stood(witness)
+        assert {each.epoch for each in witness.heard if isinstance(each, Mode)} == {3}, "it remembers"
+
+
+def clock(folder: Path, offset: int) -> dict[str, str]:
+    """An environment in which the wall clock is wrong by seconds."""
+    assert COMPILER is not None
+    library, source = folder / "clock.so", folder / "clock.c"
+    source.write_text(CLOCK)
+    subprocess.run([COMPILER, "-shared", "-fPIC", source, "-o", library, "-ldl"], check=True)
+    sanitizers = {"ASAN_OPTIONS": "verify_asan_link_order=0"}
+    return {"LD_PRELOAD": str(library), "CLOCK_OFFSET": str(offset), **sanitizers}
+
+
+async def test_many_programs_one_after_the_other_lock_nobody_out(start: Start, key: Path) -> None:
+    with start() as running:
+        for number in range(80):
+            operator = await Operator(key, number).dial(named(running))
+            operator.say(Goal(5, 1, 0, (math.nan,) * 7, Verb.STATUS, 1, 1))
+            await until(
+                lambda operator=operator: any(isinstance(each, GoalStatus) for each in operator.heard), number
+            )
+            operator._link.close()
+        assert running.complaints().count("refused") == 0
+
+
+def refused(program: list[str], *words: str | Path) -> str:
+    done = subprocess.run([*program, "0", *words], capture_output=True, text=True, check=False, timeout=30)
+    assert done.returncode != 0
+    assert "ready" not in done.stdout
+    return done.stderr
+
+
+def test_it_does_not_start_with_a_key_that_it_cannot_use(
+    program: list[str], key: Path, tmp_path: Path
+) -> None:
+    memory = ("--memory", tmp_path / "memory", "--reset-epoch")
+    assert "--memory" in refused(program, "--key", key)
+    assert "no line" in refused(program, *memory, "--key", _file(tmp_path, f"can:* {'7f' * 32}\n"))
+    assert "no pattern and key" in refused(program, *memory, "--key", _file(tmp_path, "* 7f7f\n"))
+    shutil.copy(key, tmp_path / "open.key")
+    (tmp_path / "open.key").chmod(0o644)
+    assert "chmod 600" in refused(program, *memory, "--key", tmp_path / "open.key")
+    assert "No such file" in refused(program, *memory, "--key", tmp_path / "none.key")
+
+
+def _file(folder: Path, text: str) -> Path:
+    path = folder / f"{abs(hash(text))}.key"
+    path.touch(mode=0o600)
+    path.write_text(text)
+    return path
+
+
+async def test_a_wrong_clock_of_one_sender_locks_out_nobody(start: Start, key: Path) -> None:
+    with start() as running:
+        wrong = Punctual(key_bytes(key), derives=True)
+        wrong.time._clock = partial(lambda: time.time() + 1e7)
+        ahead = await Station(security=wrong).dial(named(running))
+        ahead.say(SetMode(3, 1, 1, ModeKind.SAFE_STOP))
+        await until(lambda: "more than a minute ahead" in running.complaints(), "it says why")
+        ahead.link.close()
+        assert stood(await witnessed(running, key))
+
+
+def key_bytes(key: Path) -> bytes:
+    return bytes.fromhex(key.read_text().split()[1])
