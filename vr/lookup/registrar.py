@@ -22,7 +22,7 @@ from robotree.vr.base.presence import Undo
 from robotree.vr.base.requests import Register, Registered
 from robotree.vr.base.transport import Transport
 from robotree.vr.exchange.client import ask
-from robotree.vr.lookup.table import REMEMBERED
+from robotree.vr.lookup.table import MOST_REMEMBERED, REMEMBERED
 
 TERM = 10.0
 """[s] of a lease. Presence shows deaths at once, so this covers only what presence misses."""
@@ -123,10 +123,14 @@ class Registrar:
                 keeper.bring(address)
 
     def _forget_withdrawals(self, now: float) -> None:
-        """Forget those that no service can remember the listing of."""
+        """Forget those that no service can remember the listing of, and the oldest if there are too many.
+
+        A service that has not heard of one of these by then holds what is not wanted: `_Keeper` sees that by
+        the number, and begins anew.
+        """
         while self._withdrawn:
             address, since = next(iter(self._withdrawn.items()))
-            if since + REMEMBERED >= now:
+            if since + REMEMBERED >= now and len(self._withdrawn) <= MOST_REMEMBERED:
                 return
             del self._withdrawn[address], self.wanted[address]
             for keeper in self._keepers.values():

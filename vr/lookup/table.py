@@ -25,6 +25,10 @@ LONGEST_TERM = 60.0
 REMEMBERED = 2 * LONGEST_TERM
 """[s] for which a withdrawal is remembered: nothing that was sent before it is under way any more."""
 
+MOST_REMEMBERED = 4096
+"""Withdrawals that are remembered; of more, the oldest are forgotten before their time. Nearly all are of
+agents that never come back."""
+
 LOST = 0
 """Revision in the news of a listing that ran out or whose agent is out of sight: that is only what this table
 knows. A withdrawal is news with its own revision, and holds for all tables."""
@@ -60,6 +64,7 @@ class LookupTable:
         self._names: dict[str, set[Address]] = {}
         self._leases: dict[str, _Lease] = {}
         self._withdrawals: dict[Address, _Withdrawal] = {}
+        """The oldest first."""
 
     def register(self, request: Register, now: float) -> tuple[Registered, list[Update]]:
         """Enter, change and take out listings, and renew the lease of all that its holder has listed.
@@ -123,7 +128,10 @@ class LookupTable:
         ):
             return []
         self._remove(address)
+        self._withdrawals.pop(address, None)
         self._withdrawals[address] = _Withdrawal(revision, now + REMEMBERED)
+        if len(self._withdrawals) > MOST_REMEMBERED:
+            del self._withdrawals[next(iter(self._withdrawals))]
         return [Unlisted(address=address, revision=revision)]
 
     def see(self, address: Address, alive: bool, now: float) -> list[Update]:  # noqa: FBT001 # it is a fact

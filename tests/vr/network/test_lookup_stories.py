@@ -14,6 +14,7 @@ from robotree.vr.base.requests import Register, Registered
 from robotree.vr.base.transport import Registration, Respond
 from robotree.vr.exchange.claim import new_address
 from robotree.vr.exchange.client import ask
+from robotree.vr.lookup import registrar
 from robotree.vr.lookup.directory import FIRST_LOOK, SYNCHRONISE, Directory
 from robotree.vr.lookup.registrar import TERM, Registrar
 from robotree.vr.lookup.service import LookupService
@@ -284,6 +285,31 @@ async def test_a_listing_that_its_process_gave_up_unheard_runs_out_though_the_ot
     await asyncio.sleep(3 * TERM)
     assert onlooker.names == ["arm"]
     assert onlooker.news == ["arrived arm", "arrived stray", "departed stray"]
+
+
+@in_virtual_time
+async def test_robots_that_come_and_go_all_the_time_leave_a_bounded_trace(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Also while a service hears nothing of it: when it is back its list is what is wanted."""
+    monkeypatch.setattr(registrar, "MOST_REMEMBERED", 5)
+    network = MemoryNetwork()
+    lookups = await open_lookups(network, 2)
+    arm = await Agent(network, "arm").start()
+    kept = await Agent(network, "kept").start()
+    network.freeze(lookups[1])
+    for number in range(50):
+        passing = msgspec.structs.replace(arm.listing, address=new_address("robot", f"r{number}"))
+        await arm.registrar.enter(passing)
+        await arm.registrar.leave(passing.address)
+        assert len(arm.registrar.wanted) <= 6
+    network.thaw(lookups[1])
+    await asyncio.sleep(2 * TERM)
+    onlooker = await Onlooker(network).start()
+    network.kill(lookups[0])
+    await asyncio.sleep(2 * SYNCHRONISE)
+    assert onlooker.names == ["arm", "kept"]
+    assert kept.registrar.wanted.keys() == {kept.listing.address}
 
 
 @in_virtual_time

@@ -10,7 +10,14 @@ from hypothesis import strategies as st
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import Listing, Template
 from robotree.vr.base.requests import Listed, Register, Unlisted
-from robotree.vr.lookup.table import LONGEST_TERM, LOST, SHORTEST_TERM, LookupTable, Update
+from robotree.vr.lookup.table import (
+    LONGEST_TERM,
+    LOST,
+    MOST_REMEMBERED,
+    SHORTEST_TERM,
+    LookupTable,
+    Update,
+)
 
 ARM = Address("robot", "arm", "1")
 
@@ -73,6 +80,19 @@ def test_a_late_renewal_does_not_bring_back_what_was_withdrawn() -> None:
     assert table.fill(listing(1), 5.0, now=1.1, alive=True) == []
     assert names(table, 1.1) == []
     assert register(table, listing(3), now=1.2)[0] == (), "its agent can return"
+
+
+def test_withdrawals_are_remembered_in_a_bounded_number_the_latest_ones() -> None:
+    """A host that creates and deletes robots all the time withdraws hundreds a second."""
+    table = LookupTable()
+    withdrawn = [Address("robot", f"r{number}", "1") for number in range(MOST_REMEMBERED + 100)]
+    for address in withdrawn:
+        register(table, listing(1, address), now=0.0)
+        table.withdraw(address, 2, now=0.0)
+        table.withdraw(withdrawn[0], 3, now=0.0)  # the first one is the latest again and again
+    assert len(table._withdrawals) == MOST_REMEMBERED
+    for address in (withdrawn[0], *withdrawn[-MOST_REMEMBERED + 1 :]):
+        assert register(table, listing(1, address), now=0.0) == ((address.name,), [])
 
 
 def test_a_late_withdrawal_does_not_take_out_what_returned() -> None:
