@@ -12,7 +12,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import AsyncGenerator, Awaitable, Callable, Iterable
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -61,7 +61,13 @@ REALMS = (
     (None, "lab", "waiter-3"),
 )
 """`_realm` says what they mean."""
-STORIES = ("full_runtime_folder", "full_shared_folder", "every_realm_is_stopped", "a_realm_that_hangs")
+STORIES = (
+    "full_runtime_folder",
+    "full_shared_folder",
+    "founded_at_once",
+    "every_realm_is_stopped",
+    "a_realm_that_hangs",
+)
 
 
 @pytest.mark.parametrize("story", STORIES)
@@ -94,6 +100,32 @@ async def full_shared_folder() -> None:
         return TMP / "theirs"
 
     await _stop_while_full(TMP / f"robotree-{os.geteuid()}" / "default", fill)
+
+
+async def founded_at_once() -> None:
+    """Services and processes of a login session start at the same moment: they are in one realm."""
+    session = LOGIN / "user" / str(os.geteuid())
+    await asyncio.to_thread(session.mkdir, mode=0o700, parents=True)
+    for number in range(3):
+        async with Crew(f"realm-{number}", LOGIN) as crew:
+            starting = list[Awaitable[object]]()
+            for name, runtime in (("session", str(session)), ("service", "")):
+                os.environ["XDG_RUNTIME_DIR"] = runtime  # of what is started next
+                starting += [
+                    asyncio.ensure_future(crew.start("host", f"host-{name}")),
+                    asyncio.ensure_future(crew.start("lookup", f"lookup-{name}")),
+                ]
+                await asyncio.sleep(0)  # they have taken their environment
+            await asyncio.gather(*starting)
+            for runtime in (str(session), ""):
+                os.environ["XDG_RUNTIME_DIR"] = runtime
+                async with joined(f"realm-{number}") as fleet:
+                    await until(lambda fleet=fleet: _both(fleet.services), "both lookup services are seen")
+                    assert _both(one.address.name for one in await fleet.hosts())
+
+
+def _both(names: Iterable[str]) -> bool:
+    return {name.partition("-")[2] for name in names} == {"session", "service"}
 
 
 async def every_realm_is_stopped() -> None:

@@ -30,6 +30,7 @@ from robotree.vr.network.realms import (
     all_realms,
     dial,
     members,
+    places,
     realm_folder,
     robots_of,
 )
@@ -72,8 +73,10 @@ class StopLine(NamedTuple):
     def folders(self) -> list[Path]:
         """Return the folders of the realms that are meant."""
         if self.everywhere:
-            return all_realms()
-        return [realm_folder(self.realm or os.environ.get(REALM_VARIABLE) or DEFAULT_REALM)]
+            realms = all_realms()
+        else:
+            realms = [realm_folder(self.realm or os.environ.get(REALM_VARIABLE) or DEFAULT_REALM)]
+        return [place for realm in realms for place in places(realm)]
 
 
 def understood(words: Sequence[str]) -> StopLine | None:

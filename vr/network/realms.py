@@ -10,12 +10,14 @@ import contextlib
 import os
 import re
 import socket
+import stat
 import struct
 from collections import Counter
 from collections.abc import Generator
 from pathlib import Path
 
 from robotree import files
+from robotree.files.private import OTHERS
 from robotree.vr.network.living import alive, listening_anywhere
 
 REALM_VARIABLE = "ROBOTREE_REALM"
@@ -58,24 +60,34 @@ def realm_folder(realm: str) -> Path:
     looked at, so that a process of one joins the realm of the other. Where `$XDG_RUNTIME_DIR` names a third
     folder, the user wants realms apart.
     """
-    own = runtime_directory()
-    user = os.geteuid()
-    usual = [LOGIN / str(user) / "robotree", SHARED.resolve() / f"robotree-{user}"]
-    if own in usual and not inhabited(own / realm):
-        usual.remove(own)
-        if inhabited(usual[0] / realm):
-            return usual[0] / realm
-    return own / realm
+    own = runtime_directory() / realm
+    other = _twin(own)
+    return other if other and not inhabited(own) and inhabited(other) else own
+
+
+def places(directory: Path) -> list[Path]:
+    """Return the folders in which the processes of one realm meet: this one and its twin.
+
+    A service and a process of a login session that found a realm at the same moment found it in two folders.
+    All look into both, so that it is one realm nevertheless.
+
+    Args:
+        directory: of the realm.
+    """
+    other = _twin(directory)
+    return [directory, other] if other and _private(other.parent) and _private(other) else [directory]
 
 
 def all_realms() -> list[Path]:
     """Return the folders of all realms of this user in which a process lives, by the name of the realm.
 
+    Of a realm that lies in two (see `places`) it is one of them.
     The kernel knows those that lie below another runtime directory than ours; see `living`.
     """
     found, own = _known_to_the_kernel(), runtime_directory()
     with contextlib.suppress(OSError):
         found |= {path for path in own.iterdir() if _has_members(path)}
+    found -= {other for path in found for other in places(path)[1:] if path < other}
     return sorted(found, key=lambda path: (path.name, path))
 
 
@@ -144,7 +156,7 @@ def dial(directory: Path, tag: str, timeout: float = 0.0) -> socket.socket:
     """Connect to a process.
 
     Args:
-        directory: of the realm.
+        directory: in which the process has its entry.
         tag: of the process.
         timeout: [s] of the connection, and to wait for a place in its line, if too many others wait there
             already; 0: it does not block.
@@ -170,6 +182,25 @@ def dial(directory: Path, tag: str, timeout: float = 0.0) -> socket.socket:
 
 
 # -- inside ----------------------------------------------------------------------------------------
+
+
+def _twin(directory: Path) -> Path | None:
+    """Return the other folder of a realm that lies in one of the two usual runtime directories."""
+    user = os.geteuid()
+    usual = [LOGIN / str(user) / "robotree", SHARED.resolve() / f"robotree-{user}"]
+    if directory.parent not in usual:
+        return None
+    usual.remove(directory.parent)
+    return usual[0] / directory.name
+
+
+def _private(path: Path) -> bool:
+    """Whether a path is a folder that only this user can enter."""
+    try:
+        found = os.lstat(path)
+    except OSError:
+        return False
+    return stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid() and not found.st_mode & OTHERS
 
 
 def _has_members(directory: Path) -> bool:

@@ -40,6 +40,7 @@ from robotree.vr.network.realms import (
     TAG,
     dial,
     keys_of,
+    places,
     process_of,
     realm_folder,
     short,
@@ -215,39 +216,48 @@ class Rendezvous:
     def others(self) -> list[str]:
         """Return the tags of all other processes with an entry, also of those that have ended."""
         found: list[str] = []
-        with contextlib.suppress(OSError), os.scandir(self.directory) as entries:
-            for entry in entries:
-                tag = entry.name.removesuffix(SOCKET).removeprefix(".")
-                if not TAG.fullmatch(tag) or tag == self.tag:
-                    continue
-                if entry.name == f"{tag}{SOCKET}":
-                    found.append(tag)
-                elif entry.name == f".{tag}":
-                    self._sweep(Path(entry.path))
+        for place in places(self.directory):
+            with contextlib.suppress(OSError), os.scandir(place) as entries:
+                for entry in entries:
+                    tag = entry.name.removesuffix(SOCKET).removeprefix(".")
+                    if not TAG.fullmatch(tag) or tag == self.tag:
+                        continue
+                    if entry.name == f"{tag}{SOCKET}":
+                        found.append(tag)
+                    elif entry.name == f".{tag}":
+                        self._sweep(Path(entry.path))
         return sorted(found)
 
     def dial(self, tag: str, patience: float = 0.0) -> socket.socket:
         """Connect to another process; as `realms.dial`, but later nothing blocks."""
-        line = dial(self.directory, tag, patience)
+        line = dial(self.place_of(tag), tag, patience)
         line.setblocking(False)
         return line
+
+    def place_of(self, tag: str) -> Path:
+        """Return the folder in which a process has its entry; the own one if it has none."""
+        first, *rest = places(self.directory)
+        if rest and tag != self.tag and not (first / f"{tag}{SOCKET}").exists():
+            return next((place for place in rest if (place / f"{tag}{SOCKET}").exists()), first)
+        return first
 
     def beat_of(self, tag: str) -> Beat | None:
         """Return the sign of life of another process; None: it has none."""
         try:
-            return Beat(self.directory / f"{tag}{_BEAT}")
+            return Beat(self.place_of(tag) / f"{tag}{_BEAT}")
         except OSError:
             return None
 
     def keys_of(self, tag: str) -> list[str] | None:
         """Return the keys under which another process is present; see `realms.keys_of`."""
-        return keys_of(self.directory, tag)
+        return keys_of(self.place_of(tag), tag)
 
     def forget(self, tag: str) -> None:
         """Remove the files of a process that has ended."""
+        place = self.place_of(tag)
         for end in (SOCKET, _BEAT, HELD):
             with contextlib.suppress(OSError):
-                (self.directory / f"{tag}{end}").unlink()
+                (place / f"{tag}{end}").unlink()
 
     def living(self) -> set[str]:
         """Return the tags of all other processes of the realm that have not ended, entering ones included.
@@ -256,8 +266,9 @@ class Rendezvous:
         is asked first: what comes into the folder meanwhile is found there. What only has the name of a
         socket is nobody.
         """
-        listen = {found[1] for name in listening(self.directory) if (found := _HIDDEN.fullmatch(name))}
-        seen = {tag for tag in self.others() if (self.directory / f"{tag}{SOCKET}").is_socket()}
+        heard = (name for place in places(self.directory) for name in listening(place))
+        listen = {found[1] for name in heard if (found := _HIDDEN.fullmatch(name))}
+        seen = {tag for tag in self.others() if (self.place_of(tag) / f"{tag}{SOCKET}").is_socket()}
         return {tag for tag in (listen | seen) - {self.tag} if alive(process_of(tag))}
 
     # -- inside

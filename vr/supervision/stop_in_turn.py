@@ -96,7 +96,7 @@ class _Process:
         """Ask, and wait until all have answered, for `CONFIRM` at most."""
         latest = time.monotonic() + (HOPELESS if asleep(process_of(self._tag)) else CONFIRM)
         try:
-            with dial(self._place.directory, self._tag, HOPELESS) as line:
+            with dial(self._place.place_of(self._tag), self._tag, HOPELESS) as line:
                 if user_of(line) != os.geteuid():
                     return
                 line.sendall(pack(Hello(VERSION, self._place.tag, Channel.URGENT, {})))

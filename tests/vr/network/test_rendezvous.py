@@ -16,10 +16,12 @@ from pathlib import Path
 import pytest
 
 from robotree.vr.base.errors import BadName, RealmUnusable
+from robotree.vr.network import realms
+from robotree.vr.network.lean_stop import StopLine
 from robotree.vr.network.local import join
 from robotree.vr.network.mesh import RECENT, Mesh
 from robotree.vr.network.readers import What
-from robotree.vr.network.realms import runtime_directory
+from robotree.vr.network.realms import all_realms, realm_folder, runtime_directory
 from robotree.vr.network.rendezvous import SHORT_LIST, Rendezvous, realm_name
 
 
@@ -284,6 +286,84 @@ def test_realms_lie_in_the_users_runtime_directory(monkeypatch: pytest.MonkeyPat
     assert runtime_directory() == tmp_path / "robotree"
     monkeypatch.delenv("XDG_RUNTIME_DIR")
     assert runtime_directory().name == f"robotree-{os.geteuid()}"
+
+
+@pytest.fixture
+def usual(place: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path]:
+    """The runtime directories of a login session and of everybody else, both empty."""
+    login, shared = place / "user", place / "shared"
+    monkeypatch.setattr(realms, "LOGIN", login)
+    monkeypatch.setattr(realms, "SHARED", shared)
+    session = login / str(os.geteuid())
+    for folder in (session, shared):
+        folder.mkdir(mode=0o700, parents=True)
+    return session, shared
+
+
+def founded_at_once(usual: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> list[Rendezvous]:
+    """Have a process of a session and a service choose a folder before either is to be seen."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(usual[0]))
+    session = Rendezvous("test")
+    monkeypatch.delenv("XDG_RUNTIME_DIR")
+    both = [session, Rendezvous("test")]
+    assert len({one.directory for one in both}) == 2
+    return both
+
+
+def test_two_that_found_a_realm_at_once_in_two_folders_are_in_one_realm(
+    usual: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Their folders differ, and stay so: each looks into both."""
+    places = founded_at_once(usual, monkeypatch)
+    meshes = [Mesh(one) for one in places]
+    for number, mesh in enumerate(meshes):
+        mesh.open()
+        mesh.announce(f"robot/r{number}/1")
+    keys = ["robot/r0/1", "robot/r1/1"]
+    latest = time.monotonic() + 5.0
+    while not all(sorted(mesh.presence.keys("robot/*/*")) == keys for mesh in meshes):
+        assert time.monotonic() < latest, "one of them does not see the other"
+        time.sleep(0.005)
+    assert [one.living() for one in places] == [{places[1].tag}, {places[0].tag}]
+    found = [folder for folder in all_realms() if folder.is_relative_to(usual[0].parent.parent)]
+    assert found == [min(one.directory for one in places)], "it is one realm"
+    assert {*StopLine(realm="test").folders()} == {one.directory for one in places}
+    for mesh in meshes:
+        mesh.close().result(10.0)
+
+
+def test_who_comes_later_looks_at_both_folders_wherever_it_comes_from(
+    usual: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    places = founded_at_once(usual, monkeypatch)
+    doors = [one.register() for one in places]
+    for runtime in (str(usual[0]), ""):
+        monkeypatch.setenv("XDG_RUNTIME_DIR", runtime)
+        newcomer = Rendezvous("test", listed=False)
+        assert sorted(newcomer.others()) == sorted(one.tag for one in places)
+        for one in places:
+            newcomer.dial(one.tag).close()
+            assert newcomer.keys_of(one.tag) == []
+            beat = newcomer.beat_of(one.tag)
+            assert beat is not None
+            beat.close()
+    doors[0].close()
+    newcomer.forget(places[0].tag)
+    assert newcomer.others() == [places[1].tag]
+    doors[1].close()
+
+
+def test_the_other_folder_is_no_place_to_meet_if_somebody_else_can_enter_it(
+    usual: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    places = founded_at_once(usual, monkeypatch)
+    doors = [one.register() for one in places]
+    places[1].directory.chmod(0o711)
+    assert places[0].others() == []
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(usual[0]))
+    assert realms.places(realm_folder("test")) == [places[0].directory]
+    for door in doors:
+        door.close()
 
 
 def test_a_process_that_leaves_while_it_enters_leaves_nothing_behind(tmp_path: Path) -> None:
