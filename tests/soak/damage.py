@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import json
 import random
 import time
@@ -11,6 +13,7 @@ from pathlib import Path
 
 from robotree.protocol.links.keyring import create
 from robotree.tui.errors import MemberFailed
+from robotree.vr.base.errors import VrError
 from tests.soak.observer import Observer, holds
 from tests.soak.stage import Stage, names
 from tests.soak.table import Row, Trial
@@ -44,6 +47,8 @@ PAGE = Row(
     "from the start of `reload` with the mended page to its end",
     2.0,
 )
+BACK = 5.0
+"""[s] in which a proxy finds a restarted controller."""
 NAME = "arm-damaged"
 ARM, PROXY = "damaged arm", "damaged proxy"
 CHECKED = 17
@@ -79,7 +84,13 @@ async def _arm(stage: Stage, *words: str, key: Sequence[str] = ()) -> AsyncItera
 
 
 async def _moved(stage: Stage, y: float) -> str:
-    """Move that arm; returns why it did not come there, empty if it did."""
+    """Move that arm, as soon as its proxy is back; returns why it did not come there, empty if it did."""
+    until = time.monotonic() + BACK
+    while time.monotonic() < until:
+        with contextlib.suppress(VrError):
+            if (await stage.fleet.describe(NAME)).online:
+                break
+        await asyncio.sleep(0.02)
     line = ("call", f"{NAME}.go_to", "x=0.45", f"y={y}", "z=0.35", "twist=0", "--within", "10 s")
     said = await stage.say(*line)
     return "" if said.done else str(said)

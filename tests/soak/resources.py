@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 
+from robotree.vr.base.errors import NoSuchRobot
 from tests.apart import fill
 from tests.soak.observer import holds
 from tests.soak.stage import ARM, ROVER, SQUARE, Said, Stage, names
@@ -186,6 +187,8 @@ async def hold(stage: Stage, _chance: random.Random, letters: int, kill: bool) -
     page = stage.folder / "greedy.py"
     page.write_text(PAGE)
     await stage.furnish()
+    with contextlib.suppress(NoSuchRobot):  # of a trial that was broken off
+        await stage.fleet.delete("greedy")
     await stage.fleet.create(str(page), "greedy")
     square = await stage.verb("call", f"{SQUARE}.move", "x=1.2", "y=0", "--within", "20 s")
     moved = await stage.rover.moves()
