@@ -27,7 +27,7 @@ pytestmark = [pytest.mark.e2e, pytest.mark.asyncio(loop_scope="module"), pytest.
 REALM = "trust"
 WITHIN = 1.0
 """[s] in which a process that does not answer must be shown."""
-BUSY = 1.0
+BUSY = 0.5
 """[s] that a busy machine may take besides."""
 RUN = within_realm(REALM)
 
@@ -43,6 +43,14 @@ class Screen(Terminal):
         self.shown = b""
         os.write(self._master, keys.encode())
         self.shows(sees.encode())
+
+    def shows(self, *texts: bytes, within: float = 60.0) -> None:
+        """Read what is shown until one of these is there."""
+        while not any(one in self.shown for one in texts):
+            began = time.monotonic()
+            self.reads(min(within, 0.1))
+            within -= time.monotonic() - began
+            assert within > 0.0, self.shown[-2000:]
 
     @property
     def terminal(self) -> str:
@@ -95,7 +103,7 @@ async def test_a_robot_that_hangs_is_seen_within_a_second_in_the_list_and_in_an_
     began = time.monotonic()
     try:
         screen.shown = b""
-        screen.shows(b"late", within=10.0)
+        screen.shows(b"late", b"HANGS", within=10.0)
         assert time.monotonic() - began < WITHIN + BUSY
         screen.shows(f"HANGS (pid {cell.proxy})".encode(), within=10.0)
         assert b"gone" not in screen.shown
@@ -150,6 +158,37 @@ async def test_two_people_who_command_one_robot_have_two_entries_with_their_name
     assert "y=0" in first["arguments"]
     _, text, _ = await RUN("log")
     assert re.search(rf"\d{{4}}-\d\d-\d\d .* arm-1: go_to by {os_user()}@pts/\d+ is done: waited", text), text
+
+
+async def test_the_deaths_of_a_host_and_a_lookup_service_are_in_both_logs_with_their_processes(
+    cell: Cell, screen: Screen
+) -> None:
+    host, lookup = await cell.crew.start_all(("host", "host-2"), ("lookup", "lookup-2"))
+    screen.shows(b"host-2 (host) has come")
+    for member, name, role in ((host, "host-2", "host"), (lookup, "lookup-2", "lookup")):
+        screen.shown = b""
+        member.process.kill()
+        screen.shows(f"{name} ({role}) has died".encode())
+        await member.process.wait()
+        cell.crew.members.remove(member)
+        await member.stop()
+    _, text, _ = await RUN("log")
+    for member, name, role in ((host, "host-2", "host"), (lookup, "lookup-2", "lookup")):
+        died = rf"\d{{4}}-\d\d-\d\d .* error .*{name} \({role}, process {member.pid}\) has died"
+        assert len(re.findall(died, text)) == 1, text
+
+
+async def test_who_created_and_who_deleted_a_robot_is_in_both_logs(cell: Cell, screen: Screen) -> None:
+    del cell
+    me = f"{os_user()}@{screen.terminal}"
+    screen.types(":create examples/move_to.py as brief\r", sees=f"move_to.py by {me}")
+    screen.shown = b""
+    assert (await RUN("delete", "brief"))[0] == 0
+    screen.shows(f"deleted by {os_user()}@script".encode())
+    _, text, _ = await RUN("log", "brief")
+    assert re.search(rf"created from .*move_to.py by {me}", text), text
+    assert re.search(rf"\d{{4}}-\d\d-\d\d .* deleted by {os_user()}@script", text), text
+    assert (await RUN("log", "nobody"))[0] != 0
 
 
 async def test_a_verb_typed_in_a_panel_stops_nothing(cell: Cell, screen: Screen) -> None:

@@ -68,8 +68,12 @@ class Terminal:
         began = time.monotonic()
         while text not in self.shown:
             assert time.monotonic() < began + within, self.shown[-2000:]
-            if select.select([self._master], [], [], 0.1)[0]:
-                self.shown += os.read(self._master, 65536)
+            self.reads(0.1)
+
+    def reads(self, within: float) -> None:
+        """Read what has been shown since, if anything is within this time [s]."""
+        if select.select([self._master], [], [], within)[0]:
+            self.shown += os.read(self._master, 65536)
 
     def stalls(self) -> None:
         """Take nothing more, as after Ctrl-S, or at the far end of a link that hangs."""

@@ -32,10 +32,14 @@ from robotree.vr.base.errors import (
     VrError,
     WrongKind,
 )
+from robotree.vr.base.presence import Held
+from robotree.vr.lookup.chronicle import Chronicle
 from robotree.vr.world.testing import until
 
 if TYPE_CHECKING:
     from conftest import Realm
+
+    from robotree.vr.base.description import RobotDescription
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -97,6 +101,20 @@ async def test_ls_tells_real_and_simulated_robots_apart_as_the_screen_does(
     await until(lambda: len(realm.fleet.robots()) == 3, "it is listed")
     row = next(line for line in (await do(realm, "ls")).text.splitlines() if line.startswith("arm-2"))
     assert re.split(r" {2,}", row)[1] == kind
+
+
+async def test_ls_says_that_a_robot_is_late_which_has_not_answered_yet(
+    realm: Realm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answering = [one for one in await realm.fleet.tree() if one.name != "arm-1"]
+    late = [one for one in await realm.fleet.tree() if one.name in {"arm-1", "rover-1"}]
+
+    async def tree() -> list[RobotDescription]:
+        return answering
+
+    monkeypatch.setattr(realm.fleet, "tree", tree)
+    monkeypatch.setattr(realm.fleet, "late", lambda: [Held(one.address.key, "", "") for one in late])
+    assert [one["state"] for one in (await do(realm, "ls")).data] == ["late", "free"]
 
 
 async def test_ls_says_how_each_robot_is(realm: Realm) -> None:
@@ -301,7 +319,10 @@ def test_every_verb_of_a_script_has_a_function() -> None:
         assert not action.where & Where.SCRIPT or function_of(action.verb)
 
 
-async def test_an_empty_log_says_that_it_is_empty(realm: Realm) -> None:
+async def test_an_empty_log_says_that_it_is_empty(realm: Realm, monkeypatch: pytest.MonkeyPatch) -> None:
+    said = await do(realm, "log arm-1")
+    assert [one["text"] for one in said.data] == ["arm-1 (robot, arm-1) has come"]
+    monkeypatch.setattr(Chronicle, "lines", ())
     said = await do(realm, "log arm-1")
     assert (said.data, said.text) == ([], "arm-1 has logged nothing")
 

@@ -20,11 +20,12 @@ from robotree.tui.line.grammar import Line
 from robotree.tui.seen import forest, status, unlisted, wording
 
 if TYPE_CHECKING:  # help must not wait for the agents
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from robotree.tui.line.page_files import PageFiles
     from robotree.tui.seen.store import Weight
     from robotree.vr.base.description import CommandSpec, Listing, RobotDescription
+    from robotree.vr.base.presence import Held
     from robotree.vr.base.requests import Level, LoggedLine, Reloaded, State
     from robotree.vr.supervision.fleet import Fleet
 
@@ -99,23 +100,27 @@ async def ls(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
         return _listed(found, what, doubt)
     hanging = await _hanging(fleet)
     answering = {robot.name: robot for robot in await fleet.tree()}
-    told = {name: status.text(robot, answering.get, hanging) for name, robot in answering.items()}
-    told |= {name: f"HANGS ({where})" for name, (where, _) in hanging.items()}
+    states = dict.fromkeys(_robots_of(fleet.late()), "late")  # of those that have not answered
+    states |= {name: status.text(robot, answering.get, hanging) for name, robot in answering.items()}
+    states |= {name: f"HANGS ({where})" for name, (where, _) in hanging.items()}
     known = {one.name for one in found}
     found = [*found, *(_unknown(name) for name in hanging if name not in known)]
     return _listed(
-        found, what, doubt or _some_hang(hanging), {one.name: told.get(one.name, MUTE) for one in found}
+        found, what, doubt or _some_hang(hanging), {one.name: states.get(one.name, MUTE) for one in found}
     )
+
+
+def _robots_of(held: Iterable[Held]) -> dict[str, Held]:
+    """Return the robots among agents, by name."""
+    from robotree.vr.base.address import Address
+
+    found = ((Address.parse(one.key), one) for one in held)
+    return {address.name: one for address, one in found if address and address.role == "robot"}
 
 
 async def _hanging(fleet: Fleet) -> dict[str, tuple[str, str]]:
     """Return the robots that live in processes that answer nobody: where, and what can be done about it."""
-    from robotree.vr.base.address import Address
-
-    found = [(Address.parse(one.key), one) for one in await fleet.hanging()]
-    return {
-        address.name: (one.where, one.remedy) for address, one in found if address and address.role == "robot"
-    }
+    return {name: (one.where, one.remedy) for name, one in _robots_of(await fleet.hanging()).items()}
 
 
 def _some_hang(hanging: Mapping[str, tuple[str, str]]) -> SomeHang | None:
@@ -248,31 +253,41 @@ async def log(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
     """Tell what the code of a robot, or of all, says, and what became of their commands."""
     name = line.text("NAME")
     if not line.flag("--follow"):
-        said = await _logged(fleet, name)
-        told = "\n".join(wording.log_line(one, "" if name else robot) for robot, one in said)
+        logged = await _logged(fleet, name)
+        lines = "\n".join(wording.log_line(one, "" if name else robot) for robot, one in logged)
         nothing = f"{name} has logged nothing" if name else "no robot has logged anything"
-        return Outcome([{"robot": robot, **plain(one)} for robot, one in said], told or nothing)
+        return Outcome([{"robot": robot, **plain(one)} for robot, one in logged], lines or nothing)
     await _follow_log(fleet, name, teller)
     return Outcome(None)
 
 
 async def _logged(fleet: Fleet, name: str) -> list[tuple[str, LoggedLine]]:
-    """Return the lines of one robot's log, or of all robots' (empty name), the oldest first."""
+    """Return what is logged of one robot, or of all agents (empty name), the oldest first.
+
+    Raises:
+        VrError: there is no robot of this name, and nobody remembers one; or it does not answer.
+    """
     import asyncio
 
-    from robotree.vr.base.errors import VrError
+    from robotree.vr.base.errors import NoSuchRobot, VrError
 
+    found = [(one.name, one.line) for one in await fleet.read_history() if name in {"", one.name}]
     if name:
-        return [(name, one) for one in await fleet.read_log(name)]
+        try:
+            found += [(name, one) for one in await fleet.read_log(name)]
+        except NoSuchRobot:
+            if not found:
+                raise
+        return sorted(found, key=lambda entry: entry[1].unix)
     names = [address.name for address in fleet.directory.present("robot")]
     logs = await asyncio.gather(*map(fleet.read_log, names), return_exceptions=True)
     if faults := [one for one in logs if isinstance(one, BaseException) and not isinstance(one, VrError)]:
         raise faults[0]
-    found = [
+    found += [
         (robot, one)
-        for robot, said in zip(names, logs, strict=True)
-        if not isinstance(said, BaseException)
-        for one in said
+        for robot, lines in zip(names, logs, strict=True)
+        if not isinstance(lines, BaseException)
+        for one in lines
     ]
     return sorted(found, key=lambda entry: entry[1].unix)
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from robotree.tui.seen import unlisted
 from robotree.tui.seen.store import Store
-from robotree.vr.base.address import Address
+from robotree.vr.base.address import Address, Role
 from robotree.vr.base.errors import TransportClosed, VrError
 
 if TYPE_CHECKING:
@@ -83,7 +83,14 @@ class Feed:
 
     @property
     def _present(self) -> set[Address]:
-        return {*self.fleet.directory.present("robot"), *self.fleet.directory.present("view")}
+        return self._present_as("robot", "view") | self._servers
+
+    @property
+    def _servers(self) -> set[Address]:
+        return self._present_as("host", "lookup")
+
+    def _present_as(self, *roles: Role) -> set[Address]:
+        return {address for role in roles for address in self.fleet.directory.present(role)}
 
     def _take_state(self, name: str, state: State) -> None:
         shape = self.store.shape
@@ -115,7 +122,10 @@ class Feed:
         with contextlib.suppress(TransportClosed):
             while True:
                 self.store.take_late(self.fleet.late())
-                self.store.take_silent(self.fleet.hang(), self.clock())
+                hang = self.fleet.hang()
+                self.store.take_silent(hang, self.clock())
+                answering = self._servers.difference(Address.parse(one.key) for one in hang)
+                self.store.take_servers(answering, self.clock(), left=self.fleet.left)
                 await asyncio.sleep(GLANCE)
 
     async def _take_unlisted(self, tree: Sequence[RobotDescription]) -> None:

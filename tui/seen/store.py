@@ -7,7 +7,7 @@ what it heard last and when, so that silence can be told from calm.
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -135,6 +135,8 @@ class Store:
     """All robots that answered at the last look, enslaved ones too."""
     services: tuple[str, ...] = ()
     hosts: tuple[str, ...] = ()
+    servers: frozenset[Address] | None = None
+    """Hosts and lookup services that live, hanging ones too; None: nobody has looked yet."""
     processes: dict[str, str] = field(default_factory=dict[str, str])
     """By robot: the process that holds it, where this machine knows it: `process 4711`."""
     stale: bool = False
@@ -342,6 +344,31 @@ class Store:
             self.tell("a lookup service is back", "good", now)
         self.services, self.stale = tuple(sorted(services)), stale
         self.revision += 1
+
+    def take_servers(
+        self, present: Collection[Address], now: float, *, left: Callable[[Address], bool]
+    ) -> None:
+        """Take which hosts and lookup services are present; log who comes, leaves or dies.
+
+        Args:
+            present: those that are present and do not hang.
+            now: [s] on the store's clock.
+            left: returns whether one has taken its leave.
+        """
+        before, awake = self.servers, self._hanging.intersection(present)
+        self._hanging -= awake
+        self.servers = frozenset({*present, *self._hanging.intersection(before or ())})
+        for address in sorted(awake):
+            self.tell(f"{address.name} ({address.role}) answers again", "good", now)
+        if before is None:
+            return
+        for address in sorted(self.servers - before):
+            self.tell(f"{address.name} ({address.role}) has come", "good", now)
+        for address in sorted(before - self.servers):
+            if left(address):
+                self.tell(f"{address.name} ({address.role}) has left", "plain", now)
+            else:
+                self.tell(f"{address.name} ({address.role}) has died: its process has gone", "error", now)
 
     def take_processes(self, held: Iterable[Held]) -> None:
         """Take which process holds each robot."""

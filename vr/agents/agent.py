@@ -408,6 +408,7 @@ class RobotAgent:
                 self._note_order(f"{request.slot}: released", person)
                 say(Described(robot=self.description()))
             case Delete():
+                self._note_order("deleted", person)
                 await self._delete(lambda left: say(Done(note=left)))
             case _:  # not one of `_TAKE_TIME`
                 raise not_for("robot", request)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -18,16 +19,20 @@ from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.shared import Shared
 from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.address import Address, check_name
+from robotree.vr.base.envelope import Received
 from robotree.vr.base.errors import DuplicateName, HostReserved, NoSuchRobot, Unreachable, VrError
 from robotree.vr.base.requests import (
     AnyRequest,
     Create,
     Described,
     DescribeHost,
+    History,
     HostDescribed,
     Level,
+    ReadHistory,
     Reload,
     Reloaded,
+    Remembered,
     Reply,
 )
 from robotree.vr.base.transport import Registration, Transport
@@ -35,7 +40,7 @@ from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.loader import LIMIT
 from robotree.vr.core.bonds import DEFAULT_TERM
 from robotree.vr.core.machine import LONGEST_DEADLINE
-from robotree.vr.exchange.answering import answering, not_for
+from robotree.vr.exchange.answering import SendReply, conversing, not_for
 from robotree.vr.exchange.claim import claim, expect_free, new_address
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.lookup.registrar import Registrar
@@ -45,6 +50,9 @@ from robotree.vr.running.runner import runner_of
 
 AT_ONCE = 4
 """Sources that are loaded at the same time; one that hangs keeps its place until its time is over."""
+
+MOST_REMEMBERED = 2000
+"""Lines from the logs of robots that have ended."""
 
 _log = logging.getLogger(__name__)
 
@@ -98,6 +106,7 @@ class Host:
         self._first: asyncio.Future[RobotAgent] = asyncio.get_running_loop().create_future()
         self._coming: set[str] = set()
         self._ended: list[RobotAgent] = []
+        self._remembered: deque[Remembered] = deque(maxlen=MOST_REMEMBERED)
         self._declared: list[Registration] = []
         self._watchers: dict[asyncio.Task[None], None] = {}
         self._loaders = ThreadPoolExecutor(AT_ONCE, thread_name_prefix="loader")
@@ -112,7 +121,9 @@ class Host:
         """
         self._open = True
         try:
-            handler = answering(self._answer, self.address.name)
+            handler = conversing(
+                lambda received, say: partial(self._answer_later, received, say), self.address.name
+            )
             self._declared.append(await self._transport.serve(self.address.key, handler))
             self._declared.append(await claim(self._transport, self.address))
         except BaseException:
@@ -246,18 +257,27 @@ class Host:
 
     async def _watch(self, agent: RobotAgent) -> None:
         await agent.closed.wait()
-        if self.agents.get(agent.robot.name) is agent:
-            del self.agents[agent.robot.name]
+        name = agent.robot.name
+        self._remembered.extend(Remembered(name, line) for line in agent.live.log.since(0))
+        if self.agents.get(name) is agent:
+            del self.agents[name]
         self._ended = [ended for ended in (*self._ended, agent) if ended.abandoned]
 
-    async def _answer(self, request: AnyRequest) -> Reply:
+    async def _answer_later(self, received: Received, say: SendReply) -> None:
+        say(await self._answer(received.request, received.person))
+
+    async def _answer(self, request: AnyRequest, person: str) -> Reply:
         match request:
             case Create():
                 agent = await self.create(_bundle(request), request.name, request.settings)
                 agent.live.page = request.origin
+                if person:
+                    agent.live.log.say("info", f"created from {request.path} by {person}")
                 return Described(robot=agent.description())
             case Reload(page=page, now=now, within=within):
                 return await self.reload(_bundle(page), page.name, origin=page.origin, now=now, within=within)
+            case ReadHistory():
+                return History(lines=tuple(self._remembered))
             case DescribeHost():
                 return self.description()
             case _:

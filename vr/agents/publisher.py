@@ -99,7 +99,8 @@ class Publisher:
         self._beat()
 
     def stop(self) -> None:
-        """Publish no more."""
+        """Publish no more, after the last lines of the log."""
+        self._publish_log()
         self._stopped = True
         if self._leave_rounds is not None:
             self._leave_rounds()

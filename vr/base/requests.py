@@ -206,6 +206,13 @@ class ReadLog(_Message, frozen=True, kw_only=True):
     """Number of the last line that is known; 0: none is."""
 
 
+class ReadHistory(_Message, frozen=True, kw_only=True):
+    """Asks a lookup service who came and went, or a host for the logs of its robots that have ended.
+
+    Answered by `History`.
+    """
+
+
 class Register(_Message, frozen=True, kw_only=True):
     """A process enters, changes or takes out listings and prolongs its lease. Answered by `Registered`.
 
@@ -301,7 +308,7 @@ class LoggedLine(msgspec.Struct, frozen=True):
     command: str = ""
     """That was asked for, or has ended so; empty: the line is about none. So are all that follow."""
     key: str = ""
-    """Of the call."""
+    """Of the call; of the agent, where an agent has come or gone."""
     caller: str = ""
     """Who asked: a person, `anna@pts/3`, or the robot's parent."""
     arguments: str = ""
@@ -316,6 +323,20 @@ class Logged(_Message, frozen=True, kw_only=True):
     """Lines of a robot's log, the oldest first."""
 
     lines: tuple[LoggedLine, ...] = ()
+
+
+class Remembered(msgspec.Struct, frozen=True):
+    """One line about an agent that may be there no more."""
+
+    name: str
+    """Of the agent."""
+    line: LoggedLine
+
+
+class History(_Message, frozen=True, kw_only=True):
+    """What a lookup service or a host remembers, the oldest first."""
+
+    lines: tuple[Remembered, ...] = ()
 
 
 class Granted(_Message, frozen=True, kw_only=True):
@@ -455,12 +476,12 @@ class State(_Message, frozen=True, kw_only=True):
 
 AnyRequest = (
     Describe | Call | Detach | Cancel | Petition | Retract | Renew | Release | SafeStop | Resume | Enslave
-    | Free | Delete | Create | Reload | ReadLog | DescribeHost | Register | Query | Look
+    | Free | Delete | Create | Reload | ReadLog | ReadHistory | DescribeHost | Register | Query | Look
     | DescribeView
 )  # fmt: skip
 Reply = (
-    Described | Accepted | Progress | Returned | Granted | HostDescribed | Reloaded | Logged | Registered
-    | Found | Picture | ViewDescribed | Done | Raised
+    Described | Accepted | Progress | Returned | Granted | HostDescribed | Reloaded | Logged | History
+    | Registered | Found | Picture | ViewDescribed | Done | Raised
 )  # fmt: skip
 Published = LogLines | Listed | Unlisted | State
 

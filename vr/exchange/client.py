@@ -30,6 +30,7 @@ from robotree.vr.base.requests import (
     Enslave,
     Free,
     Granted,
+    History,
     HostDescribed,
     Logged,
     LoggedLine,
@@ -38,6 +39,7 @@ from robotree.vr.base.requests import (
     Picture,
     Progress,
     Raised,
+    ReadHistory,
     ReadLog,
     Release,
     Reload,
@@ -396,6 +398,21 @@ class Source(Protocol):
     def origin(self) -> str:
         """Where a reload finds it again."""
         ...
+
+
+async def read_history(transport: Transport, agent: Address, *, timeout: float = PATIENCE) -> History:
+    """Ask a lookup service or a host what it remembers of agents that may be there no more.
+
+    Args:
+        transport: the way to it.
+        agent: which.
+        timeout: [s] to wait.
+
+    Raises:
+        TransportError: it cannot be reached or does not answer.
+        Garbled: it is of an older version.
+    """
+    return await ask(transport, agent.key, ReadHistory(), History, timeout=timeout)
 
 
 class HostClient:

@@ -8,15 +8,18 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import time
+from collections.abc import Callable
 
 from robotree.vr.base.address import Address, Role, everyone
 from robotree.vr.base.errors import VrError
 from robotree.vr.base.presence import Undo
-from robotree.vr.base.requests import AnyRequest, Found, Query, Register, Reply, encode
+from robotree.vr.base.requests import AnyRequest, Found, History, Query, ReadHistory, Register, Reply, encode
 from robotree.vr.base.transport import Registration, Transport
 from robotree.vr.exchange.answering import answering_at_once, not_for
 from robotree.vr.exchange.claim import claim, new_address
 from robotree.vr.exchange.client import ask
+from robotree.vr.lookup.chronicle import Chronicle
 from robotree.vr.lookup.table import SHORTEST_TERM, LookupTable, Update
 
 FILL_LIMIT = 1.0
@@ -32,18 +35,20 @@ NEWS_PATTERN = f"{everyone('lookup')}/news"
 class LookupService:
     """Serves one table on a transport."""
 
-    def __init__(self, transport: Transport, name: str) -> None:
+    def __init__(self, transport: Transport, name: str, *, unix: Callable[[], float] = time.time) -> None:
         """Prepare a service.
 
         Args:
             transport: where it serves.
             name: under which people know it.
+            unix: returns the time [s] since 1970.
 
         Raises:
             BadName: the name cannot be one.
         """
         self.address = new_address("lookup", name)
         self.table = LookupTable()
+        self.chronicle = Chronicle(transport.presence, unix)
         self._transport = transport
         self._clock = asyncio.get_running_loop().time
         self._watches: list[Undo] = []
@@ -59,6 +64,7 @@ class LookupService:
         transport = self._transport
         try:
             self._watches += [transport.presence.watch(everyone(role), self._seen) for role in LISTED_ROLES]
+            self._watches.append(self.chronicle.begin())
             handler = answering_at_once(self._answer, self.address.name)
             self._declared.append(await transport.serve(self.address.key, handler))
             await self._fill()
@@ -90,6 +96,8 @@ class LookupService:
                 return answer
             case Query(template=template):
                 return Found(listings=self.table.find(template, now))
+            case ReadHistory():
+                return History(lines=self.chronicle.lines)
             case _:
                 raise not_for("lookup service", request)
 
@@ -126,3 +134,4 @@ class LookupService:
             left = SHORTEST_TERM if expiry is None else min(SHORTEST_TERM, max(0.0, expiry - now))
             await asyncio.sleep(left)
             self._tell(self.table.expire(self._clock()))
+            self.chronicle.look()

@@ -10,7 +10,7 @@ import asyncio
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
-from robotree.vr.base.address import Address, check_name, everyone
+from robotree.vr.base.address import Address, Role, check_name, everyone
 from robotree.vr.base.chance import token
 from robotree.vr.base.description import Listing, RobotDescription, Template
 from robotree.vr.base.errors import HostReserved, NoAnswer, NoHost, NoPage, NotVirtual, Unreachable, VrError
@@ -21,6 +21,7 @@ from robotree.vr.base.requests import (
     LogLines,
     Picture,
     Reloaded,
+    Remembered,
     State,
     ViewDescribed,
     decode_event,
@@ -33,7 +34,9 @@ from robotree.vr.exchange.client import (
     OnProgress,
     RobotClient,
     ViewClient,
+    read_history,
 )
+from robotree.vr.lookup.chronicle import merged
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.network.lean_stop import REASON
 from robotree.vr.supervision.releases import Releases
@@ -50,6 +53,7 @@ PORTION = 25
 PAUSE = 0.004
 """[s] between two portions: the event loop deals with everything else meanwhile."""
 
+_REMEMBERING: tuple[Role, ...] = ("lookup", "host")
 OnState = Callable[[str, State], None]
 _R = TypeVar("_R")
 _E = TypeVar("_E", State, LogLines)
@@ -189,6 +193,15 @@ class Fleet:
     async def read_log(self, name: str) -> Sequence[LoggedLine]:
         """Return the log of a robot, the oldest line first."""
         return await self._ask(name, lambda robot: robot.read_log())
+
+    async def read_history(self) -> Sequence[Remembered]:
+        """Return who came and went, and what robots that have ended had logged, the oldest line first.
+
+        Lookup services remember the one, hosts the other. What several services saw is one line.
+        """
+        agents = [one for role in _REMEMBERING for one in self.directory.present(role)]
+        asked = (read_history(self._transport, one, timeout=GLANCE) for one in agents)
+        return merged(one for answer in await _all_that_answer(asked) for one in answer.lines)
 
     # -- what they are ----------------------------------------------------------------------------
 

@@ -27,6 +27,7 @@ from robotree.vr.base.requests import (
     Petition,
     Query,
     Raised,
+    ReadHistory,
     ReadLog,
     Register,
     Renew,
@@ -38,7 +39,8 @@ from robotree.vr.exchange.client import RobotClient
 from tests.vr.recorder import Recorder
 
 ASKS_OR_PROLONGS = {
-    Describe, Detach, Petition, Renew, ReadLog, DescribeHost, Register, Query, Look, DescribeView,
+    Describe, Detach, Petition, Renew, ReadLog, ReadHistory, DescribeHost, Register, Query, Look,
+    DescribeView,
 }  # fmt: skip
 """Requests that are void when their caller no longer waits."""
 

@@ -1,0 +1,96 @@
+"""Lookup services remember who came, left, died and hung; hosts remember the logs of their ended robots."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from robotree.vr.base.envelope import sitting_at
+from robotree.vr.base.presence import Held, Presence
+from robotree.vr.base.requests import LoggedLine, Remembered
+from robotree.vr.lookup.chronicle import APART, Chronicle, merged
+from robotree.vr.world.testing import until
+from tests.vr.network.world import World
+
+HOST, ARM = "host/host-1/1", "robot/arm-1/2"
+
+
+class Watched:
+    """A chronicle, with what the system would say of the process of every agent."""
+
+    def __init__(self) -> None:
+        self.hang: set[str] = set()
+        self.live = {HOST, ARM}
+        presence = Presence(held=self._held, unheard=self._unheard)
+        self.chronicle = Chronicle(presence, lambda: 1000.0)
+
+    def _held(self, pattern: str) -> list[Held]:
+        return [Held(pattern, "process 7", "")]
+
+    def _unheard(self, pattern: str) -> list[tuple[Held, bool]]:
+        return [(Held(one, "process 7", ""), True) for one in self.hang if one == pattern]
+
+    @property
+    def texts(self) -> list[str]:
+        return [one.line.text for one in self.chronicle.lines]
+
+
+def test_a_death_and_a_hang_are_told_apart_with_the_process() -> None:
+    watched = Watched()
+    watched.chronicle.seen(HOST, there=True)
+    watched.chronicle.seen(HOST, there=False)
+    watched.chronicle.seen(ARM, there=True)
+    watched.hang = {ARM}
+    watched.chronicle.seen(ARM, there=False)
+    watched.hang = set()
+    watched.chronicle.seen(ARM, there=True)
+    assert watched.texts == [
+        "host-1 (host, process 7) has come",
+        "host-1 (host, process 7) has died: its process has gone",
+        "arm-1 (robot, process 7) has come",
+        "arm-1 (robot, process 7) hangs and does not answer",
+        "arm-1 (robot, process 7) answers again",
+    ]
+    assert [one.line.level for one in watched.chronicle.lines] == ["info", "error", "info", "error", "info"]
+
+
+def test_an_agent_that_ends_while_it_hangs_has_died() -> None:
+    watched = Watched()
+    watched.chronicle.seen(ARM, there=True)
+    watched.hang = {ARM}
+    watched.chronicle.seen(ARM, there=False)
+    watched.chronicle.look()
+    assert watched.texts[-1].endswith("hangs and does not answer")
+    watched.hang = set()
+    watched.chronicle.look()
+    watched.chronicle.look()
+    assert watched.texts[2:] == ["arm-1 (robot, process 7) has died: its process has gone"]
+
+
+def test_what_two_services_saw_is_one_line_and_what_a_robot_said_twice_is_two() -> None:
+    def seen(unix: float, text: str = "arm-1 has died", key: str = ARM, command: str = "") -> Remembered:
+        return Remembered("arm-1", LoggedLine(1, unix, "error", text, command, key))
+
+    here, there, again = seen(5.0), seen(5.4), seen(5.4 + APART)
+    assert merged([there, again, here]) == [here, again]
+    said = [seen(1.0, "go_to is done", "k1", "go_to"), seen(1.0, "go_to is done", "k1", "go_to")]
+    assert merged(said) == said
+
+
+async def test_the_fleet_remembers_by_whom_a_robot_was_created_and_deleted(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    await world.open()
+    try:
+        with sitting_at("pts/3"):
+            await world.create("carrier")
+            await world.fleet.delete("carrier")
+        await until(lambda: not world.host.agents, "it has ended")
+        history = [one.line for one in await world.fleet.read_history() if one.name == "carrier"]
+        texts = [line.text for line in history]
+        assert texts[0].startswith("carrier (robot")
+        assert texts[0].endswith(") has come")
+        assert any("created from" in one and one.endswith("@pts/3") for one in texts)
+        assert any(one.startswith("deleted by") and one.endswith("@pts/3") for one in texts)
+        assert any(one.endswith(") has left") for one in texts)
+        assert all(line.unix > 0 for line in history)
+    finally:
+        await world.close()
