@@ -23,8 +23,8 @@ from collections import defaultdict
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
+from robotree.client.joining import joined
 from robotree.tui.processes.crew import Crew, Member
-from robotree.tui.processes.realm import joined
 from robotree.vr.bundle import Bundle
 from robotree.vr.exchange.client import HostClient
 from robotree.vr.network.local import join

@@ -27,10 +27,10 @@ from textual._compositor import LayoutUpdate
 from textual.pilot import Pilot
 from textual.strip import Strip
 
+from robotree.client.joining import joined
 from robotree.tui.demo import cast
 from robotree.tui.line.actions import BY_VERB
 from robotree.tui.processes.crew import Crew
-from robotree.tui.processes.realm import joined
 from robotree.tui.screen.app import Supervisor
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.place import Place

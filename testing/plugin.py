@@ -1,4 +1,4 @@
-"""For pytest, which loads it by its entry point: differences that can be read, and rehearsals that end.
+"""For pytest, which loads it by its entry point: readable differences, rehearsals that end, a living realm.
 
 It loads nothing of the kit before a test does.
 """
@@ -14,6 +14,7 @@ import pytest
 from robotree.testing import chosen
 
 if TYPE_CHECKING:
+    from robotree.client.blocking import Realm
     from robotree.testing.team import Team
 
 SEED = "--robotree-seed"
@@ -30,6 +31,15 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     """Pass the seed of the command line on."""
     chosen.seed = config.getoption(SEED)
+
+
+@pytest.fixture
+def robotree_realm() -> Generator[Realm]:
+    """Give a test the realm whose robots run: that of `$ROBOTREE_REALM`, else `default`."""
+    from robotree import connect
+
+    with connect() as realm:
+        yield realm
 
 
 def pytest_assertrepr_compare(op: str, left: object, right: object) -> list[str] | None:

@@ -300,7 +300,7 @@ async def _supervise(realm: str, *, readonly: bool) -> int:
     """Join the realm and show the full screen."""
     if without := no_screen():
         raise NeedsTerminal(without)
-    from robotree.tui.processes.realm import joined
+    from robotree.client.joining import joined
     from robotree.tui.screen import keymap
     from robotree.tui.screen.supervise import supervise
 

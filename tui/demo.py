@@ -134,7 +134,8 @@ async def _alone(realm: str, cast: Collection[tuple[str, str]]) -> None:
     Raises:
         DemoRuns: somebody has.
     """
-    from robotree.tui.processes.realm import anybody_met, joined
+    from robotree.client.joining import joined
+    from robotree.tui.processes.realm import anybody_met
 
     if not anybody_met(realm):
         return
@@ -202,7 +203,7 @@ CELL = Cell()
 
 
 async def _supervise(story: Story, realm: str, *, readonly: bool) -> int:
-    from robotree.tui.processes.realm import joined
+    from robotree.client.joining import joined
     from robotree.tui.screen.supervise import supervise
 
     async with joined(realm) as fleet:
@@ -217,7 +218,7 @@ async def _supervise(story: Story, realm: str, *, readonly: bool) -> int:
 
 async def _play(realm: str, folder: Path, *, readonly: bool) -> int:
     """Play the lever's story and print, as the last line, what came of it as one JSON object."""
-    from robotree.tui.processes.realm import joined
+    from robotree.client.joining import joined
     from robotree.tui.session.playing import Player, read_file
     from robotree.tui.session.script import transcript
 

@@ -109,7 +109,7 @@ class Companion:
 
     async def play(self, realm: str, folder: Path, *, readonly: bool) -> int:  # noqa: ARG002  a fixed course
         """Play the evening and print, as the last line, what came of it as one JSON object."""
-        from robotree.tui.processes.realm import joined
+        from robotree.client.joining import joined
 
         began = time.monotonic()
         with as_file(files("robotree.examples")) as examples:

@@ -13,9 +13,9 @@ import pytest_asyncio
 from textual.pilot import Pilot
 from textual.widgets import Button, DirectoryTree, Input
 
+from robotree.client.joining import joined
 from robotree.tui.demo import cast
 from robotree.tui.processes.crew import Crew
-from robotree.tui.processes.realm import joined
 from robotree.tui.screen.app import Supervisor
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.panel import PanelPage

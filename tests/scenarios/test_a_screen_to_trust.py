@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 import pytest_asyncio
 
+from robotree.client.joining import joined
 from robotree.tui.processes.crew import Crew
-from robotree.tui.processes.realm import joined
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.world.testing import until
 from tests.command_line import ROBOTREE, within_realm

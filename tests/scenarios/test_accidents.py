@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
+from robotree.client.joining import joined
 from robotree.tui import exit_codes
 from robotree.tui.processes.crew import Crew
-from robotree.tui.processes.realm import joined
 from robotree.vr.supervision.fleet import Fleet
 from tests.command_line import ROBOTREE, within_realm
 

@@ -14,12 +14,12 @@ from typing import Any
 
 import pytest
 
+from robotree.client.joining import joined
 from robotree.tui import exit_codes
 from robotree.tui.cli import main
 from robotree.tui.line import manual
 from robotree.tui.line.action import Where
 from robotree.tui.line.actions import ACTIONS
-from robotree.tui.processes.realm import joined
 from tests.command_line import ROBOTREE
 
 pytestmark = pytest.mark.e2e

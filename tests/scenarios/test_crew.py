@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from robotree.client.joining import joined
 from robotree.tui.errors import MemberFailed
 from robotree.tui.processes.crew import Crew
-from robotree.tui.processes.realm import joined
 from robotree.vr.base.address import ROLES
 from tests.command_line import ROBOTREE
 

@@ -15,13 +15,13 @@ from typing import Any
 import can
 import pytest
 
+from robotree.client.joining import joined
 from robotree.protocol.canbus.seats import first_port
 from robotree.protocol.links.can.address import read
 from robotree.protocol.links.url import parse
 from robotree.tui import exit_codes
 from robotree.tui.demo import Wire, cast
 from robotree.tui.processes.crew import Crew
-from robotree.tui.processes.realm import joined
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.world.testing import until
 from tests.command_line import robotree

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import pytest
 
+from robotree.client.joining import joined
 from robotree.tui import exit_codes
 from robotree.tui.processes import guard
 from robotree.tui.processes.crew import Crew
 from robotree.tui.processes.ending import LAST_WORDS
-from robotree.tui.processes.realm import joined
 from tests.command_line import ROBOTREE, within_realm
 from tests.scenarios.test_crew import children, ended, is_running
 from tests.soak.observer import holds

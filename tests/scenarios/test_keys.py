@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 import pytest_asyncio
 
+from robotree.client.joining import joined
 from robotree.protocol import Endpoint
 from robotree.protocol.links.keyring import Keyring
 from robotree.protocol.links.link import Link
@@ -22,7 +23,6 @@ from robotree.protocol.links.url import connect
 from robotree.protocol.messages import SetupSigning
 from robotree.tui import exit_codes
 from robotree.tui.processes.crew import Crew
-from robotree.tui.processes.realm import joined
 from robotree.vr.base.errors import VrError
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.world.testing import until

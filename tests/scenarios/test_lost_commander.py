@@ -16,6 +16,7 @@ from typing import Any
 
 import pytest
 
+from robotree.client.joining import joined
 from robotree.protocol import Endpoint, Frame
 from robotree.protocol.links.url import connect
 from robotree.protocol.messages import (
@@ -35,7 +36,6 @@ from robotree.protocol.messages import (
 )
 from robotree.sim.serving.server import serving
 from robotree.tui.processes.crew import Crew
-from robotree.tui.processes.realm import joined
 from robotree.vr.world.testing import until
 from tests.command_line import ROBOTREE
 

@@ -19,11 +19,11 @@ from pathlib import Path
 
 import pytest
 
+from robotree.client.joining import joined
 from robotree.protocol import encode
 from robotree.protocol.messages import CommandLong, Heartbeat, MavCmd, Message
 from robotree.tui import exit_codes
 from robotree.tui.processes.crew import Crew
-from robotree.tui.processes.realm import joined
 from robotree.tui.wire.security import realm_key
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.world.testing import until

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from robotree.client.joining import joined
 from robotree.tui import exit_codes
 from robotree.tui.processes.crew import Crew
-from robotree.tui.processes.realm import joined
 from robotree.vr.world.testing import until
 from tests.command_line import ROBOTREE
 

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from robotree.client.joining import joined
 from robotree.tui.errors import MemberFailed
 from robotree.tui.processes.crew import Crew, Member
-from robotree.tui.processes.realm import joined
 from robotree.vr.base.errors import VrError
 from robotree.vr.supervision.fleet import Fleet
 from tests.command_line import ROBOTREE

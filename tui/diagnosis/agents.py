@@ -6,9 +6,9 @@ import difflib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from robotree.client.joining import joined
 from robotree.tui.diagnosis import meeting
 from robotree.tui.diagnosis.finding import Finding
-from robotree.tui.processes.realm import joined
 from robotree.tui.seen import status
 
 if TYPE_CHECKING:

@@ -141,7 +141,8 @@ async def once(line: Line, realm: str) -> int:
     Returns:
         The exit code.
     """
-    from robotree.tui.processes.realm import anybody_met, joined, nothing_to_ask
+    from robotree.client.joining import joined
+    from robotree.tui.processes.realm import anybody_met, nothing_to_ask
     from robotree.vr.base.address import ROLES
     from robotree.vr.base.errors import VrError
 

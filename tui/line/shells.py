@@ -134,7 +134,8 @@ def _about(typed: str) -> str:
 
 async def _named(known: Words, realm: str) -> Words:
     """Add the names of the living realm; none where nobody answers in time."""
-    from robotree.tui.processes.realm import anybody_met, joined
+    from robotree.client.joining import joined
+    from robotree.tui.processes.realm import anybody_met
     from robotree.vr.base.errors import VrError
 
     if not anybody_met(realm):

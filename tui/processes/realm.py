@@ -1,4 +1,4 @@
-"""Joining a realm: the one place where the supervisor opens a transport."""
+"""Realms as the command line sees them: which one is meant, who is in it, and a visit for a stop."""
 
 from __future__ import annotations
 
@@ -60,33 +60,6 @@ def folder_of(realm: str) -> Path:
         reason = f"{sentence(error)}; set XDG_RUNTIME_DIR to a directory of your own"
         raise RealmUnusable(realm=realm, reason=reason) from None
     return found
-
-
-@contextlib.asynccontextmanager
-async def joined(realm: str) -> AsyncGenerator[Fleet]:
-    """Join a realm and see its fleet; leave when the block ends.
-
-    Args:
-        realm: its name.
-
-    Raises:
-        TransportError: the realm cannot be joined.
-    """
-    from robotree.vr.base.envelope import sitting_at, this_terminal
-    from robotree.vr.network.local import join
-    from robotree.vr.supervision.fleet import Fleet
-
-    with sitting_at(this_terminal()):
-        transport = await join(realm)
-        try:
-            fleet = Fleet(transport, realm)
-            await fleet.start()
-            try:
-                yield fleet
-            finally:
-                await fleet.close()
-        finally:
-            await transport.close()
 
 
 @contextlib.asynccontextmanager

@@ -231,7 +231,7 @@ async def play_file(line: Line, realm: str, *, readonly: bool = False) -> int:
         SessionError: the file cannot be read, or the report cannot be written.
         TransportError: the realm cannot be joined.
     """
-    from robotree.tui.processes.realm import joined
+    from robotree.client.joining import joined
 
     path, junit_file, as_json = line.text("FILE"), line.text("--junit"), line.flag("--json")
     console = Console(as_json=as_json)

@@ -456,6 +456,12 @@ class DoesNotFit(BondError):
     sentence = "{robot}.{slot} takes a robot of kind {wanted}; {child} has this kind, but {reason}"
 
 
+class NotThisKind(BondError):
+    """A program asked for a robot of one kind, and the robot is of another one."""
+
+    sentence = "{robot} is no {kind}: {reason}; `robotree show {robot}` lists its kinds and commands"
+
+
 class StillBonded(BondError):
     """An enslaved robot cannot be deleted."""
 

@@ -1,0 +1,430 @@
+"""A realm and its robots for programs with asyncio.
+
+    async with connect_async() as realm:
+        arm = realm["arm-1"]
+        await arm.go_to(x="30 cm", y=0, z=0.4, within="20 s")
+        move = await arm.go_to.start(x=0.3, y=0.1, z=0.4)
+        print(move.progress)
+        await move.cancel()
+        async for reading in arm.readings(hz=20):
+            print(reading.z)
+
+A robot looks as a child does in a page: its attributes are its commands, units are given as text or are those
+that the command declares, and errors have the same classes (`robotree.vr`). All else is asked of the realm.
+A command ends with the block that has started it, or with the program, however that ends; `tell` is for
+commands that go on.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+from collections.abc import AsyncGenerator, Callable, Coroutine, Generator, Sequence
+from typing import TYPE_CHECKING, Any
+
+from robotree.client.joining import joined
+from robotree.vr.author.child import readable
+from robotree.vr.author.fitting import misfit
+from robotree.vr.author.kind import Kind, promises_of
+from robotree.vr.author.readings import Record
+from robotree.vr.base.address import check_name
+from robotree.vr.base.errors import BadArgument, CommandCancelled, NotThisKind
+from robotree.vr.base.plain import plain_arguments
+from robotree.vr.base.units import seconds
+from robotree.vr.exchange.client import DEFAULT_DEADLINE, OnProgress
+from robotree.vr.network.rendezvous import realm_name
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from robotree.vr.base.description import CommandSpec, Listing, RobotDescription
+    from robotree.vr.base.requests import LoggedLine, Reloaded, State
+    from robotree.vr.supervision.fleet import Fleet
+
+WITHIN = "within"
+"""The argument of a call that limits its time, as in a page."""
+
+SILENCE = 3.0
+"""[s] without a published state, after which a robot is asked whether it lives; it publishes each second."""
+
+
+@contextlib.asynccontextmanager
+async def connect_async(realm: str | None = None) -> AsyncGenerator[AsyncRealm]:
+    """Join a realm for the time of a block.
+
+    Args:
+        realm: its name; None: that of `$ROBOTREE_REALM`, else `default`.
+
+    Raises:
+        BadName: it cannot be a name.
+        TransportError: the realm cannot be joined.
+    """
+    async with joined(realm_name(realm)) as fleet:
+        entered = AsyncRealm(fleet)
+        try:
+            yield entered
+        finally:
+            await entered.end_calls()
+
+
+class AsyncRealm:
+    """A realm: its robots by name, and what a supervisor does with them. All methods raise only `VrError`."""
+
+    def __init__(self, fleet: Fleet) -> None:
+        """Made by `connect_async`."""
+        self.fleet = fleet
+        self._calls: set[AsyncCall] = set()
+
+    @property
+    def name(self) -> str:
+        """The realm's name."""
+        return self.fleet.realm
+
+    def __getitem__(self, robot: str) -> AsyncRobot:
+        """Return the robot of a name, whether it runs at the moment or not.
+
+        Raises:
+            BadName: it cannot be a name.
+        """
+        return AsyncRobot(self, check_name(robot))
+
+    async def get(self, robot: str, kind: type[Kind] | None = None) -> AsyncRobot:
+        """Return a robot that runs and is of a kind.
+
+        Args:
+            robot: its name.
+            kind: from `robotree.kinds`, or written by `robotree stubs`; None: any.
+
+        Raises:
+            NoSuchRobot: no running robot has the name.
+            NotThisKind: it is of another kind, or lacks a command of this one.
+        """
+        described = await self.describe(robot)
+        if kind is not None:
+            wanted, kinds = kind.__name__, (described.kind, *described.kinds)
+            reason = "" if wanted in kinds else f"it is of kind {described.kind}"
+            if reason := reason or misfit(described, promises_of(kind), ()):
+                raise NotThisKind(robot=robot, kind=wanted, reason=reason)
+        return self[robot]
+
+    # -- who is there -----------------------------------------------------------------------------
+
+    async def ls(self) -> Sequence[Listing]:
+        """Return the free robots and the top ones, as the lookup services list them."""
+        return self.fleet.robots()
+
+    async def tree(self) -> Sequence[RobotDescription]:
+        """Describe all robots: those that nobody commands by name, then their children, and so on down."""
+        return await self.fleet.tree()
+
+    async def describe(self, robot: str) -> RobotDescription:
+        """Return what a robot is: commands, slots, readings, and its state now."""
+        return await self.fleet.describe(robot)
+
+    async def log(self, robot: str) -> Sequence[LoggedLine]:
+        """Return the log of a robot, the oldest line first."""
+        return await self.fleet.read_log(robot)
+
+    async def watch(self) -> AsyncGenerator[tuple[str, State]]:
+        """Yield the name and the new state of a robot, whenever one publishes its state."""
+        queue: asyncio.Queue[tuple[str, State]] = asyncio.Queue()
+        watching = await self.fleet.watch_state(None, lambda name, state: queue.put_nowait((name, state)))
+        try:
+            while True:
+                yield await queue.get()
+        finally:
+            await watching.close()
+
+    async def look(
+        self, view: str, camera: str = "", *, width: int = 320, height: int = 180
+    ) -> NDArray[np.uint8]:
+        """Return one picture of a view: rows, columns, and red, green, blue from 0 to 255."""
+        from io import BytesIO
+
+        import numpy as np
+        from PIL import Image
+
+        picture = await self.fleet.look(view, camera=camera, width=width, height=height)
+        return np.asarray(Image.open(BytesIO(picture.jpeg)).convert("RGB"))
+
+    # -- robots on top of robots ------------------------------------------------------------------
+
+    async def create(
+        self, page: str, robot: str, *, host: str = "", wanted: str = "", **settings: Any
+    ) -> AsyncRobot:
+        """Make a virtual robot from a page.
+
+        Args:
+            page: its file, on this machine.
+            robot: its name.
+            host: on which it shall live; empty: the first that takes it.
+            wanted: name of the class; empty: the only one in the file.
+            **settings: those that are not the defaults: in the declared units, or as text with units.
+        """
+        await self.fleet.create(str(page), robot, host, wanted, settings)
+        return self[robot]
+
+    async def reload(self, robot: str, page: str = "", *, now: bool = False) -> Reloaded:
+        """Have a virtual robot go on with its page as it is in the file now, or with another page."""
+        return await self.fleet.reload(robot, str(page), now=now)
+
+    async def enslave(self, slot: str, child: str) -> None:
+        """Bind a child to a slot, `mover.arm`."""
+        parent, _, name = slot.partition(".")
+        await self.fleet.enslave(parent, name, child)
+
+    async def release(self, slot: str) -> None:
+        """Release the child in a slot, `mover.arm`, or all of a group, `team.rovers`."""
+        parent, _, name = slot.partition(".")
+        await self.fleet.release(parent, name)
+
+    async def delete(self, robot: str) -> str:
+        """End a virtual robot. Returns what is left of it, as a sentence; empty: nothing."""
+        return await self.fleet.delete(robot)
+
+    # -- what they do -----------------------------------------------------------------------------
+
+    async def cancel(self, robot: str) -> None:
+        """End all commands of a robot."""
+        await self.fleet.cancel(robot)
+
+    async def stop(self, robot: str | None = None) -> Sequence[str]:
+        """Protective stop of one robot, or of all. Returns the names of those that have confirmed it.
+
+        Raises:
+            NotConfirmed: one has not confirmed it; it names all of these.
+        """
+        return await self.fleet.stop(robot)
+
+    async def resume(self, robot: str | None = None) -> Sequence[str]:
+        """Release the protective stop of one robot, or of all. Returns those that have confirmed it."""
+        return await self.fleet.resume(robot)
+
+    # -- for robots -------------------------------------------------------------------------------
+
+    def keep(self, call: AsyncCall) -> None:
+        """Take note of a call that ends with the block at the latest."""
+        self._calls.add(call)
+        call.when_done(lambda: self._calls.discard(call))
+
+    async def end_calls(self) -> None:
+        """End the commands that still run."""
+        await asyncio.gather(*(call.cancel() for call in tuple(self._calls)))
+
+
+class AsyncRobot:
+    """A robot of a realm; its attributes are its commands, and `readings`."""
+
+    def __init__(self, realm: AsyncRealm, name: str) -> None:
+        """Made by access to a realm."""
+        self._realm, self._name = realm, name
+
+    def __str__(self) -> str:
+        return self._name
+
+    def __repr__(self) -> str:
+        return f"<robot {self._name} of realm {self._realm.name}>"
+
+    @property
+    def readings(self) -> AsyncReadings:
+        """What it reads, as it publishes it."""
+        return AsyncReadings(self._realm, self._name)
+
+    def __getattr__(self, command: str) -> AsyncCommand:
+        if command.startswith("_"):
+            raise AttributeError(command)
+        found = vars(self)[command] = AsyncCommand(self._realm, self._name, command)
+        return found
+
+
+class AsyncCommand:
+    """One command of a robot."""
+
+    def __init__(self, realm: AsyncRealm, robot: str, name: str) -> None:
+        """Made by access to a robot's attribute."""
+        self._realm, self._robot, self._name = realm, robot, name
+        self._spec: CommandSpec | None = None
+        """As the robot described it when it was asked last; it may have another page since."""
+
+    async def __call__(self, *values: Any, **arguments: Any) -> Any:
+        """Have it carried out, and return its result; a result of several parts reads as `info.z`.
+
+        `within=5` or `within="500 ms"` limits its time, unless the command has a parameter of this name; else
+        the limit is 60 s. It ends if the task that waits is cancelled.
+
+        Raises:
+            CommandError: it was refused or did not succeed.
+            LeaseError: the robot has a parent, which alone commands it.
+            TransportError: the robot cannot be reached or does not answer.
+        """
+        return await (await self.start(*values, **arguments))
+
+    async def start(self, *values: Any, **arguments: Any) -> AsyncCall:
+        """Have it carried out meanwhile; see `__call__`."""
+        deadline, named = await self._prepared(values, arguments)
+        call = AsyncCall(self._robot, self._name)
+        call.begin(self._carry_out(named, deadline, call.note_progress))
+        self._realm.keep(call)
+        return call
+
+    async def tell(self, *values: Any, **arguments: Any) -> None:
+        """Have it carried out, and wait only until the robot has accepted it; it may outlive the program."""
+        deadline, named = await self._prepared(values, arguments)
+        await self._realm.fleet.tell(self._robot, self._name, named, deadline=deadline)
+
+    async def _carry_out(self, named: dict[str, Any], deadline: float, on_progress: OnProgress) -> Any:
+        fleet = self._realm.fleet
+        try:
+            return await fleet.call(
+                self._robot, self._name, named, deadline=deadline, on_progress=on_progress
+            )
+        except BadArgument:  # perhaps it has other parameters by now
+            self._spec = None
+            raise
+
+    async def _prepared(
+        self, values: tuple[Any, ...], arguments: dict[str, Any]
+    ) -> tuple[float, dict[str, Any]]:
+        """Return the time limit [s] of a call and its arguments by name.
+
+        Raises:
+            BadArgument: one cannot travel, or the limit is none.
+            VrError: the robot cannot be asked for the names of its parameters.
+        """
+        label = f"{self._robot}.{self._name}"
+        try:
+            named = plain_arguments(arguments)
+            numbered = plain_arguments({str(number): value for number, value in enumerate(values, 1)})
+        except TypeError as error:
+            name, _, reason = str(error).partition(": ")
+            raise BadArgument(command=label, parameter=name, reason=reason) from None
+        if not values and WITHIN not in named:
+            return DEFAULT_DEADLINE, named
+        spec = self._spec = self._spec or (await self._realm.describe(self._robot)).command(self._name)
+        names = [] if spec is None else [field.name for field in spec.parameters]
+        if len(values) > len(names):
+            reason = f"too many; it takes {len(names)} ({', '.join(names)})"
+            raise BadArgument(command=label, parameter=f"value {len(names) + 1}", reason=reason)
+        positional = dict(zip(names, numbered.values(), strict=False))
+        for name in positional.keys() & named:
+            raise BadArgument(command=label, parameter=name, reason="is given twice")
+        return self._deadline(label, spec, named), positional | named
+
+    def _deadline(self, label: str, spec: CommandSpec | None, named: dict[str, Any]) -> float:
+        """Take the time limit [s] out of the arguments, if it is none of the command."""
+        if WITHIN not in named or (spec is not None and WITHIN in spec.by_name):
+            return DEFAULT_DEADLINE
+        try:
+            return seconds(named.pop(WITHIN))
+        except (TypeError, ValueError) as error:
+            raise BadArgument(command=label, parameter=WITHIN, reason=str(error)) from None
+
+
+class AsyncCall:
+    """A command under way; waiting for it gives its result."""
+
+    def __init__(self, robot: str, command: str) -> None:
+        """Nothing is known of it yet."""
+        self.robot, self.command = robot, command
+        self.progress = math.nan
+        """How far it is, 0 to 1; NaN before the first report."""
+        self.note = ""
+        """What it says of its progress."""
+
+    def begin(self, work: Coroutine[Any, Any, Any]) -> None:
+        """Carry it out."""
+        self._task: asyncio.Task[Any] = asyncio.ensure_future(work)
+
+    def note_progress(self, fraction: float, text: str) -> None:
+        """Take how far it is."""
+        self.progress, self.note = fraction, text
+
+    @property
+    def done(self) -> bool:
+        """Whether it has ended, well or badly."""
+        return self._task.done()
+
+    def __await__(self) -> Generator[Any, None, Any]:
+        """Wait for its result; it is ended if the task that waits is cancelled.
+
+        Raises:
+            CommandCancelled: `cancel` has ended it.
+            VrError: it was refused or did not succeed.
+        """
+        try:
+            yield from self.ended().__await__()
+        except asyncio.CancelledError:
+            self._task.cancel()
+            raise
+        if self._task.cancelled():
+            reason = "the program cancelled it"
+            raise CommandCancelled(robot=self.robot, command=self.command, reason=reason)
+        return readable(self._task.result())
+
+    async def ended(self) -> None:
+        """Wait until it has ended, well or badly."""
+        await asyncio.wait([self._task])
+
+    async def cancel(self) -> None:
+        """End it."""
+        self._task.cancel()
+        await self.ended()
+
+    def when_done(self, callback: Callable[[], None]) -> None:
+        """Call back once it has ended, on the event loop."""
+        self._task.add_done_callback(lambda _: callback())
+
+
+class AsyncReadings:
+    """What a robot reads. The names are those of `robotree show NAME`; numbers in SI units."""
+
+    def __init__(self, realm: AsyncRealm, robot: str) -> None:
+        """Made by access to a robot's attribute."""
+        self._realm, self._robot = realm, robot
+
+    async def now(self) -> Record:
+        """Ask for the present values.
+
+        Raises:
+            VrError: the robot cannot be asked.
+        """
+        return Record((await self._realm.describe(self._robot)).readings)
+
+    async def __call__(self, *, hz: float = 10.0) -> AsyncGenerator[Record]:
+        """Yield each new reading; if several came since the last one, the latest. Ends only by an error.
+
+        A robot publishes ten times a second while one of its commands runs, else at each change and once a
+        second.
+
+        Args:
+            hz: [1/s] how many are yielded at most.
+
+        Raises:
+            ValueError: `hz` is not above 0.
+            VrError: the robot has ended or hangs.
+        """
+        if not hz > 0.0:
+            raise ValueError(f"readings(hz={hz!r}): give a rate above 0, such as 5")
+        latest: dict[str, float] = {}
+        news = asyncio.Event()
+
+        def take(_: str, state: State) -> None:
+            nonlocal latest
+            latest = state.readings
+            news.set()
+
+        watching = await self._realm.fleet.watch_state(self._robot, take)
+        try:
+            while True:
+                try:
+                    async with asyncio.timeout(SILENCE):
+                        await news.wait()
+                except TimeoutError:
+                    latest = (await self._realm.describe(self._robot)).readings  # raises if it has ended
+                news.clear()
+                yield Record(latest)
+                await asyncio.sleep(1.0 / hz)
+        finally:
+            await watching.close()

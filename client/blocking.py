@@ -1,0 +1,349 @@
+"""A realm and its robots for scripts, notebooks and tests without asyncio.
+
+    with connect() as realm:
+        arm = realm["arm-1"]
+        arm.go_to(x="30 cm", y=0, z=0.4, within="20 s")
+        move = arm.go_to.start(x=0.3, y=0.1, z=0.4)
+        print(move.progress)
+        move.cancel()
+        for reading in arm.readings(hz=20):
+            print(reading.z)
+        typed = realm.get("arm-1", Arm)
+
+Everything is that of `robotree.client.asynchronous`, on an event loop in a thread of its own: each method
+waits for the one of the same name there. A command ends with the block, on Ctrl-C, or with the program.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import threading
+import weakref
+from collections.abc import AsyncGenerator, Coroutine, Generator, Iterator, Sequence
+from concurrent.futures import Future
+from typing import TYPE_CHECKING, Any, Self, TypeVar, cast, overload
+
+from robotree.client.asynchronous import AsyncCall, AsyncCommand, AsyncReadings, AsyncRealm, connect_async
+from robotree.vr.author.kind import Kind
+from robotree.vr.author.readings import Record
+from robotree.vr.base.errors import TransportClosed
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from robotree.vr.base.description import Listing, RobotDescription
+    from robotree.vr.base.requests import LoggedLine, Reloaded, State
+
+FAREWELL = 5.0
+"""[s] for the commands to be ended when a realm is left."""
+
+_T = TypeVar("_T")
+_K = TypeVar("_K", bound=Kind)
+
+
+def connect(realm: str | None = None) -> Realm:
+    """Join a realm whose robots run, until the `with` block or the program ends.
+
+    Args:
+        realm: its name; None: that of `$ROBOTREE_REALM`, else `default`.
+
+    Raises:
+        BadName: it cannot be a name.
+        TransportError: the realm cannot be joined.
+    """
+    return Realm(realm)
+
+
+class _Loop:
+    """An event loop in a thread of its own, and the realm that was joined there."""
+
+    def __init__(self, realm: str | None) -> None:
+        """Join; see `connect`."""
+        self._entered: Future[AsyncRealm] = Future()
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._over = asyncio.Event()
+        self._thread = threading.Thread(target=self._run, args=(realm,), name="robotree", daemon=True)
+        self._thread.start()
+        self.realm = self._entered.result()
+
+    def _run(self, realm: str | None) -> None:
+        try:
+            asyncio.run(self._be_there(realm))
+        except BaseException as error:  # noqa: BLE001 # raised where the realm was to be joined
+            if not self._entered.done():
+                self._entered.set_exception(error)
+
+    async def _be_there(self, realm: str | None) -> None:
+        self._loop = asyncio.get_running_loop()
+        async with connect_async(realm) as entered:
+            self._entered.set_result(entered)
+            await self._over.wait()
+
+    def wait_for(self, work: Coroutine[Any, Any, _T]) -> _T:
+        """Have something done on the loop, and wait for it; it is cancelled where the wait is interrupted."""
+        loop = self._loop
+        if loop is None or loop.is_closed() or self._over.is_set():
+            work.close()
+            raise TransportClosed(key=self.realm.name)
+        future = asyncio.run_coroutine_threadsafe(work, loop)
+        try:
+            return future.result()
+        except BaseException:
+            future.cancel()
+            raise
+
+    def close(self) -> None:
+        """End the commands that still run, and leave. Twice is once."""
+        loop = self._loop
+        if loop is not None and self._thread.is_alive():
+            with contextlib.suppress(RuntimeError):  # it has just ended
+                loop.call_soon_threadsafe(self._over.set)
+            self._thread.join(FAREWELL)
+
+
+class Realm:
+    """A realm: its robots by name, and what a supervisor does with them. See `AsyncRealm` for each method."""
+
+    def __init__(self, realm: str | None = None) -> None:
+        """Join; see `connect`."""
+        self._loop = _Loop(realm)
+        self.behind = self._loop.realm
+        """The realm for asyncio, on its own event loop: use it in coroutines for `wait_for`."""
+        self._close = weakref.finalize(self, self._loop.close)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the commands that still run, and leave. Twice is once."""
+        self._close()
+
+    @property
+    def name(self) -> str:
+        """The realm's name."""
+        return self.behind.name
+
+    def __getitem__(self, robot: str) -> Robot:
+        """Return the robot of a name, whether it runs at the moment or not."""
+        return Robot(self, robot)
+
+    @overload
+    def get(self, robot: str, kind: None = None) -> Robot: ...
+    @overload
+    def get(self, robot: str, kind: type[_K]) -> _K: ...
+    def get(self, robot: str, kind: type[_K] | None = None) -> Robot | _K:
+        """Return a robot that runs and is of a kind; editors and type checkers know its commands then."""
+        self.wait_for(self.behind.get(robot, kind))
+        return cast("_K", self[robot])
+
+    def wait_for(self, work: Coroutine[Any, Any, _T]) -> _T:
+        """Wait for something of the realm for asyncio."""
+        return self._loop.wait_for(work)
+
+    # -- who is there -----------------------------------------------------------------------------
+
+    def ls(self) -> Sequence[Listing]:
+        """Return the robots that nobody commands, as the lookup services list them."""
+        return self.wait_for(self.behind.ls())
+
+    def tree(self) -> Sequence[RobotDescription]:
+        """Describe all robots: those that nobody commands by name, then their children, and so on down."""
+        return self.wait_for(self.behind.tree())
+
+    def describe(self, robot: str) -> RobotDescription:
+        """Return what a robot is: commands, slots, readings, and its state now."""
+        return self.wait_for(self.behind.describe(robot))
+
+    def log(self, robot: str) -> Sequence[LoggedLine]:
+        """Return the log of a robot, the oldest line first."""
+        return self.wait_for(self.behind.log(robot))
+
+    def watch(self) -> Generator[tuple[str, State]]:
+        """Yield the name and the new state of a robot, whenever one publishes its state."""
+        states = self.behind.watch()
+        try:
+            while True:
+                yield self.wait_for(_next(states))
+        finally:
+            with contextlib.suppress(TransportClosed):
+                self.wait_for(_end(states))
+
+    def look(self, view: str, camera: str = "", *, width: int = 320, height: int = 180) -> NDArray[np.uint8]:
+        """Return one picture of a view: rows, columns, and red, green, blue from 0 to 255."""
+        return self.wait_for(self.behind.look(view, camera, width=width, height=height))
+
+    # -- robots on top of robots ------------------------------------------------------------------
+
+    def create(self, page: str, robot: str, *, host: str = "", wanted: str = "", **settings: Any) -> Robot:
+        """Make a virtual robot from a page; see `AsyncRealm.create`."""
+        self.wait_for(self.behind.create(page, robot, host=host, wanted=wanted, **settings))
+        return self[robot]
+
+    def reload(self, robot: str, page: str = "", *, now: bool = False) -> Reloaded:
+        """Have a virtual robot go on with its page as it is in the file now, or with another page."""
+        return self.wait_for(self.behind.reload(robot, page, now=now))
+
+    def enslave(self, slot: str, child: str) -> None:
+        """Bind a child to a slot, `mover.arm`."""
+        self.wait_for(self.behind.enslave(slot, child))
+
+    def release(self, slot: str) -> None:
+        """Release the child in a slot, `mover.arm`, or all of a group, `team.rovers`."""
+        self.wait_for(self.behind.release(slot))
+
+    def delete(self, robot: str) -> str:
+        """End a virtual robot. Returns what is left of it, as a sentence; empty: nothing."""
+        return self.wait_for(self.behind.delete(robot))
+
+    # -- what they do -----------------------------------------------------------------------------
+
+    def cancel(self, robot: str) -> None:
+        """End all commands of a robot."""
+        self.wait_for(self.behind.cancel(robot))
+
+    def stop(self, robot: str | None = None) -> Sequence[str]:
+        """Protective stop of one robot, or of all. Returns the names of those that have confirmed it."""
+        return self.wait_for(self.behind.stop(robot))
+
+    def resume(self, robot: str | None = None) -> Sequence[str]:
+        """Release the protective stop of one robot, or of all. Returns those that have confirmed it."""
+        return self.wait_for(self.behind.resume(robot))
+
+
+class Robot:
+    """A robot of a realm; its attributes are its commands, and `readings`."""
+
+    def __init__(self, realm: Realm, name: str) -> None:
+        """Made by access to a realm."""
+        self._realm, self._robot, self._name = realm, realm.behind[name], name
+
+    def __str__(self) -> str:
+        return self._name
+
+    def __repr__(self) -> str:
+        return repr(self._robot)
+
+    @property
+    def readings(self) -> Readings:
+        """What it reads, as it publishes it."""
+        return Readings(self._realm, self._robot.readings)
+
+    def __getattr__(self, command: str) -> Command:
+        if command.startswith("_"):
+            raise AttributeError(command)
+        found = vars(self)[command] = Command(self._realm, getattr(self._robot, command))
+        return found
+
+
+class Command:
+    """One command of a robot; see `AsyncCommand`."""
+
+    def __init__(self, realm: Realm, command: AsyncCommand) -> None:
+        """Made by access to a robot's attribute."""
+        self._realm, self._command = realm, command
+
+    def __call__(self, *values: Any, **arguments: Any) -> Any:
+        """Have it carried out, wait for the end and return the result."""
+        return self._realm.wait_for(self._command(*values, **arguments))
+
+    def start(self, *values: Any, **arguments: Any) -> Call:
+        """Have it carried out meanwhile; it ends with the realm's block at the latest."""
+        return Call(self._realm, self._realm.wait_for(self._command.start(*values, **arguments)))
+
+    def tell(self, *values: Any, **arguments: Any) -> None:
+        """Have it carried out, and wait only until the robot has accepted it; it may outlive the program."""
+        self._realm.wait_for(self._command.tell(*values, **arguments))
+
+
+class Call:
+    """A command under way."""
+
+    def __init__(self, realm: Realm, call: AsyncCall) -> None:
+        """Made by `Command.start`."""
+        self._realm, self._call = realm, call
+
+    @property
+    def done(self) -> bool:
+        """Whether it has ended, well or badly."""
+        return self._call.done
+
+    @property
+    def progress(self) -> float:
+        """How far it is, 0 to 1; NaN before the first report."""
+        return self._call.progress
+
+    @property
+    def note(self) -> str:
+        """What it says of its progress."""
+        return self._call.note
+
+    def result(self, timeout: float | None = None) -> Any:
+        """Wait for the end and return the result.
+
+        Args:
+            timeout: [s] to wait; None: until it ends.
+
+        Raises:
+            VrError: it was refused, failed or was ended.
+            TimeoutError: it still runs, and goes on.
+        """
+        return self._realm.wait_for(_result(self._call, timeout))
+
+    def cancel(self) -> None:
+        """End it."""
+        self._realm.wait_for(self._call.cancel())
+
+
+class Readings:
+    """What a robot reads; see `AsyncReadings`. `arm.readings.z` asks for the present value."""
+
+    def __init__(self, realm: Realm, readings: AsyncReadings) -> None:
+        """Made by access to a robot's attribute."""
+        self._realm, self._readings = realm, readings
+
+    def now(self) -> Record:
+        """Ask for the present values."""
+        return self._realm.wait_for(self._readings.now())
+
+    def __call__(self, *, hz: float = 10.0) -> Iterator[Record]:
+        """Yield each new reading; if several came since the last one, the latest. Ends only by an error."""
+        readings = self._readings(hz=hz)
+        try:
+            while True:
+                yield self._realm.wait_for(_next(readings))
+        finally:
+            with contextlib.suppress(TransportClosed):
+                self._realm.wait_for(_end(readings))
+
+    def __getattr__(self, name: str) -> float:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        value: float = getattr(self.now(), name)
+        return value
+
+    def __getitem__(self, name: str) -> float:
+        value: float = self.now()[name]
+        return value
+
+
+async def _result(call: AsyncCall, timeout: float | None) -> Any:
+    async with asyncio.timeout(timeout):
+        await call.ended()
+    return await call
+
+
+async def _next(items: AsyncGenerator[_T]) -> _T:
+    return await anext(items)
+
+
+async def _end(items: AsyncGenerator[Any]) -> None:
+    await items.aclose()

@@ -1,0 +1,329 @@
+"""A program sees and commands a living realm: real processes, as a script or a notebook uses them."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+import pytest
+
+from robotree import connect, connect_async
+from robotree.client.blocking import Realm
+from robotree.vr import (
+    BadArgument,
+    CommandCancelled,
+    CommandFailed,
+    DeadlineExceeded,
+    Kind,
+    Range,
+    Unit,
+    promised,
+)
+from robotree.vr.base.errors import BadName, NoSuchRobot, NotInControl, NotThisKind, TransportClosed
+from tests.command_line import ROBOTREE
+
+pytestmark = pytest.mark.e2e
+
+WALKER = """
+from typing import Annotated
+from robotree.vr import Child, Failed, Range, Unit, VirtualRobot, command, state
+
+class Walker(VirtualRobot):
+    "Walks a line."
+
+    at: float = state(0.0)
+    stride: Annotated[float, Unit("m")] = 0.5
+
+    def readings(self) -> dict[str, float]:
+        return {"x": self.at}
+
+    @command
+    def walk(self, x: Annotated[float, Unit("m"), Range(-10, 10)], steps: int = 1) -> float:
+        "Walk to a place."
+        for step in range(steps):
+            self.at += (x - self.at) / (steps - step)
+            self.progress((step + 1) / steps, f"step {step + 1}")
+            self.sleep(0.05 if steps > 1 else 0)
+        return self.at
+
+    @command
+    def where(self) -> dict[str, float]:
+        return {"x": self.at, "stride": self.stride}
+
+    @command
+    def stumble(self) -> None:
+        raise Failed("a stone", stone=3)
+
+class Leader(VirtualRobot):
+    walker = Child("Walker")
+    walk = walker.exposed()
+"""
+
+
+class Walker(Kind):
+    """What the page promises."""
+
+    @promised()
+    def walk(self, x: Annotated[float, Unit("m"), Range(-10, 10)], steps: int = 1) -> float:
+        """Walk to a place."""
+        raise NotImplementedError
+
+
+class Swimmer(Kind):
+    """Another kind."""
+
+
+@pytest.fixture(scope="module")
+def realm_of_processes(shared_place: Path) -> Iterator[Path]:
+    """A lookup service and a host in processes of their own; gives the folder with the page."""
+    members = [
+        subprocess.Popen(
+            [*ROBOTREE, *words, "--tether"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        for words in (("lookup", "l1"), ("host", "h1"))
+    ]
+    for member in members:
+        assert member.stdout is not None
+        assert member.stdout.readline().startswith("ready")
+    page = shared_place / "walker.py"
+    page.write_text(WALKER)
+    yield page
+    for member in members:
+        assert member.stdin is not None
+        member.stdin.close()
+        member.wait(30)
+        member.stdout.close()  # type: ignore[union-attr] # a pipe
+
+
+@pytest.fixture
+def realm(realm_of_processes: Path) -> Iterator[Realm]:
+    """A realm with a robot `ann`, and nobody else at the end."""
+    with connect() as realm:
+        realm.create(str(realm_of_processes), "ann", wanted="Walker")
+        yield realm
+        for robot in realm.tree():
+            if robot.bond is None:
+                realm.delete(robot.name)
+        for robot in realm.tree():
+            realm.delete(robot.name)
+
+
+def test_a_command_is_called_as_in_a_page_and_returns_its_result(realm: Realm) -> None:
+    ann = realm["ann"]
+    assert ann.walk(x=2) == 2.0
+    assert ann.walk("150 cm") == 1.5
+    assert ann.walk(3, steps=2, within="5 s") == 3.0
+    where = ann.where()
+    assert (where.x, where["stride"]) == (3.0, 0.5)
+    assert str(ann) == "ann"
+    assert repr(ann) == "<robot ann of realm default>"
+
+
+def test_errors_have_the_classes_and_the_words_that_a_page_gets(realm: Realm) -> None:
+    ann = realm["ann"]
+    with pytest.raises(CommandFailed, match="a stone"):
+        ann.stumble()
+    with pytest.raises(BadArgument, match=r"x.*10"):
+        ann.walk(x=11)
+    with pytest.raises(BadArgument, match=r"too many; it takes 2 \(x, steps\)"):
+        ann.walk(1, 2, 3)
+    with pytest.raises(BadArgument, match="x: is given twice"):
+        ann.walk(1, x=2)
+    with pytest.raises(BadArgument, match="within"):
+        ann.walk(1, within="soon")
+    with pytest.raises(DeadlineExceeded):
+        ann.walk(1, steps=100, within=0.2)
+    with pytest.raises(NoSuchRobot, match="bob"):
+        realm["bob"].walk(x=1)
+    with pytest.raises(BadName):
+        realm["no name"]
+
+
+def test_a_command_runs_while_the_program_does_something_else(realm: Realm) -> None:
+    walk = realm["ann"].walk.start(x=1, steps=20)
+    assert math.isnan(walk.progress) or walk.progress < 1
+    with pytest.raises(TimeoutError):
+        walk.result(timeout=0.1)
+    assert not walk.done
+    assert walk.result() == pytest.approx(1.0)
+    assert (walk.progress, walk.note) == (1.0, "step 20")
+    assert walk.result() == pytest.approx(1.0), "it can be asked again"
+
+
+def test_a_command_that_is_cancelled_says_so(realm: Realm) -> None:
+    walk = realm["ann"].walk.start(x=1, steps=1000)
+    walk.cancel()
+    with pytest.raises(CommandCancelled, match="the program cancelled it"):
+        walk.result()
+    assert realm["ann"].walk(x=0) == 0.0, "the robot is free"
+
+
+def test_a_command_ends_with_the_block_that_has_started_it_and_a_told_one_goes_on(realm: Realm) -> None:
+    with connect() as other:
+        other["ann"].walk.start(x=1, steps=1000)
+    assert realm["ann"].walk(x=0, within="5 s") == 0.0
+    with connect() as other:
+        other["ann"].walk.tell(x=5, steps=20)
+    assert realm.describe("ann").busy == "walk"
+    while realm.describe("ann").busy:
+        time.sleep(0.02)
+    assert realm["ann"].readings.x == pytest.approx(5.0)
+
+
+def test_a_command_ends_with_the_program_however_that_ends(realm: Realm) -> None:
+    program = subprocess.Popen(
+        [sys.executable, "-c", "import robotree\nrobotree.connect()['ann'].walk(x=1, steps=2000)"]
+    )
+    while realm.describe("ann").busy != "walk":
+        time.sleep(0.02)
+    program.kill()
+    program.wait()
+    assert realm["ann"].walk(x=0, within="5 s") == 0.0
+
+
+def test_ctrl_c_ends_the_command_that_the_program_waits_for(realm: Realm) -> None:
+    program = subprocess.Popen(
+        [sys.executable, "-c", "import robotree\nrobotree.connect()['ann'].walk(x=1, steps=2000)"],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    while realm.describe("ann").busy != "walk":
+        time.sleep(0.02)
+    program.send_signal(signal.SIGINT)
+    _, complaints = program.communicate(timeout=30)
+    assert complaints.strip().endswith("KeyboardInterrupt")
+    assert realm["ann"].walk(x=0, within="5 s") == 0.0
+
+
+def test_robots_are_put_on_top_of_robots_and_taken_apart(realm: Realm, realm_of_processes: Path) -> None:
+    leader = realm.create(str(realm_of_processes), "leader", wanted="Leader")
+    realm.enslave("leader.walker", "ann")
+    assert [robot.name for robot in realm.tree()] == ["leader", "ann"]
+    assert leader.walk(x=4) == 4.0
+    with pytest.raises(NotInControl):
+        realm["ann"].walk(x=0)
+    realm.release("leader.walker")
+    assert realm["ann"].walk(x=0) == 0.0
+    assert sorted(robot.name for robot in realm.ls()) == ["ann", "leader"]
+    assert realm.delete("leader") == ""
+    brisk = realm.create(str(realm_of_processes), "brisk", wanted="Walker", stride="1.5 m")
+    assert brisk.where().stride == 1.5
+    assert realm.reload("brisk").notes is not None
+    assert any("walk" in line.text for line in realm.log("ann"))
+
+
+def test_a_stopped_robot_refuses_until_it_is_resumed(realm: Realm) -> None:
+    assert realm.stop("ann") == ["ann"]
+    with pytest.raises(Exception, match="stop"):
+        realm["ann"].walk(x=1)
+    assert realm.resume("ann") == ["ann"]
+    assert realm["ann"].walk(x=1) == 1.0
+
+
+def test_a_robot_of_a_kind_is_given_with_its_type(realm: Realm) -> None:
+    ann = realm.get("ann", Walker)
+    assert ann.walk(x=1) == 1.0
+    assert str(realm.get("ann")) == "ann"
+    with pytest.raises(NotThisKind, match="ann is no Swimmer: it is of kind Walker"):
+        realm.get("ann", Swimmer)
+    with pytest.raises(NoSuchRobot):
+        realm.get("bob")
+
+
+def test_readings_come_as_the_robot_publishes_them(realm: Realm) -> None:
+    walk = realm["ann"].walk.start(x=3, steps=20)
+    seen = [reading.x for reading, _ in zip(realm["ann"].readings(hz=20), range(4), strict=False)]
+    assert len(seen) == 4
+    assert seen == sorted(seen)
+    assert seen[-1] > 0
+    assert walk.result() == pytest.approx(3.0)
+    assert realm["ann"].readings["x"] == pytest.approx(3.0)
+    with pytest.raises(ValueError, match="rate above 0"):
+        next(iter(realm["ann"].readings(hz=0)))
+
+
+def test_readings_of_a_robot_that_is_deleted_end_with_an_error(realm: Realm) -> None:
+    readings = realm["ann"].readings(hz=100)
+    next(iter(readings))
+    realm.delete("ann")
+    with pytest.raises(NoSuchRobot):
+        for _ in readings:
+            pass
+
+
+def test_a_watch_tells_which_robot_changed(realm: Realm) -> None:
+    walk = realm["ann"].walk.start(x=1, steps=10)
+    for name, state in realm.watch():
+        if state.busy == "walk":
+            assert name == "ann"
+            break
+    walk.result()
+
+
+def test_a_realm_that_was_left_refuses(realm_of_processes: Path) -> None:
+    realm = connect()
+    realm.close()
+    realm.close()
+    with pytest.raises(TransportClosed):
+        realm.tree()
+    with pytest.raises(BadName):
+        connect("no name")
+    assert not [thread for thread in threading.enumerate() if thread.name == "robotree"]
+    assert realm_of_processes.exists()
+
+
+def test_several_threads_may_use_one_realm(realm: Realm) -> None:
+    results: list[Any] = []
+    threads = [threading.Thread(target=lambda: results.append(realm["ann"].where().stride)) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert results == [0.5] * 8
+
+
+async def test_asyncio_has_the_same(realm_of_processes: Path) -> None:
+    async with connect_async() as realm:
+        ben = await realm.create(str(realm_of_processes), "ben", wanted="Walker")
+        assert await ben.walk(2, within=5) == 2.0
+        walk = await ben.walk.start(x=1, steps=20)
+        async for reading in ben.readings(hz=50):
+            assert 1 <= reading.x <= 2
+            break
+        await walk.cancel()
+        with pytest.raises(CommandCancelled):
+            await walk
+        with pytest.raises(TimeoutError):
+            async with asyncio.timeout(0.2):
+                await ben.walk(x=9, steps=1000)
+        assert (await ben.where()).x < 9
+        assert await ben.walk(x=0, within=5) == 0.0, "what was waited for in vain has ended"
+        await realm.delete("ben")
+
+
+def test_a_name_that_is_missing_is_said_to_be() -> None:
+    import robotree
+
+    assert {"connect", "connect_async"} <= set(dir(robotree))
+    with pytest.raises(AttributeError, match="has no attribute 'conect'"):
+        _ = robotree.conect  # type: ignore[attr-defined] # a mistake of its author
+
+
+@pytest.mark.speed
+def test_the_import_takes_at_most_60_ms_more_than_python() -> None:
+    def took(code: str) -> float:
+        began = time.perf_counter()
+        subprocess.run([sys.executable, "-c", code], check=True, env=os.environ)
+        return time.perf_counter() - began
+
+    least = [min(took(code) for _ in range(7)) for code in ("from robotree import connect", "import asyncio")]
+    assert least[0] - least[1] < 0.06
