@@ -19,10 +19,10 @@ from pathlib import Path
 
 import pytest
 
+from robotree.client.joining import joined
 from robotree.tui import exit_codes
 from robotree.tui.errors import MemberFailed
 from robotree.tui.processes.crew import Crew
-from robotree.tui.processes.realm import joined
 from robotree.vr.network.realms import realm_folder
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.world.testing import until
