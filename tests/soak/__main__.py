@@ -81,6 +81,7 @@ def _resources(rounds: int) -> Iterator[tuple[str, Try]]:
         yield f"fence-{number}", damage.fence
         yield f"key-{number}", damage.key
         yield f"page-{number}", damage.page
+        yield f"list-{number}", damage.keys
         yield f"held-{2 * number}", partial(resources.hold, letters=26, kill=False)
         yield f"held-{2 * number + 1}", partial(resources.hold, letters=29, kill=True)
 

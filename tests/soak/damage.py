@@ -5,7 +5,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import os
 import random
+import signal
 import time
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
@@ -46,6 +48,12 @@ PAGE = Row(
     "the page of a robot is garbage: `reload` is refused with file and line, the robot goes on",
     "from the start of `reload` with the mended page to its end",
     2.0,
+)
+LIST = Row(
+    "damage",
+    "the list of robots of a frozen host is garbage, then `stop`: it does not claim to have stopped them",
+    "from SIGCONT until the list is right again",
+    1.0,
 )
 BACK = 5.0
 """[s] in which a proxy finds a restarted controller."""
@@ -206,4 +214,27 @@ async def page(stage: Stage, chance: random.Random) -> Sequence[Trial]:
         trial.false.append(f"{said}; but the old page goes on")
     await stage.fleet.delete("steady")
     file.unlink()
+    return [trial]
+
+
+async def keys(stage: Stage, chance: random.Random) -> Sequence[Trial]:
+    """Freeze the host and write garbage over its list of robots; stop everything, and wake it."""
+    await stage.furnish()
+    pid = stage.pid("host")
+    (path,) = stage.folder.glob(f"{pid}-*.held")
+    good, trial = sorted(path.read_bytes().split(b"\n")), Trial(LIST, False)
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        path.write_bytes(chance.choice((chance.randbytes(40) + b"\n", b"-robot/x/1\n", b"robot/\x01/1\n")))
+        said = await stage.say("stop", "--json")
+        if said.done or str(pid) not in said.out + said.complaints:
+            trial.false.append(f"{said}; but process {pid} was frozen")
+    finally:
+        os.kill(pid, signal.SIGCONT)
+    woke = time.monotonic()
+    trial.reached = await holds(lambda: sorted(path.read_bytes().split(b"\n")) == good, 5.0)
+    trial.seconds = time.monotonic() - woke
+    trial.note = "" if trial.reached else f"it is {path.read_bytes()!r} instead of {good}"
+    if not await stage.whole():
+        trial.reached, trial.note = False, "the realm is not whole 10 s later"
     return [trial]

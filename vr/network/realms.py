@@ -38,6 +38,8 @@ _TIMEVAL = struct.Struct("@ll")
 SOCKET, HELD = ".sock", ".held"
 TAG = re.compile(r"\d{1,10}-[0-9a-f]{8}")
 _ENTRY = re.compile(rf"({TAG.pattern}){re.escape(SOCKET)}")
+_KEY = re.compile(r"[!-~]+")
+"""What a key can be: printable, and without spaces."""
 _ROBOT = re.compile(r"robot/([A-Za-z0-9][A-Za-z0-9_-]{0,63})/[^/\s]+")
 
 
@@ -111,8 +113,25 @@ def process_of(tag: str) -> int:
 def keys_of(directory: Path, tag: str) -> list[str] | None:
     """Return the keys under which a process is present, as it has written them down.
 
-    None: that cannot be read here, or not any more.
+    None: that cannot be read here, or not any more, or it is damaged; the process mends it at its next beat.
     """
+    keys = _written(directory, tag)
+    if keys is None or min(keys.values(), default=0) < 0 or not all(map(_KEY.fullmatch, keys)):
+        return None
+    return list(keys.elements())
+
+
+def robots_of(directory: Path, tag: str) -> dict[str, str]:
+    """Return the names of the robots that a process has written down, by their keys.
+
+    Of a damaged list it is what can be understood.
+    """
+    found = ((key, _ROBOT.fullmatch(key)) for key in (_written(directory, tag) or Counter[str]()).elements())
+    return {key: match[1] for key, match in found if match}
+
+
+def _written(directory: Path, tag: str) -> Counter[str] | None:
+    """Return how often a process is present under each key, as its list says; None: there is none."""
     try:
         written = files.read(directory / f"{tag}{HELD}", LONGEST_LIST)
     except OSError:
@@ -121,13 +140,7 @@ def keys_of(directory: Path, tag: str) -> list[str] | None:
     for line in written.decode(errors="replace").split("\n")[:-1]:  # the last one may just be written
         key = line.removeprefix("-")
         keys[key] += 1 if key == line else -1
-    return list(keys.elements())
-
-
-def robots_of(directory: Path, tag: str) -> dict[str, str]:
-    """Return the names of the robots that a process has written down, by their keys."""
-    found = ((key, _ROBOT.fullmatch(key)) for key in keys_of(directory, tag) or ())
-    return {key: match[1] for key, match in found if match}
+    return keys
 
 
 def robots_in(directory: Path) -> list[str]:

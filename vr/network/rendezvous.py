@@ -133,6 +133,8 @@ class Rendezvous:
         self._keys = Counter[str]()
         self._lines = 0
         """Lines in the own list of keys."""
+        self._list: tuple[int, int, int] | None = None
+        """State of that list after this process has written it; see `_state_of_list`."""
         self._lock = threading.Lock()
         self._there = False
         self._beat: Beat | None = None
@@ -169,8 +171,17 @@ class Rendezvous:
         return door
 
     def registered(self) -> bool:
-        """Whether others can still find all its files: somebody may have removed or renamed the folder."""
-        return not self.listed or all(self._path(end).exists() for end in (SOCKET, _BEAT, HELD))
+        """Whether others can still find all its files: somebody may have removed or renamed the folder.
+
+        Somebody may also have written into its list of keys.
+        """
+        if not self.listed:
+            return True
+        with self._lock:
+            found = self._state_of_list()
+            return (found is not None and found == self._list) and all(
+                self._path(end).exists() for end in (SOCKET, _BEAT)
+            )
 
     def beat(self, now: float) -> None:
         """Give a sign of life [s, CLOCK_MONOTONIC]."""
@@ -286,12 +297,16 @@ class Rendezvous:
         try:
             new.write_text("".join(f"{key}\n" for key in keys))
             new.rename(self._path(HELD))
+            self._list = self._state_of_list()
         except OSError:  # the folder is gone, or the disk full; `register` writes them anew
             self._remove_list()
 
     def _append(self, line: str) -> None:
         """Write one line more: with many keys, all of them would take longer than to make what one names."""
         if not self._there:
+            return
+        if self._state_of_list() != self._list:
+            self._write_keys()
             return
         self._lines += 1
         try:
@@ -306,8 +321,17 @@ class Rendezvous:
             whole = False
         finally:
             os.close(handle)
+        self._list = self._state_of_list()
         if not whole:
             self._remove_list()
+
+    def _state_of_list(self) -> tuple[int, int, int] | None:
+        """Return what changes when somebody writes into the own list of keys, or puts another one there."""
+        try:
+            found = os.lstat(self._path(HELD))
+        except OSError:
+            return None
+        return found.st_ino, found.st_size, found.st_mtime_ns
 
     def _remove_list(self) -> None:
         """Have no list at all rather than a wrong one: a process without one is named by each stop."""

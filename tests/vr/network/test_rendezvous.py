@@ -132,6 +132,29 @@ def test_a_list_that_cannot_be_written_whole_is_removed_and_written_anew(
     door.close()
 
 
+@pytest.mark.parametrize(
+    "damage", [b"\xff\x00\n-\n", b"robot/a/1\n-robot/b/1\n", b"robot/\x07/1\nrobot/b/1\n"]
+)
+def test_a_damaged_list_is_none_and_its_process_mends_it(tmp_path: Path, damage: bytes) -> None:
+    """Who believed it would leave a robot out of a stop and say that all have stopped."""
+    one, other = place_at(tmp_path), place_at(tmp_path)
+    door = one.register()
+    for key in ("robot/a/1", "robot/b/1"):
+        one.hold(key)
+    assert one.registered()
+    (one.directory / f"{one.tag}.held").write_bytes(damage)
+    assert other.keys_of(one.tag) is None
+    assert not one.registered()
+    one.hold("robot/c/1")
+    assert other.keys_of(one.tag) == ["robot/a/1", "robot/b/1", "robot/c/1"], "what is added mends it, too"
+    (one.directory / f"{one.tag}.held").write_bytes(b"")
+    assert not one.registered()
+    one.register().close()
+    assert one.registered()
+    assert other.keys_of(one.tag) == ["robot/a/1", "robot/b/1", "robot/c/1"]
+    door.close()
+
+
 def test_a_newcomer_that_finds_no_room_leaves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
