@@ -23,8 +23,8 @@ from tests.soak.table import Row, Trial
 FENCE = Row(
     "damage",
     "a bit of one copy of a fence file is flipped, the controller restarted: it tells, and keeps the epoch",
-    "from the restarted controller being ready until the next call has ended",
-    5.0,
+    "from the restarted controller being ready until its proxy can command it",
+    3.0,
 )
 FENCES = Row(
     "damage",
@@ -40,8 +40,8 @@ KEY = Row(
 KEYS = Row(
     "damage",
     "that arm's controller, restarted: it names the key file and does not start; with the old key it does",
-    "from the restarted controller being ready until the next call has ended",
-    5.0,
+    "from the restarted controller being ready until its proxy can command it",
+    3.0,
 )
 PAGE = Row(
     "damage",
@@ -91,14 +91,18 @@ async def _arm(stage: Stage, *words: str, key: Sequence[str] = ()) -> AsyncItera
                 await stage.kill(name)
 
 
-async def _moved(stage: Stage, y: float) -> str:
-    """Move that arm, as soon as its proxy is back; returns why it did not come there, empty if it did."""
+async def _online(stage: Stage) -> None:
+    """Wait until that arm's proxy has found its controller."""
     until = time.monotonic() + BACK
     while time.monotonic() < until:
         with contextlib.suppress(VrError):
             if (await stage.fleet.describe(NAME)).online:
-                break
+                return
         await asyncio.sleep(0.02)
+
+
+async def _moved(stage: Stage, y: float) -> str:
+    """Move that arm; returns why it did not come there, empty if it did."""
     line = ("call", f"{NAME}.go_to", "x=0.45", f"y={y}", "z=0.35", "twist=0", "--within", "10 s")
     said = await stage.say(*line)
     return "" if said.done else str(said)
@@ -142,8 +146,10 @@ async def fence(stage: Stage, chance: random.Random) -> Sequence[Trial]:
             one.false.append(f"the controller says nothing of {hit.name}: {told!r}")
         if not known or min(_epochs(copies)) < known:
             one.false.append(f"its epochs were {known} and are {_epochs(copies)}")
+        await _online(stage)
+        one.seconds = time.monotonic() - ready
         one.note = one.note or await _moved(stage, -0.1)
-        one.reached, one.seconds = not one.note, time.monotonic() - ready
+        one.reached = not one.note
         await stage.kill(ARM)
         for path in copies:
             flip(path, chance)
@@ -151,6 +157,7 @@ async def fence(stage: Stage, chance: random.Random) -> Sequence[Trial]:
         if not both.note:
             line = stage.line_of(ARM)
             await stage.start(ARM, *line[:2], "--reset-epoch", *line[2:])
+            await _online(stage)
             both.note = await _moved(stage, 0.1)
         both.reached = not both.note
     for path in file.parent.glob("*damaged.json*"):
@@ -181,9 +188,10 @@ async def key(stage: Stage, chance: random.Random) -> Sequence[Trial]:
         file.write_bytes(good)
         if not keeping.note:
             ready = await stage.restart(ARM)
+            await _online(stage)
+            keeping.seconds = time.monotonic() - ready
             await stage.fleet.resume(None)
             keeping.note = await _moved(stage, -0.1)
-            keeping.seconds = time.monotonic() - ready
         keeping.reached = not keeping.note
     for path in file.parent.glob("damaged.key*"):
         path.unlink()
