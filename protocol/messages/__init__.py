@@ -216,7 +216,6 @@ class MavResult(IntEnum):
     CANCELLED = 6
     COMMAND_LONG_ONLY = 7
     COMMAND_INT_ONLY = 8
-    NOT_IN_CONTROL = 10
 
 
 class GripperActions(IntEnum):

@@ -165,7 +165,7 @@ class Commands:
 
     def _move(self, request: Request, verb: Verb, args: tuple[float, ...], now: float) -> Answer:
         if (why := self._rights.why_not(request.peer)) is not None:
-            return self._refuse(MavResult.NOT_IN_CONTROL, why, Reason.NOT_IN_CONTROL)
+            return self._refuse(MavResult.TEMPORARILY_REJECTED, why, Reason.NOT_IN_CONTROL)
         if bar := self._movement.bar:
             return self._refuse(MavResult.TEMPORARILY_REJECTED, bar, Reason.STOPPED)
         try:
@@ -277,7 +277,7 @@ class Commands:
     def _allowed(self, request: Request, do: Callable[[], Answer]) -> Answer:
         """Do it, if the peer may."""
         if (why := self._rights.why_not(request.peer)) is not None:
-            return self._refuse(MavResult.NOT_IN_CONTROL, why, Reason.NOT_IN_CONTROL)
+            return self._refuse(MavResult.TEMPORARILY_REJECTED, why, Reason.NOT_IN_CONTROL)
         return do()
 
     def _refuse(self, result: MavResult, text: str, reason: Reason = Reason.NONE) -> Answer:

@@ -108,15 +108,23 @@ class MavsdkClient:
     def ask(self, plugin: str, method: str, *arguments: Any) -> Any:
         """Have a method of a plugin called; returns what it answers, `{"error": …}` when it refuses."""
         self._program.type(json.dumps([plugin, method, *arguments]))
+        return self.answer()
+
+    def answer(self) -> Any:
+        """The next answer."""
         return json.loads(self._program.reads(r"(?m)^answer (.*)\n")[1])
+
+    def begin(self, command: int, *params: float) -> None:
+        """Have a COMMAND_LONG carried out; its last COMMAND_ACK is the next answer."""
+        named = {f"param{number}": value for number, value in enumerate(_seven(params), 1)}
+        fields = {"command": command, "confirmation": 0, **named}
+        message = {"name": "COMMAND_LONG", "fields": fields}
+        self._program.type(json.dumps(["direct", "send_command", message]))
 
     def command(self, command: int, *params: float) -> dict[str, Any]:
         """Have a COMMAND_LONG carried out; returns its last COMMAND_ACK."""
-        named = {f"param{number}": value for number, value in enumerate(_seven(params), 1)}
-        fields = {"command": command, "confirmation": 0, **named}
-        answer: dict[str, Any] = self.ask(
-            "direct", "send_command", {"name": "COMMAND_LONG", "fields": fields}
-        )
+        self.begin(command, *params)
+        answer: dict[str, Any] = self.answer()
         return answer
 
 
@@ -141,7 +149,9 @@ def tools() -> Path:
 @pytest.fixture
 def start(tmp_path: Path) -> Iterator[Callable[..., Program]]:
     """Starts programs, in a home of their own, that end with the test."""
-    env = {**os.environ, "HOME": str(tmp_path), "PYTHONUNBUFFERED": "1"}
+    run = tmp_path / "run"
+    run.mkdir(mode=0o700)
+    env = {**os.environ, "HOME": str(tmp_path), "XDG_RUNTIME_DIR": str(run), "PYTHONUNBUFFERED": "1"}
     with ExitStack() as stack:
 
         def begin(*words: str | Path) -> Program:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
 import time
 from collections.abc import Callable
 from hashlib import sha256
@@ -9,6 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
+from tests.command_line import ROBOTREE
+from tests.examples.controllers import generated
 
 pytestmark = pytest.mark.interop
 
@@ -184,3 +189,54 @@ class TestSigning:
         proxy.reads("Setup signing key")
         obeyed(proxy)
         assert "AttributeError" not in proxy.printed
+
+
+class TestDerivedKey:
+    """A cell has one key; each controller has its own of it, and MAVProxy gets its passphrase."""
+
+    @pytest.fixture
+    def cell(self, tmp_path: Path) -> Path:
+        subprocess.run([*ROBOTREE, "wire", "key", str(tmp_path / "cell.key")], check=True)
+        return tmp_path / "cell.key"
+
+    def passphrase(self, cell: Path, arm: str) -> str:
+        """What `robotree wire key FILE --of` says of an arm."""
+        words = [*ROBOTREE, "wire", "key", str(cell), "--of", f"tcp:{arm}"]
+        told = subprocess.run(words, check=True, capture_output=True, text=True).stdout
+        return str(re.search(r"(?m)^passphrase +(\S+)", told)[1])  # type: ignore[index]
+
+    def test_the_passphrase_of_one_arm_commands_it_and_no_other(
+        self, mavproxy: Callable[..., Any], simulate: Callable[..., str], cell: Path
+    ) -> None:
+        ours, other = simulate("--key", cell), simulate("--key", cell)
+        proxy = keyed(mavproxy(ours), self.passphrase(cell, ours))
+        obeyed(proxy)
+        proxy.type("long ROBOTREE_GO_TO 0.45 0.1 0.3 0")
+        proxy.reads(r"Got COMMAND_ACK: ROBOTREE_GO_TO: ACCEPTED")
+        stranger = keyed(mavproxy(other), self.passphrase(cell, ours))
+        stranger.type("param fetch")
+        stranger.type("long DO_GRIPPER 1 0")
+        with pytest.raises(AssertionError, match="never printed"):
+            stranger.reads(r"Received \d+ parameters|COMMAND_ACK", within=5.0)
+        stranger.type(f"signing key {self.passphrase(cell, other)}")
+        stranger.reads("Setup signing key")
+        obeyed(stranger)
+
+    def test_the_example_controllers_hear_it_too(
+        self, mavproxy: Callable[..., Any], start: Callable[..., Any], cell: Path, tmp_path: Path
+    ) -> None:
+        """They know no parameters; what they obey of a station is a set mode of ours."""
+        controller = generated(tmp_path)
+        memory = ("--memory", tmp_path / "memory", "--reset-epoch")
+        program = start(*controller, "0", *memory, "--key", cell)
+        url = program.reads(r"ready tcp:(\S+)\n")[1]
+        proxy = mavproxy(url)
+        proxy.reads("Detected vehicle 1:1")
+        proxy.type("param fetch")
+        program.reads("refused: a frame of 255 is not signed")
+        keyed(proxy, self.passphrase(cell, url))
+        proxy.type("watch ROBOTREE_MODE")
+        proxy.reads(r"ROBOTREE_MODE \{")
+        time.sleep(7.0)  # longer than a client without the key keeps its place
+        proxy.reads(r"ROBOTREE_MODE \{")
+        assert "link 1 down" not in proxy.printed

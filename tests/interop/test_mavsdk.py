@@ -8,13 +8,18 @@ from typing import Any
 
 import pytest
 
+from tests.command_line import ROBOTREE
+
 pytestmark = pytest.mark.interop
 
-ACCEPTED, DENIED, IN_PROGRESS = 0, 2, 5
+ACCEPTED, REJECTED, DENIED, CANCELLED = 0, 1, 2, 6
+NOT_IN_CONTROL = 13
+"""The detail of an answer."""
 SUCCESS = 1
 """What MAVSDK's own methods answer."""
 GO_TO = 57601
-MODE_SAFE_STOP, MODE_READY = 4, 1
+TAKE_CONTROL = 32100
+MODE_READY, MODE_ACTIVE, MODE_SAFE_STOP = 1, 2, 4
 
 
 @pytest.fixture
@@ -88,6 +93,70 @@ def test_what_ends_a_flight_stops_the_arm_until_it_is_armed(sdk: Any, method: st
 
 def test_nobody_on_the_wire_reboots_the_controller(sdk: Any) -> None:
     assert sdk.ask("action", "reboot") == {"error": "COMMAND_DENIED"}
+
+
+@pytest.fixture
+def claim(start: Callable[..., Any], arm: str) -> Callable[[], Any]:
+    """Starts a proxy that claims the arm; it holds the claim when this returns."""
+
+    def begin() -> Any:
+        proxy = start(*ROBOTREE, "proxy", "arm", "arm-1", "--connect", f"tcp:{arm}")
+        proxy.reads("ready")
+        return proxy
+
+    return begin
+
+
+def holder(sdk: Any, *, held: bool) -> None:
+    """Wait until the arm says that somebody holds its claim, or that nobody does."""
+    for _ in range(20):
+        if bool(sdk.ask("direct", "next", "ROBOTREE_CLAIM_STATUS")["term_ms"]) is held:
+            return
+    pytest.fail(f"held did not become {held}")
+
+
+@pytest.mark.parametrize("connected", ["before", "after"])
+@pytest.mark.parametrize("times", [1, 2, 3])
+def test_after_a_proxy_has_claimed_and_gone_its_plain_commands_are_obeyed(
+    mavsdk: Callable[[str], Any], arm: str, claim: Callable[[], Any], connected: str, times: int
+) -> None:
+    sdk = mavsdk(arm) if connected == "before" else None
+    for _ in range(times):
+        proxy = claim()
+        if sdk:
+            holder(sdk, held=True)
+        proxy.end()
+    sdk = sdk or mavsdk(arm)
+    holder(sdk, held=False)
+    assert sdk.command(GO_TO, 0.45, 0.1, 0.3, 0.0)["result"] == ACCEPTED
+    assert sdk.command(GO_TO, 0.45, 0.0, 0.3, 0.0)["result"] == ACCEPTED
+    assert sdk.ask("gripper", "release", 0) == SUCCESS
+
+
+def test_beside_a_proxy_each_command_returns_and_it_commands_when_it_has_taken_control(
+    mavsdk: Callable[[str], Any], arm: str, claim: Callable[[], Any]
+) -> None:
+    sdk = mavsdk(arm)
+    claim()
+    holder(sdk, held=True)
+    for _ in range(3):
+        refused = sdk.command(GO_TO, 0.45, 0.1, 0.3, 0.0)
+        assert (refused["result"], refused["result_param2"]) == (REJECTED, NOT_IN_CONTROL)
+        assert sdk.ask("gripper", "release", 0) == {"error": "FAILED"}
+    assert sdk.command(TAKE_CONTROL, 1, 1, 10)["result"] == ACCEPTED
+    assert sdk.command(GO_TO, 0.45, 0.1, 0.3, 0.0)["result"] == ACCEPTED
+    assert sdk.command(TAKE_CONTROL, 0)["result"] == ACCEPTED
+    assert sdk.command(GO_TO, 0.45, 0.0, 0.3, 0.0)["result"] == REJECTED
+
+
+def test_a_command_that_another_one_ends_returns(mavsdk: Callable[[str], Any], arm: str) -> None:
+    moving, stopping = mavsdk(arm), mavsdk(arm)
+    moving.begin(GO_TO, 0.45, -0.3, 0.3, 0.0)
+    until_mode(stopping, MODE_ACTIVE)
+    assert stopping.ask("action", "kill") == SUCCESS
+    assert moving.answer()["result"] == CANCELLED
+    assert stopping.ask("action", "arm") == SUCCESS
+    assert moving.command(GO_TO, 0.45, 0.1, 0.3, 0.0)["result"] == ACCEPTED
 
 
 def test_our_own_messages_are_sent_by_the_dialect_s_xml_alone(sdk: Any) -> None:

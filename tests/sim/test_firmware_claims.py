@@ -178,7 +178,7 @@ def test_a_ground_station_in_control_goes_before_the_claim(rover: RoverBench) ->
     station = rover.operator.another(component=190, system=254)
     claim(rover.operator, 5, term=9.0)
     refused = station.command(MavCmd.ROBOTREE_MOVE, 0.1, 0.0)
-    assert refused.result == MavResult.NOT_IN_CONTROL
+    assert refused.result == MavResult.TEMPORARILY_REJECTED
     station.say(ParamSet(1, 1, "LINK_SILENCE", 3.0, MavParamType.REAL32))
     station.wait(0.1)
     assert station.latest(Mode).silence_ms == 2000, "parameters are the holder's, too"
@@ -274,7 +274,7 @@ def test_a_claim_that_has_ended_leaves_no_lease_behind(rover: RoverBench, how: s
     claim(proxy, 5, epoch=1_700_000_000, term=9.0)
     assert proxy.do(Verb.MOVE, 0.1, 0.0, epoch=1_700_000_000).state == GoalState.SUCCEEDED
     claim(proxy, 5, epoch=1_700_000_000, term=0.3)
-    assert station.command(MavCmd.ROBOTREE_MOVE, 0.1, 0.0).result == MavResult.NOT_IN_CONTROL
+    assert station.command(MavCmd.ROBOTREE_MOVE, 0.1, 0.0).result == MavResult.TEMPORARILY_REJECTED
     if how == "released":
         claim(proxy, 5, epoch=1_700_000_000, wish=ClaimWish.RELEASE)
     elif how == "link":

@@ -307,8 +307,8 @@ def test_where_a_lease_was_obeyed_a_command_needs_control_to_move_or_to_release(
     arm.operator.do(Verb.GRIP, 0.05, epoch=7)
     stranger = arm.operator.another(system=99)
     result(stranger, MavCmd.COMPONENT_ARM_DISARM, 0)
-    assert result(stranger, MavCmd.COMPONENT_ARM_DISARM, 1) == MavResult.NOT_IN_CONTROL
-    assert result(stranger, MavCmd.ROBOTREE_GO_TO, *AWAY) == MavResult.NOT_IN_CONTROL
+    assert result(stranger, MavCmd.COMPONENT_ARM_DISARM, 1) == MavResult.TEMPORARILY_REJECTED
+    assert result(stranger, MavCmd.ROBOTREE_GO_TO, *AWAY) == MavResult.TEMPORARILY_REJECTED
     stranger.wait(0.02)
     assert "32100" in text(stranger)
     assert arm.operator.mode()[0] == ModeKind.SAFE_STOP

@@ -56,7 +56,7 @@ def test_goals_of_others_are_refused_and_may_be_asked_again_later(rover: RoverBe
 
 def test_commands_and_set_points_of_others_do_nothing(rover: RoverBench, other: Operator) -> None:
     take(rover.operator)
-    assert other.command(MavCmd.ROBOTREE_MOVE, 0.1, 0.0).result == MavResult.NOT_IN_CONTROL
+    assert other.command(MavCmd.ROBOTREE_MOVE, 0.1, 0.0).result == MavResult.TEMPORARILY_REJECTED
     for number in range(1, 20):
         other.say(Setpoint(0, 0, number, (0.3, 0.0, *(NAN,) * 5), 200, 1, 1, SetpointKind.BASE_VELOCITY))
         other.wait(0.05)
@@ -66,7 +66,7 @@ def test_commands_and_set_points_of_others_do_nothing(rover: RoverBench, other: 
 def test_the_robots_own_system_id_opens_no_door(rover: RoverBench) -> None:
     impostor = rover.operator.another(component=191, system=1)
     take(rover.operator)
-    assert impostor.command(MavCmd.ROBOTREE_MOVE, 0.1, 0.0).result == MavResult.NOT_IN_CONTROL
+    assert impostor.command(MavCmd.ROBOTREE_MOVE, 0.1, 0.0).result == MavResult.TEMPORARILY_REJECTED
     assert impostor.do(Verb.MOVE, 0.1, 0.0).reason == Reason.NOT_IN_CONTROL
 
 

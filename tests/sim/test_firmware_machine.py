@@ -96,7 +96,7 @@ class FirmwareMachine(RuleBasedStateMachine):
         leased = self.operator.latest(Mode).epoch > 0
         result = self.operator.command(MavCmd.COMPONENT_ARM_DISARM, 1.0).result
         self.operator.wait(0.02)
-        assert result == (MavResult.NOT_IN_CONTROL if leased else MavResult.ACCEPTED)
+        assert result == (MavResult.TEMPORARILY_REJECTED if leased else MavResult.ACCEPTED)
         self.stopped = self.stopped and leased
 
     @rule()
