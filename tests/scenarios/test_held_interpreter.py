@@ -168,6 +168,43 @@ async def test_the_end_of_a_forked_child_is_not_that_of_its_host(crew: Crew) -> 
         await ended(os.pidfd_open(host.pid), HARD)
 
 
+KIND = '''"""A rover of one's own."""
+from robotree.proxy.rover import Rover
+from robotree.vr import command
+
+class Mine(Rover):
+    """A rover."""
+
+    @command
+    def again(self) -> None:
+        """Do nothing."""
+'''
+
+
+async def test_a_proxy_never_shares_a_process_with_pages(crew: Crew, place: Path) -> None:
+    """No page can be put into the process of a proxy, and no proxy into that of a page."""
+    kind = place / "mine.py"
+    kind.write_text(KIND)
+    rover = await crew.start("sim", "rover", "--listen", "tcp:127.0.0.1:0")
+    proxy = await crew.start("proxy", str(kind), "rover-1", "--connect", rover.address)
+    code, _, complaints = await robotree("create", str(place / "greedy.py"), "as", "guest", "on", "rover-1")
+    assert (code, "no host" in complaints) == (exit_codes.REFUSED, True), complaints
+    code, _, complaints = await robotree("create", str(kind), "as", "guest")
+    assert (code, "defines no virtual robot" in complaints) == (exit_codes.REFUSED, True), complaints
+    code, _, complaints = await robotree("create", str(place / "greedy.py"), "as", "guest")
+    assert code == 0, complaints
+    async with joined(REALM) as fleet:
+        found = fleet.held()
+    agents = {
+        member.pid: {one.key.rpartition("/")[0] for one in found if one.where == f"process {member.pid}"}
+        for member in (crew.members[0], proxy)
+    }
+    assert list(agents.values()) == [{"host/host-1", "robot/greedy", "robot/guest"}, {"robot/rover-1"}]
+    async with held(crew.members[0].pid):
+        code, _, complaints = await robotree("call", "rover-1.move", "x=0.1", "y=0", "--within", "20 s")
+        assert code == 0, complaints
+
+
 def process_of(host: str) -> str:
     """The process id of a host, as text; empty: it does not run."""
     found: list[str] = []
