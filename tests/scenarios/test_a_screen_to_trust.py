@@ -44,14 +44,6 @@ class Screen(Terminal):
         os.write(self._master, keys.encode())
         self.shows(sees.encode())
 
-    def shows(self, *texts: bytes, within: float = 60.0) -> None:
-        """Read what is shown until one of these is there."""
-        while not any(one in self.shown for one in texts):
-            began = time.monotonic()
-            self.reads(min(within, 0.1))
-            within -= time.monotonic() - began
-            assert within > 0.0, self.shown[-2000:]
-
     @property
     def terminal(self) -> str:
         return self._inside.removeprefix("/dev/")

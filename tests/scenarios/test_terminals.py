@@ -63,17 +63,13 @@ class Terminal:
         os.close(inside)
         self.shown = b""
 
-    def shows(self, text: bytes, within: float = 60.0) -> None:
-        """Read what is shown until this is there."""
+    def shows(self, *texts: bytes, within: float = 60.0) -> None:
+        """Read what is shown until one of these is there."""
         began = time.monotonic()
-        while text not in self.shown:
+        while not any(text in self.shown for text in texts):
             assert time.monotonic() < began + within, self.shown[-2000:]
-            self.reads(0.1)
-
-    def reads(self, within: float) -> None:
-        """Read what has been shown since, if anything is within this time [s]."""
-        if select.select([self._master], [], [], within)[0]:
-            self.shown += os.read(self._master, 65536)
+            if select.select([self._master], [], [], 0.1)[0]:
+                self.shown += os.read(self._master, 65536)
 
     def stalls(self) -> None:
         """Take nothing more, as after Ctrl-S, or at the far end of a link that hangs."""
