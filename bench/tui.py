@@ -1,6 +1,7 @@
 """What the full screen costs: CPU, key to first byte, bytes on the line; and the start of the command line.
 
     python bench/tui.py [--robots 1000] [--hz 10] [--seconds 10] [--size 160x48]
+    python bench/tui.py --filter
 
 The supervisor runs in a terminal of its own (a pty). Its robots are played in its own process by a transport
 that hands over encoded states, so decoding them is part of what is measured, and playing them, too; the
@@ -24,6 +25,7 @@ import tempfile
 import termios
 import time
 from collections.abc import AsyncIterator, Iterable
+from pathlib import Path
 from typing import Any
 
 TICKS = os.sysconf("SC_CLK_TCK")
@@ -182,6 +184,11 @@ class Terminal:
         fields = open(f"/proc/{self.pid}/stat", encoding="ascii").read().rpartition(")")[2].split()  # noqa: PTH123, SIM115 # Linux's own file
         return (int(fields[11]) + int(fields[12])) / TICKS
 
+    def ran(self) -> float:
+        """[s] that all its threads have run, to the microsecond."""
+        paths = Path(f"/proc/{self.pid}/task").glob("*/schedstat")
+        return sum(int(path.read_text().split()[0]) for path in paths) / 1e9
+
     def told(self) -> int:
         """Return how many states the program was told."""
         return int(struct.unpack("q", os.pread(self._counter.fileno(), 8, 0) or bytes(8))[0])
@@ -222,6 +229,32 @@ def measure(name: str, count: int, hz: float, arguments: argparse.Namespace, *, 
     )
 
 
+def first_filter(count: int, arguments: argparse.Namespace, runs: int = 5) -> None:
+    """Time the first `/` and its first letter in a new screen: wall, and CPU until the first byte."""
+    size = tuple(int(part) for part in arguments.size.split("x"))
+    took: dict[str, list[tuple[float, float]]] = {"first /": [], "its first letter": []}
+    for _ in range(runs):
+        terminal = Terminal([__file__, "--play", str(count), "0"], (size[0], size[1]))
+        try:
+            terminal.drain(LATEST, first=True)
+            terminal.drain(SETTLE)
+            for name, key in zip(took, (b"/", b"9"), strict=True):
+                before = terminal.ran()
+                os.write(terminal.fd, key)
+                wall = terminal.drain(3.0, first=True)[1]
+                took[name].append((wall, terminal.ran() - before))
+                terminal.drain(0.8)
+        finally:
+            terminal.end()
+    for name, found in took.items():
+        walls, cpus = zip(*found, strict=True)
+        print(
+            f"{count} robots, {name:<18} median {1000 * statistics.median(walls):4.0f} ms, at most "
+            f"{1000 * max(walls):4.0f} ms; of CPU {1000 * statistics.median(cpus):4.1f} ms",
+            flush=True,
+        )
+
+
 def start(words: list[str], runs: int = 5) -> float:
     """Return the median [s] that a command takes from its start to its end."""
     took: list[float] = []
@@ -243,6 +276,7 @@ def main() -> None:
     parser.add_argument("--hz", type=float, default=10.0)
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--size", default="160x48")
+    parser.add_argument("--filter", action="store_true", help="time the first `/` alone")
     parser.add_argument("--play", nargs="+", help=argparse.SUPPRESS)
     parser.add_argument("--bare", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
@@ -256,6 +290,9 @@ def main() -> None:
     print(
         f"load {os.getloadavg()[0]:.1f}, terminal {arguments.size}, {arguments.seconds:g} s each", flush=True
     )
+    if arguments.filter:
+        first_filter(arguments.robots, arguments)
+        return
     measure("bare Textual, one widget", 0, 0.0, arguments)
     measure("5 robots, idle", 5, 0.0, arguments)
     measure("300 robots, idle", 300, 0.0, arguments)

@@ -111,8 +111,8 @@ class Prompt(Apart, Part, Vertical):
 
     def open(self, kind: Kind, text: str = "") -> None:
         """Begin to type a verb, or letters to filter by."""
+        self.query_one("#sign", Label).update(SIGNS[kind], layout=False)  # each sign is one cell
         self.kind = kind
-        self.query_one("#sign", Label).update(SIGNS[kind])
         line = self.query_one(Input)
         line.suggester = self._suggester if kind == "verb" else None
         line.value = self.letters if kind == "filter" and not text else text
