@@ -154,7 +154,7 @@ class Companion(Kind):
     @promised(effect="repeat")
     def go_to(
         self,
-        place: Annotated[str, "a place by name: door, sofa, table, shelf, middle, dock"],
+        place: Annotated[Literal["door", "sofa", "table", "shelf", "middle", "dock"], "a place by name"],
         speed: Annotated[float, Unit("m/s"), Range(0.05, 0.8), "of the base; slower near people"] = 0.5,
         *,
         within: Within = None,
@@ -223,7 +223,7 @@ class Companion(Kind):
     @promised
     def take(
         self,
-        what: Annotated[str, "a thing by name: red cup, green cup, blue cup"],
+        what: Annotated[Literal["red cup", "green cup", "blue cup"], "a thing by name"],
         *,
         within: Within = None,
     ) -> Literal["left", "right"]:
@@ -243,7 +243,9 @@ class Companion(Kind):
     @promised
     def put(
         self,
-        place: Annotated[str, "a place by name: door, sofa, table, shelf, middle, dock"] = "table",
+        place: Annotated[
+            Literal["door", "sofa", "table", "shelf", "middle", "dock"], "a place by name"
+        ] = "table",
         *,
         within: Within = None,
     ) -> None:
@@ -253,6 +255,16 @@ class Companion(Kind):
     @promised(effect="read")
     def holding(self, *, within: Within = None) -> Literal["nothing", "left", "right", "both"]:
         """Tell which hands hold something."""
+        raise NotImplementedError
+
+    @promised(effect="read")
+    def where(
+        self,
+        what: Annotated[Literal["red cup", "green cup", "blue cup"], "a thing by name"],
+        *,
+        within: Within = None,
+    ) -> str:
+        """Tell where a thing is: left or right (hand), table, floor, who has it, away (else), or unseen."""
         raise NotImplementedError
 
     @promised(effect="read")

@@ -35,7 +35,10 @@ class Place:
     at: tuple[float, float, float]
 
 
-PLACES = {
+PlaceName = Literal["door", "sofa", "table", "shelf", "middle", "dock"]
+ThingName = Literal["red cup", "green cup", "blue cup"]
+
+PLACES: dict[PlaceName, Place] = {
     "door": Place(-1.55, -1.10, -2.55, (-2.8, -1.6, 1.2)),
     "sofa": Place(0.15, -1.00, -0.75, (0.9, -2.0, 0.8)),
     "table": Place(0.85, 0.90, 0.0, (1.6, 0.9, 0.75)),
@@ -44,7 +47,9 @@ PLACES = {
     "dock": Place(-2.45, 1.80, 0.0, (-1.5, 1.8, 1.0)),
 }
 """Where things are in the flat. Another flat: another page with another table."""
-TAGS = {"red cup": 1, "green cup": 2, "blue cup": 3, "anna": 11, "bela": 12, "cleo": 13}
+THINGS: dict[str, int] = {"red cup": 1, "green cup": 2, "blue cup": 3}
+PEOPLE = {"anna": 11, "bela": 12, "cleo": 13}
+TAGS: dict[str, int] = {**THINGS, **PEOPLE}
 """What wears a tag, by the name that people use."""
 PALM = 10
 """Added to a person's tag: the tag of the hand that is held out."""
@@ -66,6 +71,8 @@ HOLDS = 0.02
 """[m] fingers that came closer than this hold nothing."""
 LOW = 0.3
 """[m] above the floor: what is lower has fallen."""
+NEAR = 0.7
+"""[m] around the middle of the table, or around a person: what is seen there is on it, or with the person."""
 GENTLE, BRISK = 0.10, 0.25
 """[m/s] of a hand with and without something that it may knock over."""
 LETTERS = 15.0
@@ -78,9 +85,9 @@ STALE = 2.0
 Hand = Literal["left", "right"]
 Text = Annotated[str, "what to say, up to 200 bytes"]
 What = Annotated[str, "a place, a thing or a person by name: " + ", ".join([*PLACES, *TAGS])]
-Who = Annotated[str, "a person by name: anna, bela, cleo"]
-Thing = Annotated[str, "a thing by name: red cup, green cup, blue cup"]
-Where = Annotated[str, "a place by name: " + ", ".join(PLACES)]
+Who = Annotated[str, "a person by name: " + ", ".join(PEOPLE)]
+Thing = Annotated[ThingName, "a thing by name"]
+Where = Annotated[PlaceName, "a place by name"]
 Speed = Annotated[float, Unit("m/s"), Range(0.05, 0.8), "of the base; slower near people"]
 Distance = Annotated[float, Unit("m"), Range(0.5, 3.0), "to the person"]
 Seconds = Annotated[float, Unit("s"), Range(0.0, 3600.0), "how long"]
@@ -110,6 +117,8 @@ class Companion(RolePlayer):
         super().__init__(name, attributes)
         self.carried: dict[str, str] = {}
         """What each hand has taken, by the name of the thing."""
+        self.moved: dict[str, tuple[str, float]] = {}
+        """Where a hand has left a thing (see `where`), and when [s]."""
 
     # -- speaking and looking
 
@@ -200,7 +209,7 @@ class Companion(RolePlayer):
     @command(effect="repeat")
     def go_to(self, place: Where, speed: Speed = 0.5) -> None:
         """Go to a place by its name."""
-        there = self.place(place)
+        there = PLACES[place]
         self.carry(self.base.drive, x=there.x, y=there.y, heading=there.heading, speed=self.pace(speed))
 
     @command(effect="repeat")
@@ -273,13 +282,15 @@ class Companion(RolePlayer):
         hand.grip(action="open")
         hand.reach(x=ahead - 0.12, y=aside, z=z + 0.02, hand="forward", speed=BRISK)
         hand.reach(x=ahead, y=aside, z=z + 0.01, hand="forward", speed=GENTLE)
+        self.carried[side] = what  # also if the act is ended before the next line
         hand.grip(action="close")
         if not self.holds(side):
+            del self.carried[side]
             hand.grip(action="open")
             hand.reach(x=ahead - 0.12, y=aside, z=z + 0.05, hand="forward", speed=GENTLE)
             self.step_back(0.35)
             raise self.failed(f"the {what} is not between the fingers; look where it is")
-        self.carried[side] = what
+        self.moved[what] = "away", self.now()
         self.carry(hand.reach, x=ahead, y=aside, z=z + 0.12, hand="forward", speed=GENTLE)
         self.step_back(0.35)
         self.carry(hand.posture, **CARRY, speed=BRISK)
@@ -306,17 +317,18 @@ class Companion(RolePlayer):
         hand.posture(**REST, speed=BRISK)
         if self.fell(cup):
             raise self.failed(f"{who} has let it fall")
+        self.moved[cup] = who, self.now()
 
     @command
     def put(self, place: Where = "table") -> None:
         """Put what a hand holds down on the table."""
         side = self.full_hand()
         hand, sign = self.hand(side), 1.0 if side == "left" else -1.0
-        x, y, z = self.place(place).at
-        self.stand_at(x - 0.12, y, sign, heading=self.place(place).heading)
+        x, y, z = PLACES[place].at
+        self.stand_at(x - 0.12, y, sign, heading=PLACES[place].heading)
         ahead, aside, _ = self.in_body(x - 0.12, y, z)
         self.carry(hand.reach, x=ahead - 0.10, y=aside, z=z + 0.20, hand="forward", speed=BRISK)
-        self.set_down(side, ahead, aside, 0.72)
+        self.moved[self.set_down(side, ahead, aside, 0.72)] = place, self.now()
         hand.reach(x=ahead - 0.12, y=aside, z=z + 0.10, hand="forward", speed=GENTLE)
         self.step_back(0.35)
         hand.posture(**REST, speed=BRISK)
@@ -326,6 +338,27 @@ class Companion(RolePlayer):
         """Tell which hands hold something."""
         held = [side for side in ("left", "right") if self.holds(side)]
         return "both" if len(held) == 2 else held[0] if held else "nothing"  # type: ignore[return-value]
+
+    @command(effect="read")
+    def where(self, what: Thing) -> str:
+        """Tell where a thing is: left or right (hand), table, floor, who has it, away (else), or unseen."""
+        for side, thing in self.carried.items():
+            if thing == what and self.holds(side):
+                return side
+        left, when = self.moved.get(what, ("unseen", -math.inf))
+        tag = self.head.see(tag=THINGS[what])
+        if not tag.seen or tag.age > self.now() - when:
+            return left
+        if tag.z < LOW:
+            return "floor"
+        x, y, _ = PLACES["table"].at
+        if math.dist((tag.x, tag.y), (x, y)) < NEAR:
+            return "table"
+        for who, number in PEOPLE.items():
+            person = self.head.see(tag=number)
+            if person.seen and math.dist((tag.x, tag.y), (person.x, person.y)) < NEAR:
+                return who
+        return "away"
 
     # -- what the actions are made of
 
@@ -449,12 +482,6 @@ class Companion(RolePlayer):
         """[rad] from the base to a point of the flat."""
         here = self.base.get_info()
         return math.atan2(y - here.y, x - here.x)
-
-    def place(self, name: str) -> Place:
-        """A place by its name."""
-        if name not in PLACES:
-            raise self.failed(f"there is no place {name!r}; there is: {', '.join(PLACES)}")
-        return PLACES[name]
 
     def point_of(self, what: str) -> tuple[float, float, float]:
         """Where something is [m, flat]: a place by the table, a tag as it was seen last."""

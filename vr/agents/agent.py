@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable
 from functools import partial
 from typing import Any
 
@@ -560,10 +560,8 @@ class RobotAgent:
 
         self._on_loop(lambda: self._keep(ask()))
 
-    def _follow_child(
-        self, child: Address, take: Callable[[Mapping[str, float]], None]
-    ) -> Callable[[], None]:
-        """Hand on the readings that a child publishes, on the event loop. From any thread, without waiting.
+    def _follow_child(self, child: Address, take: Callable[[State], None]) -> Callable[[], None]:
+        """Hand on the states that a child publishes, on the event loop. From any thread, without waiting.
 
         Returns:
             How to end that.
@@ -574,7 +572,7 @@ class RobotAgent:
             with contextlib.suppress(VrError):  # a robot of another version
                 event = decode_event(body, key=key)
                 if isinstance(event, State):
-                    take(event.readings)
+                    take(event)
 
         async def follow() -> None:
             with contextlib.suppress(TransportError):  # it is closed

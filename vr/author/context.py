@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, Protocol, Self, Ty
 
 import msgspec
 
-from robotree.vr.base.requests import Level
+from robotree.vr.base.requests import Level, State
 
 T = TypeVar("T")
 P = ParamSpec("P")
@@ -207,6 +207,10 @@ class Activity(Protocol):
 
     def reading(self, slot: str) -> Any:
         """Return the latest readings of a child; waits for the first."""
+        ...
+
+    def published(self, slot: str) -> State | None:
+        """Return the latest state that the child in a slot has published; None: none yet. Never waits."""
         ...
 
     def wait_until(self, condition: Callable[[], object], limit: CallLimit | None) -> None:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 from robotree.vr.author.readings import Record
+from robotree.vr.base.requests import State
 
 _numbers = itertools.count(1)
 
@@ -23,6 +24,8 @@ class Feed:
     """Whether the child has left the slot."""
     latest: Record | None = None
     """The latest readings; None: there were none."""
+    state: State | None = None
+    """The latest state, of which they are a part; None: there was none."""
 
     def __init__(self, wake: Callable[[], None]) -> None:
         """Take how to tell the command that there is news."""
@@ -30,9 +33,9 @@ class Feed:
         self.close: Callable[[], None] = _nothing
         """Has nothing more taken."""
 
-    def take(self, readings: Mapping[str, float]) -> None:
+    def take(self, state: State) -> None:
         """Take what was published."""
-        self.latest = Record(readings)
+        self.state, self.latest = state, Record(state.readings)
         self.number = next(_numbers)
         self._wake()
 

@@ -52,6 +52,7 @@ from robotree.vr.base.requests import (
     Progress,
     Raised,
     Returned,
+    State,
     decode_reply,
 )
 from robotree.vr.running.feed import Feed, NoReadingYet
@@ -332,6 +333,14 @@ class Frame:
             if feed.latest is None:
                 raise NoReadingYet
             return feed.latest
+        finally:
+            worker.arm(self)
+
+    def published(self, slot: str) -> State | None:
+        """See `Activity.published`."""
+        worker = self._leave_author()
+        try:
+            return self._feed(slot).state
         finally:
             worker.arm(self)
 

@@ -30,7 +30,7 @@ from robotree.vr.base.arguments import check_arguments
 from robotree.vr.base.description import Arguments, CommandSpec, offered
 from robotree.vr.base.envelope import is_person, seal
 from robotree.vr.base.errors import BadArgument, CommandCancelled, CommandFailed, NoSuchCommand, VrError
-from robotree.vr.base.requests import PATIENCE, Call, Cancel, Detach, Level, Raised, Returned
+from robotree.vr.base.requests import PATIENCE, Call, Cancel, Detach, Level, Raised, Returned, State
 from robotree.vr.base.transport import Transport
 from robotree.vr.core import events as on
 from robotree.vr.core.events import Begin, CoreEffect, CoreEvent, Interrupt, Settled
@@ -96,7 +96,7 @@ class LiveRobot:
         *,
         transport: Transport,
         describe_child: Callable[[NotDescribed, OnDescribed], None],
-        follow_child: Callable[[Address, Callable[[Mapping[str, float]], None]], Callable[[], None]],
+        follow_child: Callable[[Address, Callable[[State], None]], Callable[[], None]],
         obeyed: Callable[[], int | None] | None,
         on_effect: Callable[[CoreEffect], None],
     ) -> None:
@@ -108,7 +108,7 @@ class LiveRobot:
             process: whose threads carry it out.
             transport: the way to children in other processes.
             describe_child: asks the child in a slot anew who it is, from any thread, without waiting.
-            follow_child: hands on the readings that a child publishes, from any thread, without waiting;
+            follow_child: hands on the states that a child publishes, from any thread, without waiting;
                 returns how to end that.
             obeyed: returns the epoch that what stands behind the robot obeys, None before it was heard; None:
                 nothing stands behind it.

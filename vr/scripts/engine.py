@@ -170,7 +170,7 @@ class Engine:
         self._told.clear()
         self._compared.value = 0
         if happening.partner:
-            self._seat(happening.partner, happening.robot)
+            self._seat(happening.partner, happening.robot, stopped=happening.act == "stopped")
         event = self._memory.insert(
             MESSAGE,
             perf=into(happening.performative),
@@ -228,11 +228,12 @@ class Engine:
 
     # -- inside ------------------------------------------------------------------------------------
 
-    def _seat(self, slot: str, robot: str) -> None:
+    def _seat(self, slot: str, robot: str, *, stopped: bool = False) -> None:
+        state = "missing" if not robot else "stopped" if stopped else "here"
         if (fact := self._partners.pop(slot, None)) is not None:
             self._memory.remove(fact)
         self._partners[slot] = self._memory.insert(
-            PARTNER, name=into(slot), robot=into(robot or "none"), state=into("here" if robot else "missing")
+            PARTNER, name=into(slot), robot=into(robot or "none"), state=into(state)
         )
 
     def _settle(self, event: int) -> bool:

@@ -12,7 +12,8 @@ class Happening(msgspec.Struct, frozen=True, kw_only=True):
     """Something that the rules are told: a message, the end of an act, a timer, a partner that goes."""
 
     act: str
-    """A message's name, or `start`, `done`, `progress`, `lost`, `found`, `timer`; the act that failed."""
+    """A message's name, or `start`, `done`, `progress`, `lost`, `found`, `stopped`, `released`, `timer`; the
+    act that failed."""
     performative: str = "inform"
     sender: str = "script"
     """Slot of a partner, name of a caller, or `script`."""
@@ -21,7 +22,7 @@ class Happening(msgspec.Struct, frozen=True, kw_only=True):
     reply_by: float = 0.0
     """[s] in which an answer is wanted; 0: none is."""
     partner: str = ""
-    """Slot that has been filled or emptied."""
+    """Slot that has been filled or emptied, or whose robot was stopped or released."""
     robot: str = ""
     """Who is in it now; empty: nobody."""
 

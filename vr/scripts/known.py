@@ -67,7 +67,7 @@ class _Known:
         first = _first(slots.get("args", ()))
         failed = _constant(_first(slots.get("perf", ()))) == "failure"
         told = _constant(act)
-        if failed or told in {"done", "progress", "lost", "found"}:
+        if failed or told in {"done", "progress", "lost", "found", "stopped", "released"}:
             self._partner(sender)
         if failed or told in {"done", "progress"}:
             self._act(sender, act if failed else first)

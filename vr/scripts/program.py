@@ -193,7 +193,7 @@ SYSTEM = (
     ),
     FactTemplate(
         name=PARTNER,
-        doc="A partner slot, and whether somebody is in it.",
+        doc="A partner slot, and whether somebody is in it: here, stopped or missing.",
         slots=(ScriptSlot(name="name"), ScriptSlot(name="robot"), ScriptSlot(name="state")),
     ),
     FactTemplate(name=PARAMETER, slots=(ScriptSlot(name="name"), ScriptSlot(name="value"))),

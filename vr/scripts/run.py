@@ -19,7 +19,7 @@ from robotree.vr.author.child import ChildCommand
 from robotree.vr.author.context import Activity, CallFuture, running
 from robotree.vr.author.readings import Record
 from robotree.vr.author.virtual_robot import VirtualRobot
-from robotree.vr.base.errors import CommandCancelled, CommandFailed, VrError
+from robotree.vr.base.errors import CommandCancelled, CommandFailed, SlotEmpty, Stopped, VrError
 from robotree.vr.base.written import Mark, Scalar, Word, value_of
 from robotree.vr.scripts.engine import Engine, ScriptError
 from robotree.vr.scripts.happening import (
@@ -85,6 +85,8 @@ class ScriptRun:
         self.last_log = ""
         self._robot, self._program, self._now = robot, program, activity.now
         self._seats = dict.fromkeys((one.name for one in program.partners), "")
+        self._held: dict[str, str] = {}
+        """The partners that are stopped, with the reason."""
         self._acts: dict[int, _Act] = {}
         self._timers: list[tuple[float, Wait]] = []
         self._numbers = 0
@@ -181,23 +183,39 @@ class ScriptRun:
             bond = self._robot.child_slots[partner.name].bond
             name = "" if bond is None or unfit(self._robot, partner.name, self._program) else bond.child.name
             before = self._seats[partner.name]
-            if name == before:
-                continue
-            self._seats[partner.name] = name
-            if before:
-                reason = self._robot.child_slots[partner.name].lost or "it was released"
-                self.inbox.put(
-                    Happening(
-                        act="lost", sender=partner.name, partner=partner.name, arguments=(before, reason)
-                    )
-                )
+            if name != before:
+                self._seats[partner.name] = name
+                self._held.pop(partner.name, None)
+                if before:
+                    reason = self._robot.child_slots[partner.name].lost or "it was released"
+                    self._changed("lost", partner.name, "", before, reason)
+                if name:
+                    self._changed("found", partner.name, name, name)
             if name:
-                self.inbox.put(
-                    Happening(
-                        act="found", sender=partner.name, partner=partner.name, robot=name, arguments=(name,)
-                    )
-                )
+                self._look_at_stop(partner.name)
         self.missing = lacking(self._robot, self._program)
+
+    def _look_at_stop(self, partner: str) -> None:
+        """Tell the rules that a partner is stopped or released, as it publishes it."""
+        try:
+            state = running().published(partner)
+        except SlotEmpty:  # it has just been lost
+            return
+        if state is not None:
+            self._stopped(partner, state.stop_reason)
+
+    def _stopped(self, partner: str, reason: str) -> None:
+        """Take note whether a partner is stopped, and why; empty: it is not."""
+        name = self._seats[partner]
+        if reason and partner not in self._held:
+            self._changed("stopped", partner, name, name, reason)
+        elif not reason and self._held.pop(partner, ""):
+            self._changed("released", partner, name, name)
+        if reason:
+            self._held[partner] = reason
+
+    def _changed(self, act: str, partner: str, robot: str, *arguments: str) -> None:
+        self.inbox.put(Happening(act=act, sender=partner, partner=partner, robot=robot, arguments=arguments))
 
     def _look_at_progress(self) -> None:
         for act in self._acts.values():
@@ -277,6 +295,8 @@ class ScriptRun:
 
     def _ended(self, order: Do, error: VrError | None, value: Any) -> None:
         if error is not None:
+            if isinstance(error, Stopped) and error.data["robot"] == self._seats.get(order.partner):
+                self._stopped(order.partner, str(error.data["reason"]))  # before it publishes that
             self.inbox.put(
                 Happening(
                     performative="failure",

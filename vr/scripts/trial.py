@@ -15,8 +15,8 @@
             facts: {visitor: {id: Anna, stage: guided}}
 
 A happening in one line: `MESSAGE value …`, `done PARTNER ACT result …`, `failed PARTNER ACT reason`,
-`progress PARTNER ACT share`, `timer NAME`, `lost PARTNER`, `found PARTNER ROBOT`, `start`; at its end
-`as CONVERSATION` and `from NAME`.
+`progress PARTNER ACT share`, `timer NAME`, `lost PARTNER`, `found PARTNER ROBOT`, `stopped PARTNER`,
+`released PARTNER`, `start`; at its end `as CONVERSATION` and `from NAME`.
 """
 
 from __future__ import annotations
@@ -47,8 +47,12 @@ from robotree.vr.scripts.program import Program
 from robotree.vr.scripts.shown import in_words, parts
 from robotree.vr.scripts.when_then import new_fact
 
-HAPPENINGS = ("start", "finish", "done", "failed", "progress", "timer", "lost", "found")
+HAPPENINGS = (
+    "start", "finish", "done", "failed", "progress", "timer", "lost", "found", "stopped", "released",
+)  # fmt: skip
 """What a line can begin with, beside the messages of the script."""
+CHANGES = frozenset({"lost", "found", "stopped", "released"})
+"""Of these, what happens to a partner."""
 
 
 class Step(msgspec.Struct, frozen=True, kw_only=True):
@@ -157,7 +161,7 @@ def happening(line: str, mark: Mark = Mark()) -> Happening:  # noqa: B008 # froz
     words, conversation, sender = _words(line, mark)
     head, *rest = words
     values = tuple(value_of(Word(one, mark)) for one in rest)
-    least = {"done": 2, "failed": 2, "progress": 3, "timer": 1, "lost": 1, "found": 1}.get(head, 0)
+    least = {"done": 2, "failed": 2, "progress": 3, "timer": 1}.get(head, 1 if head in CHANGES else 0)
     if len(rest) < least:
         raise mark.error(f"{head} needs {least} values: {line}")
     told = Happening(act=head, sender=sender, arguments=values, conversation=conversation)
@@ -170,8 +174,11 @@ def happening(line: str, mark: Mark = Mark()) -> Happening:  # noqa: B008 # froz
             return change(performative="failure", act=rest[1], sender=rest[0], arguments=reason)
         case "lost":
             return change(sender=rest[0], partner=rest[0], arguments=(*values, "it was lost")[:2])
-        case "found":
+        case "found" | "released":
             return change(sender=rest[0], partner=rest[0], robot=rest[-1], arguments=values[-1:])
+        case "stopped":
+            reason = (*values, "it was stopped")[:2]
+            return change(sender=rest[0], partner=rest[0], robot=rest[0], arguments=reason)
         case _:
             return change(sender="script") if head in {"timer", "start"} else told
 

@@ -55,6 +55,8 @@ EVENTS = {
     "progress": ("partner", "act", "fraction", "text", "conversation"),
     "lost": ("partner", "robot", "reason"),
     "found": ("partner", "robot"),
+    "stopped": ("partner", "robot", "reason"),
+    "released": ("partner", "robot"),
     "timer": ("name", "conversation"),
     "message": ("from", "performative", "act", "arguments", "conversation", "reply by"),
 }
@@ -255,9 +257,10 @@ def _compared(key: Word, value: Written, variable: Atom) -> list[Node]:
         case "as":
             return []
         case "not":
-            return [Atom("mark", "&", mark), Atom("mark", "~", mark), *_wanted(value, 0)]
+            signs = Atom("mark", "&", mark), Atom("mark", "~", mark)
+            return [node for one in _unwanted(value) for node in (*signs, one)]
         case "any":
-            choices = [one for part in items(value, mark).items for one in _wanted(part, 0)]
+            choices = _choices(value, mark)
             return [
                 node
                 for at, one in enumerate(choices)
@@ -266,6 +269,19 @@ def _compared(key: Word, value: Written, variable: Atom) -> list[Node]:
         case sign:
             test = form(COMPARISONS[sign], variable, _value(value), mark=mark)
             return [Atom("mark", "&", mark), Atom("mark", ":", mark), test]
+
+
+def _unwanted(given: Written) -> list[Node]:
+    """Return the values that a slot must not have: `not: hall`, `not: {any: [hall, kitchen]}`."""
+    if isinstance(given, Word):
+        return [_wanted_word(given)]
+    if isinstance(given, Entries) and [key.text for key, _ in given] == ["any"]:
+        return _choices(given.entries[0][1], given.mark)
+    raise given.mark.error("`not` takes one value, or `{any: [value, value]}`")
+
+
+def _choices(given: Written, mark: Mark) -> list[Node]:
+    return [_wanted_word(word(one, "a value", mark)) for one in items(given, mark).items]
 
 
 def _variable(given: Written) -> Atom:
@@ -400,7 +416,7 @@ class _Rule:
     def _event(self, name: Word, given: Written) -> Form:
         if name.text == "timer" and isinstance(given, Word):
             given = Entries(((Word("name", given.mark), given),), given.mark)
-        if name.text in {"lost", "found"} and isinstance(given, Word) and given.text:
+        if name.text in {"lost", "found", "stopped", "released"} and isinstance(given, Word) and given.text:
             given = Entries(((Word("partner", given.mark), given),), given.mark)
         wishes = entries(given, name.text, name.mark)
         wishes.expect(EVENTS[name.text], name.text)
@@ -425,6 +441,8 @@ class _Rule:
             "progress": [form("act", plain("progress")), args("act", "fraction", "text")],
             "lost": [form("act", plain("lost")), args("robot", "reason")],
             "found": [form("act", plain("found")), args("robot")],
+            "stopped": [form("act", plain("stopped")), args("robot", "reason")],
+            "released": [form("act", plain("released")), args("robot")],
             "timer": [form("act", plain("timer")), args("name")],
             "message": [form(slot, *self._wish(said[key])) for key, slot in fields if key in said],
             "start": [form("act", plain("start"))],

@@ -184,10 +184,13 @@ def test_rules_without_a_shared_variable_are_named() -> None:
     assert found("(p (id ?a)) (not (p (n 3)))") == (), "what is not there multiplies nothing"
 
 
-@pytest.mark.parametrize("path", ["guide.yaml", "receive.yaml", "companion/evening.yaml"])
-def test_the_shipped_scripts_join_nothing_loosely(path: str) -> None:
+@pytest.mark.parametrize(
+    ("path", "meant"), [("guide.yaml", []), ("receive.yaml", []), ("companion/evening.yaml", ["fetch"])]
+)
+def test_the_shipped_scripts_join_nothing_loosely_but_what_is_meant(path: str, meant: list[str]) -> None:
+    """Any cup is for any visitor who waits: there are three, and few visitors."""
     program = read_yaml((EXAMPLES / path).read_text(), path)
-    assert [one for one in map(joins.loose, program.rules) if one] == []
+    assert [one.rule for one in map(joins.loose, program.rules) if one] == meant
 
 
 def test_many_facts_that_no_condition_above_calls_for_are_not_compared() -> None:

@@ -1,0 +1,123 @@
+"""The companion's evening with real processes: stopped in the middle of giving, it serves again."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import AsyncExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotree.examples import companion
+from robotree.tui.demo import Wire
+from robotree.tui.demo_companion import ROBOT, SCRIPT, STORY, build, heard
+from robotree.tui.processes.crew import Crew
+from robotree.tui.processes.realm import joined
+from robotree.vr.supervision.fleet import Fleet
+
+PAGES = Path(companion.__path__[0])
+CUP = "blue cup"
+LONGEST = 240.0
+"""[s] for a greeting, a way, a cup and a giving, on a busy machine."""
+
+
+@pytest.fixture
+async def fleet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Fleet]:
+    (tmp_path / "run").mkdir(mode=0o700)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    async with AsyncExitStack() as ties, Crew("evening", tmp_path) as crew:
+        await STORY.cast(crew, wire=Wire.TCP, speedup="3")
+        fleet = await ties.enter_async_context(joined("evening"))
+        await build(fleet, PAGES)
+        await fleet.call(ROBOT, "go_to", {"place": "door"}, deadline=60.0)
+        await fleet.enslave(SCRIPT, "robot", ROBOT)
+        yield fleet
+        await ties.aclose()
+
+
+async def until(holds: Callable[[], Awaitable[object]]) -> None:
+    async with asyncio.timeout(LONGEST):
+        while not await holds():  # noqa: ASYNC110 # it asks other processes
+            await asyncio.sleep(0.1)
+
+
+async def begin(fleet: Fleet) -> str:
+    """Start the script, and report Anna; returns where the cup is for it then."""
+    await fleet.tell(SCRIPT, "start", {}, deadline=900.0)
+
+    async def knows_the_cup() -> bool:
+        return await slot(fleet, "cup", CUP, "place") not in {"", "unknown", "asked"}
+
+    await until(knows_the_cup)
+    await fleet.call(SCRIPT, "person_seen", {"who": "anna"})
+    return await slot(fleet, "cup", CUP, "place")
+
+
+async def slot(fleet: Fleet, kind: str, whose: str, name: str) -> str:
+    """Return what a slot of a fact of the script holds; empty: there is no such fact."""
+    for line in str(await fleet.call(SCRIPT, "facts", {})).splitlines():
+        if f"{kind}: {{" in line and whose in line and (found := re.search(rf"{name}: (\w+)", line)):
+            return found.group(1)
+    return ""
+
+
+async def reaches(fleet: Fleet, kind: str, whose: str, name: str, value: str) -> None:
+    async def holds() -> bool:
+        return await slot(fleet, kind, whose, name) == value
+
+    await until(holds)
+
+
+async def gives(fleet: Fleet) -> None:
+    """Wait until the cup is on its way to the open hand."""
+
+    async def under_way() -> bool:
+        robot: Any = await fleet.describe(ROBOT)
+        return bool(robot.busy == "give")
+
+    await until(under_way)
+    await asyncio.sleep(1.0)
+
+
+async def where(fleet: Fleet) -> str:
+    return str(await fleet.call(ROBOT, "where", {"what": CUP}))
+
+
+@pytest.mark.soak
+@pytest.mark.e2e
+@pytest.mark.timeout(900)
+async def test_stopped_while_it_gives_the_evening_serves_again_and_knows_where_the_cup_is(
+    fleet: Fleet,
+) -> None:
+    await until(lambda: said(fleet, "Good day, I am Anna."))
+    assert await begin(fleet) == "unseen"
+    await gives(fleet)
+
+    # everything is stopped: the script is over, and a person starts it again
+    await fleet.stop(None)
+    held = await where(fleet)
+    assert held in {"left", "right"}
+    await fleet.resume(None)
+    assert await where(fleet) == held, "nothing moves by the release"
+    assert await begin(fleet) == "putting", "it is not on the table, and is put back there"
+    await reaches(fleet, "cup", CUP, "place", "table")
+    assert await where(fleet) == "table", "it is booked where it is"
+    await gives(fleet)
+
+    # the robot alone is stopped: the script waits, and goes on when the robot is released
+    await fleet.stop(ROBOT)
+    await reaches(fleet, "partner", ROBOT, "state", "stopped")
+    held = await where(fleet)
+    assert held in {"left", "right"}
+    await fleet.resume(SCRIPT)
+    await until(lambda: said(fleet, "Thank you very much."))
+    await reaches(fleet, "visitor", "anna", "stage", "over")
+    assert await slot(fleet, "cup", CUP, "place") == "anna"
+
+
+async def said(fleet: Fleet, text: str) -> bool:
+    return (await heard(fleet, 0))[2] == text
