@@ -83,8 +83,10 @@ async def gives(fleet: Fleet) -> None:
     await asyncio.sleep(1.0)
 
 
-async def where(fleet: Fleet) -> str:
-    return str(await fleet.call(ROBOT, "where", {"what": CUP}))
+async def hand(fleet: Fleet) -> str:
+    """Return which hand is closed about something as wide as a cup: its controller tells; empty: none."""
+    widths = {side: (await fleet.describe(side)).readings["width"] for side in ("left", "right")}
+    return next((side for side, width in widths.items() if 0.05 < width < 0.07), "")
 
 
 @pytest.mark.soak
@@ -94,25 +96,25 @@ async def test_stopped_while_it_gives_the_evening_serves_again_and_knows_where_t
     fleet: Fleet,
 ) -> None:
     await until(lambda: said(fleet, "Good day, I am Anna."))
-    assert await begin(fleet) == "unseen"
+    assert await begin(fleet) in {"unseen", "table"}
     await gives(fleet)
 
     # everything is stopped: the script is over, and a person starts it again
     await fleet.stop(None)
-    held = await where(fleet)
-    assert held in {"left", "right"}
+    held = await hand(fleet)
+    assert held
     await fleet.resume(None)
-    assert await where(fleet) == held, "nothing moves by the release"
+    await asyncio.sleep(1.0)
+    assert await hand(fleet) == held, "nothing moves by the release"
     assert await begin(fleet) == "putting", "it is not on the table, and is put back there"
     await reaches(fleet, "cup", CUP, "place", "table")
-    assert await where(fleet) == "table", "it is booked where it is"
+    assert not await hand(fleet), "it is booked where it is"
     await gives(fleet)
 
     # the robot alone is stopped: the script waits, and goes on when the robot is released
     await fleet.stop(ROBOT)
     await reaches(fleet, "partner", ROBOT, "state", "stopped")
-    held = await where(fleet)
-    assert held in {"left", "right"}
+    assert await hand(fleet)
     await fleet.resume(SCRIPT)
     await until(lambda: said(fleet, "Thank you very much."))
     await reaches(fleet, "visitor", "anna", "stage", "over")

@@ -454,6 +454,7 @@ class RobotAgent:
                 unix=self._unix(),
                 key=request.key,
                 returns=request.returns,
+                patience=request.patience,
             )
         )
         self._watch(request.parent)

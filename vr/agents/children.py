@@ -12,7 +12,7 @@ import logging
 from collections.abc import Sequence
 
 from robotree.vr.author.virtual_robot import slots_of
-from robotree.vr.base.address import Address
+from robotree.vr.base.address import Address, everyone
 from robotree.vr.base.description import CommandSpec, RobotDescription, offered
 from robotree.vr.base.envelope import seal
 from robotree.vr.base.errors import (
@@ -30,7 +30,7 @@ from robotree.vr.base.presence import Undo
 from robotree.vr.base.requests import Granted, Petition, Raised, Renew, Reply, Resume, decode_reply
 from robotree.vr.base.transport import Transport
 from robotree.vr.core import events as on
-from robotree.vr.core.bonds import DEFAULT_TERM, RETURN, Bond, Lessee, Slots
+from robotree.vr.core.bonds import DEFAULT_TERM, FRESH, RETURN, Bond, Lessee, Slots
 from robotree.vr.core.confirmation import LEAST, Budget, Confirmations
 from robotree.vr.exchange.client import RobotClient, fresh_key
 from robotree.vr.running.live import LiveRobot
@@ -102,7 +102,7 @@ class ChildKeeper:
         await self._bind(slot, child, None)
 
     async def _bind(self, slot: str, child: Address, returns: int | None) -> None:
-        """Bind a child; `returns` is the epoch of a lease that was lost by silence, None for a new bond."""
+        """Bind a child; `returns` is the epoch of a lost lease, or `FRESH`; None: it is a new bond."""
         self._live.post(on.Reserve(slot=slot, child=child))
         client = RobotClient(self._transport, child)
         key = fresh_key()
@@ -175,18 +175,22 @@ class ChildKeeper:
             del self._returning[slot]
 
     async def _take_back(self, lost: on.ChildGone) -> None:
-        """Bind a child again that was lost by silence, when it is heard and if nobody has used it since.
+        """Bind a child again that was lost, when it is heard and if nobody has used it since.
 
-        Whether the lease can return the child decides. One whose process has ended does not come back.
+        Whether the lease can return the child decides. One whose process has ended comes back as another
+        incarnation, and only to a slot that states a time for that.
         """
-        latest, key = _now() + RETURN, lost.child.key
+        stated = self._slots[lost.slot].spec.returns
+        latest = _now() + (stated or RETURN)
         while not self._closed and _now() < latest:
             try:
-                if not self._presence.lives(key):
+                if not (stated or self._presence.lives(lost.child.key)):
                     return
-                if not await self._presence.until(key, there=True, within=latest - _now()):
+                child = await self._heard(lost.child, anew=stated > 0.0, within=latest - _now())
+                if child is None:
                     return
-                await self._bind(lost.slot, lost.child, lost.epoch)
+                returns = lost.epoch if child == lost.child else FRESH
+                await self._bind(lost.slot, child, returns)
             except TransportClosed:
                 return
             except TransportError:
@@ -196,6 +200,20 @@ class ChildKeeper:
             else:
                 _log.warning("%s.%s has %s again", self._parent.name, lost.slot, lost.child.name)
                 return
+
+    async def _heard(self, child: Address, *, anew: bool, within: float) -> Address | None:
+        """Wait until a child is heard, or also a later incarnation of it; None: it was not in time."""
+        heard, pattern = asyncio.Event(), everyone(child.role, child.name) if anew else child.key
+        unwatch = self._presence.watch(pattern, lambda _, there: heard.set() if there else None)
+        try:
+            async with asyncio.timeout(within):
+                await heard.wait()
+        except TimeoutError:
+            return None
+        finally:
+            unwatch()
+        keys = self._presence.keys(pattern)
+        return child if child.key in keys or not keys else Address.parse(keys[-1])
 
     # -- asking -----------------------------------------------------------------------------------
 
@@ -218,6 +236,7 @@ class ChildKeeper:
             term=self._term,
             key=key,
             returns=returns,
+            patience=spec.returns,
         )
         sent = _now()
         try:

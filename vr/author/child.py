@@ -97,10 +97,14 @@ class Child(Slotted, Generic[K]):
     """A slot for one child, declared in the class body: `rover = Child("Rover")` or `Child(Rover)`."""
 
     @overload
-    def __init__(self: Child[ChildRobot], kind: str, doc: str = "", *, optional: bool = False) -> None: ...
+    def __init__(
+        self: Child[ChildRobot], kind: str, doc: str = "", *, optional: bool = False, returns: float = 0.0
+    ) -> None: ...
     @overload
-    def __init__(self: Child[T], kind: type[T], doc: str = "", *, optional: bool = False) -> None: ...
-    def __init__(self, kind: Any, doc: str = "", *, optional: bool = False) -> None:
+    def __init__(
+        self: Child[T], kind: type[T], doc: str = "", *, optional: bool = False, returns: float = 0.0
+    ) -> None: ...
+    def __init__(self, kind: Any, doc: str = "", *, optional: bool = False, returns: float = 0.0) -> None:
         """Declare the slot.
 
         Args:
@@ -108,12 +112,14 @@ class Child(Slotted, Generic[K]):
                 page uses; or, with an interface (`Kind`), those that it promises.
             doc: what it is for.
             optional: the robot can be used without it.
+            returns: [s] in which a child that was lost is bound again, also if its process was started anew,
+                unless somebody has used it meanwhile; 0: a minute, and only if its process lives on.
 
         Raises:
             TypeError: `kind` is none.
         """
         super().__init__(kind, doc)
-        self.optional = optional
+        self.optional, self.returns = optional, returns
 
     @overload
     def __get__(self, robot: None, owner: type[Any]) -> Child[K]: ...
@@ -143,7 +149,9 @@ class Child(Slotted, Generic[K]):
 
     def spec(self) -> SlotSpec:
         """Describe the empty slot."""
-        return SlotSpec(name=self.name, kind=self.kind, doc=self.doc, optional=self.optional)
+        return SlotSpec(
+            name=self.name, kind=self.kind, doc=self.doc, optional=self.optional, returns=self.returns
+        )
 
 
 class Children(Slotted, Generic[K]):

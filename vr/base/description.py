@@ -90,6 +90,8 @@ class SlotSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     doc: str = ""
     optional: bool = False
     """The robot can be used while it is empty."""
+    returns: float = 0.0
+    """[s] in which a lost child is bound again, also if its process was started anew; 0: as usual."""
     group: str = ""
     """Name of the group that it belongs to: `rovers` for `rovers[0]`; empty: it stands alone."""
     least: int = 0

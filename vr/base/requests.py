@@ -91,8 +91,10 @@ class Petition(_Message, frozen=True, kw_only=True):
     key: str = ""
     """By which the parent can take it back if no answer comes."""
     returns: int | None = None
-    """Epoch of the lease that was lost by silence: granted only if nobody has used the robot since. None: it
-    asks anew."""
+    """Epoch of the lease that was lost by silence: granted only if nobody has used the robot since. 0: an
+    earlier incarnation was lost: granted only if nobody has used this one. None: it asks anew."""
+    patience: float = 0.0
+    """[s] after its end in which that lease shall return; 0: as long as usual."""
 
 
 class Retract(_Message, frozen=True, kw_only=True):

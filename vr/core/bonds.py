@@ -51,7 +51,11 @@ DEFAULT_TERM = 5.0
 SHORTEST_TERM = 0.1
 """[s]"""
 RETURN = 60.0
-"""[s] after its end in which a lease that ended by silence can return."""
+"""[s] after its end in which a lease that ended by silence can return, if the parent states no other time."""
+LONGEST_RETURN = 3600.0
+"""[s] that a parent may state."""
+FRESH = 0
+"""Instead of the epoch of a lease that shall return: it was on an earlier incarnation of the robot."""
 MOST_RETRACTED = 64
 """Petitions taken back that a child remembers: those that may still be on their way to it."""
 
@@ -85,6 +89,8 @@ class Lessor(msgspec.Struct, kw_only=True):
     tenure: Tenure | None = None
     silent: Tenure | None = None
     """The last lease, if its parent fell silent and nobody has used the robot since: it can return."""
+    fresh: bool = True
+    """Nobody has been granted this incarnation of the robot, nor moved it."""
     found: int | None = None
     """Epoch that what stands behind the robot obeyed when it was first heard."""
     rival: int = -1
@@ -104,7 +110,7 @@ class Lessor(msgspec.Struct, kw_only=True):
         term = max(term, SHORTEST_TERM)
         return cls(robot=robot, term=term, epoch=int(unix), term_granted=term)
 
-    def petition(
+    def petition(  # noqa: PLR0913  what a petition says, and the clocks
         self,
         parent: Address,
         slot: str,
@@ -115,6 +121,7 @@ class Lessor(msgspec.Struct, kw_only=True):
         unix: float,
         key: str = "",
         returns: int | None = None,
+        patience: float = 0.0,
     ) -> Tenure:
         """Grant the lease, anew if the same slot of the same parent asks again.
 
@@ -126,7 +133,9 @@ class Lessor(msgspec.Struct, kw_only=True):
             now: [s] monotonic.
             unix: [s] since 1970.
             key: of the petition, by which it can be retracted.
-            returns: epoch of the lease that the parent has lost by silence; None: it asks anew.
+            returns: epoch of the lease that the parent has lost by silence; `FRESH`: it was a lease on an
+                earlier incarnation; None: it asks anew.
+            patience: [s] after its end in which that lease shall return; 0: `RETURN`.
 
         Raises:
             CycleOfBonds: the robot is the parent itself or one of its ancestors.
@@ -141,9 +150,10 @@ class Lessor(msgspec.Struct, kw_only=True):
         # the same incarnation: a petition of an earlier one that comes late must not take the robot from it
         if held is not None and (held.parent, held.slot) != (parent, slot):
             raise LeaseDenied(robot=self.robot, holder=held.parent.name, slot=held.slot)
-        if returns is not None and not self._can_return(parent, slot, returns, now):
+        within = min(patience or RETURN, LONGEST_RETURN)
+        if returns is not None and not self._can_return(parent, slot, returns, now - within):
             raise StaleEpoch(robot=self.robot, epoch=returns, current=self.epoch)
-        self.silent = None
+        self.silent, self.fresh = None, False
         self.term_granted = max(SHORTEST_TERM, min(wanted, self.term))
         self.epoch = max(self._next_epoch(unix), self.rival + 1)
         self.tenure = Tenure(
@@ -156,14 +166,16 @@ class Lessor(msgspec.Struct, kw_only=True):
         )
         return self.tenure
 
-    def _can_return(self, parent: Address, slot: str, epoch: int, now: float) -> bool:
+    def _can_return(self, parent: Address, slot: str, epoch: int, earliest: float) -> bool:
+        if epoch == FRESH:
+            return self.fresh
         last = self.tenure or self.silent
         same = last is not None and (last.parent, last.slot, last.epoch) == (parent, slot, epoch)
-        return last is not None and same and now <= last.expires + RETURN
+        return last is not None and same and earliest <= last.expires
 
     def used(self) -> None:
         """Note that somebody without a lease moves the robot: what ended by silence cannot return."""
-        self.silent = None
+        self.silent, self.fresh = None, False
 
     def retract(self, parent: Address, key: str, *, unix: float) -> Tenure | None:
         """Undo a petition whose answer its parent never heard, before or after it comes.

@@ -109,7 +109,9 @@ class ParentAsked(_Value, frozen=True, kw_only=True):
     unix: float
     key: str = ""
     returns: int | None = None
-    """Epoch of the lease that it has lost by silence."""
+    """Epoch of the lease that it has lost by silence; 0: it has lost an earlier incarnation of this robot."""
+    patience: float = 0.0
+    """[s] after its end in which that lease shall return; 0: as long as usual."""
 
 
 class Prolong(_Value, frozen=True, kw_only=True):

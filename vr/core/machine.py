@@ -509,6 +509,7 @@ class RobotCore:
             unix=event.unix,
             key=event.key,
             returns=event.returns,
+            patience=event.patience,
         )
         return [
             LeaseChanged(),

@@ -1,7 +1,7 @@
 """Scripts for experts: CLIPS text, behind the guard. Pure.
 
 (defscript guide "Greets visitors."
-  (partner robot (kind Companion) (needs say go_to) (attributes place=hall) (optional))
+  (partner robot (kind Companion) (needs say go_to) (attributes place=hall) (optional) (return 300))
   (parameter greeting "Welcome")
   (hears person_seen (who text) (place text))
   (starts-by anna kim)       ; none: anyone
@@ -13,9 +13,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import msgspec
 
 from robotree.vr.base.written import Mark, Scalar
+from robotree.vr.core.bonds import LONGEST_RETURN
 from robotree.vr.scripts.expression import Atom, Form, Node, read, value
 from robotree.vr.scripts.guard import Guard, named
 from robotree.vr.scripts.program import (
@@ -201,30 +204,52 @@ def _part(node: Node) -> tuple[str, str]:
 
 
 def _partner(part: Form) -> Partner:
-    name, kind, optional, doc = _first(part, "a partner"), "", False, ""
-    needs: tuple[str, ...] = ()
-    attributes: dict[str, str] = {}
+    partner = Partner(name=_first(part, "a partner"), kind="")
     for facet in part.rest[1:]:
         if not isinstance(facet, Form):
             raise facet.mark.error("write (partner NAME (kind KIND) (needs COMMAND …))")
-        values = [str(value(one)) for one in facet.rest]
-        match facet.head:
-            case "kind" if len(values) == 1:
-                kind = values[0]
-            case "needs":
-                needs = tuple(values)
-            case "attributes":
-                for one in values:
-                    key, _, wanted = one.partition("=")
-                    attributes[key] = wanted
-            case "optional" if not values:
-                optional = True
-            case "doc" if len(values) == 1:
-                doc = values[0]
-            case head:
-                raise facet.mark.error(
-                    f"a partner has no ({head} …); it has: kind, needs, attributes, optional, doc"
-                )
-    if not kind:
-        raise part.mark.error(f"partner {name} needs a kind: (kind Arm)")
-    return Partner(name=name, kind=kind, needs=needs, attributes=attributes, optional=optional, doc=doc)
+        partner = msgspec.structs.replace(partner, **_facet(facet))
+    if not partner.kind:
+        raise part.mark.error(f"partner {partner.name} needs a kind: (kind Arm)")
+    return partner
+
+
+def _facet(facet: Form) -> dict[str, Any]:
+    """Return what one facet says of a partner, by the name of the field."""
+    values = [str(value(one)) for one in facet.rest]
+    match facet.head:
+        case "kind" | "doc" if len(values) == 1:
+            return {facet.head: values[0]}
+        case "needs":
+            return {"needs": tuple(values)}
+        case "attributes":
+            pairs = (one.partition("=") for one in values)
+            return {"attributes": {key: wanted for key, _, wanted in pairs}}
+        case "return" if len(values) == 1:
+            return {"returns": _return(facet)}
+        case "optional" if not values:
+            return {"optional": True}
+        case head:
+            raise facet.mark.error(
+                f"a partner has no ({head} …); it has: kind, needs, attributes, optional, return, doc"
+            )
+
+
+def _return(facet: Form) -> float:
+    seconds = value(facet.rest[0])
+    if isinstance(seconds, bool) or not isinstance(seconds, int | float):
+        raise facet.mark.error(f"write the time of {facet.head} in seconds: (return 300)")
+    return check_return(float(seconds), facet.mark)
+
+
+def check_return(seconds: float, mark: Mark) -> float:
+    """Return the time [s] in which a partner may come back.
+
+    Raises:
+        BrokenScript: it is too long.
+    """
+    if not 0.0 < seconds <= LONGEST_RETURN:
+        raise mark.error(
+            f"a partner can return within {LONGEST_RETURN / 60:g} min at most; give a time above 0"
+        )
+    return seconds

@@ -34,6 +34,8 @@ class Partner(msgspec.Struct, frozen=True, kw_only=True):
     attributes: dict[str, str] = {}
     """What it must say of itself."""
     optional: bool = False
+    returns: float = 0.0
+    """[s] in which it is bound again after it was lost; 0: as every child."""
     doc: str = ""
 
 

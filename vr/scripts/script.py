@@ -270,7 +270,9 @@ def script_class(program: Program) -> type[Script]:
         "begins": "start" if program.itself else "",
     }
     for partner in program.partners:
-        members[partner.name] = Child(partner.kind, partner.doc, optional=partner.optional)
+        members[partner.name] = Child(
+            partner.kind, partner.doc, optional=partner.optional, returns=partner.returns
+        )
     members["start"] = _start(program)
     for hears in program.hears:
         members[hears.name] = _hearing(hears)

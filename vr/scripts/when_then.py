@@ -29,7 +29,7 @@ from collections.abc import Sequence
 import msgspec
 
 from robotree.vr.base.written import Entries, Items, Mark, Word, Written, entries, items, read, value_of, word
-from robotree.vr.scripts.clp import TYPES, add_rule, check_head, first_fact, with_template
+from robotree.vr.scripts.clp import TYPES, add_rule, check_head, check_return, first_fact, with_template
 from robotree.vr.scripts.expression import Atom, Form, Node, form, plain, variables
 from robotree.vr.scripts.formula import formula
 from robotree.vr.scripts.program import (
@@ -126,7 +126,8 @@ def _partner(key: Word, given: Written) -> Partner:
     if isinstance(given, Word):
         return Partner(name=check_identifier(key.text, key.mark, "a partner"), kind=given.text)
     facets = entries(given, "a partner", key.mark)
-    facets.expect(("kind", "needs", "attributes", "optional", "doc"), "a partner")
+    facets.expect(("kind", "needs", "attributes", "optional", "return", "doc"), "a partner")
+    returns = facets.get("return")
     return Partner(
         name=check_identifier(key.text, key.mark, "a partner"),
         kind=word(facets.get("kind"), "the kind of the partner", key.mark).text,
@@ -138,8 +139,22 @@ def _partner(key: Word, given: Written) -> Partner:
             for name, one in entries(facets.get("attributes"), "attributes", key.mark)
         },
         optional=bool(value_of(word(facets.get("optional") or Word("no", key.mark), "optional", key.mark))),
+        returns=0.0 if returns is None else _return(word(returns, "the time", key.mark)),
         doc=word(facets.get("doc") or Word("", key.mark), "doc", key.mark).text,
     )
+
+
+def _return(said: Word) -> float:
+    seconds = _seconds(said.text)
+    if seconds is None:
+        raise said.mark.error(f"{said.text!r} is no time: write it as `30 s` or `5 min`")
+    return check_return(seconds, said.mark)
+
+
+def _seconds(text: str) -> float | None:
+    """Read a time, `5 s` or `2 min`; None: it is none."""
+    found = _TIME.match(text)
+    return None if found is None else float(found.group(1)) * _SECONDS[found.group(2)]
 
 
 def _parameter(key: Word, given: Written) -> Parameter:
@@ -526,8 +541,8 @@ class _Rule:
         if name is None or seconds is None:
             raise mark.error("wait is written as `wait: {name: NAME, for: 5 s}`")
         said = word(seconds, "the time", mark)
-        if found := _TIME.match(said.text):
-            number: Node = Atom("number", repr(float(found.group(1)) * _SECONDS[found.group(2)]), said.mark)
+        if (fixed := _seconds(said.text)) is not None:
+            number: Node = Atom("number", repr(fixed), said.mark)
         else:
             number = _value(said)
             if isinstance(number, Atom) and number.sort != "variable":

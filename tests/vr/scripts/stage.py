@@ -67,11 +67,14 @@ class Stage:
         self.network = MemoryNetwork()
         self.operator = self.network.join("operator")
         self.agents: dict[str, RobotAgent] = {}
+        """The latest incarnation of each."""
+        self.all: list[RobotAgent] = []
         self.begun: list[asyncio.Task[Any]] = []
 
     async def start(self, robot: Robot) -> RobotAgent:
         agent = RobotAgent(robot, self.network.join(robot.name))
         await agent.start()
+        self.all.append(agent)
         self.agents[robot.name] = agent
         return agent
 
@@ -107,7 +110,7 @@ class Stage:
                 await asyncio.sleep(0.005)
 
     async def close(self) -> None:
-        for agent in reversed(self.agents.values()):
+        for agent in reversed(self.all):
             await agent.close()
         await asyncio.gather(*self.begun, return_exceptions=True)
         for transport in list(self.network.members):

@@ -83,3 +83,68 @@ async def test_a_script_whose_host_is_killed_leaves_no_partner_at_work(stage: St
     assert robot.done == [], "what it had begun was cancelled"
     await stage.until(lambda: stage.agents["c1"].description().bond is None, within=3 * TERM)
     running.cancel()
+
+
+RETURNS = GOES_ON.replace("  robot: Companion\n", "  robot: {kind: Companion, return: 5 min}\n") + (
+    "  - rule: back\n    when: [found: robot]\n    then: [log: it is back]\n"
+)
+
+
+async def test_a_partner_whose_process_is_started_anew_in_time_is_bound_again_and_moves_by_a_rule_only(
+    stage: Stage,
+) -> None:
+    robot, script, running = await led(stage, RETURNS)
+    robot.go.clear()
+    await stage.call("guide", "go", place="hall")
+    await stage.until(lambda: stage.agents["c1"].description().busy == "go_to")
+    stage.network.kill(process(stage, "c1"))
+    await stage.until(lambda: script.condition == "inactive: needs robot (Companion)", within=2 * TERM)
+    robot.go.set()
+    other = await stage.companion("c1")
+    await stage.until(lambda: script.condition == "active" and script._run.last_log == "it is back")
+    assert other.done == [], "what it did before does not begin again by itself"
+    await stage.call("guide", "go", place="kitchen")
+    await stage.until(lambda: other.done == ["go_to kitchen at 0.5"])
+    assert not running.done()
+
+
+async def test_a_partner_that_somebody_has_used_since_it_was_started_anew_is_left_to_him(
+    stage: Stage,
+) -> None:
+    _, script, running = await led(stage, RETURNS)
+    stage.network.kill(process(stage, "c1"))
+    await stage.until(lambda: script.condition == "inactive: needs robot (Companion)", within=2 * TERM)
+    agents = stage.agents["guide"]
+    stage.network.pause(process(stage, "guide"))
+    other = await stage.companion("c1")
+    await stage.call("c1", "go_to", place="garden")
+    stage.network.resume(process(stage, "guide"))
+    await stage.until(lambda: not agents._children._returning)
+    assert script.condition == "inactive: needs robot (Companion)"
+    assert other.done == ["go_to garden at 0.5"]
+    assert not running.done()
+
+
+async def test_a_partner_without_a_stated_time_does_not_come_back_as_another_incarnation(
+    stage: Stage,
+) -> None:
+    _, script, _ = await led(stage, GOES_ON)
+    stage.network.kill(process(stage, "c1"))
+    await stage.until(lambda: script.condition == "inactive: needs robot (Companion)", within=2 * TERM)
+    await stage.companion("c1")
+    await stage.until(lambda: not stage.agents["guide"]._children._returning)
+    assert script.condition == "inactive: needs robot (Companion)"
+
+
+async def test_a_partner_that_hung_for_longer_than_its_lease_is_bound_again_by_the_script(
+    stage: Stage,
+) -> None:
+    robot, script, running = await led(stage, RETURNS)
+    stage.network.pause(process(stage, "c1"))
+    await stage.until(lambda: script.condition == "inactive: needs robot (Companion)", within=3 * TERM)
+    stage.network.resume(process(stage, "c1"))
+    await stage.until(lambda: script.condition == "active")
+    assert robot.done == []
+    await stage.call("guide", "go", place="hall")
+    await stage.until(lambda: robot.done == ["go_to hall at 0.5"])
+    assert not running.done()
