@@ -1,9 +1,15 @@
 """How long `stop` of all robots takes on a new member of a realm in trouble, and whether all have confirmed.
 
     python bench/stops.py [ROUNDS]
+    python bench/stops.py load [ROUNDS] [PROGRAM]
 
 Each round has a realm of its own with two lookup services and two robots in processes of their own. Measured
 is from joining the realm until all have confirmed [s]; the start of Python is not in it.
+
+`load`: how long `robotree stop` takes as a new command line beside 20 busy loops while an arm and a
+rover move. Measured is from its start until each stands, as an observer on a link of its own hears it, and
+until the line ends. First the loops share one session, then each has its own. PROGRAM: another command line
+than that of this environment, such as an installed one.
 """
 
 from __future__ import annotations
@@ -17,8 +23,10 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))  # the realm at load lies beside the tests
 
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.author.robot import Robot
@@ -26,6 +34,9 @@ from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.network.local import join
 from robotree.vr.supervision.fleet import Fleet
+from tests.command_line import ROBOTREE
+from tests.soak.stage import staged
+from tests.soak.stops import loaded
 
 CROWD = 25
 _Process = subprocess.Popen[str]
@@ -111,6 +122,30 @@ async def stop(root: Path) -> tuple[float, str]:
     return took, said
 
 
+async def at_load(rounds: int, program: Sequence[str]) -> None:
+    """Print the table of stops beside busy loops."""
+    with tempfile.TemporaryDirectory(prefix="rt-") as folder:
+        os.environ.update(XDG_RUNTIME_DIR=folder, XDG_STATE_HOME=folder)
+        async with staged("bench", Path(folder)) as stage:
+            for apart, sessions in ((False, "one session"), (True, "20 sessions")):
+                found: dict[str, list[float]] = {"arm": [], "rover": [], "confirmed": []}
+                for _ in range(rounds):
+                    await stage.furnish()
+                    async with loaded(apart=apart):
+                        calls = await stage.both_move()
+                        verb = await stage.verb("stop", program=program)
+                        marks = {"arm": stage.arm.mark(), "rover": stage.rover.mark()}
+                        said = await verb.end()
+                        await asyncio.gather(stage.arm.stands(), stage.rover.stands())
+                    for name, mark in marks.items():
+                        found[name].append(getattr(stage, name).stood_at(mark) - verb.began)
+                    found["confirmed"].append(said.seconds if said.done else float("inf"))
+                    await asyncio.gather(*(call.end() for call in calls))
+                for name, seconds in found.items():
+                    middle, most = statistics.median(seconds), max(seconds)
+                    print(f"20 loops in {sessions:12} {name:10} median {middle:.2f} s, max {most:.2f}")
+
+
 def main(rounds: int) -> None:
     """Print the table."""
     for trouble in TROUBLES:
@@ -135,7 +170,9 @@ def main(rounds: int) -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 3:
+    if sys.argv[1:2] == ["load"]:
+        asyncio.run(at_load(int((sys.argv[2:3] or ["8"])[0]), sys.argv[3:] or ROBOTREE))
+    elif len(sys.argv) > 3:
         asyncio.run({"robot": be_robot, "lookup": be_lookup}[sys.argv[1]](Path(sys.argv[2]), sys.argv[3]))
     else:
         main(int(sys.argv[1]) if len(sys.argv) > 1 else 5)

@@ -102,10 +102,16 @@ async def stop_anew(stage: Stage, _chance: random.Random) -> Sequence[Trial]:
 
 
 @asynccontextmanager
-async def loaded(loops: int = LOAD) -> AsyncIterator[None]:
-    """Keep the machine busy."""
+async def loaded(loops: int = LOAD, *, apart: bool = False) -> AsyncIterator[None]:
+    """Keep the machine busy.
+
+    Args:
+        loops: processes that compute.
+        apart: whether each has a session of its own. Where the kernel divides the processors between sessions
+            (autogroup, sched(7)) each of them then gets as much as a whole session of ours.
+    """
     line = (sys.executable, "-I", "-S", "-c", BUSY)
-    busy = [await asyncio.create_subprocess_exec(*line) for _ in range(loops)]
+    busy = [await asyncio.create_subprocess_exec(*line, start_new_session=apart) for _ in range(loops)]
     try:
         await asyncio.sleep(1.0)  # until all of them run
         yield
