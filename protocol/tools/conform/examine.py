@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from contextlib import suppress
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
@@ -93,7 +94,6 @@ async def examine(
         for rule in RULES.values():
             if not rules or rule.id in rules:
                 yield await _tried(rule, trial)
-        trial.spoken.clear()
         await trial.settle()
     except RuleBroken as error:
         raise NotExaminable(f"It was left as it is: {error}.") from error
@@ -108,15 +108,16 @@ async def _meet(trial: Trial, *, known: bool) -> None:
         await trial.line.expect(Mode, within=OBSERVED)
     except RuleBroken as error:
         raise NotExaminable(f"{trial.url}: {error}; is a controller of robotree's dialect there?") from error
-    await asyncio.sleep(OBSERVED)
-    heard = [each.message for each in trial.line.received]
     if not known:
-        trial.motions = recognised({type(message) for message in heard}, trial.controller[1])
-    claims = [message for message in heard if isinstance(message, ClaimStatus)]
-    if claims and claims[-1].holder:
-        raise NotExaminable(
-            f"{trial.url}: {claims[-1].name or 'another program'} holds this controller; end it first"
-        )
+        await asyncio.sleep(OBSERVED)
+        kinds = {type(each.message) for each in trial.line.received}
+        trial.motions = recognised(kinds, trial.controller[1])
+    if trial.life:
+        with suppress(RuleBroken):  # the rule `claim-status` is about this
+            await trial.line.until(lambda: trial.claim is not None, OBSERVED, "CLAIM_STATUS")
+    if trial.claim is not None and trial.claim.holder:
+        holder = trial.claim.name or "another program"
+        raise NotExaminable(f"{trial.url}: {holder} holds this controller; end it first")
     if trial.mode is not None and trial.mode.mode == ModeKind.SAFE_STOP:
         raise NotExaminable(f"{trial.url}: it is stopped; release the stop first (robotree resume)")
 
@@ -132,8 +133,6 @@ async def _tried(rule: Rule, trial: Trial) -> Result:
 
     trial.spoken.clear()
     try:
-        if trial.line.ended is not None:
-            await trial.start()
         await trial.settle()
         trial.spoken.clear()
         await rule.check(trial)

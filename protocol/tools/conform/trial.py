@@ -477,6 +477,8 @@ class Trial:
         Raises:
             RuleBroken: it does not become ready.
         """
+        if self.line.ended is not None:
+            await self.start()
         for holder, sender in self._holders.items():
             if self.claim is not None and self.claim.holder == holder:
                 await self.request(holder, ClaimWish.RELEASE, epoch=self.epoch, sender=sender)
