@@ -154,6 +154,7 @@ class Rendezvous:
             door.setblocking(False)
             with short(hidden) as path:
                 door.bind(path)
+            hidden.chmod(0o600)  # nobody else gets into the folder; a second lock costs nothing
             door.listen(BACKLOG)
             with self._lock:
                 self._there = True
@@ -295,7 +296,9 @@ class Rendezvous:
         self._lines = len(keys)
         new = self.directory / f".{self.tag}.new"
         try:
-            new.write_text("".join(f"{key}\n" for key in keys))
+            access = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW
+            with os.fdopen(files.opened(new, access), "w") as file:
+                file.write("".join(f"{key}\n" for key in keys))
             new.rename(self._path(HELD))
             self._list = self._state_of_list()
         except OSError:  # the folder is gone, or the disk full; `register` writes them anew
