@@ -35,13 +35,20 @@ from robotree.tui.screen.app import Supervisor
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.place import Place
 from robotree.tui.wire.security import realm_key
+from robotree.vr.base.envelope import sitting_at
 from robotree.vr.supervision.fleet import Fleet
 
 HERE = Path(__file__).parent
 EXAMPLES = HERE.parent / "examples"
 REALM = "demo"
-BIG, USUAL, SMALL, COLOURS = "160x48", "80x24", "50x15", "256-colours"
-SIZES = {BIG: (160, 48), USUAL: (80, 24), SMALL: (50, 15), COLOURS: (120, 32)}
+BIG, USUAL, SMALL, COLOURS, SIXTEEN = "160x48", "80x24", "50x15", "256-colours", "16-colours"
+SIZES = {BIG: (160, 48), USUAL: (80, 24), SMALL: (50, 15), COLOURS: (120, 32), SIXTEEN: (80, 24)}
+REDUCED = {COLOURS: 256, SIXTEEN: 16}
+"""Number of colours, where they are not all."""
+TERMINAL = "tty3"
+"""At which the person sits who presses the keys."""
+LOOKING = "looking through"
+"""Instead of a picture that has not come yet."""
 SETTLED = 1.5
 """[s] for what was asked for to be drawn, and for what moves to be on its way."""
 README = ("lever", (120, 30))
@@ -84,14 +91,14 @@ def scene(*sizes: str) -> Callable[[Scene], Scene]:
     return keep
 
 
-@scene(BIG, USUAL, SMALL, COLOURS)
+@scene(BIG, USUAL, SMALL, COLOURS, SIXTEEN)
 async def lever(stage: Stage) -> None:
     """The lever closes: three robots work together."""
     stage.app.run_typed("call lever.close")
     await stage.settle()
 
 
-@scene(BIG, USUAL, SMALL, COLOURS)
+@scene(BIG, USUAL, SMALL, COLOURS, SIXTEEN)
 async def stopped(stage: Stage) -> None:
     """Everything was stopped while the lever opened."""
     stage.app.run_typed("call lever.open")
@@ -100,7 +107,7 @@ async def stopped(stage: Stage) -> None:
     await stage.settle()
 
 
-@scene(BIG, USUAL, SMALL)
+@scene(BIG, USUAL, SMALL, SIXTEEN)
 async def panel(stage: Stage) -> None:
     """The form of a command."""
     await stage.open("panel", "mover")
@@ -141,9 +148,10 @@ async def prompt(stage: Stage) -> None:
 async def log(stage: Stage) -> None:
     """All that happened."""
     for line in (
+        "call lever.close",
+        "cancel lever",
         "call mover.get_info",
-        "call mover.go_to x=9 y=0 z=0.3 twist=0",
-        "cancel mover",
+        "call square.move_square length=9",
         "stop",
         "resume",
     ):
@@ -194,7 +202,10 @@ async def tidy(fleet: Fleet) -> None:
 
 async def take(fleet: Fleet, name: str, size: tuple[int, int], path: Path, *, colours: int = 0) -> None:
     """Play a scene and write its picture."""
-    terminal = {"TERM": "xterm-256color", "COLORTERM": "" if colours else "truecolor"}
+    terminal = {
+        "TERM": "xterm-16color" if colours == 16 else "xterm-256color",
+        "COLORTERM": "" if colours else "truecolor",
+    }
     os.environ.update(terminal)
     app = Supervisor(fleet, realm=REALM)
     async with app.run_test(size=size) as pilot:
@@ -203,6 +214,10 @@ async def take(fleet: Fleet, name: str, size: tuple[int, int], path: Path, *, co
             await pilot.pause(0.05)
         await stage.settle()
         await SCENES[name][0](stage)
+        for _ in range(100):
+            if not any(LOOKING in strip.text for strip in strips(app)):
+                break
+            await pilot.pause(0.1)
         text = svg(strips(app), f"robotree: {name}", colours=colours)
         await asyncio.to_thread(path.write_text, text, encoding="utf-8")
         app.exit(0)
@@ -231,21 +246,27 @@ def _without_folder(line: Strip) -> Strip:
 
 async def shoot(names: list[str], folder: Path) -> list[Path]:
     """Take the pictures of these scenes; return where they are."""
-    taken: list[Path] = []
     await asyncio.to_thread(folder.mkdir, parents=True, exist_ok=True)
     async with Crew(REALM, key=str(realm_key(REALM))) as crew:
         await cast(crew)
         async with joined(REALM) as fleet:
-            await prepare(fleet)
-            for name in names:
-                for label in SCENES[name][1]:
-                    path = folder / f"{name}-{label}.svg"
-                    await take(fleet, name, SIZES[label], path, colours=256 * (label == COLOURS))
-                    await tidy(fleet)
-                    taken.append(path)
-            if README[0] in names:
-                await take(fleet, *README, folder.parent / "supervisor.svg")
-                taken.append(folder.parent / "supervisor.svg")
+            with sitting_at(TERMINAL):
+                return await play(fleet, names, folder)
+
+
+async def play(fleet: Fleet, names: list[str], folder: Path) -> list[Path]:
+    """Play the scenes of these names; return where their pictures are."""
+    taken: list[Path] = []
+    await prepare(fleet)
+    for name in names:
+        for label in SCENES[name][1]:
+            path = folder / f"{name}-{label}.svg"
+            await take(fleet, name, SIZES[label], path, colours=REDUCED.get(label, 0))
+            await tidy(fleet)
+            taken.append(path)
+    if README[0] in names:
+        await take(fleet, *README, folder.parent / "supervisor.svg")
+        taken.append(folder.parent / "supervisor.svg")
     return taken
 
 

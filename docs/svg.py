@@ -29,6 +29,15 @@ EDGE, TITLE = 10, 30
 FONTS = "'DejaVu Sans Mono', 'Noto Sans Mono', Menlo, Consolas, 'Liberation Mono', monospace"
 THEME = TerminalTheme((20, 23, 29), (216, 219, 226), [(0, 0, 0)] * 8, [(128, 128, 128)] * 8)
 """For what has no colour of its own."""
+XTERM = TerminalTheme(
+    (0, 0, 0),
+    (229, 229, 229),
+    [(0, 0, 0), (205, 0, 0), (0, 205, 0), (205, 205, 0), (0, 0, 238), (205, 0, 205), (0, 205, 205),
+     (229, 229, 229)],
+    [(127, 127, 127), (255, 0, 0), (0, 255, 0), (255, 255, 0), (92, 92, 255), (255, 0, 255), (0, 255, 255),
+     (255, 255, 255)],
+)  # fmt: skip
+"""The 16 colours of xterm."""
 HALF = "▀"
 WORD = re.compile(r"\S+")
 
@@ -41,7 +50,7 @@ def svg(strips: Sequence[Strip], title: str, *, colours: int = 0) -> str:
     Args:
         strips: its lines.
         title: above it.
-        colours: 256 to show it as a terminal with 256 colours does; 0: true colours.
+        colours: 256 or 16 to show it as a terminal with so many colours does; 0: true colours.
     """
     rows = [_cells(strip, colours) for strip in strips]
     width = max(sum(len_of(text) for text, _ in row) for row in rows)
@@ -80,8 +89,8 @@ def _rgb(colour: Color | None, colours: int, *, foreground: bool) -> Color:
         red, green, blue = THEME.foreground_color if foreground else THEME.background_color
         return Color.from_rgb(red, green, blue)
     if colours:
-        colour = colour.downgrade(ColorSystem.EIGHT_BIT)
-    triplet = colour.get_truecolor()
+        colour = colour.downgrade(ColorSystem.STANDARD if colours == 16 else ColorSystem.EIGHT_BIT)
+    triplet = colour.get_truecolor(XTERM)
     return Color.from_triplet(triplet)
 
 

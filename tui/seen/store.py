@@ -444,8 +444,10 @@ class Store:
         if after.online and not before.online:
             self.tell(f"{name} has its controller back", "good", now, name)
         if after.stopped and not before.stopped:
-            why = f": {after.stop_reason}" if after.stop_reason else ""
-            self.tell(f"{name} is in protective stop{why}", "error", now, name)
+            reason = after.stop_reason
+            if not reason.endswith("protective stop"):  # else it says whose: `anna@pts/3's protective stop`
+                reason = f"protective stop: {reason}" if reason else "protective stop"
+            self.tell(f"{name} is in {reason}", "error", now, name)
         if before.stopped and not after.stopped:
             self.tell(f"{name} was resumed: its stop has ended", "good", now, name)
 

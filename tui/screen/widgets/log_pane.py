@@ -14,9 +14,14 @@ from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.marks import tint, weigh
 from robotree.tui.seen import matching
 from robotree.tui.seen.cells import seen
-from robotree.tui.seen.store import Store, Weight
+from robotree.tui.seen.store import LogEntry, Store, Weight
 
-CLOCK = "%Y-%m-%d %H:%M:%S"
+CLOCK = "%H:%M:%S"
+DATED = f"%Y-%m-%d {CLOCK}"
+"""For what happened on another day."""
+
+SIGN = 2
+"""Cells of the sign before the text of an entry."""
 
 LEVELS: Mapping[Weight, int] = {"good": 0, "plain": 0, "warning": 1, "error": 2}
 """How important an entry is."""
@@ -117,11 +122,24 @@ class LogPane(Part, RichLog):
             said = {"name": one.robot, "state": one.weight, "text": one.text}
             if LEVELS[one.weight] < LEVELS[level] or not matching.matches(wanted, said):
                 continue
-            clock = time.strftime(CLOCK, time.localtime(wall - (now - one.at)))
-            line = Text.assemble(
-                (f"{clock}  ", tint(self.app, "muted")), weigh(self.app, one.weight, seen(one.text))
-            )
-            self.write(line, width=room, scroll_end=False)
+            self.write(self._line(one, wall - (now - one.at), wall, room), width=room, scroll_end=False)
         if entries and entries[-1] is not self._last:
             self._last = entries[-1]
             self.call_after_refresh(self._follow, end)
+
+    def _line(self, entry: LogEntry, at: float, wall: float, room: int) -> Text:
+        """Return an entry with its time; what does not fit stands below its text, not below the time.
+
+        Args:
+            entry: what happened.
+            at: [s] since 1970, when it happened.
+            wall: [s] since 1970, now.
+            room: [cells]
+        """
+        then = time.localtime(at)
+        clock = f"{time.strftime(CLOCK if then[:3] == time.localtime(wall)[:3] else DATED, then)} "
+        text, indent = weigh(self.app, entry.weight, seen(entry.text)), len(clock) + SIGN
+        if text.cell_len > room - len(clock) and room > 2 * indent:
+            first, *rest = text.wrap(self.app.console, room - indent)
+            text = Text("\n").join([first, *(Text.assemble(" " * indent, one) for one in rest)])
+        return Text.assemble((clock, tint(self.app, "muted")), text)

@@ -38,6 +38,10 @@ STATES = 26
 """Cells that states like to have: their words change all the time, and no column may move with them."""
 
 
+PERSON = 12
+"""Cells for the name of a person who commands a robot: `anna@pts/12`."""
+
+
 class RobotTable(Part, ScrollView, can_focus=True):
     """One line for each robot; the cursor is the app's selection."""
 
@@ -136,7 +140,7 @@ class RobotTable(Part, ScrollView, can_focus=True):
                 "ROBOT": cell_len(_lead(placement, MOST["ROBOT"])) + cell_len(placement.name) + 1,
                 "KIND": cell_len(wording.kind(known.kind, known.attributes)) if known else 0,
                 "HOST": cell_len(known.host) if known else 0,
-                "BY": cell_len(placement.parent),
+                "BY": max(cell_len(placement.parent), PERSON),
             }
             for title, cells in words.items():
                 longest[title] = max(longest.get(title, 0), cells)
