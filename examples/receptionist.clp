@@ -7,8 +7,8 @@
 ;   robotree call reception.person_seen who=Anna place=kitchen
 
 (defscript receptionist "Gives each visitor to an idle guide."
-  (partner guide_1 (kind Companion) (needs say go_to) (doc "a guide"))
-  (partner guide_2 (kind Companion) (needs say go_to) (optional) (doc "another guide"))
+  (partner guide_1 (kind Companion) (needs say go_to) (takes place kitchen hall) (doc "a guide"))
+  (partner guide_2 (kind Companion) (needs say go_to) (takes place kitchen hall) (optional) (doc "another guide"))
   (hears person_seen (who text) (place text)))
 
 (deftemplate guide (slot name) (slot state (default idle)))

@@ -9,7 +9,7 @@ robotree rules explain guide.yaml greet --after guide.test.yaml
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +22,6 @@ from robotree.tui.terminal import answer, put
 
 if TYPE_CHECKING:  # help must not wait for the rules
     from robotree.vr.base.description import CommandSpec
-    from robotree.vr.base.written import Scalar
     from robotree.vr.scripts.program import Program
     from robotree.vr.scripts.trial import Played, Rehearsal, Trial
 
@@ -98,11 +97,14 @@ def _check(line: Line) -> int:
 
 
 def _table(given: str, script: str = "") -> tuple[Program, tuple[Trial, ...]]:
+    from robotree.vr.scripts.known import check_trials
     from robotree.vr.scripts.trial import read_table
 
     path = shipped(given)
     named, tests = read_table(_source(path), given)
-    return _program(script or str(path.parent / named)), tests
+    program = _program(script or str(path.parent / named))
+    check_trials(program, tests, known_kinds())
+    return program, tests
 
 
 def _test(line: Line) -> int:
@@ -139,7 +141,7 @@ def _dry_run(line: Line) -> int:
     for trial in _table(line.text("TABLE"), line.text("FILE"))[1]:
         if not as_json:
             put(f"# {trial.name}")
-        rehearsal = _rehearsal(program, trial.parameters, trial.missing)
+        rehearsal = _rehearsal(program, trial)
         _show(rehearsal.opening, as_json=as_json)
         _show((rehearsal.play(step.when, step.mark) for step in trial.steps), as_json=as_json)
     return exit_codes.DONE
@@ -169,12 +171,12 @@ def _show(steps: Iterable[Played], *, as_json: bool) -> None:
             put(f"  ✗ {played.fault}")
 
 
-def _rehearsal(
-    program: Program, parameters: Mapping[str, Scalar] | None = None, missing: Sequence[str] = ()
-) -> Rehearsal:
+def _rehearsal(program: Program, trial: Trial | None = None) -> Rehearsal:
     from robotree.vr.scripts.trial import Rehearsal
 
-    return Rehearsal(program, parameters, missing)
+    if trial is None:
+        return Rehearsal(program)
+    return Rehearsal(program, trial.parameters, trial.missing, trial.roles)
 
 
 def _explain(line: Line) -> int:
@@ -184,7 +186,7 @@ def _explain(line: Line) -> int:
     program = _program(line.text("WHAT"))
     if line.text("--after"):
         trial = _table(line.text("--after"), line.text("WHAT"))[1][0]
-        rehearsal = _rehearsal(program, trial.parameters, trial.missing)
+        rehearsal = _rehearsal(program, trial)
         for step in trial.steps:
             rehearsal.play(step.when, step.mark)
     else:

@@ -13,6 +13,7 @@ HEAD = """\
 script: s
 partners:
   robot: {kind: Companion, needs: [say, juggle]}
+parameters: {slow: slowly}
 hears: {bell: {who: text}}
 rules:
   - rule: r
@@ -36,6 +37,9 @@ CONDITIONS = {
     "timer: comse": "no rule waits for the timer 'comse'",
     "partner: {name: robbot}": "there is no partner 'robbot'; do you mean 'robot'?",
     "role: {partner: robot, name: chidl}": "there is no role 'chidl'; do you mean 'child'?",
+    "stopped: robt": "there is no partner 'robt'; do you mean 'robot'?",
+    "bel: {who: $w}": "there is no fact or message 'bel'; do you mean 'bell'?",
+    "tmier: comes": "there is no fact or message 'tmier'; do you mean 'timer'?",
 }
 ACTIONS = {
     "do: robot.dance": "a Companion has no command 'dance'",
@@ -44,6 +48,11 @@ ACTIONS = {
     "do: [robot, say, {txet: hello}]": "say has no argument 'txet'; do you mean 'text'?",
     "do: robot.say": "say needs text",
     "do: [robot, wave, often]": "times",
+    "do: [robot, go_to, sofaa]": "place: 'sofaa' is not one of door, sofa, table, shelf, middle, dock; do you mean 'sofa'?",  # noqa: E501
+    "do: [robot, take, blue cpu]": "do you mean 'blue cup'?",
+    "do: [robot, go_to, cellar]": "write `takes: {place: [cellar]}` at the partner",
+    "wiat: {name: comes, for: 5 s}": "there is no action 'wiat'; do you mean 'wait'?",
+    "wait: {name: comes, for: $slow}": "'slowly ($slow)' is no time: write it as `5 s`",
     "role: {robot: chidl}": "there is no role 'chidl'; do you mean 'child'?",
     "role: {robbot: child}": "there is no partner 'robbot'; do you mean 'robot'?",
 }
@@ -52,6 +61,42 @@ EXPERTS = {
     "(do robt say hello)": "there is no partner 'robt'; do you mean 'robot'?",
     "(do-as c robot go_to place= sofa speed= 9)": "speed",
     "(play robot chidl)": "there is no role 'chidl'; do you mean 'child'?",
+}
+
+MEETS = {
+    "(msg (act done) (from robot) (args sya))": "a Companion has no command 'sya'; do you mean 'say'?",
+    "(msg (perf failure) (act dacne))": "a Companion has no command 'dacne'",
+    "(msg (act timer) (args comse))": "no rule waits for the timer 'comse'; do you mean 'comes'?",
+    "(msg (act lost) (from robt))": "there is no partner 'robt'; do you mean 'robot'?",
+    "(role (partner robot) (name chidl))": "there is no role 'chidl'; do you mean 'child'?",
+    "(partner (name robt))": "there is no partner 'robt'; do you mean 'robot'?",
+}
+TABLE = """\
+script: s.yaml
+tests:
+  - test: one
+    roles: {robot: child}
+    steps:
+      - when: WHEN
+        then: THEN
+"""
+WHENS = {
+    "comse tim": "the script does not hear 'comse'; do you mean 'comes'?",
+    "done robt say": "there is no partner 'robt'; do you mean 'robot'?",
+    "done robot sya": "a Companion has no command 'sya'; do you mean 'say'?",
+    "failed robot dacne": "a Companion has no command 'dacne'",
+    "stopped robt": "there is no partner 'robt'",
+    "timer comse": "no rule waits for the timer 'comse'; do you mean 'comes'?",
+    "role robot chidl": "there is no role 'chidl'; do you mean 'child'?",
+}
+THENS = {
+    "do robt say text=x": "there is no partner 'robt'; do you mean 'robot'?",
+    "do robot sya text=x": "a Companion has no command 'sya'; do you mean 'say'?",
+    "do robot say txet=x": "say has no argument 'txet'; do you mean 'text'?",
+    "do robot go_to place=sofaa": "do you mean 'sofa'?",
+    "role robot chidl": "there is no role 'chidl'; do you mean 'child'?",
+    "wait comse 5": "no rule waits for the timer 'comse'; do you mean 'comes'?",
+    "doo robot wave": "'doo' is no order; do you mean 'do'?",
 }
 
 
@@ -68,7 +113,7 @@ def test_a_condition_that_can_never_be_met_is_refused_with_its_line(
     text = HEAD.replace("CONDITION", condition).replace("ACTION", "wait: {name: comes, for: 5 s}")
     error = refused(text, tmp_path / "s.yaml", capsys)
     assert says in error
-    assert "s.yaml:8:" in error
+    assert "s.yaml:9:" in error
 
 
 @pytest.mark.parametrize(("action", "says"), ACTIONS.items())
@@ -78,7 +123,7 @@ def test_an_action_that_no_partner_can_carry_out_is_refused_with_its_line(
     text = HEAD.replace("CONDITION", "start").replace("ACTION", action)
     error = refused(text, tmp_path / "s.yaml", capsys)
     assert says in error
-    assert "s.yaml:10:" in error
+    assert "s.yaml:11:" in error
 
 
 @pytest.mark.parametrize(("action", "says"), EXPERTS.items())
@@ -99,3 +144,55 @@ def test_what_a_partner_needs_or_may_have_learned_is_let_through(
     path = tmp_path / "s.yaml"
     path.write_text(HEAD.replace("CONDITION", "bell: {who: $who}").replace("ACTION", action))
     assert main(["rules", "check", str(path)]) == exit_codes.DONE, capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("condition", "says"), MEETS.items())
+def test_conditions_of_clips_are_refused_for_the_same_mistakes(
+    condition: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = CLP.replace("(msg (act start))", condition).replace("ACTION", "(wait comes 5)")
+    error = refused(text, tmp_path / "s.clp", capsys)
+    assert says in error
+    assert "s.clp:3:" in error
+
+
+def table(folder: Path, when: str, then: str) -> str:
+    script = HEAD.replace("bell", "comes").replace("CONDITION", "comes: {who: $w}")
+    (folder / "s.yaml").write_text(
+        script.replace("ACTION", "wait: {name: comes, for: 5 s}").replace("slowly", "5")
+    )
+    path = folder / "s.test.yaml"
+    path.write_text(TABLE.replace("WHEN", when).replace("THEN", then))
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("when", "then", "says"),
+    [(when, "nothing", says) for when, says in WHENS.items()]
+    + [("comes tim", then, says) for then, says in THENS.items()],
+)
+def test_a_table_of_tests_is_refused_for_the_same_mistakes(
+    when: str, then: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["rules", "test", table(tmp_path, when, then)]) != exit_codes.DONE
+    error = capsys.readouterr().err
+    assert says in error
+    assert "s.test.yaml:6:" in error
+
+
+def test_a_table_without_mistakes_is_played(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["rules", "test", table(tmp_path, "comes tim", "wait comes 5")]) == exit_codes.DONE
+    assert "1 of 1 passed" in capsys.readouterr().out
+
+
+def test_a_place_that_the_robot_of_another_flat_knows_is_written_at_the_partner(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "s.yaml"
+    text = HEAD.replace("juggle]", "juggle], takes: {place: [cellar]}").replace("slowly", "5")
+    text = text.replace("CONDITION", "start")
+    path.write_text(text.replace("ACTION", "do: [robot, go_to, cellar]"))
+    assert main(["rules", "check", str(path)]) == exit_codes.DONE, capsys.readouterr().err
+    assert "do you mean 'cellar'?" in refused(
+        text.replace("ACTION", "do: [robot, go_to, celar]"), path, capsys
+    )

@@ -1,7 +1,8 @@
 """Scripts for experts: CLIPS text, behind the guard. Pure.
 
 (defscript guide "Greets visitors."
-  (partner robot (kind Companion) (needs say go_to) (attributes place=hall) (optional) (return 300))
+  (partner robot (kind Companion) (needs say go_to) (attributes place=hall) (takes place kitchen)
+    (optional) (return 300))
   (parameter greeting "Welcome")
   (hears person_seen (who text) (place text))
   (starts-by anna kim)       ; none: anyone
@@ -208,13 +209,13 @@ def _partner(part: Form) -> Partner:
     for facet in part.rest[1:]:
         if not isinstance(facet, Form):
             raise facet.mark.error("write (partner NAME (kind KIND) (needs COMMAND …))")
-        partner = msgspec.structs.replace(partner, **_facet(facet))
+        partner = msgspec.structs.replace(partner, **_facet(facet, partner.takes))
     if not partner.kind:
         raise part.mark.error(f"partner {partner.name} needs a kind: (kind Arm)")
     return partner
 
 
-def _facet(facet: Form) -> dict[str, Any]:
+def _facet(facet: Form, takes: dict[str, tuple[str, ...]]) -> dict[str, Any]:
     """Return what one facet says of a partner, by the name of the field."""
     values = [str(value(one)) for one in facet.rest]
     match facet.head:
@@ -225,13 +226,15 @@ def _facet(facet: Form) -> dict[str, Any]:
         case "attributes":
             pairs = (one.partition("=") for one in values)
             return {"attributes": {key: wanted for key, _, wanted in pairs}}
+        case "takes" if len(values) > 1:
+            return {"takes": {**takes, values[0]: tuple(values[1:])}}
         case "return" if len(values) == 1:
             return {"returns": _return(facet)}
         case "optional" if not values:
             return {"optional": True}
         case head:
             raise facet.mark.error(
-                f"a partner has no ({head} …); it has: kind, needs, attributes, optional, return, doc"
+                f"a partner has no ({head} …); it has: kind, needs, attributes, takes, optional, return, doc"
             )
 
 

@@ -32,6 +32,7 @@ from robotree.vr.scripts.happening import (
     ScriptOrder,
     ScriptReply,
     Wait,
+    seconds_of,
 )
 from robotree.vr.scripts.program import (
     LONGEST_LIST,
@@ -54,6 +55,8 @@ MOST_MEMORY = 64_000_000
 """[bytes] of one environment."""
 MOST_ORDERS = 64
 """For one happening."""
+LONGEST_WAIT = 7 * 24 * 3600.0
+"""[s] of one timer."""
 LONGEST_TEXT = 1_000
 """Characters that a rule may put together."""
 REMEMBERED = 200
@@ -419,13 +422,12 @@ class Engine:
         )
 
     def _wait(self, name: Any, seconds: Any, conversation: Any = "none") -> None:
-        if (
-            not isinstance(seconds, int | float)
-            or isinstance(seconds, bool)
-            or not 0 <= seconds <= 7 * 24 * 3600
-        ):
-            raise ScriptError(f"wait {name}: {seconds} is no time in seconds")
-        self._order(Wait(name=str(name), seconds=float(seconds), conversation=str(conversation)))
+        length = seconds_of(out(seconds))
+        if length is None or not 0 <= length <= LONGEST_WAIT:
+            raise ScriptError(
+                f"wait {name}: {seconds} is no time from 0 s to 7 days; write it as 5 s or 2 min"
+            )
+        self._order(Wait(name=str(name), seconds=length, conversation=str(conversation)))
 
     def _cancel(self, what: Any) -> None:
         self._order(CancelAct(what=str(what)))

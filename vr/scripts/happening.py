@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
+from difflib import get_close_matches
+
 import msgspec
 
 from robotree.vr.base.written import Scalar
 from robotree.vr.scripts.expression import is_word
+
+_TIME = re.compile(r"(\d+\.?\d*|\.\d+) *(ms|s|min|h)?\Z")
+_SECONDS = {"ms": 0.001, "s": 1.0, None: 1.0, "min": 60.0, "h": 3600.0}
 
 
 class Happening(msgspec.Struct, frozen=True, kw_only=True):
@@ -101,6 +108,20 @@ def order_line(order: ScriptOrder) -> str:
         case ScriptEnd(text=text, well=well):
             words = ["end" if well else "fail", *([spell(text)] if text else [])]
     return " ".join(words)
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return a part of a sentence with the known name that is most like this one; empty: none is."""
+    near = get_close_matches(name, [*known], n=1)
+    return f"; do you mean {near[0]!r}?" if near else ""
+
+
+def seconds_of(value: Scalar) -> float | None:
+    """Read a time as it is written in a script, `5 s` or `2 min` or a number of seconds; None: it is none."""
+    if isinstance(value, str):
+        found = _TIME.match(value.strip())
+        return None if found is None else float(found.group(1)) * _SECONDS[found.group(2)]
+    return None if isinstance(value, bool) else float(value)
 
 
 def spell(value: Scalar) -> str:

@@ -5,17 +5,23 @@ A kind that is not known, a command that stands in `needs`, and a value that is 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
 
 from robotree.vr.base.arguments import check_argument
 from robotree.vr.base.description import CommandSpec
 from robotree.vr.base.errors import BadArgument, BrokenScript
-from robotree.vr.base.written import Mark
-from robotree.vr.scripts.expression import Atom, Form, Node, value
-from robotree.vr.scripts.program import MESSAGE, PARTNER, ROLE, Program, Rule
+from robotree.vr.base.written import Mark, Word, value_of
+from robotree.vr.scripts.expression import Atom, Form, Node, plain, value
+from robotree.vr.scripts.happening import nearest
+from robotree.vr.scripts.program import MESSAGE, PARTNER, ROLE, Program, literal
 from robotree.vr.scripts.roles.profile import shipped
+from robotree.vr.scripts.trial import CHANGES, Trial, happening, words_of
 
+ORDERS = ("do", "reply", "wait", "cancel", "role", "log", "end", "fail")
+"""What an order in a table of tests can begin with."""
+_NAMED = re.compile(r"[a-z_]\w*=")
 KnownKinds = Mapping[str, Mapping[str, CommandSpec]]
 """The commands of each kind, by name."""
 
@@ -26,23 +32,77 @@ def check_known(program: Program, kinds: KnownKinds) -> None:
     Raises:
         BrokenScript: there is one, and where.
     """
-    waits = [one.rest[0] for rule in program.rules for one in _forms(rule.form) if one.head == "wait"]
-    timers = None if any(isinstance(one, Form) or one.sort == "variable" for one in waits) else [
-        one.text for one in waits if isinstance(one, Atom)
-    ]  # fmt: skip
     for rule in program.rules:
-        _Known(program, kinds, rule, timers).check()
+        _Known(program, kinds, rule.mark).check(rule.form)
+
+
+def check_trials(program: Program, trials: Iterable[Trial], kinds: KnownKinds) -> None:
+    """Refuse the same in a table of tests: in what happens, in the orders that must follow, in roles.
+
+    Raises:
+        BrokenScript: there is one, and where.
+    """
+    for trial in trials:
+        for name, role in trial.roles.items():
+            _Known(program, kinds, trial.mark).plays(name, role)
+        for step in trial.steps:
+            known = _Known(program, kinds, step.mark)
+            known.happening(step.when)
+            for line in step.then or ():
+                known.order(line)
 
 
 class _Known:
-    """Compares one rule."""
+    """Compares one rule, or one step of a test."""
 
-    def __init__(self, program: Program, kinds: KnownKinds, rule: Rule, timers: list[str] | None) -> None:
+    def __init__(self, program: Program, kinds: KnownKinds, mark: Mark) -> None:
+        """Take what there is to compare with, and the place of what has none of its own."""
+        self._program, self._kinds, self._default = program, kinds, mark
         self._partners = {one.name: one for one in program.partners}
-        self._kinds, self._rule, self._timers = kinds, rule, timers
+        waits = [one.rest[0] for rule in program.rules for one in _forms(rule.form) if one.head == "wait"]
+        computed = any(isinstance(one, Form) or one.sort == "variable" for one in waits)
+        self._timers = None if computed else [one.text for one in waits if isinstance(one, Atom)]
 
-    def check(self) -> None:
-        for form in _forms(self._rule.form):
+    def plays(self, partner: str, role: str) -> None:
+        """Check that there is such a partner, and perhaps such a role."""
+        self._partner(plain(partner))
+        self._role(plain(role))
+
+    def happening(self, line: str) -> None:
+        """Check one line of what happens."""
+        told = happening(line, self._default)
+        match line.split(maxsplit=1)[0]:
+            case "done" | "progress":
+                self._partner(plain(told.sender))
+                self._act(plain(told.sender), plain(str(told.arguments[0])))
+            case "failed":
+                self._partner(plain(told.sender))
+                self._act(plain(told.sender), plain(told.act))
+            case "role":
+                self.plays(told.sender, str(told.arguments[0]))
+            case head if head in CHANGES:
+                self._partner(plain(told.sender))
+            case "timer":
+                self._timer(plain(str(told.arguments[0])))
+            case _:
+                pass
+
+    def order(self, line: str) -> None:
+        """Check one order that must follow."""
+        head, *rest = words_of(line, self._default)
+        if head not in ORDERS:
+            names = ", ".join(ORDERS)
+            raise self._default.error(f"{head!r} is no order{nearest(head, ORDERS)}; there are: {names}")
+        if head == "do" and len(rest) >= 2:
+            self._do(plain(rest[0]), plain(rest[1]), tuple(_given(rest[2:])))
+        elif head == "role" and len(rest) == 2:
+            self.plays(*rest)
+        elif head == "wait" and rest:
+            self._timer(plain(rest[0]))
+
+    def check(self, rule: Form) -> None:
+        """Check a rule."""
+        for form in _forms(rule):
             match form.head:
                 case "do":
                     self._do(form.rest[0], form.rest[1], form.rest[2:])
@@ -71,8 +131,12 @@ class _Known:
             self._partner(sender)
         if failed or told in {"done", "progress"}:
             self._act(sender, act if failed else first)
-        elif told == "timer" and self._timers is not None:
-            self._one_of(first, self._timers, "no rule waits for the timer", "the rules wait for")
+        elif told == "timer":
+            self._timer(first)
+
+    def _timer(self, given: Node | None) -> None:
+        if self._timers is not None:
+            self._one_of(given, self._timers, "no rule waits for the timer", "the rules wait for")
 
     def _do(self, partner: Node, act: Node, values: tuple[Node, ...]) -> None:
         self._partner(partner)
@@ -93,19 +157,26 @@ class _Known:
             else:
                 name = names[len(given)]
             given.add(name)
-            if at < len(values):
-                self._argument(spec, name, values[at])
+            if at < len(values) and known is not None:
+                self._argument(spec, name, values[at], known.takes.get(name, ()))
             at += 1
         if lacks := [one.name for one in spec.parameters if one.required and one.name not in given]:
             raise self._mark(act).error(f"{spec.name} needs {', '.join(lacks)}")
 
-    def _argument(self, spec: CommandSpec, name: str, given: Node) -> None:
+    def _argument(self, spec: CommandSpec, name: str, given: Node, also: tuple[str, ...]) -> None:
         if isinstance(given, Form) or given.sort == "variable":
             return
+        said, field = value(given), spec.by_name[name]
+        if said in also:
+            return
         try:
-            check_argument(spec.by_name[name], value(given), command=spec.name)
+            check_argument(field, said, command=spec.name)
         except BadArgument as error:
-            raise self._mark(given).error(str(error)) from None
+            text = str(error)
+            if field.choices:
+                meant = nearest(str(said), [*field.choices, *also])
+                text += f"{meant}; if your robot takes it, write `takes: {{{name}: [{said}]}}` at the partner"
+            raise self._mark(given).error(text) from None
 
     def _partner(self, given: Node | None) -> None:
         self._one_of(given, self._partners, "there is no partner", "this script has")
@@ -131,12 +202,19 @@ class _Known:
             raise self._error(given, f"{said} {name!r}", names, name, others)
 
     def _error(self, at: Node, said: str, known: list[str], name: str, others: str) -> BrokenScript:
-        near = get_close_matches(name, known, n=1)
-        meant = f"; do you mean {near[0]!r}?" if near else ""
-        return self._mark(at).error(f"{said}{meant}; {others}: {', '.join(known) or 'none'}")
+        return self._mark(at).error(f"{said}{nearest(name, known)}; {others}: {', '.join(known) or 'none'}")
 
     def _mark(self, at: Node) -> Mark:
-        return at.mark if at.mark.line else self._rule.mark
+        return at.mark if at.mark.line else self._default
+
+
+def _given(words: Iterable[str]) -> Iterator[Node]:
+    """Return the values of an order in a table: `text="Good day"`, or a value alone."""
+    for one in words:
+        found = _NAMED.match(one)
+        if found:
+            yield Atom("symbol", found.group())
+        yield literal(value_of(Word(one[found.end() :] if found else one, Mark())))
 
 
 def _forms(form: Form) -> Iterator[Form]:

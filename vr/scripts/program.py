@@ -33,6 +33,8 @@ class Partner(msgspec.Struct, frozen=True, kw_only=True):
     """Commands that it must have."""
     attributes: dict[str, str] = {}
     """What it must say of itself."""
+    takes: dict[str, tuple[str, ...]] = {}
+    """Values that its commands take beside the choices of its kind, by the name of the argument."""
     optional: bool = False
     returns: float = 0.0
     """[s] in which it is bound again after it was lost; 0: as every child."""

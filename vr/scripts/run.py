@@ -249,6 +249,7 @@ class ScriptRun:
                 self._cancel(what)
             case LogLine(text=text):
                 self._say(text)
+                running().say("info", text)
             case ScriptEnd():
                 self._over = self._over or order
 

@@ -5,6 +5,7 @@
       - test: a visitor is greeted
         parameters: {welcome: Hello}
         missing: []                       # partners that are not there
+        roles: {robot: child}             # which they play at the beginning
         steps:
           - when: person_seen Anna kitchen
             then:
@@ -16,7 +17,7 @@
 
 A happening in one line: `MESSAGE value …`, `done PARTNER ACT result …`, `failed PARTNER ACT reason`,
 `progress PARTNER ACT share`, `timer NAME`, `lost PARTNER`, `found PARTNER ROBOT`, `stopped PARTNER`,
-`released PARTNER`, `start`; at its end `as CONVERSATION` and `from NAME`.
+`released PARTNER`, `role PARTNER ROLE`, `start`; at its end `as CONVERSATION` and `from NAME`.
 """
 
 from __future__ import annotations
@@ -42,13 +43,14 @@ from robotree.vr.base.written import (
 )
 from robotree.vr.scripts.engine import Engine, ScriptError
 from robotree.vr.scripts.expression import show
-from robotree.vr.scripts.happening import Happening, order_line
+from robotree.vr.scripts.happening import Happening, nearest, order_line
 from robotree.vr.scripts.program import Program
 from robotree.vr.scripts.shown import in_words, parts
 from robotree.vr.scripts.when_then import new_fact
 
 HAPPENINGS = (
     "start", "finish", "done", "failed", "progress", "timer", "lost", "found", "stopped", "released",
+    "role",
 )  # fmt: skip
 """What a line can begin with, beside the messages of the script."""
 CHANGES = frozenset({"lost", "found", "stopped", "released"})
@@ -72,6 +74,8 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True):
     steps: tuple[Step, ...]
     parameters: dict[str, Scalar] = {}
     missing: tuple[str, ...] = ()
+    roles: dict[str, str] = {}
+    """Which partners play at the beginning."""
     mark: Mark = Mark()
 
 
@@ -109,7 +113,7 @@ def read_table(source: str, path: str) -> tuple[str, tuple[Trial, ...]]:
 
 def _trial(given: Written) -> Trial:
     test = entries(given, "a test", given.mark)
-    test.expect(("test", "parameters", "missing", "steps"), "a test")
+    test.expect(("test", "parameters", "missing", "roles", "steps"), "a test")
     mark = test.mark
     parameters = {
         key.text: value_of(word(value, "a value", key.mark))
@@ -119,6 +123,10 @@ def _trial(given: Written) -> Trial:
         name=word(test.get("test"), "`test: NAME`", mark).text,
         parameters=parameters,
         missing=tuple(word(one, "a partner", mark).text for one in items(test.get("missing"), mark).items),
+        roles={
+            key.text: word(value, "a role", key.mark).text
+            for key, value in entries(test.get("roles"), "roles", mark)
+        },
         steps=tuple(_step(one) for one in items(test.get("steps"), mark).items),
         mark=mark,
     )
@@ -161,13 +169,15 @@ def happening(line: str, mark: Mark = Mark()) -> Happening:  # noqa: B008 # froz
     words, conversation, sender = _words(line, mark)
     head, *rest = words
     values = tuple(value_of(Word(one, mark)) for one in rest)
-    least = {"done": 2, "failed": 2, "progress": 3, "timer": 1}.get(head, 1 if head in CHANGES else 0)
+    least = {"done": 2, "failed": 2, "progress": 3, "timer": 1, "role": 2}.get(
+        head, 1 if head in CHANGES else 0
+    )
     if len(rest) < least:
         raise mark.error(f"{head} needs {least} values: {line}")
     told = Happening(act=head, sender=sender, arguments=values, conversation=conversation)
     change = partial(msgspec.structs.replace, told)
     match head:
-        case "done" | "progress":
+        case "done" | "progress" | "role":
             return change(sender=rest[0], arguments=values[1:])
         case "failed":
             reason = values[2:] or ("it failed",)
@@ -183,12 +193,21 @@ def happening(line: str, mark: Mark = Mark()) -> Happening:  # noqa: B008 # froz
             return change(sender="script") if head in {"timer", "start"} else told
 
 
-def _words(line: str, mark: Mark) -> tuple[list[str], str, str]:
-    """Return the words of a line without its end, and the conversation and sender of its end."""
+def words_of(line: str, mark: Mark) -> list[str]:
+    """Return the words of a line.
+
+    Raises:
+        BrokenScript: a quote is not closed.
+    """
     try:
-        words = shlex.split(line)
+        return shlex.split(line)
     except ValueError:
         raise mark.error(f"a quote is not closed: {line}") from None
+
+
+def _words(line: str, mark: Mark) -> tuple[list[str], str, str]:
+    """Return the words of a line without its end, and the conversation and sender of its end."""
+    words = words_of(line, mark)
     said = {"as": "none", "from": "operator"}
     while len(words) > 2 and words[-2] in said:
         said[words[-2]] = words[-1]
@@ -202,7 +221,11 @@ class Rehearsal:
     """A script at work without robots: all partners are there but those that are said to be missing."""
 
     def __init__(
-        self, program: Program, parameters: Mapping[str, Scalar] | None = None, missing: Sequence[str] = ()
+        self,
+        program: Program,
+        parameters: Mapping[str, Scalar] | None = None,
+        missing: Sequence[str] = (),
+        roles: Mapping[str, str] | None = None,
     ) -> None:
         """Begin as `start` does.
 
@@ -215,6 +238,8 @@ class Rehearsal:
         for partner in program.partners:
             if partner.name not in missing:
                 self._open(f"found {partner.name}")
+        for name, role in (roles or {}).items():
+            self.engine.role(name, role)
         self._open("start")
 
     def _open(self, line: str) -> None:
@@ -231,8 +256,11 @@ class Rehearsal:
         heard = next((one for one in self.program.hears if one.name == told.act), None)
         special = line.split(maxsplit=1)[0] in HAPPENINGS
         if heard is None and not special and not _wanted(self.program, told.act):
-            known = ", ".join(one.name for one in self.program.hears) or "nothing"
-            raise mark.error(f"the script does not hear {told.act!r}; it hears: {known}")
+            hears = [one.name for one in self.program.hears]
+            meant = nearest(told.act, [*hears, *HAPPENINGS])
+            raise mark.error(
+                f"the script does not hear {told.act!r}{meant}; it hears: {', '.join(hears) or 'nothing'}"
+            )
         if heard is not None and told.performative == "inform" and len(told.arguments) != len(heard.parts):
             takes = ", ".join(name for name, _ in heard.parts) or "none"
             needs = f"{heard.name} needs {len(heard.parts)} value(s) ({takes})"
@@ -245,6 +273,8 @@ class Rehearsal:
         before = self.engine.happened + 1
         fault = ""
         orders: tuple[str, ...] = ()
+        if told.act == "role":
+            self.engine.role(told.sender, str(told.arguments[0]))
         try:
             orders = tuple(map(order_line, self.engine.feed(told)))
         except ScriptError as error:
@@ -268,13 +298,13 @@ def run(program: Program, trial: Trial) -> Iterator[Played]:
         BrokenScript: a line of it cannot be read.
         ScriptError: the rules cannot be built.
     """
-    for name in (*trial.missing, *trial.parameters):
+    for name in (*trial.missing, *trial.parameters, *trial.roles):
         known = [one.name for one in program.partners] + [one.name for one in program.parameters]
         if name not in known:
             raise trial.mark.error(
                 f"the script has no partner or parameter {name!r}; it has: {', '.join(known)}"
             )
-    rehearsal = Rehearsal(program, trial.parameters, trial.missing)
+    rehearsal = Rehearsal(program, trial.parameters, trial.missing, trial.roles)
     for step in trial.steps:
         played = rehearsal.play(step.when, step.mark)
         fault = played.fault or _differs(step, played) or _lacks(step, rehearsal.engine.facts(), program)

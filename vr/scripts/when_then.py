@@ -32,9 +32,12 @@ from robotree.vr.base.written import Entries, Items, Mark, Word, Written, entrie
 from robotree.vr.scripts.clp import TYPES, add_rule, check_head, check_return, first_fact, with_template
 from robotree.vr.scripts.expression import Atom, Form, Node, form, plain, variables
 from robotree.vr.scripts.formula import formula
+from robotree.vr.scripts.happening import nearest, seconds_of
 from robotree.vr.scripts.program import (
     MESSAGE,
     PARAMETER,
+    PARTNER,
+    ROLE,
     FactTemplate,
     Hears,
     Parameter,
@@ -64,8 +67,6 @@ EVENTS = {
 COMPARISONS = {"above": ">", "below": "<", "at least": ">=", "at most": "<="}
 ACTIONS = ("do", "remember", "forget", "update …", "wait", "cancel", "reply", "role", "log", "end", "fail")
 _VARIABLE = re.compile(r"\$([^\W\d]\w*)")
-_TIME = re.compile(r"(\d+\.?\d*|\.\d+) *(ms|s|min|h)?\Z")
-_SECONDS = {"ms": 0.001, "s": 1.0, None: 1.0, "min": 60.0, "h": 3600.0}
 
 
 def read_yaml(source: str, path: str) -> Program:
@@ -126,7 +127,7 @@ def _partner(key: Word, given: Written) -> Partner:
     if isinstance(given, Word):
         return Partner(name=check_identifier(key.text, key.mark, "a partner"), kind=given.text)
     facets = entries(given, "a partner", key.mark)
-    facets.expect(("kind", "needs", "attributes", "optional", "return", "doc"), "a partner")
+    facets.expect(("kind", "needs", "attributes", "takes", "optional", "return", "doc"), "a partner")
     returns = facets.get("return")
     return Partner(
         name=check_identifier(key.text, key.mark, "a partner"),
@@ -138,6 +139,10 @@ def _partner(key: Word, given: Written) -> Partner:
             name.text: word(one, "an attribute", key.mark).text
             for name, one in entries(facets.get("attributes"), "attributes", key.mark)
         },
+        takes={
+            name.text: tuple(word(one, "a value", key.mark).text for one in items(given, key.mark).items)
+            for name, given in entries(facets.get("takes"), "takes", key.mark)
+        },
         optional=bool(value_of(word(facets.get("optional") or Word("no", key.mark), "optional", key.mark))),
         returns=0.0 if returns is None else _return(word(returns, "the time", key.mark)),
         doc=word(facets.get("doc") or Word("", key.mark), "doc", key.mark).text,
@@ -145,16 +150,10 @@ def _partner(key: Word, given: Written) -> Partner:
 
 
 def _return(said: Word) -> float:
-    seconds = _seconds(said.text)
+    seconds = seconds_of(said.text)
     if seconds is None:
         raise said.mark.error(f"{said.text!r} is no time: write it as `30 s` or `5 min`")
     return check_return(seconds, said.mark)
-
-
-def _seconds(text: str) -> float | None:
-    """Read a time, `5 s` or `2 min`; None: it is none."""
-    found = _TIME.match(text)
-    return None if found is None else float(found.group(1)) * _SECONDS[found.group(2)]
 
 
 def _parameter(key: Word, given: Written) -> Parameter:
@@ -386,8 +385,10 @@ class _Rule:
             return self._event(name, given)
         if self._program.template(name.text) is None or name.text == MESSAGE:
             known = [one.name for one in self._program.templates] + [one.name for one in self._program.hears]
+            meant = nearest(name.text, [*known, *EVENTS, PARTNER, ROLE])
             raise name.mark.error(
-                f"there is no fact or message {name.text!r}; this script has: {', '.join(known) or 'none'}; "
+                f"there is no fact or message {name.text!r}{meant}; "
+                f"this script has: {', '.join(known) or 'none'}; "
                 f"every script has: partner, parameter, role, {', '.join(EVENTS)}"
             )
         return form(
@@ -502,7 +503,8 @@ class _Rule:
             case "reply" | "cancel" | "log" | "end" | "fail":
                 made = [form(key.text, *map(_value, items(value, mark).items), mark=mark)]
             case other:
-                raise mark.error(f"there is no action {other!r}; there are: {', '.join(ACTIONS)}")
+                meant = nearest(other, (*ACTIONS, "update"))
+                raise mark.error(f"there is no action {other!r}{meant}; there are: {', '.join(ACTIONS)}")
         return [*made]
 
     def _do(self, mark: Mark, value: Written, one: Entries) -> Form:
@@ -529,7 +531,8 @@ class _Rule:
         names = [each.name for each in self._program.partners]
         if isinstance(partner, Atom) and partner.sort == "string" and partner.text not in names:
             known = ", ".join(names) or "none"
-            raise mark.error(f"there is no partner {partner.text!r}; this script has: {known}")
+            meant = nearest(partner.text, names)
+            raise mark.error(f"there is no partner {partner.text!r}{meant}; this script has: {known}")
 
     def _wait(self, mark: Mark, value: Written) -> Form:
         if isinstance(value, Entries):
@@ -541,12 +544,17 @@ class _Rule:
         if name is None or seconds is None:
             raise mark.error("wait is written as `wait: {name: NAME, for: 5 s}`")
         said = word(seconds, "the time", mark)
-        if (fixed := _seconds(said.text)) is not None:
+        if (fixed := seconds_of(said.text)) is not None:
             number: Node = Atom("number", repr(fixed), said.mark)
         else:
             number = _value(said)
-            if isinstance(number, Atom) and number.sort != "variable":
-                raise said.mark.error(f"{said.text!r} is no time: write it as `5 s` or `2 min`")
+            default = next(
+                (one.default for one in self._program.parameters if said.text == f"${one.name}"), 0
+            )
+            literal_text = isinstance(number, Atom) and number.sort != "variable"
+            if literal_text or seconds_of(default) is None:
+                shown = said.text if literal_text else f"{default} ({said.text})"
+                raise said.mark.error(f"{shown!r} is no time: write it as `5 s` or `2 min`")
         rest = [] if conversation is None else [_value(conversation)]
         return form("wait", _value(name), number, *rest, mark=mark)
 

@@ -274,7 +274,7 @@ def test_a_table_names_the_slots_that_matter_and_shows_what_is_there_instead() -
 
 def test_a_message_that_no_rule_hears_is_a_mistake_of_a_table() -> None:
     program = read_yaml(rule("- seen: {id: $id}"), "s.yaml")
-    with pytest.raises(BrokenScript, match=r"the script does not hear 'sene'; it hears: seen"):
+    with pytest.raises(BrokenScript, match=r"the script does not hear 'sene'; do you mean 'seen'"):
         Rehearsal(program).play("sene anna 1")
     with pytest.raises(
         BrokenScript, match=r"seen needs 2 value\(s\) \(id, n\), and 3 stand here; put a text"
