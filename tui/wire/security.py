@@ -21,6 +21,7 @@ from robotree.protocol.links.names import names
 from robotree.protocol.links.security import UNSIGNED, LinkSecurity, Security, persisting
 from robotree.tui.line.grammar import Line
 from robotree.tui.processes.realm import chosen, folder_of
+from robotree.vr.network.realms import places
 
 VARIABLE = "ROBOTREE_KEY"
 NOTHING = "none"
@@ -64,20 +65,23 @@ def examined(path: Path) -> str:
 def realm_key(realm: str) -> Path:
     """Return the file with a realm's key; who comes first makes it, for all who come later.
 
+    Of a realm that lies in two folders (`realms.places`) it is the same file for all.
+
     Raises:
         RealmUnusable: the realm's folder cannot be used.
         KeyFileError: the file cannot be made.
     """
     folder = folder_of(realm)
+    if made := [path for place in sorted(places(folder)) if (path := place / REALM_KEY).exists()]:
+        return made[0]
     path, draft = folder / REALM_KEY, folder / f".{secrets.token_hex(8)}.key"
-    if not path.exists():
-        create(draft)
-        try:
-            _name_once(draft, path)
-        except OSError as error:
-            raise KeyFileError(path, f"cannot be made: {error.strerror}") from error
-        finally:
-            draft.unlink(missing_ok=True)
+    create(draft)
+    try:
+        _name_once(draft, path)
+    except OSError as error:
+        raise KeyFileError(path, f"cannot be made: {error.strerror}") from error
+    finally:
+        draft.unlink(missing_ok=True)
     return path
 
 
