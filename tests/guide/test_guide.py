@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from robotree.testing import cell, rehearse
 from robotree.testing.team import unended
 from robotree.vr import VirtualRobot
 from robotree.vr.bundle import Bundle
@@ -58,6 +59,17 @@ def test_a_chapter_is_played(chapter: Path, tmp_path: Path, monkeypatch: pytest.
     if lines:
         with World(7) as world:
             Stage(world).play(lines, tmp_path)
+
+
+def test_the_two_arms_of_the_guide_bring_the_blocks_of_their_simulated_cells(tmp_path: Path) -> None:
+    bodies = {name: body for _, name, body in blocks(GUIDE / "second-arm.md")}
+    page = tmp_path / "bench_for_two.py"
+    page.write_text(bodies[page.name])
+    left, right = cell("arm"), cell("arm")
+    with rehearse(Bundle.read(page).load(), left=left, right=right) as team:
+        assert team.call("bring", to="box", within=120) == 2
+        for arm in (left, right):
+            assert arm.world.block_place == pytest.approx((0.3, -0.3, 0.02), abs=0.005)
 
 
 def test_the_contents_name_every_chapter() -> None:
