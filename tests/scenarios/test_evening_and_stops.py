@@ -11,11 +11,11 @@ from typing import Any
 
 import pytest
 
+from robotree.client.joining import joined
 from robotree.examples import companion
 from robotree.tui.demo import Wire
 from robotree.tui.demo_companion import ROBOT, SCRIPT, STORY, build, heard
 from robotree.tui.processes.crew import Crew
-from robotree.tui.processes.realm import joined
 from robotree.vr.supervision.fleet import Fleet
 
 PAGES = Path(companion.__path__[0])

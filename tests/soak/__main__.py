@@ -26,7 +26,7 @@ from pathlib import Path
 from robotree.tui.errors import MemberFailed
 from robotree.vr.base.errors import VrError
 from tests import apart
-from tests.soak import damage, ends, forks, freezes, kills, resources, rules, screens, stops
+from tests.soak import crowds, damage, ends, forks, freezes, kills, resources, rules, screens, stops
 from tests.soak.stage import Stage, staged
 from tests.soak.table import Row, Trial, is_good, table
 
@@ -69,6 +69,7 @@ def plan(quick: bool) -> Iterator[tuple[str, Try]]:  # noqa: FBT001 # the one op
         witness = ends.WITNESSES[number % len(ends.WITNESSES)]
         yield f"end-{number}", partial(ends.death_beside_data, witness=witness)
     yield from _screens(1 if quick else 8)
+    yield from _scripts(1 if quick else 5)
     yield from _resources(1 if quick else 4)
     for number in range(3 if quick else 54):
         victim = freezes.VICTIMS[number % len(freezes.VICTIMS)]
@@ -79,6 +80,12 @@ def _screens(rounds: int) -> Iterator[tuple[str, Try]]:
     for number in range(rounds):
         yield f"panel-{number}", screens.hang_and_wake
         yield f"deleted-{number}", screens.delete_loaded
+
+
+def _scripts(rounds: int) -> Iterator[tuple[str, Try]]:
+    for number in range(rounds):
+        yield f"crowd-{number}", crowds.ends
+        yield f"crowd-stop-{number}", crowds.stopped
 
 
 def _resources(rounds: int) -> Iterator[tuple[str, Try]]:

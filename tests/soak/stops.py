@@ -97,7 +97,7 @@ async def stop_anew(stage: Stage, _chance: random.Random) -> Sequence[Trial]:
         ended.false.append(f"{said}; but one of them is not stopped")
     if standing.reached and not said.done:
         ended.false.append(f"{said}; though all are stopped, and nobody was frozen")
-    ended.false += await _still(stage, calls)
+    ended.false += await still_moving(stage, calls)
     return [standing, ended]
 
 
@@ -128,11 +128,11 @@ async def stop_loaded(
     await stage.furnish()
     async with loaded():
         calls = await stage.both_move()
-        verb, marks = await stage.verb("stop", "--json", program=program), _marks(stage)
+        verb, marks = await stage.verb("stop", "--json", program=program), marks_of(stage)
         said = await verb.end()
-        trial = Trial(LOADED, said.done and names(said) >= ALL, _stood(marks) - verb.began)
+        trial = Trial(LOADED, said.done and names(said) >= ALL, stood(marks) - verb.began)
     trial.note = f"confirmed after {said.seconds:.2f} s" if trial.reached else str(said)
-    trial.false = _false(said, stage) + await _still(stage, calls)
+    trial.false = false_reports(said, stage) + await still_moving(stage, calls)
     return [trial]
 
 
@@ -140,21 +140,21 @@ async def stop_without(stage: Stage, _chance: random.Random, limits: str) -> Seq
     """Stop both robots with a new command line that lacks descriptors, or room on the disk."""
     await stage.furnish()
     calls = await stage.both_move()
-    verb, marks = await stage.verb("stop", "--json", limits=limits), _marks(stage)
+    verb, marks = await stage.verb("stop", "--json", limits=limits), marks_of(stage)
     said = await verb.end()
     stands = await _both_stopped(stage)
     row = FEW if limits.startswith("-n") else FULL
-    trial = Trial(row, stands and said.done and names(said) >= ALL, _stood(marks) - verb.began)
+    trial = Trial(row, stands and said.done and names(said) >= ALL, stood(marks) - verb.began)
     trial.note = "" if trial.reached else str(said)
-    trial.false = _false(said, stage) + await _still(stage, calls)
+    trial.false = false_reports(said, stage) + await still_moving(stage, calls)
     return [trial]
 
 
-def _marks(stage: Stage) -> list[tuple[Observer, tuple[float, float]]]:
+def marks_of(stage: Stage) -> list[tuple[Observer, tuple[float, float]]]:
     return [(one, one.mark()) for one in (stage.arm, stage.rover)]
 
 
-def _stood(marks: Sequence[tuple[Observer, tuple[float, float]]]) -> float:
+def stood(marks: Sequence[tuple[Observer, tuple[float, float]]]) -> float:
     """[s] on our clock: when the last one of them was heard to move for the last time."""
     return max(one.stood_at(mark) for one, mark in marks)
 
@@ -172,7 +172,7 @@ async def stop_resident(stage: Stage, chance: random.Random) -> Sequence[Trial]:
             trial.false.append(f"it confirms {sorted(await order)} only")
     except VrError as error:
         trial.false.append(f"{error}; though nobody was frozen")
-    trial.false += await _still(stage, calls)
+    trial.false += await still_moving(stage, calls)
     return [trial]
 
 
@@ -231,7 +231,7 @@ async def split(stage: Stage, chance: random.Random, how: str) -> Sequence[Trial
         said = await stage.say("stop", "--json")
         trial = Trial(row, said.done and names(said) >= ALL and await _both_stopped(stage), said.seconds)
         trial.note = "" if trial.reached else str(said)
-        trial.false = _false(said, stage)
+        trial.false = false_reports(said, stage)
     finally:
         if newcomer is not None:
             newcomer.kill()
@@ -242,7 +242,7 @@ async def split(stage: Stage, chance: random.Random, how: str) -> Sequence[Trial
     return [trial]
 
 
-def _false(said: Said, stage: Stage) -> list[str]:
+def false_reports(said: Said, stage: Stage) -> list[str]:
     if said.done and not (stage.arm.stopped and stage.rover.stopped):
         return [f"{said}; but one of them is not stopped"]
     return []
@@ -252,7 +252,7 @@ async def _both_stopped(stage: Stage) -> bool:
     return await holds(lambda: stage.arm.stopped and stage.rover.stopped, 5.0)
 
 
-async def _still(stage: Stage, calls: Sequence[Verb]) -> list[str]:
+async def still_moving(stage: Stage, calls: Sequence[Verb]) -> list[str]:
     """Check that both robots stand and that no call reports success."""
     found = list[str]()
     for one in (stage.arm, stage.rover):
