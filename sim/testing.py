@@ -35,6 +35,7 @@ from robotree.protocol.messages import (
     SetMode,
     Verb,
 )
+from robotree.protocol.services.goal_client import padded
 from robotree.sim.arm.world import ArmWorld
 from robotree.sim.companion.world import CompanionWorld
 from robotree.sim.companion.world import build as build_flat
@@ -45,7 +46,6 @@ from robotree.sim.rover.world import RoverWorld
 
 NAN: Final = float("nan")
 M = TypeVar("M", bound=Message)
-_ARGUMENTS: Final = 7
 
 
 class Operator:
@@ -149,8 +149,7 @@ class Operator:
     def ask(self, verb: int, *args: float, key: int | None = None, epoch: int = 1, ttl: float = 0.0) -> int:
         """Send a goal and do not wait for it; returns its key."""
         key = next(self._keys) if key is None else key
-        padded = (*args, *(NAN,) * (_ARGUMENTS - len(args)))
-        self.say(Goal(key, epoch, round(1000 * ttl), padded, verb, 1, self.target))
+        self.say(Goal(key, epoch, round(1000 * ttl), padded(args), verb, 1, self.target))
         return key
 
     def knows(self, key: int) -> bool:
@@ -211,7 +210,7 @@ class Operator:
     def order(self, command: int, *params: float) -> None:
         """Send a command and do not wait for its answer."""
         self._acks.clear()
-        self.say(CommandLong(1, 1, command, 0, *(*params, *(NAN,) * (_ARGUMENTS - len(params)))))
+        self.say(CommandLong(1, 1, command, 0, *padded(params)))
 
     def all(self, kind: type[M]) -> list[M]:
         """All messages of a kind that were heard."""

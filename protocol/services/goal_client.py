@@ -20,7 +20,7 @@ without a deadline is polled for ever.
 
 from __future__ import annotations
 
-from math import inf, isinf
+from math import inf, isinf, nan
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -40,7 +40,13 @@ PATIENCE = 3.0
 LINGER = 10.0
 """[s] after its time to live for which a cancelled goal of which nothing is heard is asked about."""
 ARGUMENTS = 7
+"""Of a goal, and of a command."""
 _HALF = 0x8000
+
+
+def padded(args: Sequence[float]) -> tuple[float, ...]:
+    """The (7,) arguments of a goal or a command, from its first ones; the others are NaN: as it is now."""
+    return (*args, *(nan,) * (ARGUMENTS - len(args)))
 
 
 class GoalProgress(msgspec.Struct, frozen=True):
@@ -156,10 +162,9 @@ class GoalClient:
             ttl: time to live, [s]; 0: until reached.
             repeatable: carried out twice, it ends the same.
         """
-        padded = (*args, *[float("nan")] * (ARGUMENTS - len(args)))
         lives = ttl or inf
         target = (self.system, self.component)
-        goal = Goal(key, epoch, _milliseconds(lives), padded, verb, *target, life=self.life)
+        goal = Goal(key, epoch, _milliseconds(lives), padded(args), verb, *target, life=self.life)
         self._pursuits[key] = _Pursuit(
             goal, deadline=now + lives, heard=now, asked=now, repeatable=repeatable
         )

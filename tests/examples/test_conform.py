@@ -68,12 +68,6 @@ async def test_the_controller_in_python_keeps_all_that_it_must(controller_py: li
     assert set(broken(results, Level.SHOULD)) == {"life", "several-clients", "sentence"}
 
 
-async def test_the_controller_in_c_keeps_all_rules(controller_c: Path) -> None:
-    with started([controller_c, "0"]) as running:
-        results = await tried(running.url)
-    assert {each.rule.id: each.detail for each in results if each.outcome is not Outcome.KEPT} == {}
-
-
 async def test_the_controller_in_javascript_keeps_all_rules(controller_js: list[str]) -> None:
     with started([*controller_js, "0"]) as running:
         results = await tried(running.url)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from robotree.protocol.messages import BaseState, Joints, LocalPositionNed, Message, Tool, Verb
+from robotree.protocol.services.goal_client import padded
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
@@ -43,16 +44,12 @@ class Motions(msgspec.Struct, frozen=True, kw_only=True):
     """Where it will move, for people."""
 
 
-def _padded(*values: float) -> Place:
-    return (*values, *(NAN,) * (7 - len(values)))
-
-
 def _by(here: Place, there: Place, speed: float) -> tuple[int, Place]:
-    return Verb.MOVE, _padded(there[0] - here[0], there[1] - here[1], speed)
+    return Verb.MOVE, padded((there[0] - here[0], there[1] - here[1], speed))
 
 
 def _to(_: Place, there: Place, speed: float) -> tuple[int, Place]:
-    return Verb.GO_TO, _padded(*there, NAN, speed)
+    return Verb.GO_TO, padded((*there, NAN, speed))
 
 
 def _posture(_: Place, there: Place, speed: float) -> tuple[int, Place]:
@@ -60,7 +57,7 @@ def _posture(_: Place, there: Place, speed: float) -> tuple[int, Place]:
 
 
 def _look(_: Place, there: Place, speed: float) -> tuple[int, Place]:
-    return Verb.LOOK, _padded(*there, speed)
+    return Verb.LOOK, padded((*there, speed))
 
 
 ROVER = Motions(

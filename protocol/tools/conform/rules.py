@@ -622,6 +622,10 @@ async def _link_other(t: Trial) -> None:
 async def _link_namesake(t: Trial) -> None:
     async with t.second_line() as line:
         await _abandoned(t, await t.begin(), lambda: line.say(BEAT))
+        goal = await t.begin(line=line)
+        expect_status(await t.ask(_question(goal)), GoalState.ACTIVE)
+    await asyncio.sleep(0.3)
+    expect_status(await t.ask(_question(goal)), GoalState.ACTIVE)
 
 
 # -- lives
@@ -739,6 +743,8 @@ async def _claim_epoch(t: Trial) -> None:
 async def _claim_take_over(t: Trial) -> None:
     await _claimed(t)
     goal = await t.begin()
+    reason = (await t.request(6, ClaimWish.TAKE_OVER, epoch=t.epoch, sender=SECOND)).reason
+    require(reason == Reason.STALE_EPOCH, f"with the epoch of the holder it is answered with reason {reason}")
     status = await t.request(6, ClaimWish.TAKE_OVER, sender=SECOND)
     require(status.holder == 6, f"it is answered with holder {status.holder:#x}, reason {status.reason}")
     expect_status(await t.ask(_question(goal)), GoalState.CANCELLED, reason=Reason.NOT_IN_CONTROL)

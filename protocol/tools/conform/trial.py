@@ -30,6 +30,7 @@ from robotree.protocol.messages import (
     Reason,
     SetMode,
 )
+from robotree.protocol.services.goal_client import padded
 
 if TYPE_CHECKING:
     from collections.abc import AsyncGenerator, Callable
@@ -54,7 +55,7 @@ WITHIN = 2.0
 BEAT = Heartbeat(MavType.ONBOARD_CONTROLLER, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)
 TIMES = 10
 """MODEs from which the controller's pace is known: those of five seconds, or fewer where it changes."""
-NO_ARGS = (math.nan,) * 7
+NO_ARGS = padded(())
 
 
 class RuleBroken(Exception):

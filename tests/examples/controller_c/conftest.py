@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import os
 import socket
-import subprocess
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -31,6 +29,8 @@ from robotree.protocol.messages import (
     Verb,
 )
 from robotree.protocol.parser import Parser
+from robotree.protocol.services.goal_client import padded
+from tests.examples.controllers import started
 
 OWN = os.environ.get("ROBOTREE_CONTROLLER")
 """A program that takes the same words, to be examined in place of the example."""
@@ -47,18 +47,8 @@ def program(controller_c: Path) -> Path:
 @contextmanager
 def powered(program: Path, port: int = 0) -> Iterator[int]:
     """The controller runs inside the block; its port. It must neither end nor complain by itself."""
-    with subprocess.Popen(
-        [program, str(port)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as it:
-        assert it.stdout is not None
-        assert it.stderr is not None
-        word, _, url = it.stdout.readline().partition(" ")
-        assert word == "ready", it.stderr.read()
-        try:
-            yield int(url.rpartition(":")[2])
-            assert it.poll() is None, it.stderr.read()
-        finally:
-            it.kill()
+    with started([program, str(port)]) as running:
+        yield int(running.url.rpartition(":")[2])
 
 
 @pytest.fixture(scope="session")
@@ -108,8 +98,7 @@ class Operator:
 
     def ask(self, key: int, *args: float, verb: int = Verb.MOVE, epoch: int = 1, ttl: int = 0) -> GoalStatus:
         """Send a goal; its next status."""
-        padded = (*args, *(math.nan,) * (7 - len(args)))
-        self.say(Goal(key, epoch, ttl, padded, verb, 1, 1))
+        self.say(Goal(key, epoch, ttl, padded(args), verb, 1, 1))
         return self.status(key)
 
     def cancel(self, key: int, epoch: int = 1) -> GoalStatus:

@@ -20,7 +20,6 @@ from robotree.protocol.frame import encode
 from robotree.protocol.messages import (
     AnyMessage,
     Claim,
-    ClaimStatus,
     ClaimWish,
     Goal,
     GoalCancel,
@@ -39,6 +38,7 @@ from robotree.protocol.messages import (
 from robotree.protocol.parser import Parser
 from robotree.protocol.services.fence import LAST_EPOCH, Fence
 from robotree.protocol.testing import random_values
+from robotree.protocol.tools.conform import Outcome, examine
 from robotree.sim.firmware import Firmware, Identity
 from robotree.sim.rover import world
 
@@ -59,6 +59,27 @@ def test_it_says_at_once_who_it_is_and_how(operator: Operator) -> None:
     assert (mode.mode, mode.epoch, mode.silence_ms) == (ModeKind.READY, 0, 2000)
 
 
+async def test_it_keeps_all_rules(port: int) -> None:
+    results = [each async for each in examine(f"tcp:127.0.0.1:{port}")]
+    assert {each.rule.id: each.detail for each in results if each.outcome is not Outcome.KEPT} == {}
+
+
+def test_a_rover_that_is_stopped_is_not_armed(operator: Operator) -> None:
+    operator.set_mode(ModeKind.SAFE_STOP)
+    assert operator.hear(Heartbeat, lambda it: it.system_status == MavState.CRITICAL).base_mode == 1
+
+
+def test_each_start_is_another_life(
+    power: Callable[..., AbstractContextManager[int]], make_operator: type[Operator]
+) -> None:
+    lives: list[int] = []
+    for _ in range(2):
+        with power() as port, make_operator(port) as operator:
+            lives.append(operator.hear(Mode).life)
+    assert 0 not in lives
+    assert lives[0] != lives[1]
+
+
 def test_its_kind_of_vehicle_stands_in_the_robots_file_and_not_in_the_rules() -> None:
     rules, robot = (
         re.sub(r"/\*.*?\*/", "", (SOURCE / name).read_text(), flags=re.DOTALL)
@@ -75,27 +96,6 @@ def test_a_move_is_active_then_reached_at_the_speed_asked_for(operator: Operator
     assert time.monotonic() - began > 0.45, "half a metre at 1 m/s"
     assert (status.progress, status.reason) == (1.0, Reason.NONE)
     assert operator.place() == pytest.approx((0.3, -0.4), abs=1e-6)
-
-
-def test_the_same_key_replays_the_status_and_does_not_move_twice(operator: Operator) -> None:
-    operator.ask(7, 0.1, 0.0, 1.0)
-    first = operator.status(7, GoalState.SUCCEEDED)
-    assert operator.ask(7, 0.1, 0.0, 1.0, epoch=3, ttl=9000) == GoalStatus(
-        7, 3, 1.0, first.sequence, 0, 255, 190, GoalState.SUCCEEDED, ""
-    )
-    other = operator.ask(7, 0.2, 0.0, 1.0)
-    assert (other.state, other.reason) == (GoalState.REFUSED, Reason.KEY_REUSED)
-    assert operator.place() == pytest.approx((0.1, 0.0), abs=1e-6)
-
-
-def test_another_sender_has_keys_of_its_own(
-    port: int, operator: Operator, make_operator: type[Operator]
-) -> None:
-    operator.ask(7, FAR, 0.0, SLOW)
-    with make_operator(port, system=254) as other:
-        assert other.ask(7, verb=Verb.STATUS).state == GoalState.UNKNOWN
-        assert other.ask(7, 0.0, 0.1, SLOW).state == GoalState.ACTIVE
-    assert operator.status(7, GoalState.CANCELLED).reason == Reason.SUPERSEDED
 
 
 @pytest.mark.parametrize(
@@ -120,174 +120,11 @@ def test_what_cannot_be_done_is_refused_with_a_sentence(
     assert operator.place() == (0.0, 0.0)
 
 
-def test_a_hold_ends_what_runs(operator: Operator) -> None:
-    operator.ask(7, FAR, 0.0, SLOW)
-    operator.say(Goal(8, 1, 0, (math.nan,) * 7, Verb.HOLD, 1, 1))
-    assert operator.status(7, GoalState.CANCELLED).reason == Reason.SUPERSEDED
-    assert operator.status(8, GoalState.SUCCEEDED).progress == 1.0
-
-
-def test_a_stop_is_obeyed_under_any_epoch_and_released_only_under_one_that_is_not_stale(
-    operator: Operator,
-) -> None:
-    operator.ask(7, FAR, 0.0, SLOW, epoch=5)
-    assert operator.set_mode(ModeKind.SAFE_STOP, epoch=0).mode == ModeKind.SAFE_STOP
-    assert operator.ask(7, verb=Verb.STATUS).reason == Reason.STOPPED
-    assert operator.ask(8, 0.1, 0.0, epoch=5).reason == Reason.STOPPED
-    assert operator.set_mode(ModeKind.READY, epoch=4).reason == Reason.STALE_EPOCH
-    assert operator.set_mode(ModeKind.FAULT, epoch=5).reason == Reason.BAD_ARGUMENT
-    assert operator.hear(Heartbeat).base_mode == 1
-    operator.set_mode(ModeKind.READY, epoch=5)
-    assert operator.ask(9, 0.1, 0.0, epoch=5).state == GoalState.ACTIVE
-
-
-def test_a_release_ends_no_stop_that_began_after_the_one_it_names(operator: Operator) -> None:
-    release = SetMode(1, 1, 1, ModeKind.READY, operator.set_mode(ModeKind.SAFE_STOP).stops)
-    operator.say(release)
-    operator.hear(Mode, lambda it: it.mode == ModeKind.READY)
-    operator.say(release)
-    assert operator.set_mode(ModeKind.SAFE_STOP).stops == release.stops + 1
-    operator.say(release)
-    operator.hear(Mode, lambda it: it.reason == Reason.STOPPED)
-    assert operator.ask(7, 0.1, 0.0).reason == Reason.STOPPED
-    operator.say(SetMode(1, 1, 1, ModeKind.READY, release.stops + 1))
-    assert operator.ask(8, 0.1, 0.0).state == GoalState.ACTIVE
-
-
-def test_a_goal_that_is_not_reached_in_time_expires(operator: Operator) -> None:
-    began = time.monotonic()
-    operator.ask(7, FAR, 0.0, SLOW, ttl=300)
-    operator.status(7, GoalState.EXPIRED)
-    assert time.monotonic() - began > 0.25
-    standing = operator.place()
-    assert operator.place() == standing
-
-
-def test_a_link_that_ends_takes_the_movement_of_its_commander_with_it_and_no_other(
-    port: int, make_operator: type[Operator]
-) -> None:
-    with make_operator(port, system=254) as listener:
-        with make_operator(port) as operator:
-            operator.ask(7, FAR, 0.0, SLOW)
-            with make_operator(port, system=253) as passer_by:
-                passer_by.say(LIFE)
-            operator.place()
-            assert operator.ask(7, verb=Verb.STATUS).state == GoalState.ACTIVE, "another link has ended"
-        began = time.monotonic()
-        mode = listener.hear(Mode, lambda it: it.mode == ModeKind.HOLD)
-        assert mode.reason == Reason.LINK_SILENT
-        assert time.monotonic() - began < 1.0, "not only when the silence was too long"
-        with make_operator(port) as back:
-            assert back.ask(7, verb=Verb.STATUS).reason == Reason.LINK_SILENT
-            assert back.ask(8, FAR, 0.0, SLOW).state == GoalState.ACTIVE, "it may ask again"
-
-
-def test_a_movement_goes_on_when_its_commander_has_asked_for_it_on_another_link_before(
-    port: int, make_operator: type[Operator]
-) -> None:
-    with make_operator(port) as back:
-        with make_operator(port) as operator:
-            operator.ask(7, FAR, 0.0, SLOW)
-            assert back.ask(7, verb=Verb.STATUS).state == GoalState.ACTIVE
-        back.place()
-        assert back.ask(7, verb=Verb.STATUS).state == GoalState.ACTIVE
-
-
 @pytest.mark.parametrize(("speed", "state"), [(0.01, GoalState.ACTIVE), (0.00999, GoalState.REFUSED)])
 def test_a_limit_is_met_by_the_float_that_the_wire_makes_of_it(
     operator: Operator, speed: float, state: GoalState
 ) -> None:
     assert operator.ask(7, FAR, 0.0, speed).state == state
-
-
-def test_a_silent_sender_loses_its_movement_whoever_else_speaks(
-    port: int, operator: Operator, make_operator: type[Operator]
-) -> None:
-    began = time.monotonic()
-    operator.ask(7, FAR, 0.0, SLOW)
-    with make_operator(port, system=254) as logger:
-        while (mode := logger.hear(Mode)).mode == ModeKind.ACTIVE:
-            logger.say(LIFE)
-        assert time.monotonic() - began > 1.9
-        assert (mode.mode, mode.reason) == (ModeKind.HOLD, Reason.LINK_SILENT)
-    assert operator.status(7, GoalState.CANCELLED).reason == Reason.LINK_SILENT
-    assert operator.ask(8, 0.1, 0.0).state == GoalState.ACTIVE
-
-
-def claim(operator: Operator, holder: int, epoch: int = 1, wish: int = ClaimWish.KEEP) -> ClaimStatus:
-    """Claim it, under a term that no test waits for; the answer."""
-    operator.say(Claim(holder, epoch, 9000, 0, 1, 1, wish, f"holder {holder}"))
-    answer: ClaimStatus = operator.hear(ClaimStatus, lambda it: it.target_system == operator.system)
-    return answer
-
-
-def test_under_a_claim_the_holder_must_be_heard_and_not_a_namesake_with_its_ids(
-    operator: Operator,
-) -> None:
-    assert claim(operator, 5).holder == 5
-    began = time.monotonic()
-    operator.ask(7, FAR, 0.0, SLOW)
-    for _ in range(5):
-        time.sleep(0.25)
-        claim(operator, 5)
-    assert operator.ask(7, verb=Verb.STATUS).state == GoalState.ACTIVE
-    while (mode := operator.hear(Mode)).mode == ModeKind.ACTIVE:
-        operator.say(LIFE)  # as QGroundControl's heartbeat behind the same router
-    assert 3.0 < time.monotonic() - began < 5.0
-    assert (mode.mode, mode.reason) == (ModeKind.HOLD, Reason.LINK_SILENT)
-
-
-def test_a_second_holder_is_refused_and_nothing_of_it_obeyed_until_it_takes_over(
-    port: int, operator: Operator, make_operator: type[Operator]
-) -> None:
-    claim(operator, 5)
-    operator.ask(7, FAR, 0.0, SLOW)
-    with make_operator(port, system=254) as other:
-        answer = claim(other, 6, epoch=9)
-        assert (answer.holder, answer.reason, answer.name) == (5, Reason.NOT_IN_CONTROL, "holder 5")
-        refused = other.ask(8, 0.1, 0.0, epoch=9)
-        assert (refused.state, refused.reason, refused.epoch) == (
-            GoalState.REFUSED,
-            Reason.NOT_IN_CONTROL,
-            1,
-        )
-        assert other.set_mode(ModeKind.SAFE_STOP, epoch=0).mode == ModeKind.SAFE_STOP, "stops are everyone's"
-        other.say(SetMode(9, 1, 1, ModeKind.READY))
-        mode = other.hear(Mode, lambda it: it.reason == Reason.NOT_IN_CONTROL)
-        assert mode.mode == ModeKind.SAFE_STOP
-        operator.say(SetMode(1, 1, 1, ModeKind.READY))
-        operator.hear(Mode, lambda it: it.mode == ModeKind.READY)
-        operator.ask(9, FAR, 0.0, SLOW)
-        assert claim(other, 6, epoch=1, wish=ClaimWish.TAKE_OVER).reason == Reason.STALE_EPOCH
-        assert claim(other, 6, epoch=2, wish=ClaimWish.TAKE_OVER).holder == 6
-        assert operator.status(9, GoalState.CANCELLED).reason == Reason.NOT_IN_CONTROL
-        assert operator.ask(10, 0.1, 0.0, epoch=3).reason == Reason.NOT_IN_CONTROL
-        assert other.ask(8, 0.1, 0.0, epoch=2).state == GoalState.ACTIVE
-
-
-def test_no_frame_with_an_epoch_near_the_end_shuts_out_who_comes_after_it(operator: Operator) -> None:
-    for epoch in (2**32 - 1, LAST_EPOCH, int(time.time()) + 10**8):
-        assert operator.ask(7, 0.1, 0.0, epoch=epoch).reason == Reason.BAD_EPOCH
-        assert operator.cancel(0, epoch=epoch).reason == Reason.BAD_EPOCH
-        assert operator.set_mode(ModeKind.READY, epoch=epoch).reason == Reason.BAD_EPOCH
-        assert claim(operator, 5, epoch=epoch).reason == Reason.BAD_EPOCH
-    assert operator.ask(8, 0.1, 0.0, epoch=1).state == GoalState.ACTIVE
-
-
-def test_a_goal_made_for_another_life_does_not_begin(
-    power: Callable[..., AbstractContextManager[int]], make_operator: type[Operator]
-) -> None:
-    with power() as port, make_operator(port) as operator:
-        before = operator.hear(Mode).life
-    with power() as port, make_operator(port) as operator:
-        after = operator.hear(Mode).life
-        assert 0 not in {before, after}
-        other = after % 0xFFFF + 1
-        operator.say(Goal(7, 1, 0, (0.1, 0.0, *(math.nan,) * 5), Verb.MOVE, 1, 1, other))
-        status = operator.status(7)
-        assert (status.state, status.reason) == (GoalState.UNKNOWN, Reason.OTHER_LIFE)
-        operator.say(Goal(7, 1, 0, (0.1, 0.0, *(math.nan,) * 5), Verb.MOVE, 1, 1, after))
-        assert operator.status(7).state == GoalState.ACTIVE
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -280,6 +280,7 @@ MUTANTS = (
     _mutant("link-end", "waits for the silence", GONE, "    return;"),
     _mutant("link-other", "ends with any", GONE, "    if (!this.running) return;"),
     _mutant("link-namesake", "knows ids alone", "a.link === b.link && a.system", "a.system"),
+    _mutant("link-namesake", "goes on hearing the first link", "      goal.from = from;\n", ""),
     _mutant("life-of-goal", "begins it", "    if (!goal && this.ofOtherLife(asked.life))", "    if (false)"),
     _mutant(
         "life-of-goal",
@@ -336,6 +337,12 @@ MUTANTS = (
         "claim-epoch", "grants it", "epoch === this.fence.epoch && holder !== this.fence.holder", "false"
     ),
     _mutant("claim-take-over", "refuses it", "    if (held && wish !== WISH.TAKE_OVER)", "    if (held)"),
+    _mutant(
+        "claim-take-over",
+        "grants it with an old epoch",
+        "epoch === this.fence.epoch && holder !== this.fence.holder",
+        "wish !== WISH.TAKE_OVER && epoch === this.fence.epoch && holder !== this.fence.holder",
+    ),
     _mutant("claim-take-over", "goes on with the movement", *TAKEN),
     _mutant("claim-release", "stays held", f"{RELEASED}\n", ""),
     _mutant("claim-release", "goes on with the movement", RELEASED, "      this.claim.holder = 0n;"),
