@@ -28,6 +28,7 @@ setup: $(STAMP)  ## build .venv from the hash-pinned lock
 
 # uv is taken from the machine when it is there, else installed into .venv by pip, as the lock has it. `sync` also takes
 # away what the lock no longer has, robotree too, which the next line puts back.
+# Its last line names what this system lacks and no package index has.
 # Other people's packages are compiled at once, as pip does: else every start of a process compiles them again
 # where PYTHONDONTWRITEBYTECODE is set.
 $(STAMP): $(LOCK) pyproject.toml
@@ -37,6 +38,7 @@ $(STAMP): $(LOCK) pyproject.toml
 	@UV=$$(command -v uv || echo $(BIN)/uv); \
 	  $$UV pip sync --quiet --compile-bytecode --python $(BIN)/python --require-hashes $(LOCK) && \
 	  $$UV pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation -e .
+	@$(BIN)/python -m robotree.tui.line.installed
 	@touch $@
 
 demo: $(STAMP)  ## the whole system in one terminal: cell, proxy, two lookups, host, supervisor
@@ -99,7 +101,7 @@ format: $(STAMP)  ## let ruff format and mend
 	$(BIN)/ruff format .
 
 lock: $(VENV)/bin/uv  ## resolve the dependencies again
-	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --group dev \
+	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --extra all --group dev \
 	  --no-emit-index-url --no-emit-find-links --upgrade --custom-compile-command "make lock" \
 	  pyproject.toml -o $(LOCK)
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --group interop \

@@ -105,7 +105,17 @@ def _obey(given: list[str], began: float, order: str) -> int:
     if {"--help", "-h"} & {*before, *rest}:
         return _help(plain, surface)
     words = [*before, *rest] if rest else ["supervise", *before]
-    return _start(surface.parse(words)._replace(given=began, order=order), readonly=surface.readonly)
+    line = surface.parse(words)._replace(given=began, order=order)
+    if needs := BY_VERB[line.verb].needs:
+        from robotree.tui.line.installed import require
+
+        require(line.verb, *needs)
+    try:
+        return _start(line, readonly=surface.readonly)
+    except ImportError as error:  # what only some lines of a verb need
+        from robotree.tui.line.installed import lacking
+
+        raise lacking(line.verb, error) or error from None
 
 
 def _help(words: Sequence[str], surface: Surface) -> int:
@@ -230,6 +240,7 @@ def _take_calm(line: Line) -> None:
 def _demo(line: Line, *, readonly: bool) -> int:
     """Play the demo: on the full screen where there is a terminal for it, else as its script."""
     from robotree.tui import demo, demo_companion
+    from robotree.tui.line.installed import require
     from robotree.tui.wire import security
 
     _take_calm(line)
@@ -238,12 +249,14 @@ def _demo(line: Line, *, readonly: bool) -> int:
         note(
             f"the full screen needs a terminal, and {without}; the demo plays its script (`demo --headless`)"
         )
+    companion = demo_companion.wanted(line.text("STORY"))
+    require("demo", *(["scripts"] if companion else []), *([] if headless or without else ["tui"]))
     if not (headless or without):
         from robotree.tui.screen import keymap
 
         keymap.load()  # one that is wrong is told before anything begins
     over = demo.Wire.of(can=line.flag("--can"), classic=line.flag("--classic"))
-    story = demo_companion.STORY if demo_companion.wanted(line.text("STORY")) else demo.CELL
+    story = demo_companion.STORY if companion else demo.CELL
     work = demo.demo(
         story,
         headless=headless or bool(without),

@@ -7,7 +7,7 @@ begin at the keyboard or in a session script.
       UsageError      UnknownVerb · NotHere · BadLine · NotForRobots · NeedsTerminal · BadKeymap
       SessionError    BadScript
       ValueRefused    (also ValueError)
-      NothingToAsk · OldList · SomeHang · DemoRuns · MemberFailed · Interrupted
+      NothingToAsk · OldList · SomeHang · NotInstalled · DemoRuns · MemberFailed · Interrupted
 """
 
 from __future__ import annotations
@@ -155,6 +155,15 @@ class SomeHang(SupervisorError):
         self.hanging = tuple(hanging)
         told = "; ".join(f"{name} hangs in {where}: {remedy}" for name, where, remedy in hanging)
         super().__init__(f"not all answer, and those may still move: {told}")
+
+
+class NotInstalled(SupervisorError):
+    """A verb needs what is no part of robotree's core, and is not on this machine; nothing was started."""
+
+    def __init__(self, verb: str, thing: str, remedy: str) -> None:
+        """Name the verb, what is missing, and the command that installs it."""
+        self.verb, self.thing, self.remedy = verb, thing, remedy
+        super().__init__(f"`robotree {verb}` needs {thing}; install it: `{remedy}`")
 
 
 class DemoRuns(SupervisorError):

@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
 import msgspec
-import pymavlink
 
 from robotree.files import read
 from robotree.protocol.dialect.errors import NotWritten, UnknownBase, writing
@@ -40,6 +39,8 @@ LARGEST = 4_000_000
 
 def base_directory() -> Path:
     """Where the installed pymavlink keeps the XML of the base dialects."""
+    import pymavlink
+
     return Path(str(pymavlink.__file__)).parent / "dialects" / "v20"
 
 

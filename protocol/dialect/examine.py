@@ -15,8 +15,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
-import pymavlink
-
 from robotree.protocol.dialect.table import CODES, LARGEST_ID
 
 if TYPE_CHECKING:
@@ -52,6 +50,8 @@ def problems(xml: Path) -> Iterator[str]:
 @functools.cache
 def units() -> frozenset[str]:
     """The units that MAVLink knows, from the schema of the installed pymavlink."""
+    import pymavlink
+
     schema = ET.parse(Path(str(pymavlink.__file__)).parent / "generator" / "mavschema.xsd")  # noqa: S314  its own
     space = "{http://www.w3.org/2001/XMLSchema}"
     kind = schema.find(f"{space}simpleType[@name='SI_Unit']")

@@ -8,9 +8,15 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
+from importlib.metadata import packages_distributions, requires
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+from robotree.tui.line.actions import ACTIONS
+from robotree.vr.base.extras import MODULES
 
 ROOT = Path(__file__).parents[2]
 ROOMS = ("client", "files", "kinds", "protocol", "sim", "vr", "proxy", "testing", "tui")
@@ -18,6 +24,15 @@ MAPPED = (*ROOMS, "examples")
 NOT_IN_A_ROOM = {"robotree"}  # its one file is front/__init__.py
 SOURCES = sorted(path for room in ROOMS for path in (ROOT / room).rglob("*.py"))
 SERIALISERS = {"pickle", "cloudpickle", "dill", "marshal", "shelve"}
+WHERE_EXTRAS_ARE_USED = {
+    "sim": ("sim/",),
+    "tui": ("tui/screen/", "tui/seen/cells.py"),
+    "scripts": ("vr/scripts/", "vr/base/written.py"),
+    "wire": ("protocol/dialect/", "protocol/tools/"),
+    "machines": ("vr/network/zenoh/",),
+    "testing": ("vr/world/", "testing/"),
+}
+"""All other sources need the core alone (decision 0058)."""
 IMPURE = {"asyncio", "random", "serial", "socket", "sqlite3", "subprocess", "threading", "time", "zenoh"}
 PROMISE = re.compile(r"\bPure\b[.:,]")
 
@@ -69,6 +84,48 @@ def test_setuptools_is_told_of_every_subpackage() -> None:
         for path in (ROOT / folder).rglob("__init__.py")
     }
     assert set(project["tool"]["setuptools"]["packages"]) == found | NOT_IN_A_ROOM
+
+
+def test_each_extra_brings_the_modules_that_its_part_of_the_sources_imports() -> None:
+    """And the core brings all that is imported elsewhere."""
+    brought_by = packages_distributions()
+    core = {
+        module for module, packages in brought_by.items() if canonicalize_name(packages[0]) in declared("")
+    }
+    ours = {*sys.stdlib_module_names, *core, "robotree", "typing_extensions"}  # the last for type checkers
+    used: dict[str, set[str]] = {extra: set() for extra in ("", *MODULES)}
+    for path in SOURCES:
+        extra = next((e for e, at in WHERE_EXTRAS_ARE_USED.items() if relative(path).startswith(at)), "")
+        used[extra] |= imported(path) - ours
+    assert not used.pop("")
+    assert used == {extra: set(modules) for extra, modules in MODULES.items()}
+    for extra, modules in MODULES.items():
+        packages = {
+            canonicalize_name(brought_by.get(one, ["pin"])[0]) for one in modules
+        }  # cmeel hides pin's
+        assert packages <= whole(declared(extra))
+
+
+def whole(packages: set[str]) -> set[str]:
+    """Return packages, and all that those need."""
+    found, left = set[str](), [*packages]
+    while left:
+        if (name := left.pop()) not in found:
+            found.add(name)
+            needs = [Requirement(one) for one in requires(name) or []]
+            left += [canonicalize_name(one.name) for one in needs if not one.marker or one.marker.evaluate()]
+    return found
+
+
+def declared(extra: str) -> set[str]:
+    """Names of the packages that pyproject.toml names for an extra; "": for the core."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    given = project["optional-dependencies"][extra] if extra else project["dependencies"]
+    return {canonicalize_name(Requirement(one).name) for one in given}
+
+
+def test_a_verb_needs_extras_that_there_are() -> None:
+    assert {extra for action in ACTIONS for extra in action.needs} <= set(MODULES)
 
 
 def test_no_type_of_agents_and_proxies_is_called_like_another() -> None:

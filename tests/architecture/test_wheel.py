@@ -3,48 +3,21 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import shutil
-import subprocess
-import sys
-import venv
 import zipfile
 from pathlib import Path
 
 import pytest
 from PIL import Image, ImageChops
 
-ROOT = Path(__file__).parents[2]
+from tests.wheel import ROOT, build, environment, run
+
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(540)]
-
-
-def run(*words: str | Path, **env: str) -> subprocess.CompletedProcess[str]:
-    done = subprocess.run(
-        [str(word) for word in words],
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=500,
-        env={**os.environ, **env},
-    )
-    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
-    return done
 
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Built from a copy, so that the tree stays as it is."""
-    source = tmp_path_factory.mktemp("source") / "robotree"
-    listing = run("git", "-C", ROOT, "ls-files", "--cached", "--others", "--exclude-standard")
-    for name in listing.stdout.splitlines():
-        if (ROOT / name).is_file() and not (ROOT / name).is_symlink():
-            (source / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(ROOT / name, source / name)
-    out = tmp_path_factory.mktemp("dist")
-    run(sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", out, source)
-    return next(out.glob("*.whl"))
+    return build(tmp_path_factory.mktemp("wheel"))
 
 
 def test_nothing_but_robotree_lands_in_site_packages(wheel: Path) -> None:
@@ -54,15 +27,9 @@ def test_nothing_but_robotree_lands_in_site_packages(wheel: Path) -> None:
 
 @pytest.fixture(scope="module")
 def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The programs of an environment with the wheel, what it needs, and pytest."""
-    env = tmp_path_factory.mktemp("env")
-    venv.create(env, with_pip=False)
-    uv = shutil.which("uv") or shutil.which("uv", path=Path(sys.executable).parent)
-    assert uv, "`make setup` provides uv"
+    """The programs of an environment with the wheel and all its extras."""
     lock = ROOT / "requirements.lock"
-    python = env / "bin" / "python"
-    run(uv, "pip", "install", "--quiet", "--python", python, "--constraints", lock, wheel, "pytest")
-    return env / "bin"
+    return environment(tmp_path_factory.mktemp("env"), "--constraints", lock, f"{wheel}[all]")
 
 
 def test_an_author_tests_a_page_of_the_guide_in_an_empty_folder(installed: Path, tmp_path: Path) -> None:
@@ -80,7 +47,7 @@ def test_an_author_tests_a_page_of_the_guide_in_an_empty_folder(installed: Path,
 def test_the_wheel_alone_closes_the_lever_with_one_command(
     installed: Path, tmp_path: Path, place: Path
 ) -> None:
-    """The thesis' chapter 4.2, played by real processes; beside the product only pytest is installed."""
+    """The thesis' chapter 4.2, played by real processes."""
     done = run(
         *(
             installed / "robotree",

@@ -8,11 +8,13 @@ import socket
 from pathlib import Path
 
 import pytest
+from packaging.specifiers import SpecifierSet
 
 from robotree.tui.cli import main
 from robotree.tui.diagnosis import agents, doctor, finding, machine, meeting
 from robotree.tui.diagnosis.finding import Finding
 from robotree.tui.wire.security import realm_key
+from robotree.vr.base import extras
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import BondSpec, RobotDescription, SlotSpec
 from robotree.vr.network.realms import runtime_directory
@@ -39,17 +41,64 @@ def told(found: object) -> str:
         ("0.4.9", ">=0.5", False),
         ("2.4.6+local7", ">=2.4", True),
         ("7", "", True),
+        ("8.9", "~=8.2", True),
+        ("9.0", "~=8.2", False),
+        ("8.2.8rc1", ">=8.2.8", False),
+        ("1.0.6", "==1.0.*", True),
+        ("", "", False),
     ],
 )
 def test_a_version_is_within_bounds_or_not(have: str, wanted: str, *, fit: bool) -> None:
-    assert machine.fits(have, wanted) is fit
+    assert machine.Needed("one", SpecifierSet(wanted), have).fits is fit
+
+
+def needed(*given: tuple[str, str, str]) -> list[machine.Needed]:
+    return [machine.Needed(name, SpecifierSet(wanted), have) for name, wanted, have in given]
 
 
 def test_a_missing_package_is_named_with_its_cure(monkeypatch: pytest.MonkeyPatch) -> None:
-    known = {"zenoh": ("", ">=1"), "numpy": ("1.0", ">=2"), "pin": ("4.1", ">=4")}
-    monkeypatch.setattr(machine, "packages", lambda: known)
-    assert [one.grade for one in machine.installed()] == ["bad", "bad", "good"]
-    assert "zenoh is not installed `make setup` installs it" in told(machine.installed())
+    core = needed(("msgspec", ">=1", ""), ("pint", ">=2", "1.0"), ("psutil", ">=4", "4.1"))
+    monkeypatch.setattr(machine, "packages", lambda extra="": [] if extra else core)
+    found = list(machine.installed())
+    assert [one.grade for one in found if one.check == "packages"] == ["bad", "bad", "good"]
+    assert "msgspec is not installed" in found[0].result
+    assert "pint 1.0 is installed, >=2 is needed" in found[1].result
+    assert found[0].remedy.endswith(" install robotree")
+
+
+def test_an_extra_may_be_absent_but_not_broken(monkeypatch: pytest.MonkeyPatch) -> None:
+    given = {"sim": needed(("mujoco", ">=4", "")), "scripts": needed(("clipspy", "==1.0.6", "1.0.5"))}
+    monkeypatch.setattr(machine, "packages", lambda extra="": given.get(extra, []))
+    found = {one.result: one for one in machine.installed() if one.check == "extras"}
+    absent, broken = (
+        next(one for told, one in found.items() if word in told) for word in ("mujoco", "clips")
+    )
+    assert (absent.grade, broken.grade) == ("doubt", "bad")
+    assert "`sim` cannot be used without it" in absent.result
+    assert absent.remedy.endswith("'robotree[sim]'")
+
+
+def test_a_library_that_no_wheel_brings_is_named_with_its_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(extras, "LIBRARIES", {"sim": {"libnobody.so.9": "libnobody9"}})
+    (found,) = (one for one in machine.installed() if one.grade == "bad")
+    assert "the system's library libnobody.so.9" in found.result
+    assert found.remedy.endswith("apt-get install libnobody9")
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "::1"])
+def test_the_links_of_a_process_are_told_over_both_kinds_of_addresses(host: str) -> None:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    with socket.create_server((host, 0), family=family) as server, socket.socket(family) as free:
+        port = server.getsockname()[1]
+        shown = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+        free.bind((host, 0))  # nobody listens there
+        entry = meeting.Entry(os.getpid(), "lives", 0.0, (), f"proxy arm a --connect tcp:{shown}")
+        assert f"not connected to tcp:{shown}" in told(meeting.links([entry]))
+        with socket.create_connection((host, port)):
+            said = told(meeting.links([entry]))
+            assert "not connected" not in said
+            assert f"listens at {shown}" in said
+            assert f"to {shown}" in said
 
 
 def test_a_clock_that_is_far_behind_is_bad() -> None:

@@ -17,6 +17,7 @@ from robotree.tui.processes.state_files import state_home
 from robotree.tui.seen import wording
 from robotree.tui.terminal import answer
 from robotree.tui.wire.security import REALM_KEY, VARIABLE
+from robotree.vr.base.extras import MODULES
 from robotree.vr.network.realms import REALM_VARIABLE, realm_folder
 
 _VARIABLES = (
@@ -44,7 +45,9 @@ def gather(realm: str, *, readonly: bool) -> dict[str, Any]:
             "robotree": version("robotree"),
             "python": platform.python_version(),
             "system": platform.platform(),
-            "packages": {name: have for name, (have, _) in machine.packages().items()},
+            "packages": {
+                one.name: one.have for extra in ("", *MODULES) for one in machine.packages(extra) if one.have
+            },
         },
         "realm": {"name": realm, "readonly": readonly, "realms here": meeting.realms()},
         "paths": {

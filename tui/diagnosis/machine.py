@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import os
 import platform
-import re
 import shutil
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
+from typing import NamedTuple
+
+from packaging.markers import Marker
+from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
 
 from robotree.tui.diagnosis.finding import Finding
+from robotree.tui.line.actions import ACTIONS
 from robotree.tui.terminal import no_screen
+from robotree.vr.base.extras import MODULES, installation, lacks
 
 OLDEST = (3, 11)
 """The first Python that works."""
@@ -23,9 +29,6 @@ SIGNING_BEGINS = 1_420_070_400
 """[s since 1970] 2015-01-01: signatures count their time from there (mavlink.io, Message Signing)."""
 SCARCE = 50_000_000
 """[bytes] of room below which journals and recordings soon fail."""
-
-_REQUIREMENT = re.compile(r"([A-Za-z0-9._-]+)(?:\[[^]]*])?\s*([^;]*)(?:;\s*(.*))?")
-_BOUND = re.compile(r"(>=|<=|==|!=|<|>)\s*([0-9.]+)")
 
 
 def python() -> Finding:
@@ -38,52 +41,73 @@ def python() -> Finding:
     return Finding("python", "good", found)
 
 
-def packages() -> Mapping[str, tuple[str, str]]:
-    """Return the installed version (empty: none) and the wanted one, by package that robotree needs."""
-    found: dict[str, tuple[str, str]] = {}
-    for line in requires("robotree") or []:
-        part = _REQUIREMENT.match(line)
-        if part is None or "extra" in (part[3] or ""):
-            continue
-        try:
-            found[part[1]] = (version(part[1]), part[2].strip())
-        except PackageNotFoundError:
-            found[part[1]] = ("", part[2].strip())
+class Needed(NamedTuple):
+    """A package that robotree needs, or an extra of it."""
+
+    name: str
+    wanted: SpecifierSet
+    have: str
+    """Its version; empty: it is not installed."""
+
+    @property
+    def fits(self) -> bool:
+        """Whether a version is installed that works (PEP 440)."""
+        return bool(self.have) and self.wanted.contains(self.have, prereleases=True)
+
+
+def packages(extra: str = "") -> list[Needed]:
+    """Return what the core needs, or what an extra brings."""
+    found: list[Needed] = []
+    for wanted in map(Requirement, requires("robotree") or []):
+        marker = wanted.marker
+        if wanted.name != "robotree" and _applies(marker, extra) and not (extra and _applies(marker, "")):
+            found.append(Needed(wanted.name, wanted.specifier, _version(wanted.name)))
     return found
 
 
+def _applies(marker: Marker | None, extra: str) -> bool:
+    return marker is None or marker.evaluate({"extra": extra})
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return ""
+
+
 def installed() -> Iterator[Finding]:
-    """See that all packages are there, in versions that work."""
+    """See that the core's packages are there, in versions that work, and which extras are."""
     known = packages()
-    for name, (have, wanted) in known.items():
-        if not have:
-            yield Finding("packages", "bad", f"{name} is not installed", "`make setup` installs it")
-        elif not fits(have, wanted):
-            yield Finding(
-                "packages",
-                "bad",
-                f"{name} {have} is installed, {wanted} is needed",
-                "`make setup` installs it",
-            )
-    told = f"robotree {version('robotree')}; {len(known)} packages that it needs are installed"
-    yield Finding("packages", "good", told)
+    for one in known:
+        if not one.fits:
+            yield Finding("packages", "bad", _misfit(one), installation())
+    yield Finding("packages", "good", f"robotree {version('robotree')}; its core needs {len(known)} packages")
+    for extra in MODULES:
+        yield from _extra(extra)
 
 
-def fits(have: str, wanted: str) -> bool:
-    """Whether a version is within bounds such as `>=1.10.2,<1.11`; compares numbers, part by part."""
-    mine = _numbers(have)
-    for sign, bound in _BOUND.findall(wanted):
-        other = _numbers(bound)
-        width = max(len(mine), len(other))
-        one, two = (numbers + (0,) * (width - len(numbers)) for numbers in (mine, other))
-        holds = {">=": one >= two, "<=": one <= two, "==": one == two, "!=": one != two, "<": one < two}
-        if not holds.get(sign, one > two):
-            return False
-    return True
+def _extra(extra: str) -> Iterator[Finding]:
+    """See whether an extra is installed: it need not be, but then it must be whole."""
+    known = packages(extra)
+    missing = [one.name for one in known if not one.have]
+    if missing:
+        told = f"robotree[{extra}] is not installed ({', '.join(missing)})"
+        verbs = [f"`{action.verb}`" for action in ACTIONS if extra in action.needs]
+        without = f"; {', '.join(verbs)} cannot be used without it" if verbs else ""
+        yield Finding("extras", "doubt", told + without, installation(extra))
+        return
+    faults = [Finding("extras", "bad", _misfit(one), installation(extra)) for one in known if not one.fits]
+    faults += [
+        Finding("extras", "bad", f"robotree[{extra}] needs {one.thing}, which is not there", one.remedy)
+        for one in lacks(extra)
+    ]
+    yield from faults or [Finding("extras", "good", f"robotree[{extra}] is installed")]
 
 
-def _numbers(text: str) -> tuple[int, ...]:
-    return tuple(int(part) for part in re.findall(r"\d+", text.partition("+")[0]))
+def _misfit(one: Needed) -> str:
+    wanted = f"{one.wanted} is needed" if one.wanted else "it is needed"
+    return f"{one.name} {one.have} is installed, {wanted}" if one.have else f"{one.name} is not installed"
 
 
 def clock(now: float | None = None) -> Finding:

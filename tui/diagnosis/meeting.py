@@ -7,14 +7,18 @@ that hang, and it works where the realm cannot be joined.
 from __future__ import annotations
 
 import contextlib
+import ipaddress
 import os
 import re
+import socket
 import stat
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
+
+import psutil
 
 from robotree.tui.diagnosis.finding import Finding
 from robotree.vr.base.address import Address
@@ -23,9 +27,6 @@ from robotree.vr.network.realms import process_of, realm_folder, runtime_directo
 from robotree.vr.network.rendezvous import Rendezvous
 
 PRIVATE = 0o700
-LISTENS, ESTABLISHED = "0A", "01"
-"""States of a TCP socket in /proc/net/tcp (Linux, include/net/tcp_states.h)."""
-_SOCKET = re.compile(r"socket:\[(\d+)]")
 
 Condition = Literal["lives", "hangs", "stopped", "dead"]
 
@@ -130,24 +131,22 @@ def _answers_the_door(place: Rendezvous, tag: str) -> bool:
 
 
 def _condition(pid: int, silent: float) -> Condition:
-    if state_of(pid) in {"T", "t"}:
+    if _is_stopped(pid):
         return "stopped"
     return "hangs" if silent > HANGS else "lives"
 
 
-def state_of(pid: int) -> str:
-    """Return the system's letter for what a process does (proc(5)); empty: it is not there."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-    except (OSError, IndexError):
-        return ""
+def _is_stopped(pid: int) -> bool:
+    with contextlib.suppress(psutil.Error):
+        return psutil.Process(pid).status() in {psutil.STATUS_STOPPED, psutil.STATUS_TRACING_STOP}
+    return False
 
 
 def command_of(pid: int) -> str:
     """Return a process's command line from its verb on; empty: it cannot be read."""
     try:
-        words = Path(f"/proc/{pid}/cmdline").read_bytes().decode(errors="replace").split("\0")
-    except OSError:
+        words = psutil.Process(pid).cmdline()
+    except psutil.Error:
         return ""
     begins = next(
         (place for place, word in enumerate(words) if word.endswith(("robotree", "robotree.tui"))), 0
@@ -226,51 +225,58 @@ def whereabouts(name: str, realm: str) -> Finding | None:
 
 def links(found: list[Entry]) -> Iterator[Finding]:
     """Tell the TCP connections of the processes, and which of them wait for a port where nothing listens."""
-    known = _tcp()
     for one in found:
         if one.condition == "dead":
             continue
-        sockets = [known[inode] for inode in _sockets(one.pid) if inode in known]
-        told = [f"listens at {near}" for near, _, state in sockets if state == LISTENS]
-        told += [f"{near} to {far}" for near, far, state in sockets if state == ESTABLISHED]
-        wanted = [_whole(address) for address in re.findall(r"--connect[= ]tcp:([^\s?]+)", one.command)]
-        joined = {far for _, far, state in sockets if state == ESTABLISHED}
-        for address in wanted:
-            if address not in joined:
+        sockets = _sockets(one.pid)
+        joined = {_place(far) for _, far in sockets if far}
+        told = [
+            f"{_written(near)} to {_written(far)}" if far else f"listens at {_written(near)}"
+            for near, far in sockets
+        ]
+        for wanted in re.findall(r"--connect[= ]tcp:([^\s?]+)", one.command):
+            if joined.isdisjoint(_places(wanted)):
                 yield Finding(
-                    "links", "bad", f"{one.who} is not connected to tcp:{address}",
-                    f"start what shall listen there, for example `robotree sim arm --listen tcp:{address}`",
+                    "links", "bad", f"{one.who} is not connected to tcp:{wanted}",
+                    f"start what shall listen there, for example `robotree sim arm --listen tcp:{wanted}`",
                 )  # fmt: skip
         if told:
             yield Finding("links", "good", f"{one.who}: {'; '.join(told)}")
 
 
-def _whole(address: str) -> str:
-    """Return an address with its host in numbers, where it is this machine's."""
-    host, colon, port = address.rpartition(":")
-    return f"{'127.0.0.1' if not colon or host == 'localhost' else host}:{port}"
+Place = tuple[str, int]
+"""Host in numbers and port, as the system knows a TCP socket's end."""
 
 
-def _sockets(pid: int) -> Iterator[str]:
-    """Return the inodes of a process's sockets; none where they cannot be read."""
-    with contextlib.suppress(OSError):
-        for path in Path(f"/proc/{pid}/fd").iterdir():
-            with contextlib.suppress(OSError):
-                if found := _SOCKET.fullmatch(str(path.readlink())):
-                    yield found[1]
-
-
-def _tcp() -> Mapping[str, tuple[str, str, str]]:
-    """Return near and far address and state of each TCP socket of this machine, by inode (proc(5))."""
+def _sockets(pid: int) -> list[tuple[Place, Place | None]]:
+    """Return near and far end of each TCP socket of a process that is connected, or listens (no far end)."""
     try:
-        lines = Path("/proc/net/tcp").read_text().splitlines()[1:]
-    except OSError:
-        return {}
-    fields = [line.split() for line in lines]
-    return {one[9]: (_address(one[1]), _address(one[2]), one[3]) for one in fields}
+        known = psutil.Process(pid).net_connections(kind="tcp")
+    except psutil.Error:
+        return []
+    return [
+        ((one.laddr.ip, one.laddr.port), (one.raddr.ip, one.raddr.port) if one.raddr else None)
+        for one in known
+        if one.status in {psutil.CONN_LISTEN, psutil.CONN_ESTABLISHED}
+    ]
 
 
-def _address(text: str) -> str:
-    """Read an address such as `0100007F:1680`: bytes of the host backwards, port forwards."""
-    host, _, port = text.partition(":")
-    return f"{'.'.join(str(byte) for byte in bytes.fromhex(host)[::-1])}:{int(port, 16)}"
+def _place(end: Place) -> Place:
+    """Return an end with its host in one way of writing: also one of IPv4 that an IPv6 socket reached."""
+    host = ipaddress.ip_address(end[0].partition("%")[0])
+    mapped = host.ipv4_mapped if isinstance(host, ipaddress.IPv6Address) else None
+    return str(mapped or host), end[1]
+
+
+def _places(address: str) -> set[Place]:
+    """Return the ends that an address of the command line means: a name may have several."""
+    host, _, port = address.rpartition(":")
+    with contextlib.suppress(OSError, ValueError):
+        found = socket.getaddrinfo(host.strip("[]") or "127.0.0.1", int(port), type=socket.SOCK_STREAM)
+        return {_place((str(end[0]), int(end[1]))) for *_, end in found}
+    return set()
+
+
+def _written(end: Place) -> str:
+    host, port = end
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"

@@ -76,6 +76,8 @@ class Action(NamedTuple):
     """It changes robots, or who commands them: absent where one may only look (`--readonly`)."""
     shell_options: tuple[str, ...] = ()
     """Options that only a shell takes: with them it goes on until it is interrupted, or leaves the realm."""
+    needs: tuple[str, ...] = ()
+    """The extras of pyproject.toml without which it cannot begin; see `robotree.vr.base.extras`."""
     examples: tuple[str, ...] = ()
     guide: tuple[str, ...] = ()
     """Modules whose docstrings explain it further: `robotree help VERB` prints them."""

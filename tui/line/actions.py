@@ -266,6 +266,7 @@ ACTIONS: tuple[Action, ...] = (
         help="Check a script (FILE.yaml or FILE.clp); --listing: print the rules that it became.",
         group=SCRIPTS,
         where=Where.SHELL,
+        needs=("scripts",),
         examples=("rules check examples/guide.yaml", "rules check guide.yaml --listing"),
     ),
     Action(
@@ -273,6 +274,7 @@ ACTIONS: tuple[Action, ...] = (
         help="Play a table of events against a script, without any robot, and compare the orders.",
         group=SCRIPTS,
         where=Where.SHELL,
+        needs=("scripts",),
         examples=("rules test examples/guide.test.yaml",),
         guide=("robotree.vr.scripts.trial",),
     ),
@@ -281,6 +283,7 @@ ACTIONS: tuple[Action, ...] = (
         help="Show what a script would do at the events of a TABLE, or of standard input, one per line.",
         group=SCRIPTS,
         where=Where.SHELL,
+        needs=("scripts",),
         examples=("rules dry-run examples/guide.yaml", "rules dry-run guide.yaml guide.test.yaml"),
         guide=("robotree.vr.scripts.trial",),
     ),
@@ -301,6 +304,7 @@ ACTIONS: tuple[Action, ...] = (
         " Its links are signed with the realm's own key, with --open they are not. --speedup: as for sim.",
         group=PROCESS,
         where=Where.SHELL,
+        needs=("sim",),
         examples=("demo --can", "demo companion --headless", "demo --headless --can --classic"),
     ),
     Action(
@@ -308,6 +312,7 @@ ACTIONS: tuple[Action, ...] = (
         help="The full screen over the robots of this realm.",
         group=PROCESS,
         where=Where.SHELL,
+        needs=("tui",),
     ),
     Action(
         usage="run FILE [--junit FILE]",
@@ -325,6 +330,7 @@ ACTIONS: tuple[Action, ...] = (
         " --speedup: simulated seconds in a second, up to 10.",
         group=PROCESS,
         where=Where.SHELL,
+        needs=("sim",),
         examples=("sim arm --listen tcp:127.0.0.1:5760",),
     ),
     Action(
@@ -420,6 +426,7 @@ ACTIONS: tuple[Action, ...] = (
         help="Write a Lua file with which Wireshark and tshark decode the frames.",
         group=WIRE,
         where=Where.SHELL,
+        needs=("wire",),
         examples=("wire dissector robotree.lua",),
     ),
     Action(
@@ -427,6 +434,7 @@ ACTIONS: tuple[Action, ...] = (
         help="Write our dialect, or yours, in c, c++, csharp, java, objc, python, swift, wireshark, or xml.",
         group=WIRE,
         where=Where.SHELL,
+        needs=("wire",),
         examples=(
             "wire dialect --lang c include/mavlink",
             "wire dialect --lang c mine --xml mine.xml",
@@ -462,6 +470,7 @@ ACTIONS: tuple[Action, ...] = (
         help="Measure the speed of codec and links as ratios: codec, trips, noise, imports, clients.",
         group=WIRE,
         where=Where.SHELL,
+        needs=("wire",),
         examples=("wire bench", "wire bench codec trips"),
     ),
     # -- the screen alone

@@ -8,6 +8,7 @@ from robotree.tui.errors import NotForRobots, SupervisorError, sentence
 from robotree.tui.line import verbs
 from robotree.tui.line.actions import BY_VERB
 from robotree.tui.line.grammar import Line
+from robotree.tui.line.installed import lacking
 from robotree.tui.line.verbs import Outcome, Run, Teller
 
 if TYPE_CHECKING:  # help must not wait for the agents
@@ -67,3 +68,7 @@ async def carry_out(fleet: Fleet, line: Line, teller: Teller) -> Outcome | Refus
         return await function_of(line.verb)(fleet, line, teller)
     except (VrError, SupervisorError, OSError) as error:
         return Refusal(error)
+    except ImportError as error:
+        if lack := lacking(line.verb, error):
+            return Refusal(lack)
+        raise

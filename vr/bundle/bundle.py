@@ -25,6 +25,7 @@ from robotree.vr.base.errors import (
     SeveralVirtualRobots,
     VrError,
 )
+from robotree.vr.base.extras import lack_of
 from robotree.vr.bundle.beside import LARGEST as LARGEST_BESIDE
 from robotree.vr.bundle.beside import beside
 from robotree.vr.bundle.loader import (
@@ -168,7 +169,12 @@ class Bundle(msgspec.Struct, frozen=True):
 
     def _script(self) -> type[VirtualRobot]:
         """Make the class of a script; CLIPS is loaded by the first one."""
-        from robotree.vr.scripts.script import read_program, script_class
+        try:
+            from robotree.vr.scripts.script import read_program, script_class
+        except ImportError as error:
+            if lack := lack_of(error):
+                raise BrokenSource(path=self.path, reason=f"on this host {lack}") from None
+            raise
 
         if self.wanted:
             raise BrokenSource(

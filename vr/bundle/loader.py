@@ -29,6 +29,7 @@ from robotree.vr.author.child import Slotted
 from robotree.vr.author.robot import Robot
 from robotree.vr.author.virtual_robot import RESERVED, VirtualRobot
 from robotree.vr.base.errors import BadName, BrokenSource
+from robotree.vr.base.extras import lack_of
 from robotree.vr.bundle.package import PREFIX, Package, package_of
 from robotree.vr.bundle.refused import mistakes
 from robotree.vr.bundle.syntax import line_of, slots_at
@@ -246,6 +247,8 @@ def _reason(error: BaseException, file: str, limit: float) -> str:
         return f"{Path(authors_file(error.filename)).name}, line {error.lineno}: {error.msg} {_READ_BY}"
     if isinstance(error, Interrupted):
         return f"{where}it did not end within {limit:g} s"
+    if isinstance(error, ImportError) and (lack := lack_of(error)):
+        return f"{where}on this host {lack}"
     ours = bool(frames) and Path(frames[-1].filename).is_relative_to(_OURS)
     if ours and isinstance(error, TypeError | ValueError):  # one of our own sentences
         return with_line(str(error), file, where)
