@@ -2,8 +2,9 @@
 
     python bench/install.py
 
-Each is installed with uv from the local wheel and the versions of requirements.lock, once without a cache, which
-measures the network too, and once more from uv's cache. Sizes are of the files, without the empty environment.
+Each is installed with uv from the local wheel and the versions of requirements.lock, once without a cache,
+which measures the network too, and once more from uv's cache. Sizes are of the files, without the empty
+environment.
 """
 
 from __future__ import annotations
