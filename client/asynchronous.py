@@ -30,6 +30,7 @@ from robotree.vr.author.kind import Kind, promises_of
 from robotree.vr.author.readings import Record
 from robotree.vr.base.address import check_name
 from robotree.vr.base.errors import BadArgument, CommandCancelled, NotThisKind
+from robotree.vr.base.extras import explained
 from robotree.vr.base.plain import plain_arguments
 from robotree.vr.base.units import seconds
 from robotree.vr.exchange.client import DEFAULT_DEADLINE, OnProgress
@@ -143,8 +144,11 @@ class AsyncRealm:
         """Return one picture of a view: rows, columns, and red, green, blue from 0 to 255."""
         from io import BytesIO
 
-        import numpy as np
-        from PIL import Image
+        try:
+            import numpy as np
+            from PIL import Image
+        except ImportError as error:
+            raise explained(error) from None
 
         picture = await self.fleet.look(view, camera=camera, width=width, height=height)
         return np.asarray(Image.open(BytesIO(picture.jpeg)).convert("RGB"))

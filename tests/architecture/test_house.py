@@ -25,6 +25,7 @@ NOT_IN_A_ROOM = {"robotree"}  # its one file is front/__init__.py
 SOURCES = sorted(path for room in ROOMS for path in (ROOT / room).rglob("*.py"))
 SERIALISERS = {"pickle", "cloudpickle", "dill", "marshal", "shelve"}
 WHERE_EXTRAS_ARE_USED = {
+    "pictures": ("client/",),
     "sim": ("sim/",),
     "tui": ("tui/screen/", "tui/seen/cells.py"),
     "scripts": ("vr/scripts/", "vr/base/written.py"),

@@ -13,6 +13,7 @@ from importlib.util import find_spec
 from typing import NamedTuple
 
 MODULES: Mapping[str, tuple[str, ...]] = {
+    "pictures": ("numpy", "PIL"),
     "sim": ("coal", "mujoco", "numpy", "PIL", "pinocchio", "ruckig"),
     "tui": ("PIL", "rich", "textual"),
     "scripts": ("clips", "yaml"),
@@ -61,6 +62,12 @@ def lack_of(error: ImportError) -> NotThere | None:
         if top in modules:
             return next(lacks(extra), None)
     return None
+
+
+def explained(error: ImportError) -> ImportError:
+    """Return an error that names what installs the module which was not found, where an extra brings it."""
+    lack = lack_of(error)
+    return ImportError(str(lack), name=error.name) if lack else error
 
 
 def installation(extra: str = "") -> str:
