@@ -46,6 +46,9 @@ MESSAGES = {
     "STATUSTEXT": "A sentence for people, or a chunk of one.",
     "SETUP_SIGNING": "Hands out a signing key, in the clear.",
     "PROTOCOL_VERSION": "Which versions of MAVLink are spoken, times 100.",
+    "COMPONENT_METADATA": "Where the general metadata of a component are, and their CRC32.",
+    "AVAILABLE_MODES": "One of the modes that a component has.",
+    "CURRENT_MODE": "The mode that a component is in.",
     "CONTROL_STATUS": "Which ground station is in control.",
 }
 """The messages of the base dialects that robotree speaks, with our description."""
@@ -80,8 +83,12 @@ ENUMS = {
     "MAV_PARAM_ERROR": ("Why a parameter was not read or set.", ""),
     "MAV_PROTOCOL_CAPABILITY": (
         "Optional parts of the protocol.",
-        "COMMAND_INT FLIGHT_TERMINATION MAVLINK2 PARAM_ENCODE_C_CAST COMPONENT_ACCEPTS_GCS_CONTROL GRIPPER",
+        (
+            "COMMAND_INT FTP FLIGHT_TERMINATION MAVLINK2 PARAM_ENCODE_C_CAST "
+            "COMPONENT_ACCEPTS_GCS_CONTROL GRIPPER"
+        ),
     ),
+    "MAV_MODE_PROPERTY": ("Properties of a mode.", ""),
     "GCS_CONTROL_STATUS_FLAGS": ("Parts of the operator control's state.", ""),
 }
 """Their enumerations, with our description and the entries that are needed; none named: all of them.

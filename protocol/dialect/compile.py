@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from pymavlink.generator.mavparse import MAVXML, MAVType
 
 DIALECT = Path(__file__).with_name("robotree_full.xml")
+SUBSET = "upstream_subset.xml"
+"""What we use of upstream's dialects that pymavlink's `common` lacks; some other base may have it."""
 LARGEST_PAYLOAD = 255
 LARGEST_NESTING = 8
 LARGEST = 4_000_000
@@ -98,11 +100,26 @@ def beside(base: str, xml: Path = DIALECT) -> Generator[Path]:
         both = copy.with_name(f"{xml.stem}_{base}.xml")
         includes = "".join(f"<include>{name}</include>" for name in (f"{base}.xml", copy.name))
         with writing(both):
+            _leave_out(copy.with_name(SUBSET), parse(base_directory() / f"{base}.xml"))
             both.write_text(f"<mavlink>{includes}<messages/></mavlink>", encoding="utf-8")
         try:
             yield both
         except DialectError as error:
             raise DialectError(str(xml), f"it does not go with {base}: {error.detail}") from error
+
+
+def _leave_out(copy: Path, base: list[MAVXML]) -> None:
+    """Take out of a copy of our part of upstream what a base dialect has, too."""
+    messages = {message.name for file in base for message in file.message}
+    entries = {entry.name for file in base for enum in file.enum for entry in enum.entry}
+    tree = ET.parse(copy)  # noqa: S314  our own file
+    for parent in [*tree.iterfind("messages"), *tree.iterfind("enums"), *tree.iterfind("enums/enum")]:
+        for each in list(parent):
+            theirs = messages if each.tag == "message" else entries
+            names = [each] if each.tag == "message" else each.iter("entry")
+            if each.tag != "description" and all(one.get("name") in theirs for one in names):
+                parent.remove(each)
+    tree.write(copy)
 
 
 def parse(xml: Path = DIALECT) -> list[MAVXML]:

@@ -25,6 +25,7 @@ from robotree.protocol.messages.base import (
 __all__ = [
     "AnyMessage",
     "AutopilotVersion",
+    "AvailableModes",
     "BaseState",
     "Claim",
     "ClaimStatus",
@@ -33,7 +34,9 @@ __all__ = [
     "CommandCancel",
     "CommandInt",
     "CommandLong",
+    "ComponentMetadata",
     "ControlStatus",
+    "CurrentMode",
     "DataStreamType",
     "DataTransmissionHandshake",
     "EncapsulatedData",
@@ -53,6 +56,7 @@ __all__ = [
     "MavCmd",
     "MavComponent",
     "MavModeFlag",
+    "MavModeProperty",
     "MavParamError",
     "MavParamType",
     "MavProtocolCapability",
@@ -248,11 +252,19 @@ class MavProtocolCapability(IntFlag):
     """MAV_PROTOCOL_CAPABILITY: optional parts of the protocol."""
 
     COMMAND_INT = 8
+    FTP = 32
     FLIGHT_TERMINATION = 2048
     MAVLINK2 = 8192
     PARAM_ENCODE_C_CAST = 131072
     COMPONENT_ACCEPTS_GCS_CONTROL = 524288
     GRIPPER = 1048576
+
+
+class MavModeProperty(IntFlag):
+    """MAV_MODE_PROPERTY: properties of a mode."""
+
+    ADVANCED = 1
+    NOT_USER_SELECTABLE = 2
 
 
 class GcsControlStatusFlags(IntFlag):
@@ -769,6 +781,40 @@ class ParamError(Message, frozen=True, gc=False):
     """at most 16 bytes"""
     param_index: int
     error: int | MavParamError
+
+
+@wire("COMPONENT_METADATA")
+class ComponentMetadata(Message, frozen=True, gc=False):
+    """Where the general metadata of a component are, and their CRC32."""
+
+    time_boot_ms: int
+    """[ms]"""
+    file_crc: int
+    uri: str
+    """at most 100 bytes"""
+
+
+@wire("AVAILABLE_MODES")
+class AvailableModes(Message, frozen=True, gc=False):
+    """One of the modes that a component has."""
+
+    number_modes: int
+    mode_index: int
+    standard_mode: int
+    custom_mode: int
+    properties: int | MavModeProperty
+    mode_name: str
+    """at most 35 bytes"""
+
+
+@wire("CURRENT_MODE")
+class CurrentMode(Message, frozen=True, gc=False):
+    """The mode that a component is in."""
+
+    standard_mode: int
+    custom_mode: int
+    intended_custom_mode: int
+    """0: no value"""
 
 
 @wire("CONTROL_STATUS")

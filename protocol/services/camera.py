@@ -1,4 +1,4 @@
-"""What a camera component answers: HEARTBEAT and CAMERA_INFORMATION by the command REQUEST_MESSAGE.
+"""What a camera component says: HEARTBEAT every second, and CAMERA_INFORMATION when it is requested.
 
 Only a command that names the camera's component is answered; the autopilot answers those for all components.
 A camera obeys no other command. Pictures have messages of their own (`picture`), so `flags` is 0: the camera
@@ -24,6 +24,7 @@ from robotree.protocol.messages import (
 )
 from robotree.protocol.services import interval
 from robotree.protocol.services.command import CommandServer
+from robotree.protocol.services.heartbeat import HeartbeatSender
 from robotree.protocol.services.peer import Peer, Send
 
 if TYPE_CHECKING:
@@ -51,6 +52,11 @@ class Camera:
         self._system, self._name = system, name
         rates = interval.Intervals({})
         self._server = CommandServer({}, interval.handlers(lambda _: rates, self._produce))
+        self._heartbeats = HeartbeatSender()
+
+    def tick(self, now: float) -> list[Heartbeat]:
+        """The heartbeat, if it is due; `now` is controller time [s]."""
+        return self._heartbeats.tick(_HEARTBEAT, now)
 
     def receive(self, frame: Frame, via: Hashable, now: float) -> list[Send]:
         """Answer a command that names this component; `now` is controller time [s]."""

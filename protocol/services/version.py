@@ -9,6 +9,7 @@ from robotree.protocol.messages import AutopilotVersion, MavProtocolCapability, 
 CAPABILITIES = (
     MavProtocolCapability.MAVLINK2
     | MavProtocolCapability.COMMAND_INT
+    | MavProtocolCapability.FTP
     | MavProtocolCapability.FLIGHT_TERMINATION
     | MavProtocolCapability.PARAM_ENCODE_C_CAST
     | MavProtocolCapability.COMPONENT_ACCEPTS_GCS_CONTROL

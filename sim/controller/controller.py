@@ -82,6 +82,9 @@ class Controller:
         self.cell.advance()
         for program in self.programs:
             out += _spoken_by(program, program.tick(self.cell.time_ms))
+        for camera in self._camera_components:
+            beats = camera.tick(self.cell.time_ms / 1000)
+            out += [Outgoing(each, telemetry=True, component=camera.component) for each in beats]
         return out
 
 

@@ -22,6 +22,7 @@ from robotree.protocol.messages import (
     Reason,
     SetMode,
 )
+from robotree.protocol.services import standard_modes
 from robotree.protocol.services.heartbeat import HeartbeatSender
 from robotree.protocol.services.peer import Peer
 from robotree.sim.firmware.goals import Goals
@@ -97,9 +98,13 @@ class Modes:
         state = (self._movement.mode, self._goals.epoch, self._movement.watchdog.patience)
         if state == self._told:
             return []
+        changed = self._told is not None and self._told[0] != state[0]
         self._told = state
         self._heartbeats.hurry()
-        return [Outgoing(self.mode(now), telemetry=True)]
+        told = [Outgoing(self.mode(now), telemetry=True)]
+        if changed:
+            told.append(Outgoing(standard_modes.current(self._movement.mode), telemetry=True))
+        return told
 
     def mode(self, now: int, reason: Reason | None = None) -> Mode:
         """The mode as it is told; `reason`: why it is not another one."""

@@ -47,6 +47,11 @@ class Parameters:
             rights.may_set,
         )
 
+    @property
+    def described(self) -> list[tuple[Tunable, float]]:
+        """Each parameter, with its value now."""
+        return [(each, each.read(owner)) for owner, each in self._owners.values()]
+
     def receive(
         self,
         message: ParamRequestRead | ParamRequestList | ParamSet,

@@ -15,12 +15,15 @@ from robotree.protocol.frame import Frame
 from robotree.protocol.messages import (
     AnyMessage,
     AutopilotVersion,
+    AvailableModes,
     Claim,
     ClaimStatus,
     CommandCancel,
     CommandInt,
     CommandLong,
+    ComponentMetadata,
     ControlStatus,
+    CurrentMode,
     Goal,
     GoalCancel,
     Heartbeat,
@@ -50,13 +53,15 @@ from robotree.protocol.services import (
     absent,
     claim_server,
     control,
+    files,
     heartbeat,
     interval,
     ping,
+    standard_modes,
     timesync,
 )
 from robotree.protocol.services.claim_server import ClaimServer
-from robotree.protocol.services.command import Answer, Handler
+from robotree.protocol.services.command import Answer, Handler, Request
 from robotree.protocol.services.fence import Fence
 from robotree.protocol.services.peer import Peer
 from robotree.sim.firmware import description
@@ -65,6 +70,7 @@ from robotree.sim.firmware.commands import Commands
 from robotree.sim.firmware.description import Gauges, Identity
 from robotree.sim.firmware.device import Device
 from robotree.sim.firmware.goals import Goals
+from robotree.sim.firmware.metadata import Metadata
 from robotree.sim.firmware.modes import Modes
 from robotree.sim.firmware.movement import Movement
 from robotree.sim.firmware.outgoing import COMPONENT, Announcer, Outgoing
@@ -79,9 +85,12 @@ SILENCE: Final = 2.0
 second. A proxy beats faster while its goal runs."""
 MODE_PERIOD: Final = 500
 """[ms] between two messages MODE that tell nothing new."""
+CURRENT_MODE_PERIOD: Final = 2000
+"""[ms] between two CURRENT_MODE that tell nothing new, as MAVLink advises."""
 STATUS_PERIOD: Final = 1000
 """[ms] between two SYS_STATUS."""
 _HEARTBEAT: Final = Heartbeat.codec.definition.id
+_AVAILABLE_MODES: Final = AvailableModes.codec.definition.id
 _CONTROL_STATUS: Final = ControlStatus.codec.definition.id
 _FIXED: Final = {_HEARTBEAT: heartbeat.PERIOD, _CONTROL_STATUS: control.PERIOD}
 """[s] between two messages whose rate nobody changes, by message id."""
@@ -132,6 +141,7 @@ class Firmware:
         self._goals = Goals(device, self._movement, self._rights)
         self._setpoints = Setpoints(device, self._movement, self._rights, self._goals.fence)
         self._parameters = Parameters(device, self._movement.watchdog, self._rights)
+        self._metadata = Metadata(self._parameters.described)
         announcer = Announcer()
         self._claims = Claims(self._movement, self._rights, announcer)
         self._modes = Modes(self._movement, self._goals, self._rights, announcer, mav_type)
@@ -302,8 +312,12 @@ class Firmware:
         return []
 
     def _say_absent(self, frame: Frame, peer: Peer, _: int, __: int) -> list[Outgoing]:
-        """Say of what is asked for that it is not here."""
-        said = absent.answer(frame.message, peer) if self._is_for_all_or_us(frame) else None
+        """Read from the files; say of everything else that is asked for that it is not here."""
+        if not self._is_for_all_or_us(frame):
+            return []
+        if frame.name == files.MESSAGE:
+            return [Outgoing(each, peer.via) for each in self._metadata.files.answer(frame.message, peer)]
+        said = absent.answer(frame.message, peer)
         return [] if said is None else [Outgoing(said, peer.via)]
 
     # -- what is told without a device
@@ -319,7 +333,9 @@ class Firmware:
         return (
             stream_of(Mode, MODE_PERIOD, self._modes.mode),
             stream_of(ClaimStatus, round(1000 * claim_server.PERIOD), lambda _: self._rights.claims.status()),
+            stream_of(CurrentMode, CURRENT_MODE_PERIOD, lambda _: standard_modes.current(self.mode)),
             stream_of(SysStatus, STATUS_PERIOD, self._sys_status),
+            stream_of(ComponentMetadata, None, self._metadata.told),
             stream_of(SystemTime, None, partial(description.system_time, identity)),
             stream_of(AutopilotVersion, None, lambda _: description.autopilot_version(identity)),
             stream_of(ProtocolVersion, None, lambda _: description.protocol_version()),
@@ -340,8 +356,16 @@ class Firmware:
                 MavResult.ACCEPTED, messages=tuple(produce(kind.codec.definition.id, now))
             )
 
+        def request(request: Request, now: float) -> Answer:
+            if request.param(1) != _AVAILABLE_MODES:
+                return handlers[MavCmd.REQUEST_MESSAGE](request, now)
+            modes = tuple(standard_modes.available(int(request.param(2))))
+            return Answer(MavResult.ACCEPTED if modes else MavResult.DENIED, messages=modes)
+
+        handlers = interval.handlers(self._schedule.open, produce)
         return {
-            **interval.handlers(self._schedule.open, produce),
+            **handlers,
+            MavCmd.REQUEST_MESSAGE: request,
             MavCmd.REQUEST_AUTOPILOT_CAPABILITIES: about(AutopilotVersion),
             MavCmd.REQUEST_PROTOCOL_VERSION: about(ProtocolVersion),
         }

@@ -249,6 +249,14 @@ def test_an_xml_that_is_wrong_is_refused_in_one_sentence(
     assert not (tmp_path / "out.py").exists()
 
 
+@pytest.mark.parametrize("base", ["development", "all", "ardupilotmega"])
+def test_a_base_that_has_some_of_upstream_itself_goes_with_ours(base: str) -> None:
+    with compiler.beside(base) as both:
+        names = {each.name: each for each in compiler.build(both)}
+    for name in ("AVAILABLE_MODES", "CURRENT_MODE", "COMPONENT_METADATA", "ROBOTREE_GOAL"):
+        assert names[name].crc_extra == by_name()[name].crc_extra
+
+
 def test_what_an_included_file_has_wrong_is_told_of_that_file(tmp_path: Path) -> None:
     (tmp_path / "inner.xml").write_text(WRONG["field twice"][0])
     (tmp_path / "outer.xml").write_text(_dialect(_message(FIELD, number=57698), include="inner.xml"))

@@ -41,15 +41,18 @@ def ftp(opcode: int, sequence: int = 7, session: int = 3, offset: int = 0) -> An
 @pytest.mark.parametrize(
     ("opcode", "code", "data"),
     [
-        (4, 129, b"\x07"),
-        (3, 129, b"\x07"),
-        (15, 129, b"\x07"),
+        (4, 129, b"\x0a"),  # there is no file without a name
+        (3, 129, b"\x06"),  # nor so many
+        (5, 129, b"\x04"),  # nor such a session
+        (15, 129, b"\x04"),
+        (6, 129, b"\x09"),  # and none can be changed
+        (13, 129, b"\x09"),
         (99, 129, b"\x07"),
         (1, 128, b""),
         (2, 128, b""),
     ],
 )
-def test_a_request_for_a_file_is_refused_and_one_that_ends_sessions_succeeds(
+def test_a_request_for_what_is_no_file_is_refused_and_one_that_ends_sessions_succeeds(
     arm: ArmBench, opcode: int, code: int, data: bytes
 ) -> None:
     (answer,) = answers(arm, ftp(opcode, sequence=0xFFFF, offset=77), FILES)

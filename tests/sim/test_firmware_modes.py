@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import Counter
+from typing import Any
 
 import numpy as np
 import pytest
+from pymavlink.dialects.v20 import development
 
 from robotree.protocol import Frame
+from robotree.protocol.frame import encode
 from robotree.protocol.messages import (
+    AvailableModes,
     ControlStatus,
+    CurrentMode,
     GoalState,
     Gripper,
     Heartbeat,
     Joints,
     MavAutopilot,
+    MavCmd,
     MavModeFlag,
     MavState,
     MavType,
@@ -263,7 +270,7 @@ def test_people_are_told_of_stops_and_silence(arm: ArmBench) -> None:
 def test_it_says_in_each_heartbeat_that_it_is_a_simulation(arm: ArmBench, rover: RoverBench) -> None:
     for bench in (arm, rover):
         bench.operator.wait(3.0)
-        beats = bench.operator.all(Heartbeat)
+        beats = [beat for beat in bench.operator.all(Heartbeat) if beat.type != MavType.CAMERA]
         assert len(beats) >= 3
         assert all(beat.base_mode & MavModeFlag.HIL_ENABLED for beat in beats)
 
@@ -272,7 +279,7 @@ def test_telemetry_keeps_its_rates(arm: ArmBench) -> None:
     arm.operator.wait(10.0)
     counts = {
         kind: sum(isinstance(m, kind) for _, m in arm.operator.heard)
-        for kind in (Joints, Tool, Gripper, NamedValueFloat, Mode, Heartbeat)
+        for kind in (Joints, Tool, Gripper, NamedValueFloat, Mode, CurrentMode)
     }
     per_second = {kind: count / 10.0 for kind, count in counts.items()}
     assert per_second[Joints] == pytest.approx(50, rel=0.02)
@@ -280,7 +287,9 @@ def test_telemetry_keeps_its_rates(arm: ArmBench) -> None:
     assert per_second[Gripper] == pytest.approx(10, rel=0.05)
     assert per_second[NamedValueFloat] == pytest.approx(20, rel=0.05)
     assert per_second[Mode] == pytest.approx(2, rel=0.2)
-    assert per_second[Heartbeat] == pytest.approx(1, rel=0.2)
+    assert per_second[CurrentMode] == pytest.approx(0.5, rel=0.2)
+    speakers = Counter(beat.type for beat in arm.operator.all(Heartbeat))
+    assert speakers == {MavType.GENERIC: pytest.approx(10, abs=1), MavType.CAMERA: pytest.approx(20, abs=2)}
 
 
 def test_the_tool_is_told_as_it_is(arm: ArmBench) -> None:
@@ -321,3 +330,26 @@ def test_what_a_controller_repeats_goes_out_together() -> None:
     assert set(beats) <= set(modes)
     assert len(modes) == pytest.approx(36, abs=1)
     assert len(beats) == pytest.approx(18, abs=1)
+
+
+def test_a_station_is_told_the_modes_by_name_and_each_change_at_once(arm: ArmBench) -> None:
+    reader = development.MAVLink(None)
+
+    def asked(number: int) -> list[Any]:
+        before = len(arm.operator.all(AvailableModes))
+        arm.operator.order(MavCmd.REQUEST_MESSAGE, 435, number)
+        arm.operator.wait(0.05)
+        told = arm.operator.all(AvailableModes)[before:]
+        raw = [encode(each, sequence=0, system=1, component=1) for each in told]
+        return [message for each in raw for message in reader.parse_buffer(bytearray(each))]
+
+    names = {each.custom_mode: each.mode_name for each in asked(0)}
+    assert names == {1: "Ready", 2: "Moving", 3: "Hold", 4: "Safe stop"}
+    (hold,) = asked(3)
+    assert (hold.mode_index, hold.number_modes, hold.mode_name) == (3, 4, "Hold")
+    assert asked(9) == []
+    arm.operator.wait(0.1)
+    told = len(arm.operator.all(CurrentMode))
+    arm.operator.order(MavCmd.COMPONENT_ARM_DISARM, 0.0)
+    arm.operator.wait(0.1)
+    assert [each.custom_mode for each in arm.operator.all(CurrentMode)[told:]] == [ModeKind.SAFE_STOP]

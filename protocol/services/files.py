@@ -1,0 +1,185 @@
+"""MAVLink FTP, read-only: a few small files that a component has in memory.
+
+No session is opened: the number of a session is the place of its file. So nothing has to be closed, any
+number of clients may read at once, and a lost answer only has to be asked for again
+(https://mavlink.io/en/services/ftp.html).
+
+Pure.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator, Mapping
+from enum import IntEnum
+from struct import Struct
+from typing import Final
+
+from robotree.protocol.messages import AnyMessage, fields_of, make
+from robotree.protocol.services.peer import Peer
+
+MESSAGE: Final = "FILE_TRANSFER_PROTOCOL"
+BURST: Final = 8
+"""Messages of one burst, 2 kB; then the client asks on. So telemetry is not held up on a slow line."""
+_HEADER: Final = Struct("<HBBBBBxI")
+"""Of the payload: sequence, session, opcode, size, the opcode that is answered, end of a burst, padding,
+offset; then come the data."""
+_PAYLOAD: Final = 251
+DATA: Final = _PAYLOAD - _HEADER.size
+"""[bytes] of a file in one message."""
+_WORD: Final = 0xFFFF
+
+
+class Opcode(IntEnum):
+    """MAV_FTP_OPCODE."""
+
+    NONE = 0
+    TERMINATE_SESSION = 1
+    RESET_SESSIONS = 2
+    LIST_DIRECTORY = 3
+    OPEN_FILE_RO = 4
+    READ_FILE = 5
+    CREATE_FILE = 6
+    WRITE_FILE = 7
+    REMOVE_FILE = 8
+    CREATE_DIRECTORY = 9
+    REMOVE_DIRECTORY = 10
+    OPEN_FILE_WO = 11
+    TRUNCATE_FILE = 12
+    RENAME = 13
+    CALC_FILE_CRC32 = 14
+    BURST_READ_FILE = 15
+    ACK = 128
+    NAK = 129
+
+
+class FtpError(IntEnum):
+    """MAV_FTP_ERR, as far as we need it."""
+
+    INVALID_SESSION = 4
+    END_OF_FILE = 6
+    UNKNOWN_COMMAND = 7
+    FILE_PROTECTED = 9
+    FILE_NOT_FOUND = 10
+
+
+_NOTHING_TO_DO: Final = {Opcode.NONE, Opcode.TERMINATE_SESSION, Opcode.RESET_SESSIONS}
+_CHANGES: Final = {*range(Opcode.CREATE_FILE, Opcode.CALC_FILE_CRC32)}
+
+
+class Refused(Exception):
+    """A request is answered by NAK."""
+
+    def __init__(self, error: FtpError) -> None:
+        super().__init__(error.name)
+        self.error = error
+
+
+def crc32(data: bytes) -> int:
+    """The CRC32 of MAVLink's files: that of zlib, but begun with 0 and not inverted at the end.
+
+    >>> hex(crc32(b"123456789"))
+    '0x2dfd2d88'
+    """
+    return zlib.crc32(data, 0xFFFFFFFF) ^ 0xFFFFFFFF
+
+
+class Files:
+    """The files of one component.
+
+    Args:
+        content: by name, without a folder; at most 255.
+    """
+
+    def __init__(self, content: Mapping[str, bytes]) -> None:
+        self._content = dict(content)
+        self._names = list(content)
+
+    def answer(self, question: AnyMessage, asker: Peer) -> list[AnyMessage]:
+        """What to send back for a FILE_TRANSFER_PROTOCOL; nothing for what is itself an answer."""
+        payload = fields_of(question)["payload"]
+        assert isinstance(payload, bytes)  # noqa: S101  an array of uint8_t
+        sequence, session, opcode, size, _, _, offset = _HEADER.unpack_from(payload)
+        data = payload[_HEADER.size :][: min(size, DATA)]
+        if opcode in {Opcode.ACK, Opcode.NAK}:
+            return []
+        told: list[tuple[int, Opcode, int, bytes]] = []
+        try:
+            for at, session, part in self._parts(opcode, session, size, offset, data):  # noqa: B020
+                told.append((session, Opcode.ACK, at, part))
+        except Refused as refused:
+            told = [(session, Opcode.NAK, offset, bytes((refused.error,)))]
+        return [
+            self._said(asker, sequence + number, opcode, one, last=number == len(told))
+            for number, one in enumerate(told, 1)
+        ]
+
+    def _parts(
+        self, opcode: int, session: int, size: int, offset: int, data: bytes
+    ) -> Iterator[tuple[int, int, bytes]]:
+        """Offset, session and data of each answer.
+
+        Raises:
+            Refused: there is none.
+        """
+        if opcode in _NOTHING_TO_DO:
+            yield offset, session, b""
+        elif opcode == Opcode.LIST_DIRECTORY:
+            yield offset, session, self._listed(_path(data), offset)
+        elif opcode == Opcode.OPEN_FILE_RO:
+            place = self._find(_path(data))
+            yield 0, place, len(self._at(place)).to_bytes(4, "little")
+        elif opcode == Opcode.CALC_FILE_CRC32:
+            yield 0, session, crc32(self._at(self._find(_path(data)))).to_bytes(4, "little")
+        elif opcode == Opcode.READ_FILE:
+            yield offset, session, self._read(session, offset, size)
+        elif opcode == Opcode.BURST_READ_FILE:
+            yield offset, session, self._read(session, offset, DATA)
+            end = min(len(self._at(session)), offset + BURST * DATA)
+            for at in range(offset + DATA, end, DATA):
+                yield at, session, self._read(session, at, DATA)
+        else:
+            raise Refused(FtpError.FILE_PROTECTED if opcode in _CHANGES else FtpError.UNKNOWN_COMMAND)
+
+    def _listed(self, folder: str, first: int) -> bytes:
+        if folder not in {"", "."}:
+            raise Refused(FtpError.FILE_NOT_FOUND)
+        told = b""
+        for name in self._names[first:]:
+            entry = f"F{name}\t{len(self._content[name])}\0".encode()
+            if len(told + entry) > DATA:
+                break
+            told += entry
+        if not told:
+            raise Refused(FtpError.END_OF_FILE)
+        return told
+
+    def _find(self, path: str) -> int:
+        if path not in self._names:
+            raise Refused(FtpError.FILE_NOT_FOUND)
+        return self._names.index(path)
+
+    def _at(self, session: int) -> bytes:
+        if session >= len(self._names):
+            raise Refused(FtpError.INVALID_SESSION)
+        return self._content[self._names[session]]
+
+    def _read(self, session: int, offset: int, size: int) -> bytes:
+        part = self._at(session)[offset:][: min(size, DATA)]
+        if not part:
+            raise Refused(FtpError.END_OF_FILE)
+        return part
+
+    @staticmethod
+    def _said(
+        asker: Peer, sequence: int, opcode: int, told: tuple[int, Opcode, int, bytes], *, last: bool
+    ) -> AnyMessage:
+        session, code, offset, data = told
+        ends = int(last and code is Opcode.ACK and opcode == Opcode.BURST_READ_FILE)
+        head = _HEADER.pack(sequence & _WORD, session, code, len(data), opcode, ends, offset)
+        target = {"target_system": asker.system, "target_component": asker.component}
+        return make(MESSAGE, target_network=0, **target, payload=(head + data).ljust(_PAYLOAD, b"\0"))
+
+
+def _path(data: bytes) -> str:
+    return data.partition(b"\0")[0].decode(errors="replace").lstrip("/")
