@@ -1,7 +1,7 @@
 """The fault campaign: faults in real processes, and whether what robotree reports about them is true.
 
-    python -m tests.soak --seed 1            about 15 minutes
-    python -m tests.soak --seed 1 --quick    less than two
+    python -m tests.soak --seed 1            15 to 30 minutes
+    python -m tests.soak --seed 1 --quick    three to six
     python -m tests.soak --seed 1 --only kill-17
 
 It uses folders and ports of its own. The table goes to standard output, progress to standard error; the exit
@@ -95,7 +95,7 @@ def _resources(rounds: int) -> Iterator[tuple[str, Try]]:
         yield f"fence-{number}", damage.fence
         yield f"key-{number}", damage.key
         yield f"page-{number}", damage.page
-        yield f"list-{number}", damage.keys
+        yield f"list-{number}", damage.robots
         yield f"held-{2 * number}", partial(resources.hold, letters=26, kill=False)
         yield f"held-{2 * number + 1}", partial(resources.hold, letters=29, kill=True)
 
@@ -176,7 +176,7 @@ def main() -> int:
     """Read the line, run the campaign, write the table."""
     parser = argparse.ArgumentParser(prog="python -m tests.soak", description=__doc__)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--quick", action="store_true", help="fewer trials, less than two minutes")
+    parser.add_argument("--quick", action="store_true", help="fewer trials, three to six minutes")
     parser.add_argument("--only", default="", help="trials whose names begin so")
     parser.add_argument("--limit", type=float, default=1200.0, help="[s] after which no further trial begins")
     given = parser.parse_args()

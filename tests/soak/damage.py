@@ -16,6 +16,7 @@ from pathlib import Path
 from robotree.protocol.links.keyring import create
 from robotree.tui.errors import MemberFailed
 from robotree.vr.base.errors import VrError
+from robotree.vr.network.realms import keys_of
 from tests.soak.observer import Observer, holds
 from tests.soak.stage import Stage, names
 from tests.soak.table import Row, Trial
@@ -225,12 +226,12 @@ async def page(stage: Stage, chance: random.Random) -> Sequence[Trial]:
     return [trial]
 
 
-async def keys(stage: Stage, chance: random.Random) -> Sequence[Trial]:
+async def robots(stage: Stage, chance: random.Random) -> Sequence[Trial]:
     """Freeze the host and write garbage over its list of robots; stop everything, and wake it."""
     await stage.furnish()
     pid = stage.pid("host")
     (path,) = stage.folder.glob(f"{pid}-*.held")
-    good, trial = sorted(path.read_bytes().split(b"\n")), Trial(LIST, False)
+    good, trial = keys_of(stage.folder, path.stem), Trial(LIST, False)
     os.kill(pid, signal.SIGSTOP)
     try:
         path.write_bytes(chance.choice((chance.randbytes(40) + b"\n", b"-robot/x/1\n", b"robot/\x01/1\n")))
@@ -240,7 +241,7 @@ async def keys(stage: Stage, chance: random.Random) -> Sequence[Trial]:
     finally:
         os.kill(pid, signal.SIGCONT)
     woke = time.monotonic()
-    trial.reached = await holds(lambda: sorted(path.read_bytes().split(b"\n")) == good, 5.0)
+    trial.reached = await holds(lambda: keys_of(stage.folder, path.stem) == good, 5.0)
     trial.seconds = time.monotonic() - woke
     trial.note = "" if trial.reached else f"it is {path.read_bytes()!r} instead of {good}"
     if not await stage.whole():

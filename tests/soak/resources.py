@@ -204,7 +204,10 @@ async def hold(stage: Stage, _chance: random.Random, letters: int, kill: bool) -
     standing.seconds = stage.rover.stood_after(mark)
     trials = [standing, await _end(stage, pid) if kill else await _return(stage)]
     for call in (square, greedy):
-        if (said := await call.end()).done and call is square:
+        said = await call.end()
+        if call is square and not moved:
+            standing.note = f"it did not move: {said}"
+        elif call is square and said.done:
             standing.false.append(f"{said}; but its host was held in the middle")
     if not kill:
         await stage.fleet.delete("greedy")
