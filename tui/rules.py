@@ -67,6 +67,13 @@ def known_kinds() -> dict[str, dict[str, CommandSpec]]:
     return {name: {one.name: one for one in promises_of(getattr(kinds, name))} for name in kinds.__all__}
 
 
+def known_choices() -> dict[str, list[tuple[str, str]]]:
+    """Return arguments and the values that they take, by name of the kind."""
+    from robotree.vr.scripts.run import choices_of
+
+    return {kind: choices_of(commands.values()) for kind, commands in known_kinds().items()}
+
+
 def _check(line: Line) -> int:
     from robotree.vr.scripts.engine import Engine
     from robotree.vr.scripts.joins import loose
@@ -112,8 +119,9 @@ def _test(line: Line) -> int:
 
     program, tests = _table(line.text("TABLE"))
     results: list[dict[str, Any]] = []
+    choices = known_choices()
     for trial in tests:
-        steps = list(run(program, trial))
+        steps = list(run(program, trial, choices))
         last = steps[-1] if steps else None
         fault = last.fault if last else ""
         where = f"{line.text('TABLE')}:{last.mark.line}" if last and fault else ""
@@ -174,9 +182,10 @@ def _show(steps: Iterable[Played], *, as_json: bool) -> None:
 def _rehearsal(program: Program, trial: Trial | None = None) -> Rehearsal:
     from robotree.vr.scripts.trial import Rehearsal
 
+    choices = known_choices()
     if trial is None:
-        return Rehearsal(program)
-    return Rehearsal(program, trial.parameters, trial.missing, trial.roles)
+        return Rehearsal(program, choices=choices)
+    return Rehearsal(program, trial.parameters, trial.missing, trial.roles, choices)
 
 
 def _explain(line: Line) -> int:

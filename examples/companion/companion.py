@@ -117,8 +117,14 @@ class Companion(RolePlayer):
         super().__init__(name, attributes)
         self.carried: dict[str, str] = {}
         """What each hand has taken, by the name of the thing."""
+        self.battery = math.nan
+        """How full its battery was when it was looked at last, 0 to 1."""
         self.moved: dict[str, tuple[str, float]] = {}
         """Where a hand has left a thing (see `where`), and when [s]."""
+
+    def readings(self) -> dict[str, float]:
+        """See `Robot.readings`: the battery as it was in the latest act that looked where the base stands."""
+        return {} if math.isnan(self.battery) else {"battery": self.battery}
 
     # -- speaking and looking
 
@@ -211,6 +217,7 @@ class Companion(RolePlayer):
         """Go to a place by its name."""
         there = PLACES[place]
         self.carry(self.base.drive, x=there.x, y=there.y, heading=there.heading, speed=self.pace(speed))
+        self.here()
 
     @command(effect="repeat")
     def turn_to(self, what: What) -> None:
@@ -224,7 +231,7 @@ class Companion(RolePlayer):
         distance, end = max(self.manner.number("distance", distance), 0.5), self.now() + seconds
         while self.now() < end:
             x, y, _ = self.point_of(who)
-            here = self.base.get_info()
+            here = self.here()
             away, heading = math.dist((x, y), (here.x, here.y)), self.heading_to(x, y)
             step = min(away - distance, 0.6)
             if step > 0.1:
@@ -240,7 +247,7 @@ class Companion(RolePlayer):
         """Go to a person and stop at a distance, face to face."""
         distance = max(self.manner.number("distance", distance), 0.5)
         x, y, _ = self.point_of(who)
-        here, heading = self.base.get_info(), self.heading_to(x, y)
+        here, heading = self.here(), self.heading_to(x, y)
         if abs(math.dist((x, y), (here.x, here.y)) - distance) > 0.1:
             at = x - distance * math.cos(heading), y - distance * math.sin(heading)
             self.carry(self.base.drive, x=at[0], y=at[1], heading=heading, speed=self.pace(0.5))
@@ -254,7 +261,7 @@ class Companion(RolePlayer):
         self.rest()
         self.go_to("dock")
         told = 0.0
-        while (battery := float(self.base.get_info().battery)) < until:
+        while (battery := float(self.here().battery)) < until:
             if battery >= told + 0.01:  # a percent takes half a minute
                 told = battery
                 self.progress(battery, "charging")
@@ -408,7 +415,7 @@ class Companion(RolePlayer):
         """Look whether a thing lies on the floor."""
         if thing not in TAGS:
             return False
-        here = self.base.get_info()
+        here = self.here()
         ahead = here.x + 0.9 * math.cos(here.heading), here.y + 0.9 * math.sin(here.heading)
         for height in (1.0, 0.1):
             self.look_towards(*ahead, height)
@@ -457,7 +464,7 @@ class Companion(RolePlayer):
 
     def step_back(self, length: float) -> None:
         """Drive backward."""
-        heading = self.base.get_info().heading
+        heading = self.here().heading
         self.carry(self.base.move, x=-length * math.cos(heading), y=-length * math.sin(heading), speed=0.25)
 
     def pace(self, speed: float) -> float:
@@ -473,14 +480,20 @@ class Companion(RolePlayer):
 
     def in_body(self, x: float, y: float, z: float) -> tuple[float, float, float]:
         """A point of the flat in the body's frame [m]."""
-        here = self.base.get_info()
+        here = self.here()
         dx, dy = x - here.x, y - here.y
         c, s = math.cos(here.heading), math.sin(here.heading)
         return c * dx + s * dy, c * dy - s * dx, z
 
+    def here(self) -> Any:
+        """What the base tells of itself: its place, its heading, its battery."""
+        info = self.base.get_info()
+        self.battery = float(info.battery)
+        return info
+
     def heading_to(self, x: float, y: float) -> float:
         """[rad] from the base to a point of the flat."""
-        here = self.base.get_info()
+        here = self.here()
         return math.atan2(y - here.y, x - here.x)
 
     def point_of(self, what: str) -> tuple[float, float, float]:

@@ -35,10 +35,12 @@ from robotree.vr.scripts.happening import (
     seconds_of,
 )
 from robotree.vr.scripts.program import (
+    CHOICE,
     LONGEST_LIST,
     MESSAGE,
     PARAMETER,
     PARTNER,
+    READING,
     ROLE,
     SYSTEM,
     Program,
@@ -136,6 +138,8 @@ class Engine:
         self._memory = WorkingMemory(self._env)
         self._partners: dict[str, Any] = {}
         self._roles: dict[str, Any] = {}
+        self._told_of: dict[str, dict[tuple[str, Scalar], Any]] = {}
+        """What a partner reads and takes, as facts, by partner."""
         for partner in program.partners:
             self._seat(partner.name, "")
         values = {one.name: one.default for one in program.parameters} | dict(parameters or {})
@@ -152,7 +156,8 @@ class Engine:
     def __del__(self) -> None:
         """Let go of the facts before their environment ends."""
         if hasattr(self, "_memory"):
-            for fact in (*self._partners.values(), *self._roles.values()):
+            told = (fact for facts in self._told_of.values() for fact in facts.values())
+            for fact in (*self._partners.values(), *self._roles.values(), *told):
                 self._memory.remove(fact)
             self._memory.close()
             self._env.clear()  # else CLIPS says on standard output that not all memory is free
@@ -210,6 +215,23 @@ class Engine:
             self._memory.remove(fact)
         self._roles[partner] = self._memory.insert(ROLE, partner=into(partner), name=into(role))
 
+    def reading(self, partner: str, name: str, value: float) -> None:
+        """Take note of what a partner reads from now on."""
+        facts = self._told_of.setdefault(partner, {})
+        if (fact := facts.pop((READING, name), None)) is not None:
+            self._memory.remove(fact)
+        facts[READING, name] = self._memory.insert(
+            READING, partner=into(partner), name=into(name), value=float(value)
+        )
+
+    def choice(self, partner: str, argument: str, value: str) -> None:
+        """Take note of a value that commands of a partner take for an argument; several times is once."""
+        facts = self._told_of.setdefault(partner, {})
+        if (argument, value) not in facts:
+            facts[argument, value] = self._memory.insert(
+                CHOICE, partner=into(partner), argument=into(argument), value=into(value)
+            )
+
     # -- what it looks like ------------------------------------------------------------------------
 
     def facts(self) -> list[str]:
@@ -234,6 +256,8 @@ class Engine:
     def _seat(self, slot: str, robot: str, *, stopped: bool = False) -> None:
         state = "missing" if not robot else "stopped" if stopped else "here"
         if (fact := self._partners.pop(slot, None)) is not None:
+            self._memory.remove(fact)
+        for fact in () if robot else self._told_of.pop(slot, {}).values():
             self._memory.remove(fact)
         self._partners[slot] = self._memory.insert(
             PARTNER, name=into(slot), robot=into(robot or "none"), state=into(state)

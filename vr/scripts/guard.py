@@ -16,10 +16,12 @@ from collections.abc import Callable, Iterable, Sequence
 from robotree.vr.base.written import Mark, Scalar
 from robotree.vr.scripts.expression import Atom, Form, Node, form, show, variables
 from robotree.vr.scripts.program import (
+    CHOICE,
     MESSAGE,
     MOST_CONDITIONS,
     PARAMETER,
     PARTNER,
+    READING,
     ROLE,
     Condition,
     FactTemplate,
@@ -60,7 +62,7 @@ INSTEAD = {
     "send": "(do …)",
     "sym-cat": "(str-cat …)",
 }
-KEPT = frozenset({MESSAGE, PARTNER, PARAMETER, ROLE})
+KEPT = frozenset({MESSAGE, PARTNER, PARAMETER, ROLE, READING, CHOICE})
 """Facts that come from outside: rules look at them and cannot make them."""
 MOST_LISTS = 3
 """Parts of any length in one slot: a list of 64 values is split into so many in 2,145 ways."""

@@ -15,7 +15,7 @@ from robotree.vr.base.errors import BadArgument, BrokenScript
 from robotree.vr.base.written import Mark, Word, value_of
 from robotree.vr.scripts.expression import Atom, Form, Node, plain, value
 from robotree.vr.scripts.happening import nearest
-from robotree.vr.scripts.program import MESSAGE, PARTNER, ROLE, Program, literal
+from robotree.vr.scripts.program import CHOICE, MESSAGE, PARTNER, READING, ROLE, Program, literal
 from robotree.vr.scripts.roles.profile import shipped
 from robotree.vr.scripts.trial import CHANGES, Trial, happening, words_of
 
@@ -80,7 +80,7 @@ class _Known:
                 self._act(plain(told.sender), plain(told.act))
             case "role":
                 self.plays(told.sender, str(told.arguments[0]))
-            case head if head in CHANGES:
+            case head if head in CHANGES or head == "reading":
                 self._partner(plain(told.sender))
             case "timer":
                 self._timer(plain(str(told.arguments[0])))
@@ -111,7 +111,7 @@ class _Known:
                 case "play":
                     self._partner(form.rest[0])
                     self._role(form.rest[1])
-                case head if head in {MESSAGE, PARTNER, ROLE}:
+                case head if head in {MESSAGE, PARTNER, ROLE, READING, CHOICE}:
                     self._fact(form)
                 case _:
                     pass
@@ -120,6 +120,8 @@ class _Known:
         slots = {one.head: one.rest for one in form.rest if isinstance(one, Form)}
         if form.head != MESSAGE:
             self._partner(_first(slots.get("name" if form.head == PARTNER else "partner", ())))
+            if form.head == CHOICE:
+                self._choice(slots)
             if form.head == ROLE:
                 self._role(_first(slots.get("name", ())))
             return
@@ -195,6 +197,15 @@ class _Known:
         name, known = _constant(given), [*shipped(), "neutral"]
         if name is not None and name not in known and get_close_matches(name, known, n=1):
             self._one_of(given, known, "there is no role", "there are")
+
+    def _choice(self, slots: Mapping[str, tuple[Node, ...]]) -> None:
+        """Refuse an argument that no command of a partner takes."""
+        partner = _constant(_first(slots.get("partner", ())))
+        chosen = [one for one in self._partners.values() if partner in {None, one.name}]
+        if all(one.kind in self._kinds and not one.needs for one in chosen):
+            specs = (spec for one in chosen for spec in self._kinds[one.kind].values())
+            names = [field.name for spec in specs for field in spec.parameters if field.choices]
+            self._one_of(_first(slots.get("argument", ())), dict.fromkeys(names), "no act takes", "they take")
 
     def _one_of(self, given: Node | None, known: Iterable[str], said: str, others: str) -> None:
         name = _constant(given)

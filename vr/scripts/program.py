@@ -166,6 +166,10 @@ class Program(msgspec.Struct, frozen=True, kw_only=True):
         """Return the rule of this name, or None."""
         return next((rule for rule in self.rules if rule.name == name), None)
 
+    def wanted(self, template: str) -> list[Condition]:
+        """Return the conditions of all rules that want a kind of fact."""
+        return [one for rule in self.rules for one in rule.conditions if one.template == template]
+
     @property
     def listing(self) -> str:
         """All that CLIPS is given, one construct for each thing that its author wrote."""
@@ -180,6 +184,7 @@ def _several(name: str) -> ScriptSlot:
 
 
 MESSAGE, PARTNER, PARAMETER, ROLE = "msg", "partner", "parameter", "role"
+READING, CHOICE = "reading", "choice"
 
 SYSTEM = (
     FactTemplate(
@@ -205,6 +210,16 @@ SYSTEM = (
         name=ROLE,
         doc="Which role a partner plays.",
         slots=(ScriptSlot(name="partner"), ScriptSlot(name="name")),
+    ),
+    FactTemplate(
+        name=READING,
+        doc="What a partner reads, as it publishes it: `battery`. Each new value is a new fact.",
+        slots=(ScriptSlot(name="partner"), ScriptSlot(name="name"), ScriptSlot(name="value")),
+    ),
+    FactTemplate(
+        name=CHOICE,
+        doc="A value that commands of a partner take for an argument: a place, a thing.",
+        slots=(ScriptSlot(name="partner"), ScriptSlot(name="argument"), ScriptSlot(name="value")),
     ),
 )
 """The facts of every script; a message: performative, sender, act, arguments, conversation, reply-by."""

@@ -10,7 +10,7 @@ import math
 import shlex
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, cast
 
 import msgspec
@@ -19,6 +19,7 @@ from robotree.vr.author.child import ChildCommand
 from robotree.vr.author.context import Activity, CallFuture, running
 from robotree.vr.author.readings import Record
 from robotree.vr.author.virtual_robot import VirtualRobot
+from robotree.vr.base.description import CommandSpec
 from robotree.vr.base.errors import CommandCancelled, CommandFailed, SlotEmpty, Stopped, VrError
 from robotree.vr.base.written import Mark, Scalar, Word, value_of
 from robotree.vr.scripts.engine import Engine, ScriptError
@@ -34,7 +35,7 @@ from robotree.vr.scripts.happening import (
     Wait,
 )
 from robotree.vr.scripts.inbox import ScriptInbox
-from robotree.vr.scripts.program import Program
+from robotree.vr.scripts.program import CHOICE, READING, Program
 
 TICK = 0.05
 """[s] Longest time until the thread looks again: at partners, at a cancel, at progress."""
@@ -42,6 +43,8 @@ MOST_ACTS = 64
 """Acts under way."""
 MOST_A_SECOND = 200
 """Orders in one second; more is a flood."""
+QUIET = 1.0
+"""[s] Least time between two looks at the readings of a partner."""
 STEP = 0.05
 """Share of an act after which its progress is told again."""
 
@@ -87,6 +90,12 @@ class ScriptRun:
         self._seats = dict.fromkeys((one.name for one in program.partners), "")
         self._held: dict[str, str] = {}
         """The partners that are stopped, with the reason."""
+        self._readings: dict[str, dict[str, float]] = {}
+        """What the rules were told of the readings of each partner."""
+        self._looked: dict[str, float] = {}
+        """When the readings of a partner were looked at [s]."""
+        self._wants_readings = _names_in(program, READING, "name")
+        self._wants_choices = _names_in(program, CHOICE, "argument")
         self._acts: dict[int, _Act] = {}
         self._timers: list[tuple[float, Wait]] = []
         self._numbers = 0
@@ -146,6 +155,13 @@ class ScriptRun:
         if happening.act == "role":
             with self.lock:
                 self.engine.role(happening.sender, str(happening.arguments[0]))
+        if happening.act == "reading":
+            with self.lock:
+                self.engine.reading(
+                    happening.sender, str(happening.arguments[0]), float(happening.arguments[1])
+                )
+        if happening.act == "found" and self._wants_choices:
+            self._tell_choices(happening.partner)
         with self.lock:
             orders = self.engine.feed(happening)
         played: dict[str, str] = {}
@@ -185,7 +201,8 @@ class ScriptRun:
             before = self._seats[partner.name]
             if name != before:
                 self._seats[partner.name] = name
-                self._held.pop(partner.name, None)
+                for kept in (self._held, self._readings, self._looked):
+                    kept.pop(partner.name, None)
                 if before:
                     reason = self._robot.child_slots[partner.name].lost or "it was released"
                     self._changed("lost", partner.name, "", before, reason)
@@ -203,6 +220,23 @@ class ScriptRun:
             return
         if state is not None:
             self._stopped(partner, state.stop_reason)
+            if self._wants_readings and self._now() >= self._looked.get(partner, -math.inf) + QUIET:
+                self._looked[partner] = self._now()
+                self._tell_readings(partner, state.readings)
+
+    def _tell_readings(self, partner: str, readings: Mapping[str, float]) -> None:
+        told = self._readings.setdefault(partner, {})
+        for name, value in readings.items():
+            if is_meant(name, self._wants_readings) and value != told.get(name) and math.isfinite(value):
+                told[name] = value
+                self.inbox.put(Happening(act="reading", sender=partner, arguments=(name, value)))
+
+    def _tell_choices(self, partner: str) -> None:
+        bond = self._robot.child_slots[partner].bond
+        with self.lock:
+            for argument, value in () if bond is None else choices_of(bond.description.commands):
+                if is_meant(argument, self._wants_choices):
+                    self.engine.choice(partner, argument, value)
 
     def _stopped(self, partner: str, reason: str) -> None:
         """Take note whether a partner is stopped, and why; empty: it is not."""
@@ -330,6 +364,22 @@ class ScriptRun:
     def _say(self, text: str) -> None:
         self.last_log = text
         running().progress(math.nan, text)
+
+
+def _names_in(program: Program, template: str, slot: str) -> frozenset[str]:
+    """Return which names conditions on a kind of fact are about; "" among them: any."""
+    return frozenset(str(one.wanted.get(slot, "")) for one in program.wanted(template))
+
+
+def is_meant(name: str, wanted: frozenset[str]) -> bool:
+    """Whether a condition is about this name, or about any."""
+    return name in wanted or "" in wanted
+
+
+def choices_of(commands: Iterable[CommandSpec]) -> list[tuple[str, str]]:
+    """Return arguments and the values that they take, where these are named: places, things."""
+    found = ((one.name, value) for spec in commands for one in spec.parameters for value in one.choices)
+    return [*dict.fromkeys(found)]
 
 
 def flat(value: Any) -> tuple[Scalar, ...]:

@@ -17,7 +17,8 @@
 
 A happening in one line: `MESSAGE value …`, `done PARTNER ACT result …`, `failed PARTNER ACT reason`,
 `progress PARTNER ACT share`, `timer NAME`, `lost PARTNER`, `found PARTNER ROBOT`, `stopped PARTNER`,
-`released PARTNER`, `role PARTNER ROLE`, `start`; at its end `as CONVERSATION` and `from NAME`.
+`released PARTNER`, `role PARTNER ROLE`, `reading PARTNER NAME VALUE`, `start`; at its end `as CONVERSATION`
+and `from NAME`.
 """
 
 from __future__ import annotations
@@ -44,13 +45,13 @@ from robotree.vr.base.written import (
 from robotree.vr.scripts.engine import Engine, ScriptError
 from robotree.vr.scripts.expression import show
 from robotree.vr.scripts.happening import Happening, nearest, order_line
-from robotree.vr.scripts.program import Program
+from robotree.vr.scripts.program import CHOICE, Program
 from robotree.vr.scripts.shown import in_words, parts
 from robotree.vr.scripts.when_then import new_fact
 
 HAPPENINGS = (
     "start", "finish", "done", "failed", "progress", "timer", "lost", "found", "stopped", "released",
-    "role",
+    "role", "reading",
 )  # fmt: skip
 """What a line can begin with, beside the messages of the script."""
 CHANGES = frozenset({"lost", "found", "stopped", "released"})
@@ -169,7 +170,7 @@ def happening(line: str, mark: Mark = Mark()) -> Happening:  # noqa: B008 # froz
     words, conversation, sender = _words(line, mark)
     head, *rest = words
     values = tuple(value_of(Word(one, mark)) for one in rest)
-    least = {"done": 2, "failed": 2, "progress": 3, "timer": 1, "role": 2}.get(
+    least = {"done": 2, "failed": 2, "progress": 3, "timer": 1, "role": 2, "reading": 3}.get(
         head, 1 if head in CHANGES else 0
     )
     if len(rest) < least:
@@ -177,8 +178,10 @@ def happening(line: str, mark: Mark = Mark()) -> Happening:  # noqa: B008 # froz
     told = Happening(act=head, sender=sender, arguments=values, conversation=conversation)
     change = partial(msgspec.structs.replace, told)
     match head:
-        case "done" | "progress" | "role":
+        case "done" | "progress" | "role" | "reading":
             return change(sender=rest[0], arguments=values[1:])
+        case "reading" if isinstance(values[-1], str | bool):
+            raise mark.error(f"a reading is a number, not {values[-1]!r}: {line}")
         case "failed":
             reason = values[2:] or ("it failed",)
             return change(performative="failure", act=rest[1], sender=rest[0], arguments=reason)
@@ -226,8 +229,16 @@ class Rehearsal:
         parameters: Mapping[str, Scalar] | None = None,
         missing: Sequence[str] = (),
         roles: Mapping[str, str] | None = None,
+        choices: Mapping[str, Sequence[tuple[str, str]]] | None = None,
     ) -> None:
         """Begin as `start` does.
+
+        Args:
+            program: the script.
+            parameters: those that differ from their defaults.
+            missing: partners that are not there.
+            roles: which partners play.
+            choices: arguments and the values that they take, by kind of robot.
 
         Raises:
             ScriptError: the rules cannot be built, or fail at the beginning.
@@ -235,12 +246,21 @@ class Rehearsal:
         self.program = program
         self.engine = Engine(program, parameters)
         self.opening: list[Played] = []
+        self._choices = choices or {}
         for partner in program.partners:
             if partner.name not in missing:
                 self._open(f"found {partner.name}")
         for name, role in (roles or {}).items():
             self.engine.role(name, role)
         self._open("start")
+
+    def _found(self, name: str) -> None:
+        """Tell what the commands of a partner take."""
+        for partner in self.program.partners if self.program.wanted(CHOICE) else ():
+            if partner.name == name:
+                also = ((argument, one) for argument, values in partner.takes.items() for one in values)
+                for argument, value in (*self._choices.get(partner.kind, ()), *also):
+                    self.engine.choice(name, argument, value)
 
     def _open(self, line: str) -> None:
         played = self._played(happening(line), line, Mark())
@@ -275,6 +295,10 @@ class Rehearsal:
         orders: tuple[str, ...] = ()
         if told.act == "role":
             self.engine.role(told.sender, str(told.arguments[0]))
+        if told.act == "found":
+            self._found(told.partner)
+        if told.act == "reading":
+            self.engine.reading(told.sender, str(told.arguments[0]), float(told.arguments[1]))
         try:
             orders = tuple(map(order_line, self.engine.feed(told)))
         except ScriptError as error:
@@ -291,7 +315,9 @@ def _wanted(program: Program, act: str) -> bool:
     )
 
 
-def run(program: Program, trial: Trial) -> Iterator[Played]:
+def run(
+    program: Program, trial: Trial, choices: Mapping[str, Sequence[tuple[str, str]]] | None = None
+) -> Iterator[Played]:
     """Play a test; its first step with a fault is the last one.
 
     Raises:
@@ -304,7 +330,7 @@ def run(program: Program, trial: Trial) -> Iterator[Played]:
             raise trial.mark.error(
                 f"the script has no partner or parameter {name!r}; it has: {', '.join(known)}"
             )
-    rehearsal = Rehearsal(program, trial.parameters, trial.missing, trial.roles)
+    rehearsal = Rehearsal(program, trial.parameters, trial.missing, trial.roles, choices)
     for step in trial.steps:
         played = rehearsal.play(step.when, step.mark)
         fault = played.fault or _differs(step, played) or _lacks(step, rehearsal.engine.facts(), program)

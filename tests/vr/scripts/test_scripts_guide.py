@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from robotree import kinds
+from robotree.vr.author.kind import promises_of
 from robotree.vr.bundle import Bundle
 from robotree.vr.scripts.roles import read_profile, resolve
 from robotree.vr.scripts.roles.profile import shipped
@@ -45,3 +47,15 @@ def test_the_companion_of_the_guide_loads_and_plays_its_roles() -> None:
     assert robot.play(role="child") == "child"
     assert robot.way_to("wave").__name__ == "_wave_as_child"
     assert robot.manner_of("wave").number("speed", 0.5) == 0.3
+
+
+def test_the_guide_names_the_acts_places_and_things_of_the_companion() -> None:
+    (section,) = re.findall(r"## What the companion can do\n(.*?)\n## ", GUIDE, re.DOTALL)
+    commands = {one.name: one for one in promises_of(kinds.Companion)}
+    rows = re.findall(r"^\| (`.*?) \|", section, re.MULTILINE)
+    acts = {act for row in rows for act in re.findall(r"`(\w+)`", row)}
+    others = {"play", "learn_role", "roles", "listen", "heard", "reach"}
+    assert acts == commands.keys() - others
+    for act, argument, title in (("go_to", "place", "Places"), ("take", "what", "Things")):
+        (told,) = re.findall(rf"{title}: (.*?)(?:\.|$)", section)
+        assert set(re.findall(r"`([\w ]+)`", told)) == {*commands[act].by_name[argument].choices}
