@@ -48,6 +48,11 @@ def environment(folder: Path, *wanted: str | Path) -> Path:
 
 def install(programs: Path, *wanted: str | Path) -> None:
     """Install what `uv pip install` is given into an environment."""
-    uv = shutil.which("uv") or shutil.which("uv", path=Path(sys.executable).parent)
-    assert uv, "`make setup` provides uv"
-    run(uv, "pip", "install", "--quiet", "--python", programs / "python", *wanted)
+    run(uv(), "pip", "install", "--quiet", "--python", programs / "python", *wanted)
+
+
+def uv() -> str:
+    """Return the program that `make setup` installs packages with."""
+    found = shutil.which("uv") or shutil.which("uv", path=Path(sys.executable).parent)
+    assert found, "`make setup` provides uv"
+    return found

@@ -19,7 +19,7 @@ from packaging.utils import canonicalize_name
 
 from robotree.protocol.tools.capture.mcap import McapWriter
 from robotree.tui.line.actions import ACTIONS
-from tests.wheel import ROOT, build, environment, install, run
+from tests.wheel import ROOT, build, environment, install, run, uv
 
 pytestmark = [pytest.mark.soak, pytest.mark.e2e, pytest.mark.timeout(540)]
 SIMULATOR = Path(sys.executable).with_name("robotree")
@@ -44,14 +44,22 @@ def core_lock() -> str:
 
 
 @pytest.fixture(scope="module")
-def core(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The programs of an environment that has the wheel and the core's part of the lock, and nothing else."""
-    folder = tmp_path_factory.mktemp("core")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build(tmp_path_factory.mktemp("wheel"))
+
+
+def core_alone(folder: Path, wheel: Path) -> Path:
+    """Make an environment with the wheel and the core's part of the lock; return its programs' folder."""
     lock = folder / "core.lock"
     lock.write_text(core_lock())
     programs = environment(folder / "env", "--require-hashes", "--no-deps", "-r", lock)
-    install(programs, "--no-deps", build(folder))
+    install(programs, "--no-deps", wheel)
     return programs
+
+
+@pytest.fixture(scope="module")
+def core(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return core_alone(tmp_path_factory.mktemp("core"), wheel)
 
 
 @contextmanager
@@ -131,3 +139,12 @@ def test_an_option_that_needs_an_extra_says_so_too(core: Path, tmp_path: Path) -
         writer.close()
     for words in (("decode", recording), ("decode", recording, "--xml", recording)):
         assert "(robotree[wire]); install it: " in said_without(core / "robotree", "wire", *words)
+
+
+@pytest.mark.usefixtures("place")
+def test_the_command_that_is_named_installs_the_extra(wheel: Path, tmp_path: Path) -> None:
+    programs = core_alone(tmp_path, wheel)
+    check = (programs / "robotree", "rules", "check", "examples/guide.yaml")
+    command = said_without(*check).split("`")[-2]
+    run(uv(), *shlex.split(command.removeprefix("uv ")), "--constraints", ROOT / "requirements.lock")
+    assert "is good" in run(*check).stdout

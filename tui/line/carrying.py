@@ -8,7 +8,6 @@ from robotree.tui.errors import NotForRobots, SupervisorError, sentence
 from robotree.tui.line import verbs
 from robotree.tui.line.actions import BY_VERB
 from robotree.tui.line.grammar import Line
-from robotree.tui.line.installed import lacking
 from robotree.tui.line.verbs import Outcome, Run, Teller
 
 if TYPE_CHECKING:  # help must not wait for the agents
@@ -69,6 +68,8 @@ async def carry_out(fleet: Fleet, line: Line, teller: Teller) -> Outcome | Refus
     except (VrError, SupervisorError, OSError) as error:
         return Refusal(error)
     except ImportError as error:
+        from robotree.tui.line.installed import lacking
+
         if lack := lacking(line.verb, error):
             return Refusal(lack)
         raise
