@@ -1,7 +1,7 @@
 """MAVLink FTP, read-only: a few small files that a component has in memory.
 
-No session is opened: the number of a session is the place of its file. So nothing has to be closed, any
-number of clients may read at once, and a lost answer only has to be asked for again
+Each client has one session, number 0, with the file that it opened last: MAVSDK 4.1 ignores which number it
+is given. Sessions that nobody ends are forgotten when there are more than `CLIENTS`
 (https://mavlink.io/en/services/ftp.html).
 
 Pure.
@@ -19,6 +19,8 @@ from robotree.protocol.messages import AnyMessage, fields_of, make
 from robotree.protocol.services.peer import Peer
 
 MESSAGE: Final = "FILE_TRANSFER_PROTOCOL"
+CLIENTS: Final = 32
+"""Files that are open at a time; the one opened first is closed for a further one."""
 BURST: Final = 8
 """Messages of one burst, 2 kB; then the client asks on. So telemetry is not held up on a slow line."""
 _HEADER: Final = Struct("<HBBBBBxI")
@@ -64,6 +66,7 @@ class FtpError(IntEnum):
 
 
 _NOTHING_TO_DO: Final = {Opcode.NONE, Opcode.TERMINATE_SESSION, Opcode.RESET_SESSIONS}
+_READS: Final = {Opcode.READ_FILE, Opcode.BURST_READ_FILE}
 _CHANGES: Final = {*range(Opcode.CREATE_FILE, Opcode.CALC_FILE_CRC32)}
 
 
@@ -94,6 +97,7 @@ class Files:
     def __init__(self, content: Mapping[str, bytes]) -> None:
         self._content = dict(content)
         self._names = list(content)
+        self._open: dict[Peer, str] = {}
 
     def answer(self, question: AnyMessage, asker: Peer) -> list[AnyMessage]:
         """What to send back for a FILE_TRANSFER_PROTOCOL; nothing for what is itself an answer."""
@@ -103,41 +107,45 @@ class Files:
         data = payload[_HEADER.size :][: min(size, DATA)]
         if opcode in {Opcode.ACK, Opcode.NAK}:
             return []
-        told: list[tuple[int, Opcode, int, bytes]] = []
+        told: list[tuple[Opcode, int, bytes]]
         try:
-            for at, session, part in self._parts(opcode, session, size, offset, data):  # noqa: B020
-                told.append((session, Opcode.ACK, at, part))
+            parts = list(self._parts(asker, session, opcode, size, offset, data))
+            told = [(Opcode.ACK, *part) for part in parts]
+            session = 0 if opcode == Opcode.OPEN_FILE_RO else session
         except Refused as refused:
-            told = [(session, Opcode.NAK, offset, bytes((refused.error,)))]
+            told = [(Opcode.NAK, offset, bytes((refused.error,)))]
         return [
-            self._said(asker, sequence + number, opcode, one, last=number == len(told))
+            self._said(asker, sequence + number, (session, opcode), one, last=number == len(told))
             for number, one in enumerate(told, 1)
         ]
 
     def _parts(
-        self, opcode: int, session: int, size: int, offset: int, data: bytes
-    ) -> Iterator[tuple[int, int, bytes]]:
-        """Offset, session and data of each answer.
+        self, asker: Peer, session: int, opcode: int, size: int, offset: int, data: bytes
+    ) -> Iterator[tuple[int, bytes]]:
+        """Offset and data of each answer.
 
         Raises:
             Refused: there is none.
         """
         if opcode in _NOTHING_TO_DO:
-            yield offset, session, b""
+            if opcode != Opcode.NONE:
+                self._open.pop(asker, None)
+            yield offset, b""
         elif opcode == Opcode.LIST_DIRECTORY:
-            yield offset, session, self._listed(_path(data), offset)
+            yield offset, self._listed(_path(data), offset)
         elif opcode == Opcode.OPEN_FILE_RO:
-            place = self._find(_path(data))
-            yield 0, place, len(self._at(place)).to_bytes(4, "little")
+            content = self._content_of(_path(data))
+            self._open.pop(asker, None)
+            if len(self._open) == CLIENTS:
+                self._open.pop(next(iter(self._open)))
+            self._open[asker] = _path(data)
+            yield 0, len(content).to_bytes(4, "little")
         elif opcode == Opcode.CALC_FILE_CRC32:
-            yield 0, session, crc32(self._at(self._find(_path(data)))).to_bytes(4, "little")
-        elif opcode == Opcode.READ_FILE:
-            yield offset, session, self._read(session, offset, size)
-        elif opcode == Opcode.BURST_READ_FILE:
-            yield offset, session, self._read(session, offset, DATA)
-            end = min(len(self._at(session)), offset + BURST * DATA)
-            for at in range(offset + DATA, end, DATA):
-                yield at, session, self._read(session, at, DATA)
+            yield 0, crc32(self._content_of(_path(data))).to_bytes(4, "little")
+        elif opcode in _READS:
+            if session or asker not in self._open:
+                raise Refused(FtpError.INVALID_SESSION)
+            yield from _read(self._content_of(self._open[asker]), opcode, size, offset)
         else:
             raise Refused(FtpError.FILE_PROTECTED if opcode in _CHANGES else FtpError.UNKNOWN_COMMAND)
 
@@ -154,31 +162,29 @@ class Files:
             raise Refused(FtpError.END_OF_FILE)
         return told
 
-    def _find(self, path: str) -> int:
-        if path not in self._names:
+    def _content_of(self, path: str) -> bytes:
+        if path not in self._content:
             raise Refused(FtpError.FILE_NOT_FOUND)
-        return self._names.index(path)
-
-    def _at(self, session: int) -> bytes:
-        if session >= len(self._names):
-            raise Refused(FtpError.INVALID_SESSION)
-        return self._content[self._names[session]]
-
-    def _read(self, session: int, offset: int, size: int) -> bytes:
-        part = self._at(session)[offset:][: min(size, DATA)]
-        if not part:
-            raise Refused(FtpError.END_OF_FILE)
-        return part
+        return self._content[path]
 
     @staticmethod
     def _said(
-        asker: Peer, sequence: int, opcode: int, told: tuple[int, Opcode, int, bytes], *, last: bool
+        asker: Peer, sequence: int, asked: tuple[int, int], told: tuple[Opcode, int, bytes], *, last: bool
     ) -> AnyMessage:
-        session, code, offset, data = told
+        (session, opcode), (code, offset, data) = asked, told
         ends = int(last and code is Opcode.ACK and opcode == Opcode.BURST_READ_FILE)
         head = _HEADER.pack(sequence & _WORD, session, code, len(data), opcode, ends, offset)
         target = {"target_system": asker.system, "target_component": asker.component}
         return make(MESSAGE, target_network=0, **target, payload=(head + data).ljust(_PAYLOAD, b"\0"))
+
+
+def _read(content: bytes, opcode: int, size: int, offset: int) -> Iterator[tuple[int, bytes]]:
+    """One part of a file, or several in a burst."""
+    step, count = (DATA, BURST) if opcode == Opcode.BURST_READ_FILE else (min(size, DATA), 1)
+    if offset >= len(content) or not step:
+        raise Refused(FtpError.END_OF_FILE)
+    for at in range(offset, min(len(content), offset + count * step), step):
+        yield at, content[at:][:step]
 
 
 def _path(data: bytes) -> str:

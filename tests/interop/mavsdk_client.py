@@ -21,6 +21,8 @@ from typing import Any
 
 from mavsdk import ComponentType, Configuration, Mavsdk, MavsdkError, System, log_subscribe
 from mavsdk.plugins.action import Action
+from mavsdk.plugins.component_metadata import ComponentMetadata, MetadataType
+from mavsdk.plugins.ftp import Ftp
 from mavsdk.plugins.gripper import Gripper
 from mavsdk.plugins.info import Info
 from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkMessage
@@ -66,6 +68,27 @@ class Direct:
         return MavlinkMessage(message["name"], 0, 0, *target.values(), json.dumps(fields))
 
 
+class Metadata:
+    """What MAVSDK knows of a component, by its files.
+
+    Args:
+        system: the robot.
+    """
+
+    def __init__(self, system: System) -> None:
+        self._plugin = ComponentMetadata(system)
+
+    def parameters(self) -> dict[str, Any]:
+        """The file of the parameters, which it fetches as a ground station does."""
+        heard: queue.Queue[tuple[int, str]] = queue.Queue()
+        self._plugin.subscribe_metadata_available(lambda told, _: heard.put((told.type, told.json_metadata)))
+        self._plugin.request_autopilot_component()
+        told: dict[int, str] = {}
+        while MetadataType.ALL_COMPLETED not in told:
+            told.update([heard.get(timeout=PATIENCE)])
+        return json.loads(told[MetadataType.PARAMETER])
+
+
 def plain(value: Any) -> Any:
     """A value of MAVSDK as JSON knows it."""
     if isinstance(value, list):
@@ -102,7 +125,8 @@ def main() -> None:
     if system is None:
         tell({"error": "NO_AUTOPILOT"})
         return
-    plugins = {each.__name__.lower(): each(system) for each in (Action, Gripper, Info, Param)}
+    plugins = {each.__name__.lower(): each(system) for each in (Action, Ftp, Gripper, Info, Param)}
+    plugins["metadata"] = Metadata(system)
     plugins["direct"] = Direct(system, xml)
     tell({"system": system.get_system_id()})
     for line in sys.stdin:

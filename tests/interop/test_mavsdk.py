@@ -58,6 +58,19 @@ def test_parameters_are_listed_set_and_refused_with_the_reason(sdk: Any) -> None
     assert sdk.ask("param", "get_param_float", "TOOL_SPEED") == pytest.approx(0.1)
 
 
+def test_it_reads_texts_units_and_limits_of_the_parameters(sdk: Any) -> None:
+    told = {each["name"]: each for each in sdk.ask("metadata", "parameters")["parameters"]}
+    assert told["TOOL_SPEED"]["units"] == "m/s"
+    assert told["TOOL_SPEED"]["shortDesc"] == "Of a goal that names no speed"
+    assert (told["LINK_SILENCE"]["min"], told["LINK_SILENCE"]["max"]) == (0.01, 3600)
+
+
+def test_it_lists_the_files_and_changes_none(sdk: Any) -> None:
+    listed = sdk.ask("ftp", "list_directory", "/")["entries"]
+    assert [each["name"] for each in listed] == ["general.json", "parameter.json"]
+    assert "error" in sdk.ask("ftp", "remove_file", "/general.json")
+
+
 def test_a_named_command_moves_the_arm_and_waits_for_its_end(sdk: Any) -> None:
     began = time.monotonic()
     ended = sdk.command(GO_TO, 0.45, 0.1, 0.3, 0.0)

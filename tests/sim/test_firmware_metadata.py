@@ -16,7 +16,8 @@ from robotree.protocol.messages import (
     fields_of,
     make,
 )
-from robotree.protocol.services.files import DATA, Opcode, crc32
+from robotree.protocol.services.files import CLIENTS, DATA, Files, Opcode, crc32
+from robotree.protocol.services.peer import Peer
 from robotree.sim.testing import ArmBench, RoverBench
 
 FTP = "FILE_TRANSFER_PROTOCOL"
@@ -111,3 +112,23 @@ def test_the_files_are_listed(arm: ArmBench) -> None:
 def test_there_is_no_other_file(arm: ArmBench, path: bytes) -> None:
     (told,) = reader(arm)(Opcode.OPEN_FILE_RO, path)
     assert (told["opcode"], told["data"]) == (Opcode.NAK, b"\x0a")
+
+
+def test_each_client_has_a_session_of_its_own_and_those_that_nobody_ends_are_bounded() -> None:
+    files = Files({"a": b"a" * 300, "b": b"b"})
+
+    def asked(peer: Peer, opcode: Opcode, data: bytes = b"") -> Answer:
+        head = bytes((1, 0, 0, opcode, len(data) or DATA, 0, 0, 0)) + bytes(4)
+        (told,) = files.answer(make(FTP, payload=(head + data).ljust(251, b"\0")), peer)
+        return _apart(fields_of(told)["payload"])  # type: ignore[arg-type]
+
+    first, *others = [Peer("link", 255, component) for component in range(1, CLIENTS + 2)]
+    asked(first, Opcode.OPEN_FILE_RO, b"a")
+    for peer in others[:-1]:
+        asked(peer, Opcode.OPEN_FILE_RO, b"b")
+        assert asked(peer, Opcode.READ_FILE)["data"] == b"b"
+    assert asked(first, Opcode.READ_FILE)["data"] == b"a" * DATA
+    asked(others[-1], Opcode.OPEN_FILE_RO, b"b")
+    assert asked(first, Opcode.READ_FILE)["data"] == b"\x04", "it has to open it again"
+    asked(others[0], Opcode.TERMINATE_SESSION)
+    assert asked(others[0], Opcode.READ_FILE)["data"] == b"\x04"
