@@ -25,6 +25,7 @@ HELP = {
 
 LIST = {
     "robotree",
+    "robotree.client.joining",
     "robotree.files",
     "robotree.tui",
     "robotree.tui.line",
