@@ -166,6 +166,16 @@ class NotInstalled(SupervisorError):
         super().__init__(f"`robotree {verb}` needs {thing}; install it: `{remedy}`")
 
 
+class SomeSilent(SupervisorError):
+    """Agents run that have not answered: a list of those that did is not complete."""
+
+    def __init__(self, silent: Sequence[tuple[str, str, str]]) -> None:
+        """Keep name, place and remedy of each."""
+        self.silent = tuple(silent)
+        told = "; ".join(f"{name} in {where}: {remedy}" for name, where, remedy in silent)
+        super().__init__(f"not all answer, so this list is not complete: {told}")
+
+
 class DemoRuns(SupervisorError):
     """The demo's names are taken in this realm."""
 

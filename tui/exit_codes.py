@@ -4,7 +4,15 @@ from __future__ import annotations
 
 import sys
 
-from robotree.tui.errors import BadScript, NothingToAsk, OldList, SomeHang, UsageError, ValueRefused
+from robotree.tui.errors import (
+    BadScript,
+    NothingToAsk,
+    OldList,
+    SomeHang,
+    SomeSilent,
+    UsageError,
+    ValueRefused,
+)
 
 DONE = 0
 REFUSED = 1
@@ -26,7 +34,7 @@ def code_of(error: Exception) -> int:
     """Return the exit code for an error that ended a verb."""
     if isinstance(error, UsageError | ValueRefused | BadScript) or _about_an_address(error):
         return USAGE
-    if isinstance(error, NothingToAsk | OldList | SomeHang):
+    if isinstance(error, NothingToAsk | OldList | SomeHang | SomeSilent):
         return NOBODY
     from robotree.vr.base.errors import (  # a mistyped verb must not wait for the agents
         Hanging,

@@ -14,16 +14,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, NoReturn, Protocol, cast
 
 from robotree.files import overwrite
-from robotree.tui.errors import BadLine, OldList, SomeHang, SupervisorError, ValueRefused
+from robotree.tui.errors import BadLine, OldList, SomeHang, SomeSilent, SupervisorError, ValueRefused
 from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
 from robotree.tui.seen import forest, status, unlisted, wording
 
 if TYPE_CHECKING:  # help must not wait for the agents
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Mapping, Sequence
 
     from robotree.tui.line.page_files import PageFiles
     from robotree.tui.seen.store import Weight
+    from robotree.vr.base.address import Role
     from robotree.vr.base.description import CommandSpec, Listing, RobotDescription
     from robotree.vr.base.presence import Held
     from robotree.vr.base.requests import Level, LoggedLine, Reloaded, State
@@ -83,13 +84,20 @@ async def ls(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     """List robots, views, hosts or lookup services."""
     if line.flag("--lookups"):
         names = sorted(fleet.services)
-        return Outcome([{"name": name} for name in names], "\n".join(names) or "no lookup service is running")
+        silent = _silent(fleet, "lookup", names)
+        lines = [*names, *(f"{name}  {MUTE}" for name, _, _ in silent)]
+        data: list[dict[str, Any]] = [{"name": name} for name in names]
+        text = "\n".join(lines) or "no lookup service is running"
+        return Outcome([*data, *_mute(silent)], text, SomeSilent(silent) if silent else None)
     if line.flag("--hosts"):
         hosts = sorted(await fleet.hosts(), key=lambda host: host.address.name)
         runs = {one.address.name: [each.name for each in one.robots] for one in hosts}
+        silent = _silent(fleet, "host", runs)
         data = [{"name": name, "robots": robots} for name, robots in runs.items()]
         rows = [(name, ", ".join(robots) or "-") for name, robots in runs.items()]
-        return Outcome(data, wording.columns([("HOST", "ROBOTS"), *rows]) if rows else "no host is running")
+        rows += [(name, MUTE) for name, _, _ in silent]
+        text = wording.columns([("HOST", "ROBOTS"), *rows]) if rows else "no host is running"
+        return Outcome([*data, *_mute(silent)], text, SomeSilent(silent) if silent else None)
     what: Literal["view", "robot"] = "view" if line.flag("--views") else "robot"
     doubt = OldList() if fleet.stale else None
     if fleet.stale:
@@ -112,15 +120,34 @@ async def ls(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
 
 def _robots_of(held: Iterable[Held]) -> dict[str, Held]:
     """Return the robots among agents, by name."""
+    return _agents_of("robot", held)
+
+
+def _agents_of(role: Role, held: Iterable[Held]) -> dict[str, Held]:
+    """Return the agents of one role, by name."""
     from robotree.vr.base.address import Address
 
     found = ((Address.parse(one.key), one) for one in held)
-    return {address.name: one for address, one in found if address and address.role == "robot"}
+    return {address.name: one for address, one in found if address and address.role == role}
 
 
 async def _hanging(fleet: Fleet) -> dict[str, tuple[str, str]]:
     """Return the robots that live in processes that answer nobody: where, and what can be done about it."""
     return {name: (one.where, one.remedy) for name, one in _robots_of(await fleet.hanging()).items()}
+
+
+def _silent(fleet: Fleet, role: Role, answered: Collection[str]) -> list[tuple[str, str, str]]:
+    """Return which agents of a role run, by the machine's record, and have not answered.
+
+    Returns:
+        Name, where it is, and what to do, of each.
+    """
+    held = _agents_of(role, fleet.held())
+    return sorted((name, one.in_words, one.remedy) for name, one in held.items() if name not in answered)
+
+
+def _mute(silent: Sequence[tuple[str, str, str]]) -> list[dict[str, Any]]:
+    return [{"name": name, "state": MUTE} for name, _, _ in silent]
 
 
 def _some_hang(hanging: Mapping[str, tuple[str, str]]) -> SomeHang | None:

@@ -51,7 +51,7 @@ _NONE_FREE: Final = {errno.EMFILE, errno.ENFILE}
 
 
 class Door:
-    """See the module. Used in the thread that reads, but for `closed`."""
+    """See the module. Used in the thread that reads."""
 
     def __init__(
         self,
@@ -77,6 +77,8 @@ class Door:
         self._wrap, self._close, self._refusals, self._clock = wrap, close, refusals, clock
         self._strange: dict[PeerLink, float] = {}
         """Links that have not said hello, the oldest first, and when they came [s]."""
+        self._of = Counter[int]()
+        """How many of these each process has."""
         self._reserve: list[int] = []
         self._lent: dict[PeerLink, float] = {}
         """Links that came by the reserve, the oldest first, and when they came [s]."""
@@ -85,14 +87,14 @@ class Door:
         self._fill_reserve()
         sockets.add(listening, self.accept)
 
-    def accept(self) -> bool:
-        """Accept connections that wait; returns whether more may wait."""
+    def accept(self) -> None:
+        """Accept some of the connections that wait; what they have said is read before the next ones."""
         for _ in range(AT_ONCE):
             with forks.opening:
                 lent = len(self._reserve)
                 line = self._next()
                 if line is None:
-                    return False
+                    return
                 link = self._wrap(line)
                 if link.far_end.user != os.geteuid():
                     user = link.far_end.user
@@ -103,14 +105,19 @@ class Door:
                     continue
                 self._sockets.add(line, link)
             self._strange[link] = self._clock()
+            self._of[link.far_end.process] += 1
             if len(self._reserve) < lent:
                 self._lent[link] = self._clock()
             self._keep_bounds(link)
-        return True
+        self._look_again()
 
     def introduced(self, link: PeerLink) -> None:
         """A link has said hello."""
-        self._strange.pop(link, None)
+        if self._strange.pop(link, None) is not None:
+            process = link.far_end.process
+            self._of[process] -= 1
+            if not self._of[process]:
+                del self._of[process]
 
     def came(self, link: PeerLink) -> None:
         """Something has come on a link that has not said hello."""
@@ -118,8 +125,8 @@ class Door:
             self._keep_bounds(link)
 
     def closed(self, link: PeerLink) -> None:
-        """A link has been closed: its descriptor may be needed. From any thread."""
-        self._strange.pop(link, None)
+        """A link has been closed: its descriptor may be needed."""
+        self.introduced(link)
         self._lent.pop(link, None)
         if len(self._reserve) < RESERVE or self._waits:
             self._make_room()
@@ -170,7 +177,11 @@ class Door:
         self._fill_reserve()
         if self._waits and self._reserve:
             self._waits = False
-            self._sockets.change(self._listening, writes=False)  # it is reported again
+            self._look_again()
+
+    def _look_again(self) -> None:
+        """Have what waits reported again, behind all that has come meanwhile."""
+        self._sockets.change(self._listening, writes=False)
 
     def _fill_reserve(self) -> None:
         with contextlib.suppress(OSError), forks.opening:
@@ -180,26 +191,27 @@ class Door:
     def _keep_bounds(self, link: PeerLink) -> None:
         """Close what is too much, after a link came or has said more."""
         process = link.far_end.process
-        of_one = [other for other in self._strange if other.far_end.process == process]
-        if len(of_one) > MOST_OF_ONE:
-            self._refuse(
-                of_one[0], "crowd", f"has more than {MOST_OF_ONE} connections and says nothing on them"
-            )
-        if sum(other.incomplete for other in of_one) > LONGEST_HELLO:
-            self._refuse(link, "nonsense", f"greets with more than {LONGEST_HELLO} bytes")
-        while len(self._strange) > MOST_OF_ALL or self._bytes() > MOST_BYTES:
+        if self._of[process] > MOST_OF_ONE:
+            text = f"has more than {MOST_OF_ONE} connections and says nothing on them"
+            self._refuse(self._oldest(process), "crowd", text)
+        if link.incomplete and self._bytes(process) > LONGEST_HELLO:
+            self._refuse(link, "crowd", f"greets with more than {LONGEST_HELLO} bytes")
+        while len(self._strange) > MOST_OF_ALL or (link.incomplete and self._bytes() > MOST_BYTES):
             self._refuse(self._greediest(), "crowd", "and others have too many connections and say nothing")
 
-    def _bytes(self) -> int:
-        return sum(link.incomplete for link in self._strange)
+    def _bytes(self, process: int | None = None) -> int:
+        """Return how much of greetings has come of a process, or of all [bytes]."""
+        return sum(link.incomplete for link in self._strange if process in {None, link.far_end.process})
+
+    def _oldest(self, process: int) -> PeerLink:
+        return next(link for link in self._strange if link.far_end.process == process)
 
     def _greediest(self) -> PeerLink:
         """Return the oldest link of the process that takes the most."""
-        each = Counter[int]()
+        each = Counter(self._of)
         for link in self._strange:
-            each[link.far_end.process] += 1 + link.incomplete * MOST_OF_ALL // MOST_BYTES
-        ((process, _),) = each.most_common(1)
-        return next(link for link in self._strange if link.far_end.process == process)
+            each[link.far_end.process] += link.incomplete * MOST_OF_ALL // MOST_BYTES
+        return self._oldest(max(each, key=each.__getitem__))
 
     def _refuse(self, link: PeerLink, kind: RefusalKind, why: str) -> None:
         self._refusals.note(kind, f"process {link.far_end.process} {why}; it is disconnected")

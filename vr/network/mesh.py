@@ -849,27 +849,26 @@ class Mesh:
     def _serve_socket(self, what: What, events: int) -> bool:
         """Do what a socket is ready for; returns whether more may have come."""
         if not isinstance(what, PeerLink):
-            return what()
+            what()
+            return False
         if events & select.EPOLLOUT:
             self._flush(what)
         if not events & ~select.EPOLLOUT:
             return False
         return self._read(what, ended=bool(events & ENDED))
 
-    def _take_nudges(self) -> bool:
+    def _take_nudges(self) -> None:
         with contextlib.suppress(BlockingIOError):
             while self._nudged.recv(4096):
                 pass
         while self._to_flush:
             self._flush(self._to_flush.popleft())
-        return False
 
-    def _take_time(self) -> bool:
+    def _take_time(self) -> None:
         try:
             self._tick(time.monotonic())
         except (OSError, RealmUnusable) as error:
             _log.warning("realm %s: %s", self.place.realm, error)
-        return False
 
     def _read(self, link: PeerLink, *, ended: bool) -> bool:
         """Read once; returns whether more may have come: of a far end that has `ended`, at least its end."""

@@ -35,9 +35,8 @@ ENDED: Final = select.EPOLLRDHUP | select.EPOLLHUP | select.EPOLLERR
 _COMES: Final = select.EPOLLIN | select.EPOLLRDHUP | select.EPOLLET
 _BULK: Final = Channel.BULK
 
-What = PeerLink | Callable[[], bool]
-"""What a socket is for: a link, or what is to be done when something has come; it returns whether more may
-have come."""
+What = PeerLink | Callable[[], None]
+"""What a socket is for: a link, or what is to be done when something has come."""
 
 Job = Callable[[], bool]
 """Carries something out; returns whether its thread can read again. It must not raise."""
@@ -99,7 +98,7 @@ class Readers:
         sockets: Sockets,
         *,
         serve: Callable[[What, int], bool],
-        tick: Callable[[], bool],
+        tick: Callable[[], None],
         period: float,
         wake: Callable[[], None],
         release: Callable[[], None],
@@ -109,7 +108,7 @@ class Readers:
         Args:
             sockets: that are read.
             serve: reads once what is ready; takes its events, returns whether more may have come.
-            tick: does what is to be done again and again; returns False.
+            tick: does what is to be done again and again.
             period: [s] between two ticks.
             wake: makes a socket ready for which there is nothing to read.
             release: called in the last thread when all have ended.
@@ -168,11 +167,8 @@ class Readers:
 
     def _run(self) -> None:
         while not self._closed:
-            left = self.due - time.monotonic()
-            if left <= 0.0:
-                self.due += self._period - left
-                self._urgent.append((self._tick, 0))
-            else:
+            left = self._time_left()
+            if left > 0.0:
                 ready = self._sockets.wait(left)
                 self._enter(ready)
                 if not ready and self._one_too_many():
@@ -182,6 +178,14 @@ class Readers:
                 return
         self._leave()
         self._wake()  # the next one
+
+    def _time_left(self) -> float:
+        """Return the time until the next tick [s]; if there is none, have it done."""
+        left = self.due - time.monotonic()
+        if left <= 0.0:
+            self.due += self._period - left
+            self._urgent.append((self._tick, 0))
+        return left
 
     def _enter(self, ready: Iterable[tuple[What, int]]) -> None:
         """Have read what is ready."""
@@ -211,6 +215,7 @@ class Readers:
         if self._serve_one(what, events):
             self._enter([(what, events)])
             self._enter(self._sockets.wait(0.0))  # what is urgent goes ahead of the rest of a flood
+            self._time_left()  # and so does the tick: without it this process would count as one that hangs
 
     def _one_too_many(self) -> bool:
         """Leave if nothing has come for a while and enough others remain."""

@@ -6,6 +6,8 @@ import itertools
 import logging
 import os
 import socket
+import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,6 +15,7 @@ import pytest
 
 from robotree.vr.base.errors import TooManyKeys
 from robotree.vr.network import door as door_module
+from robotree.vr.network import rendezvous
 from robotree.vr.network.door import MOST_BYTES, MOST_OF_ALL, MOST_OF_ONE, RESERVE, WITHIN, Door
 from robotree.vr.network.link import (
     LONGEST_HELLO,
@@ -28,7 +31,7 @@ from robotree.vr.network.link import (
     Topic,
     pack,
 )
-from robotree.vr.network.mesh import MOST_MEMBERS, Mesh
+from robotree.vr.network.mesh import HANGS, MOST_MEMBERS, RECENT, Mesh
 from robotree.vr.network.readers import Sockets
 from robotree.vr.network.refusals import EVERY, RefusalKind, Refusals
 from robotree.vr.network.rendezvous import Rendezvous
@@ -50,6 +53,11 @@ def visitor(mesh: Mesh) -> Iterator[Visitor]:
     one = Visitor(mesh.place, mesh.place.tag)
     yield one
     one.close()
+
+
+def announced(mesh: Mesh) -> set[str]:
+    """What others hold, also visitors: they have no beat, and so are not present for long."""
+    return {key for peer in list(mesh._peers.values()) for key in list(peer.known[Topic.HOLDS])}
 
 
 def descriptors() -> int:
@@ -138,8 +146,8 @@ def test_a_process_that_dials_again_and_again_has_one_connection_a_channel(
 def test_the_largest_greeting_that_is_allowed_is_taken(mesh: Mesh, visitor: Visitor) -> None:
     keys = [f"robot/{number}/".ljust(LONGEST_KEY, "x") for number in range(MOST_KEYS)]
     visitor.greet(*keys)
-    wait_until(lambda: len(mesh.presence.keys("robot/*/*")) == MOST_KEYS, "it is not taken")
-    assert mesh.presence.keys("robot/*/*") == sorted(keys)
+    wait_until(lambda: len(announced(mesh)) == MOST_KEYS, "it is not taken")
+    assert announced(mesh) == set(keys)
 
 
 def test_a_greeting_that_is_too_long_is_refused_before_it_has_come(mesh: Mesh, visitor: Visitor) -> None:
@@ -176,7 +184,7 @@ def test_a_crowd_of_one_process_that_says_nothing_is_bounded_and_keeps_nobody_ou
     before = descriptors()
     crowd = [mesh.place.dial(mesh.place.tag) for _ in range(4 * MOST_OF_ONE)]
     visitor.greet(ARM)
-    wait_until(lambda: mesh.presence.there(ARM), "another one is kept out")
+    wait_until(lambda: ARM in announced(mesh), "another one is kept out")
     wait_until(lambda: descriptors() <= before + len(crowd) + MOST_OF_ONE + 4, "they are kept")
     assert len(refusals(caplog)) < 5, "they fill the log"
     for line in crowd:
@@ -224,8 +232,9 @@ class Entrance:
         for _ in range(count):
             self.lines.append(socket.socket(socket.AF_UNIX))
             self.lines[-1].connect(self.path)
-        while self.door.accept():
-            pass
+        self.door.accept()
+        while any(what == self.door.accept for what, _ in self.sockets.wait(0)):
+            self.door.accept()
 
     def open(self) -> list[PeerLink]:
         return [link for link in self.links if not link.closed]
@@ -327,6 +336,58 @@ def test_a_connection_by_the_reserve_makes_room_for_the_next_one(
     monkeypatch.setattr(door_module.os, "open", real_open)
 
 
+# -- where others crowd ----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def crowded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Rendezvous, socket.socket]]:
+    """A process that holds a robot, and in whose line there is no place for one more connection."""
+    monkeypatch.setattr(rendezvous, "BACKLOG", 0)
+    place = Rendezvous("test", tmp_path / "r")
+    with place.register() as listening:
+        place.hold(ARM)
+        with place.dial(place.tag):
+            yield place, listening
+    place.leave()
+
+
+def test_who_dials_waits_a_moment_for_a_place_in_the_line(crowded: tuple[Rendezvous, socket.socket]) -> None:
+    place, listening = crowded
+    with pytest.raises(BlockingIOError):
+        place.dial(place.tag)
+    began = time.monotonic()
+    with pytest.raises(BlockingIOError):
+        place.dial(place.tag, 0.2)
+    assert 0.15 < time.monotonic() - began < SOON
+
+    def make_room() -> None:
+        listening.accept()[0].close()
+
+    threading.Timer(0.2, make_room).start()
+    with place.dial(place.tag, SOON) as line:
+        assert not line.getblocking()
+
+
+def test_one_to_which_no_connection_can_be_made_is_doubted_and_then_said_to_hang(
+    crowded: tuple[Rendezvous, socket.socket], tmp_path: Path
+) -> None:
+    """Nobody says of it that it is not there: its names would be given again."""
+    place, _ = crowded
+    place.beat(time.monotonic())
+    newcomer = Mesh(Rendezvous("test", tmp_path / "r"))
+    began = time.monotonic()
+    newcomer.open()
+    assert time.monotonic() - began > RECENT / 2, "it beats, so it is waited for"
+    assert not newcomer.presence.there(ARM)
+    assert newcomer.presence.lives(ARM)
+    newcomer._undialed[place.tag] = time.monotonic()
+    place.beat(time.monotonic())
+    assert [(one.key, certain) for one, certain in newcomer.unheard("**")] == [(ARM, False)]
+    newcomer._undialed[place.tag] -= HANGS + 0.1
+    assert [(one.key, certain) for one, certain in newcomer.unheard("**")] == [(ARM, True)]
+    newcomer.close().result(SOON)
+
+
 # -- what it announces -----------------------------------------------------------------------------
 
 
@@ -336,7 +397,7 @@ def test_a_greeting_with_too_many_keys_is_refused(mesh: Mesh, visitor: Visitor, 
     keys = [f"robot/{number}/1" for number in range(MOST_KEYS + 1)]
     visitor.say(Channel.URGENT, Hello(VERSION, visitor.tag, Channel.URGENT, {topic: keys}))
     assert visitor.is_cut_off(Channel.URGENT)
-    assert mesh.presence.keys("robot/*/*") == []
+    assert not announced(mesh)
 
 
 def test_the_keys_of_one_process_are_counted_together(
@@ -345,22 +406,22 @@ def test_the_keys_of_one_process_are_counted_together(
     """In all that it announces, in its greeting and later, and under all names that it has in the realm."""
     half = [f"robot/{number}/1" for number in range(MOST_KEYS // 2)]
     visitor.greet(*half, subscribes=half[:-2])
-    wait_until(lambda: mesh.presence.there(half[0]), "it is taken")
+    wait_until(lambda: half[0] in announced(mesh), "it is not taken")
     visitor.say(Channel.URGENT, News(Topic.HOLDS, half[0], there=False))
     visitor.say(
         Channel.URGENT, *(News(Topic.HOLDS, f"robot/more/{number}", there=True) for number in range(3))
     )
-    wait_until(lambda: mesh.presence.there("robot/more/2"), "as many as are allowed are taken")
+    wait_until(lambda: "robot/more/2" in announced(mesh), "as many as are allowed are not taken")
     second = Visitor(mesh.place, mesh.place.tag)
     second.greet(ARM)
     assert second.is_cut_off(Channel.URGENT)
     visitor.say(Channel.URGENT, News(Topic.HOLDS, ARM, there=True))
     assert visitor.is_cut_off(Channel.URGENT)
-    wait_until(lambda: not mesh.presence.keys("robot/*/*"), "something of it is left")
+    wait_until(lambda: not announced(mesh), "something of it is left")
     assert f"announces more than {MOST_KEYS} keys" in caplog.text
     third = Visitor(mesh.place, mesh.place.tag)
     third.greet(ARM)
-    wait_until(lambda: mesh.presence.there(ARM), "what it announces no longer does not count")
+    wait_until(lambda: ARM in announced(mesh), "what it announces no longer still counts")
     third.close()
     second.close()
 
@@ -370,9 +431,9 @@ def test_a_process_is_in_a_realm_a_bounded_number_of_times(mesh: Mesh) -> None:
     for number, visitor in enumerate(visitors):
         visitor.greet(f"robot/r{number}/1")
         if number < MOST_MEMBERS:
-            wait_until(lambda number=number: mesh.presence.there(f"robot/r{number}/1"), "it is taken")
+            wait_until(lambda number=number: f"robot/r{number}/1" in announced(mesh), "it is not taken")
     assert visitors[-1].is_cut_off(Channel.URGENT)
-    assert len(mesh.presence.keys("robot/*/*")) == MOST_MEMBERS
+    assert len(announced(mesh)) == MOST_MEMBERS
     for visitor in visitors:
         visitor.close()
 
