@@ -26,12 +26,12 @@ from pathlib import Path
 from robotree.tui.errors import MemberFailed
 from robotree.vr.base.errors import VrError
 from tests import apart
-from tests.soak import crowds, damage, ends, forks, freezes, kills, resources, rules, screens, stops
+from tests.soak import crowds, damage, ends, forks, freezes, kills, lives, resources, rules, screens, stops
 from tests.soak.stage import Stage, staged
 from tests.soak.table import Row, Trial, is_good, table
 
 Try = Callable[[Stage, random.Random], Awaitable[Sequence[Trial]]]
-LONGEST_TRIAL = 60.0
+LONGEST_TRIAL = 120.0
 """[s] A trial that takes longer hangs."""
 ROOM = "8m"
 """Size of the file systems on which the folders of realm and state lie."""
@@ -98,6 +98,8 @@ def _resources(rounds: int) -> Iterator[tuple[str, Try]]:
         yield f"list-{number}", damage.robots
         yield f"held-{2 * number}", partial(resources.hold, letters=26, kill=False)
         yield f"held-{2 * number + 1}", partial(resources.hold, letters=29, kill=True)
+    if rounds > 1:
+        yield "lives", lives.come_and_go
 
 
 async def run(seed: int, *, quick: bool, only: str, limit: float) -> list[Trial]:
