@@ -95,17 +95,22 @@ class Companion:
         return f"next: select {SCRIPT}, ⏎ opens its panel, ^r runs start: the companion then serves who comes"
 
     async def accompany(self, fleet: Fleet) -> None:
-        """Be the recogniser: report to the script who has come and who leaves."""
-        number, known = 0, set[str]()
+        """Be the recogniser: report to the script who has come and who leaves, to each run of it anew."""
+        number, runs, here, told = 0, 0, set[str](), set[str]()
         while True:
             await asyncio.sleep(LISTEN)
             with suppress(VrError):  # the script may not run yet, or not any more
                 number, who, text = await heard(fleet, number)
-                if who and who not in known:
-                    await fleet.call(SCRIPT, "person_seen", {"who": who})
-                    known.add(who)
-                elif "have to go" in text:
+                here |= {who} - {""}
+                started = (await fleet.describe(SCRIPT)).calls.get("start", 0)
+                runs, told = started, told if started == runs else set()
+                if "have to go" in text or "Thank you" in text:
+                    here.discard(who)
+                if "have to go" in text:
                     await fleet.call(SCRIPT, "person_left", {"who": who})
+                for one in sorted(here - told):
+                    await fleet.call(SCRIPT, "person_seen", {"who": one})
+                    told.add(one)
 
     async def play(self, realm: str, folder: Path, *, readonly: bool) -> int:  # noqa: ARG002  a fixed course
         """Play the evening and print, as the last line, what came of it as one JSON object."""

@@ -50,6 +50,8 @@ async def begin(fleet: Fleet) -> str:
     await fleet.tell(SCRIPT, "start", {}, deadline=900.0)
 
     async def knows_the_cup() -> bool:
+        if (await fleet.describe(SCRIPT)).attributes["condition"] != "active":
+            return False  # its facts are those of its last run
         return await slot(fleet, "cup", CUP, "place") not in {"", "unknown", "asked"}
 
     await until(knows_the_cup)
