@@ -15,7 +15,7 @@ from textual.events import Event, Key
 from textual.filter import LineFilter
 from textual.screen import Screen
 
-from robotree.tui.errors import SupervisorError
+from robotree.tui.errors import SupervisorError, UnknownVerb
 from robotree.tui.line import grammar
 from robotree.tui.line.action import Scope, Where
 from robotree.tui.line.actions import ACTIONS, BY_VERB, shapes
@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 
+QUITS = frozenset({"q", "q!", "exit"})
+"""Lines that leave other programs, taken as `quit`."""
 CONTROL_FILTER = ControlFilter()
 """Every line of every widget goes through it."""
 
@@ -131,8 +133,13 @@ class Supervisor(OperatorApp):
     def run_typed(self, text: str) -> None:
         """Do what was typed at the prompt."""
         try:
-            words = grammar.split(text)
+            words = grammar.split("quit" if text.strip() in QUITS else text)
             line = self.prompt.parse(words) if words else None
+        except UnknownVerb as error:
+            near = f"did you mean {' or '.join(error.near)}?" if error.near else ""
+            hint = near or f"{self.keymap.spelled('help')} shows all keys and verbs"
+            self.tell(f"no verb {error.verb!r}; {hint}", "error")
+            return
         except (SupervisorError, VrError) as error:
             self.tell(str(error), "error")
             return

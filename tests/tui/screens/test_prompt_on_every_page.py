@@ -113,3 +113,22 @@ async def test_lines_typed_on_one_page_can_be_recalled_on_another(realm: Realm, 
         await go_to(operator, PanelPage)
         await operator.press("colon", "up")
         assert operator.one(Input, "#line").value == "sort"
+
+
+@pytest.mark.parametrize("line", ["q", "q!", "exit", "quit"])
+async def test_what_leaves_other_programs_leaves_this_one(realm: Realm, operate: Operate, line: str) -> None:
+    async with operate(realm.fleet) as operator:
+        operator.app.farewell = "The demo ends."
+        await go_to(operator, MainPage)
+        operator.app.run_typed(line)
+        await operator.at(Confirm)
+        await operator.sees("The demo ends.")
+
+
+async def test_of_an_unknown_verb_the_screen_names_its_own_help(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await go_to(operator, MainPage)
+        operator.app.run_typed("pods")
+        await operator.sees("no verb 'pods'; ? shows all keys and verbs")
+        operator.app.run_typed("delte arm-1")
+        await operator.sees("no verb 'delte'; did you mean delete?")
