@@ -92,7 +92,7 @@ class Companion:
         with as_file(files("robotree.examples")) as examples:
             await build(fleet, examples / "companion")
         await fleet.enslave(SCRIPT, "robot", ROBOT)
-        return f"next: select {SCRIPT}, ⏎ opens its panel, ^r runs start: the companion then serves who comes"
+        return f"next: select {SCRIPT}, ⏎ opens its panel, ^r runs start; ? shows all keys"
 
     async def accompany(self, fleet: Fleet) -> None:
         """Be the recogniser: report to the script who has come and who leaves, to each run of it anew."""

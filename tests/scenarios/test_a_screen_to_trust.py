@@ -183,6 +183,25 @@ async def test_who_created_and_who_deleted_a_robot_is_in_both_logs(cell: Cell, s
     assert (await RUN("log", "nobody"))[0] != 0
 
 
+async def test_states_are_counted_coloured_and_searched_on_a_terminal_of_16_colours(
+    cell: Cell, screen: Screen
+) -> None:
+    screen.shows(b"1 free")
+    assert re.search(rb"\x1b\[[0-9;]*92[0-9;]*m\xe2\x97\x8f", screen.shown), "free is bright green"
+    screen.types("/zzz", sees="zzz")
+    screen.types("\x1b", sees="arm-1")
+    os.kill(cell.proxy, signal.SIGSTOP)
+    try:
+        screen.shown = b""
+        screen.shows(b"1 hang")
+    finally:
+        os.kill(cell.proxy, signal.SIGCONT)
+    screen.shows(b"answers again")
+    screen.types("?", sees="Protective stop")
+    screen.types("/delete", sees="delete")
+    screen.types("\x1b", sees="Close")
+
+
 async def test_a_verb_typed_in_a_panel_stops_nothing(cell: Cell, screen: Screen) -> None:
     screen.types(ENTER, sees="peak")
     screen.types(":show arm-1\r", sees="commands")

@@ -395,3 +395,29 @@ async def test_settings_are_changed_in_the_form_that_the_key_opens(
         await operator.press("ctrl+r")
         await operator.sees("done in")
         assert await realm.fleet.call("team", "told", {}) == "0.2 right", "what was not edited stays"
+
+
+@pytest.mark.parametrize("size", [(160, 48), (80, 24)])
+async def test_no_part_of_the_panel_moves_when_a_command_begins_or_ends(
+    realm: Realm, operate: Operate, size: tuple[int, int]
+) -> None:
+    def places(page: PanelPage) -> list[object]:
+        parts = [page.query_one("#commands"), page.query_one("#readings"), page.query_one("#forms")]
+        return [one.region for one in (*parts, *page.query(".beside"))]
+
+    async with operate(realm.fleet, size=size) as operator:
+        page = await open_panel(operator, "arm-1")
+        form = page.query_one(CommandForm)
+        await operator.until(lambda: bool(form.texts["x"]), "the form has its values")
+        await operator.until(lambda: page.has_class("-pictures"), "the picture is there")
+        await operator.until(lambda: not page._layout_required, "its layout")
+        before = places(page)
+        realm.arm.under_way = True
+        await operator.press("ctrl+r")
+        await operator.until(lambda: form.running and page.has_class("-ran"), "it runs")
+        await operator.until(lambda: not page._layout_required, "its layout")
+        assert places(page) == before
+        realm.arm.under_way = False
+        await operator.until(lambda: not form.running, "it has ended")
+        await operator.until(lambda: not page._layout_required, "its layout")
+        assert places(page) == before
