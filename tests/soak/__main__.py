@@ -26,7 +26,20 @@ from pathlib import Path
 from robotree.tui.errors import MemberFailed
 from robotree.vr.base.errors import VrError
 from tests import apart
-from tests.soak import crowds, damage, ends, forks, freezes, kills, lives, resources, rules, screens, stops
+from tests.soak import (
+    crowds,
+    damage,
+    ends,
+    forks,
+    freezes,
+    kills,
+    lives,
+    resources,
+    rules,
+    screens,
+    stops,
+    wire,
+)
 from tests.soak.stage import Stage, staged
 from tests.soak.table import Row, Trial, is_good, table
 
@@ -46,6 +59,8 @@ def plan(quick: bool) -> Iterator[tuple[str, Try]]:  # noqa: FBT001 # the one op
         yield f"once-{number}", rules.lost_result
         yield f"foreign-{number}", rules.foreign_heartbeat
         yield f"replay-{number}", rules.replay
+        yield f"crossed-{number}", wire.crossed
+        yield f"plain-{number}", wire.plain
     for number in range(3 if quick else 15):
         yield f"split-{number}", partial(stops.split, how=("removed", "renamed", "paused")[number % 3])
     for number in range(1 if quick else 10):
