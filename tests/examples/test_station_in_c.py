@@ -1,4 +1,4 @@
-"""A ground station that signs as QGroundControl does: with MAVLink's C library and the key of a passphrase."""
+"""A ground station that signs as QGroundControl: with MAVLink's C library and the key of a passphrase."""
 
 from __future__ import annotations
 
