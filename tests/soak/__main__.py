@@ -44,7 +44,7 @@ from tests.soak.stage import Stage, staged
 from tests.soak.table import Row, Trial, is_good, table
 
 Try = Callable[[Stage, random.Random], Awaitable[Sequence[Trial]]]
-LONGEST_TRIAL = 120.0
+LONGEST_TRIAL = 240.0
 """[s] A trial that takes longer hangs."""
 ROOM = "8m"
 """Size of the file systems on which the folders of realm and state lie."""

@@ -155,6 +155,22 @@ class _Peer:
         return len(self.greeted) == len(Channel)
 
 
+class _Outside:
+    """What is known of processes that are not met, and what is refused.
+
+    It is apart because CPython finds the attributes of an object with more than 30 of them more slowly.
+    """
+
+    def __init__(self) -> None:
+        self.strangers: dict[str, str] = {}
+        """Processes in the folder that are refused, and what a person can do about each."""
+        self.undialed: dict[str, float] = {}
+        """Processes in the folder to which no connection could be made yet, and since when [s]."""
+        self.announced = Counter[int]()
+        """How many keys each other process announces."""
+        self.refusals = Refusals(_log)
+
+
 class Mesh:
     """See the module. `open` it, then use it from any thread, then `close` it."""
 
@@ -179,13 +195,7 @@ class Mesh:
         """Who serves a key, of the others."""
         self._listeners: dict[str, list[_Peer]] = {}
         """Who wants the samples of a key, of the others, as far as somebody asked."""
-        self._strangers: dict[str, str] = {}
-        """Processes in the folder that are refused, and what a person can do about each."""
-        self._announced = Counter[int]()
-        """How many keys each other process announces."""
-        self._undialed: dict[str, float] = {}
-        """Processes in the folder to which no connection could be made yet, and since when [s]."""
-        self._refusals = Refusals(_log)
+        self._outside = _Outside()
         self._numbers = itertools.count(1)
         self._to_settle: list[Callable[[], None]] = []
         self._settling = False
@@ -255,7 +265,7 @@ class Mesh:
         latest = time.monotonic() + HANGS
         while not self._complete.wait(patience) and patience and time.monotonic() < latest:
             with self._lock:
-                unmet = [*self._undialed, *(tag for tag, peer in self._peers.items() if not peer.met)]
+                unmet = [*self._outside.undialed, *(tag for tag, peer in self._peers.items() if not peer.met)]
             if not any(self._beats(tag) for tag in unmet):
                 return
 
@@ -421,8 +431,8 @@ class Mesh:
         now = time.monotonic()
         with self._lock:
             doubts = {tag: self._certain(peer, now) for tag, peer in self._peers.items()}
-            doubts |= dict.fromkeys(self._strangers, True)
-            doubts |= {tag: self._unmet_for(tag, since, now) for tag, since in self._undialed.items()}
+            doubts |= dict.fromkeys(self._outside.strangers, True)
+            doubts |= {tag: self._unmet_for(tag, since, now) for tag, since in self._outside.undialed.items()}
             return [
                 (one, certain)
                 for tag, certain in sorted(doubts.items())
@@ -475,7 +485,7 @@ class Mesh:
         with self._lock:
             own = [key for key in self._known[Topic.HOLDS] if matches(pattern, key)]
             living = self.place.living()
-            unknown = living - self._peers.keys() - self._strangers.keys()
+            unknown = living - self._peers.keys() - self._outside.strangers.keys()
             peers = {tag for tag, one in self._peers.items() if one.awake or alive(process_of(tag))}
             others = sorted(living | peers)  # of one that hung and has just ended nothing is left
             found = held_by(os.getpid(), own) + [one for tag in others for one in self._held_by(tag, pattern)]
@@ -493,9 +503,9 @@ class Mesh:
             advice = remedy(process, f"`kill {process}` ends it")
             return [Held("", f"process {process}", advice, LOST_FILES, asleep(process))]
         keys = [key for key in (said or set()).union(written or ()) if matches(pattern, key)]
-        if tag not in self._strangers:
+        if tag not in self._outside.strangers:
             return held_by(process, keys)
-        advice = self._strangers[tag]
+        advice = self._outside.strangers[tag]
         return [Held(key, f"process {process}", advice, "which is not understood") for key in sorted(keys)]
 
     def ask(self, key: str, body: bytes, *, void_at: float = 0.0, urgent: bool, on_reply: OnReply) -> None:
@@ -589,7 +599,7 @@ class Mesh:
                 self._sockets,
                 wrap=partial(PeerLink, wants_to_write=self._later),
                 close=self._ended,
-                refusals=self._refusals,
+                refusals=self._outside.refusals,
             )
 
     def _dial_all(self, patience: float = 0.0) -> None:
@@ -601,12 +611,12 @@ class Mesh:
         now = time.monotonic()
         others = self.place.others()
         with self._lock:
-            for tag in self._undialed.keys() - (set(others) - self._peers.keys()):
-                del self._undialed[tag]
-        for tag in self._strangers.keys() - set(others):
-            del self._strangers[tag]
+            for tag in self._outside.undialed.keys() - (set(others) - self._peers.keys()):
+                del self._outside.undialed[tag]
+        for tag in self._outside.strangers.keys() - set(others):
+            del self._outside.strangers[tag]
         for tag in others:
-            if tag in self._peers or tag in self._strangers:
+            if tag in self._peers or tag in self._outside.strangers:
                 continue
             with self._lock, forks.opening:
                 self._dial(tag, now, patience)
@@ -624,9 +634,9 @@ class Mesh:
                 raise RealmUnusable(realm=self.place.realm, reason=f"{error}") from None
             if isinstance(error, ConnectionRefusedError):
                 self.place.forget(tag)  # it listened before it could be seen, so it is dead
-                self._undialed.pop(tag, None)
+                self._outside.undialed.pop(tag, None)
             else:
-                self._undialed.setdefault(tag, now)
+                self._outside.undialed.setdefault(tag, now)
             return
         links = [
             PeerLink(line, channel=channel, member=tag, wants_to_write=self._later)
@@ -637,9 +647,9 @@ class Mesh:
                 link.close()
             far = links[0].far_end
             text = f"process {far.process} of user {far.user} listens as if it were process {process_of(tag)}"
-            self._refusals.note("identity", f"{text}; it is not connected to")
+            self._outside.refusals.note("identity", f"{text}; it is not connected to")
             return
-        self._undialed.pop(tag, None)
+        self._outside.undialed.pop(tag, None)
         peer = self._peers[tag] = _Peer(tag, now)
         for link in links:
             self._add_link(peer, link)
@@ -711,7 +721,7 @@ class Mesh:
         Raises:
             Greedy: it would, with so many `more`.
         """
-        if self._announced[process_of(peer.tag)] + more > MOST_KEYS:
+        if self._outside.announced[process_of(peer.tag)] + more > MOST_KEYS:
             raise Greedy(f"it announces more than {MOST_KEYS} keys")
 
     def _settle_who_dialed(self, link: PeerLink) -> _Peer | None:
@@ -738,12 +748,12 @@ class Mesh:
                 peer.greeted.discard(mine.channel)
         if peer is None:
             peer = self._peers[link.member] = _Peer(link.member, time.monotonic())
-            self._undialed.pop(link.member, None)
+            self._outside.undialed.pop(link.member, None)
         return peer
 
     def _check_complete(self) -> None:
         with self._lock:
-            if not self._undialed and all(peer.met for peer in self._peers.values()):
+            if not self._outside.undialed and all(peer.met for peer in self._peers.values()):
                 self._complete.set()
 
     # -- who is there
@@ -820,9 +830,9 @@ class Mesh:
     def _count_keys(self, peer: _Peer, more: int) -> None:
         """Count how many keys a process announces. Under the lock."""
         process = process_of(peer.tag)
-        self._announced[process] += more
-        if not self._announced[process]:
-            del self._announced[process]
+        self._outside.announced[process] += more
+        if not self._outside.announced[process]:
+            del self._outside.announced[process]
 
     def _check_room(self, topic: Topic, key: str) -> None:
         """Check that the others take one more key of this process. Under the lock."""
@@ -893,10 +903,10 @@ class Mesh:
     def _refuse(self, link: PeerLink, why: NotAFrame) -> None:
         """Disconnect from a process that is not understood, or not believed, or announces too much."""
         process = link.far_end.process
-        self._refusals.note(why.kind, f"process {process} is refused: {why}")
+        self._outside.refusals.note(why.kind, f"process {process} is refused: {why}")
         if link.member:
             advice = GREEDY if isinstance(why, Greedy) else REPLACE
-            self._strangers[link.member] = advice.format(process)
+            self._outside.strangers[link.member] = advice.format(process)
         self._ended(link)
 
     def _ended(self, link: PeerLink) -> None:
@@ -980,7 +990,7 @@ class Mesh:
             link.send(packed)
         except Overflow:
             process = link.far_end.process
-            self._refusals.note(
+            self._outside.refusals.note(
                 "deaf", f"process {process} does not read what is sent to it; it is disconnected"
             )
             with contextlib.suppress(OSError):
@@ -1010,7 +1020,7 @@ class Mesh:
         self._dial_all()
         if self._door is not None:
             self._door.tick()
-        self._refusals.write()
+        self._outside.refusals.write()
         self._judge_itself(trouble)
 
     def _judge_itself(self, trouble: str) -> None:

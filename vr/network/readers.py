@@ -167,8 +167,10 @@ class Readers:
 
     def _run(self) -> None:
         while not self._closed:
-            left = self._time_left()
-            if left > 0.0:
+            left = self.due - time.monotonic()
+            if left <= 0.0:
+                self._call_tick(left)
+            else:
                 ready = self._sockets.wait(left)
                 self._enter(ready)
                 if not ready and self._one_too_many():
@@ -179,13 +181,10 @@ class Readers:
         self._leave()
         self._wake()  # the next one
 
-    def _time_left(self) -> float:
-        """Return the time until the next tick [s]; if there is none, have it done."""
-        left = self.due - time.monotonic()
-        if left <= 0.0:
-            self.due += self._period - left
-            self._urgent.append((self._tick, 0))
-        return left
+    def _call_tick(self, left: float) -> None:
+        """Have the tick done, which was due some time ago [s, negative]."""
+        self.due += self._period - left
+        self._urgent.append((self._tick, 0))
 
     def _enter(self, ready: Iterable[tuple[What, int]]) -> None:
         """Have read what is ready."""
@@ -215,7 +214,8 @@ class Readers:
         if self._serve_one(what, events):
             self._enter([(what, events)])
             self._enter(self._sockets.wait(0.0))  # what is urgent goes ahead of the rest of a flood
-            self._time_left()  # and so does the tick: without it this process would count as one that hangs
+            if (left := self.due - time.monotonic()) <= 0.0:
+                self._call_tick(left)  # without it this process would count as one that hangs
 
     def _one_too_many(self) -> bool:
         """Leave if nothing has come for a while and enough others remain."""

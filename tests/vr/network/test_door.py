@@ -77,7 +77,7 @@ def test_a_process_that_says_that_it_is_another_one_is_refused_and_the_other_is_
     assert visitor.is_cut_off(Channel.URGENT)
     assert not mesh.presence.there(ARM)
     assert not mesh._peers
-    assert not mesh._strangers
+    assert not mesh._outside.strangers
 
 
 def test_a_process_of_another_version_is_named_with_what_to_do(mesh: Mesh, tmp_path: Path) -> None:
@@ -380,10 +380,10 @@ def test_one_to_which_no_connection_can_be_made_is_doubted_and_then_said_to_hang
     assert time.monotonic() - began > RECENT / 2, "it beats, so it is waited for"
     assert not newcomer.presence.there(ARM)
     assert newcomer.presence.lives(ARM)
-    newcomer._undialed[place.tag] = time.monotonic()
+    newcomer._outside.undialed[place.tag] = time.monotonic()
     place.beat(time.monotonic())
     assert [(one.key, certain) for one, certain in newcomer.unheard("**")] == [(ARM, False)]
-    newcomer._undialed[place.tag] -= HANGS + 0.1
+    newcomer._outside.undialed[place.tag] -= HANGS + 0.1
     assert [(one.key, certain) for one, certain in newcomer.unheard("**")] == [(ARM, True)]
     newcomer.close().result(SOON)
 
