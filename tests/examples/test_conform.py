@@ -53,7 +53,16 @@ async def test_the_simulated_rover_keeps_all_rules() -> None:
     assert {each.rule.id for each in results if each.outcome is not Outcome.KEPT} == set()
 
 
+@pytest.mark.parametrize("kind", sorted(KINDS.keys() - {"rover"}))
+async def test_each_simulated_kind_is_moved_and_holds_as_the_rules_say(kind: str) -> None:
+    rules = ("reaches", "cancel", "hold", "time-to-live", "stop")
+    async with serving("companion" if kind in COMPANION else kind, "tcp:127.0.0.1:0") as server:
+        results = await tried(server.address, kind=kind, controller=(1, COMPANION.get(kind, 1)), rules=rules)
+    assert {each.rule.id: each.detail for each in results if each.outcome is not Outcome.KEPT} == {}
+
+
 @pytest.mark.soak
+@pytest.mark.timeout(400)
 @pytest.mark.parametrize("kind", sorted(KINDS.keys() - {"rover"}))
 async def test_each_simulated_kind_keeps_all_rules(kind: str) -> None:
     async with serving("companion" if kind in COMPANION else kind, "tcp:127.0.0.1:0") as server:
@@ -122,6 +131,7 @@ async def test_a_controller_with_a_key_is_examined_by_who_has_the_key_and_by_nob
 
 
 @pytest.mark.soak
+@pytest.mark.timeout(400)
 async def test_with_a_key_a_controller_keeps_all_rules_that_it_must(keyed: str, tmp_path: Path) -> None:
     security = Security(Keyring(tmp_path / "cell.key"), time.time)
     results = await tried(keyed, security=security)

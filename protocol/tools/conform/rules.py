@@ -109,7 +109,7 @@ async def _introduction(t: Trial) -> None:
     for kind, within in greeting:
         await t.line.expect(kind)  # the next one is not due for a while, so another one is the greeting
         await t.restart()
-        await t.line.expect(kind, within=within / t.pace)
+        await t.line.expect(kind, within=within)
 
 
 @_rule("heartbeat", MUST, "sends HEARTBEAT every second")
@@ -561,7 +561,7 @@ def _state_of(t: Trial, goal: Goal) -> GoalState:
 async def _silence_ended(t: Trial) -> None:
     await t.begin()
     await t.line.expect(
-        Mode, lambda it: it.mode == ModeKind.HOLD, _silence(t) + 3.0, "MODE HOLD after the silence"
+        Mode, lambda it: it.mode == ModeKind.HOLD, _silence_ms(t) / 1000 + 3.0, "MODE HOLD after the silence"
     )
     goal = await t.begin()
     await t.line.expect(Mode, lambda it: it.mode == ModeKind.ACTIVE, what="MODE ACTIVE")
@@ -600,7 +600,7 @@ async def _link_end(t: Trial) -> None:
     goal = await t.begin()
     await t.restart()
     began = t.now()
-    await t.line.expect(Mode, lambda it: it.mode == ModeKind.HOLD, 0.6 * _silence(t), "MODE HOLD at once")
+    await t.line.expect(Mode, lambda it: it.mode == ModeKind.HOLD, _silence_ms(t) / 2000, "MODE HOLD at once")
     expect_status(await t.ask(_question(goal)), GoalState.CANCELLED, reason=Reason.LINK_SILENT)
     require(t.now() - began < 0.7 * _silence(t), "it has waited for the silence")
 

@@ -116,12 +116,12 @@ class Line:
         self._endpoint.send(message, component=sender[1])
 
     async def until(self, happened: Callable[[], bool], within: float, missing: str) -> None:
-        """Wait for something that a received message changes.
+        """Wait for something that a received message changes, for `within` seconds of the controller's time.
 
         Raises:
             RuleBroken: it did not happen in time; `missing` is what is missing, as the subject of a sentence.
         """
-        deadline = self._trial.now() + within
+        deadline = self._trial.now() + within / self._trial.pace
         while not happened():
             self._news.clear()
             left = deadline - self._trial.now()
