@@ -536,9 +536,9 @@ async def _abandoned(t: Trial, goal: Goal, speak: Callable[[], None]) -> float:
     Returns:
         How long that took, [s] of our time.
     """
-    began, limit = t.now(), t.controller_time + _silence_ms(t) / 1000 + 2.0
+    began, limit = t.now(), t.clock() + _silence_ms(t) / 1000 + 2.0
     latest = began + 5 * (_silence_ms(t) / 1000 + 2.0)  # where its time stands still
-    while _state_of(t, goal) == GoalState.ACTIVE and t.controller_time < limit and t.now() < latest:
+    while _state_of(t, goal) == GoalState.ACTIVE and t.clock() < limit and t.now() < latest:
         speak()
         await asyncio.sleep(0.1)
     took = t.now() - began

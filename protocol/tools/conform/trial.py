@@ -53,6 +53,10 @@ SECOND: Sender = (255, 91)
 WITHIN = 2.0
 """[s] in which a controller answers; in fact it is milliseconds, but a machine may be busy."""
 BEAT = Heartbeat(MavType.ONBOARD_CONTROLLER, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)
+MODE_LATE = 1.0
+"""[s] It comes twice a second."""
+SLOWEST = 0.2
+"""[s] of the controller in one of ours, at least."""
 TIMES = 10
 """MODEs from which the controller's pace is known: those of five seconds, or fewer where it changes."""
 NO_ARGS = padded(())
@@ -121,10 +125,10 @@ class Line:
         Raises:
             RuleBroken: it did not happen in time; `missing` is what is missing, as the subject of a sentence.
         """
-        deadline = self._trial.now() + within / self._trial.pace
+        deadline, latest = self._trial.clock() + within, self._trial.now() + within / SLOWEST
         while not happened():
             self._news.clear()
-            left = deadline - self._trial.now()
+            left = min(deadline - self._trial.clock(), latest - self._trial.now())
             if left <= 0 or self.ended is not None:
                 gone = f"; the link has ended: {self.ended}" if self.ended is not None else ""
                 raise RuleBroken(f"{missing} did not come within {within:g} s{gone}")
@@ -209,6 +213,7 @@ class Trial:
         self._motions = motions
         self._times = deque[tuple[float, float]](maxlen=TIMES)
         """When the latest MODEs came, and the controller's time in each, [s]."""
+        self._zero = 0.0
         self._home: Place | None = None
         self._place: Place | None = None
         self._places = 0
@@ -230,7 +235,9 @@ class Trial:
             self.epoch = max(self.epoch, message.epoch)
         if isinstance(message, Mode):
             self.mode, self.life = message, message.life
-            self._times.append((spoken.at, message.time_boot_ms / 1000))
+            if not self._times:
+                self._zero = spoken.at - message.time_boot_ms / 1000
+            self._times.append((spoken.at, message.time_boot_ms / 1000 + self._zero))
         elif isinstance(message, ClaimStatus):
             self.claim = message
         elif self._motions is not None and isinstance(message, self._motions.telemetry):
@@ -243,12 +250,14 @@ class Trial:
             return 1.0
         (here, there), (here_now, there_now) = self._times[0], self._times[-1]
         passed = there_now - there
-        return min(max(passed / (here_now - here), 0.2), 1.0) if passed > 0 and here_now > here else 1.0
+        return min(max(passed / (here_now - here), SLOWEST), 1.0) if passed > 0 and here_now > here else 1.0
 
-    @property
-    def controller_time(self) -> float:
-        """Of the latest MODE, [s]."""
-        return self._times[-1][1] if self._times else 0.0
+    def clock(self) -> float:
+        """The controller's time, [s] since about the beginning: it stands still while no MODE comes."""
+        if not self._times:
+            return self.now()
+        at, told = self._times[-1]
+        return told + min(self.now() - at, MODE_LATE) * self.pace
 
     # -- links
 
