@@ -36,8 +36,8 @@ from robotree.vr.bundle.loader import (
     keep_with,
     load_module,
     make,
+    reason_of,
     text_of,
-    with_line,
     within,
 )
 
@@ -151,8 +151,8 @@ class Bundle(msgspec.Struct, frozen=True):
             commands_of(chosen)
             if issubclass(chosen, VirtualRobot):
                 slot_specs(chosen)
-        except TypeError as error:
-            raise BrokenSource(path=self.path, reason=with_line(str(error), text_of(chosen))) from None
+        except (TypeError, ValueError, AttributeError, LookupError) as error:  # Python 3.14 reads types late
+            raise BrokenSource(path=self.path, reason=reason_of(error, text_of(chosen))) from None
         return chosen
 
     def examine(self) -> None:

@@ -222,7 +222,7 @@ def within(work: Callable[[], _T], path: str, file: str, limit: float) -> _T:
         return cast("_T", value)
     if isinstance(error, BadName):
         raise error
-    raise BrokenSource(path=path, reason=_reason(error, file, limit))
+    raise BrokenSource(path=path, reason=reason_of(error, file, limit))
 
 
 @lru_cache(32)
@@ -240,7 +240,14 @@ def _compile(source: str, path: str, file: str) -> CodeType:
     return code
 
 
-def _reason(error: BaseException, file: str, limit: float) -> str:
+def reason_of(error: BaseException, file: str, limit: float = LIMIT) -> str:
+    """Return why a page cannot be loaded, behind its line.
+
+    Args:
+        error: that its code ended with.
+        file: its name in tracebacks.
+        limit: [s] that its code had.
+    """
     frames = traceback.extract_tb(error.__traceback__)
     where = next((_place(frame, file) for frame in reversed(frames) if _of_author(frame.filename, file)), "")
     if isinstance(error, SyntaxError) and error.filename and _of_author(error.filename, file):
