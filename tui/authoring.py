@@ -18,6 +18,7 @@ from robotree.tui.errors import ValueRefused
 from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
 from robotree.tui.terminal import answer
+from robotree.vr.base.extras import lacks
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.description import CommandSpec
@@ -154,6 +155,7 @@ def new(line: Line, kinds: Kinds) -> int:
             made.append(path)
     then = [
         f"robotree check {module}.py",
+        *(lack.remedy for lack in lacks("testing")),
         f"pytest test_{module}.py",
         f"robotree create {module}.py as {name}",
     ]

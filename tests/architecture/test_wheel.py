@@ -2,9 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import json
+import os
 import re
+import shlex
+import struct
+import subprocess
+import termios
+import threading
+import time
 import zipfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -42,6 +52,70 @@ def test_an_author_tests_a_page_of_the_guide_in_an_empty_folder(installed: Path,
         installed / "python", "-m", "pytest", "--help", "--rootdir", tmp_path, tmp_path, PYTHONPATH=""
     )
     assert "--robotree-seed" in shown.stdout
+
+
+@pytest.fixture
+def demo(
+    installed: Path, tmp_path: Path, place: Path
+) -> Iterator[Callable[..., subprocess.CompletedProcess[str]]]:
+    """The demo on a terminal, in an empty folder; gives what runs `robotree` in a second terminal there."""
+    screen, inside = os.openpty()
+    fcntl.ioctl(inside, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 140, 0, 0))
+    environment = {**os.environ, "XDG_RUNTIME_DIR": str(place), "PYTHONPATH": "", "TERM": "xterm-256color"}
+
+    def type_line(*words: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [installed / "robotree", *words],
+            cwd=tmp_path,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=120,
+            env=environment,
+        )
+
+    process = subprocess.Popen(
+        [installed / "robotree", "demo"],
+        cwd=tmp_path,
+        stdin=inside,
+        stdout=inside,
+        stderr=inside,
+        env=environment,
+    )
+    os.close(inside)
+
+    def draw() -> None:
+        with contextlib.suppress(OSError):  # the terminal is gone with its program
+            while os.read(screen, 65536):
+                pass
+
+    drawing = threading.Thread(target=draw)
+    drawing.start()
+    latest = time.monotonic() + 120
+    while not {"arm-1", "rover-1"} <= set(type_line("ls").stdout.split()):
+        assert time.monotonic() < latest, "the demo lists no robots"
+    yield type_line
+    process.terminate()
+    process.wait(60)
+    drawing.join()
+    os.close(screen)
+
+
+def test_a_newcomer_follows_the_first_chapter_in_an_empty_folder(
+    demo: Callable[..., subprocess.CompletedProcess[str]], tmp_path: Path
+) -> None:
+    chapter = (ROOT / "docs" / "guide" / "first-robot.md").read_text()
+    ((name, body),) = re.findall(r"^```python (\w+\.py)\n(.*?)^```$", chapter, re.MULTILINE | re.DOTALL)
+    (tmp_path / name).write_text(body)
+    typed = re.findall(r"^robotree (.*)$", chapter, re.MULTILINE)
+    assert typed[0] == "demo"
+    for line in typed[1:]:
+        words, _, remark = line.partition("#")
+        done = demo(*shlex.split(words))
+        assert (done.returncode == 0) == ("refused" not in remark), f"{line}: {done.stderr}"
+    assert {"waver.py", "test_waver.py"} <= {path.name for path in tmp_path.iterdir()}
+    assert "greeter" not in demo("ls").stdout
 
 
 def test_the_wheel_alone_closes_the_lever_with_one_command(

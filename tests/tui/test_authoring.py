@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
@@ -190,6 +191,22 @@ def test_a_new_page_passes_its_check_and_nothing_is_overwritten(
     Path("my_team.py").write_text("mine")
     assert main(["new", "my-team"]) != 0
     assert Path("my_team.py").read_text() == "mine"
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_a_new_page_says_what_its_test_needs(
+    there: bool,  # noqa: FBT001 # a parameter
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    if not there:
+        monkeypatch.setitem(sys.modules, "pytest", None)
+    assert main(["new", "mine"]) == 0
+    steps = capsys.readouterr().out.partition("next:\n")[2].split("\n")
+    assert ("robotree[testing]" in "".join(steps)) == (not there)
+    assert "  pytest test_mine.py" in steps
 
 
 @pytest.mark.parametrize("words", [["new", "1st"], ["new", "wave"], ["new", "team", "--over", "whale"]])
