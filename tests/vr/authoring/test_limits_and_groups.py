@@ -42,6 +42,23 @@ class Patient(VirtualRobot):
         self.arm.grip.start(action="open", within=None).result()
 
 
+class Impatient(VirtualRobot):
+    """Waits a second for its arm, does something else, and looks again."""
+
+    arm = Child(Arm)
+
+    @command
+    def go(self) -> bool:
+        """Return whether the arm was still on its way a second after the waiting had ended."""
+        going = self.arm.go_to.start(x=0.3, y=0, z=0.3, twist=0)
+        try:
+            going.result(1)
+        except TimeoutError:
+            self.sleep(1)
+            return not going.done
+        return False
+
+
 class Slow(VirtualRobot):
     """A page that takes its time."""
 
@@ -86,6 +103,15 @@ def test_a_call_that_is_late_is_cancelled_and_named_with_its_limit() -> None:
     assert team.now - before == pytest.approx(2.0, abs=0.1)
     team.wait(0.5)
     assert not team.describe("arm").busy
+
+
+def test_a_result_that_was_waited_for_too_long_leaves_the_child_at_work_until_the_command_ends() -> None:
+    team = rehearse(Impatient, arm=Fake(Arm, takes=30.0))
+    before = team.now
+    assert team.call("go") is True
+    assert team.now - before == pytest.approx(2.0, abs=0.2)
+    team.wait(0.5)
+    assert not team.describe("arm").busy, "what a command has started ends with it"
 
 
 def test_none_is_no_limit() -> None:
