@@ -103,7 +103,7 @@ class Companion:
                 number, who, text = await heard(fleet, number)
                 here |= {who} - {""}
                 started = (await fleet.describe(SCRIPT)).calls.get("start", 0)
-                runs, told = started, told if started == runs else set()
+                runs, told = started, told if started == runs else set[str]()
                 if "have to go" in text or "Thank you" in text:
                     here.discard(who)
                 if "have to go" in text:
