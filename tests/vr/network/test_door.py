@@ -151,8 +151,10 @@ def test_the_largest_greeting_that_is_allowed_is_taken(mesh: Mesh, visitor: Visi
 
 
 def test_a_greeting_that_is_too_long_is_refused_before_it_has_come(mesh: Mesh, visitor: Visitor) -> None:
+    began = time.monotonic()
     visitor.dial(Channel.URGENT).sendall((LONGEST_HELLO + 1).to_bytes(4, "little") + b"x")
     assert visitor.is_cut_off(Channel.URGENT)
+    assert time.monotonic() - began < WITHIN / 2, "its length says so, not the time"
     assert not mesh._peers
 
 
