@@ -166,9 +166,10 @@ def start(tmp_path: Path) -> Iterator[Callable[..., Program]]:
 def simulate(start: Callable[..., Program]) -> Callable[..., str]:
     """Starts simulated arms; returns the HOST:PORT where each listens."""
 
-    def begin(*options: str | Path) -> str:
-        words = ("sim", "arm", "--listen", "tcp:127.0.0.1:0", *options)
-        return start(*ROBOTREE, *words).reads(r"ready tcp:(\S+)\n")[1]
+    def begin(*options: str | Path, name: str = "") -> str:
+        listen = f"tcp:127.0.0.1:0?controller={name}" if name else "tcp:127.0.0.1:0"
+        words = ("sim", "arm", "--listen", listen, *options)
+        return start(*ROBOTREE, *words).reads(r"ready tcp:([\d.:]+)\S*\n")[1]
 
     return begin
 

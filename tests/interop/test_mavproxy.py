@@ -135,8 +135,8 @@ class TestSigning:
     def arm(self, simulate: Callable[..., str], tmp_path: Path) -> str:
         keys = tmp_path / "keys"
         keys.touch(mode=0o600)
-        keys.write_text(f"* {sha256(b'sesame').hexdigest()}\n")
-        return simulate("--key", keys)
+        keys.write_text(f"arm-1 {sha256(b'sesame').hexdigest()}\n")
+        return simulate("--key", keys, name="arm-1")
 
     def test_with_the_right_key_it_is_obeyed(self, mavproxy: Callable[..., Any], arm: str) -> None:
         proxy = keyed(mavproxy(arm))
@@ -152,7 +152,7 @@ class TestSigning:
         changer.reads("Sent secret_key")
         other.reads(r"The signing key was changed by system 255\.")
         changer.reads(r"The signing key was changed by system 255\.")
-        assert (tmp_path / "keys").read_text() == f"* {sha256(b'poppy').hexdigest()}\n"
+        assert (tmp_path / "keys").read_text() == f"arm-1 {sha256(b'poppy').hexdigest()}\n"
         changer.type("long DO_GRIPPER 1 0")
         changer.reads(r"Got COMMAND_ACK: DO_GRIPPER: ACCEPTED")
         other.type("long DO_GRIPPER 1 0")
