@@ -201,7 +201,8 @@ def test_monitor_shows_rates_delay_and_last_values(say: Any, arm: str) -> None:
         assert link["loss"] == 0
         assert 0 < link["delay"] < 0.5
         assert link["bytes_per_second"] > 1000
-        assert [(who["sysid"], who["compid"], who["there"]) for who in link["peers"]] == [(1, 1, True)]
+        peers = [(who["sysid"], who["compid"], who["there"]) for who in link["peers"]]
+        assert peers == [(1, 1, True), (1, 100, True), (1, 101, True)]  # the controller and two cameras
     table = say("wire", "monitor", "--connect", arm, "--for", "300ms", "--every", "200ms").out
     assert "MESSAGE" in table
     assert "there: 1/1 GENERIC STANDBY" in table
