@@ -68,7 +68,11 @@ def descriptors() -> int:
 
 
 @pytest.mark.parametrize("version", [VERSION, VERSION + 1])
-@pytest.mark.parametrize("name", ["1-00000000", "", "x", f"{os.getpid()}", f"{os.getpid()}-0000000g"])
+@pytest.mark.parametrize(
+    "name",
+    ["1-00000000", "", "x", f"{os.getpid()}", f"{os.getpid()}-0000000g"],
+    ids=["other", "none", "word", "number", "no-tag"],  # the same in each worker
+)
 def test_a_process_that_says_that_it_is_another_one_is_refused_and_the_other_is_not_blamed(
     mesh: Mesh, visitor: Visitor, name: str, version: int
 ) -> None:
