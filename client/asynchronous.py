@@ -2,8 +2,8 @@
 
     async with connect_async() as realm:
         arm = realm["arm-1"]
-        await arm.go_to(x="30 cm", y=0, z=0.4, within="20 s")
-        move = await arm.go_to.start(x=0.3, y=0.1, z=0.4)
+        await arm.go_to(x="30 cm", y=0, z=0.4, twist=0, within="20 s")
+        move = await arm.go_to.start(x=0.3, y=0.1, z=0.4, twist=0)
         print(move.progress)
         await move.cancel()
         async for reading in arm.readings(hz=20):

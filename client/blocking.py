@@ -2,8 +2,8 @@
 
     with connect() as realm:
         arm = realm["arm-1"]
-        arm.go_to(x="30 cm", y=0, z=0.4, within="20 s")
-        move = arm.go_to.start(x=0.3, y=0.1, z=0.4)
+        arm.go_to(x="30 cm", y=0, z=0.4, twist=0, within="20 s")
+        move = arm.go_to.start(x=0.3, y=0.1, z=0.4, twist=0)
         print(move.progress)
         move.cancel()
         for reading in arm.readings(hz=20):
@@ -25,6 +25,7 @@ from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any, Self, TypeVar, cast, overload
 
 from robotree.client.asynchronous import AsyncCall, AsyncCommand, AsyncReadings, AsyncRealm, connect_async
+from robotree.files import forks
 from robotree.vr.author.kind import Kind
 from robotree.vr.author.readings import Record
 from robotree.vr.base.errors import TransportClosed
@@ -85,6 +86,7 @@ class _Loop:
 
     def wait_for(self, work: Coroutine[Any, Any, _T]) -> _T:
         """Have something done on the loop, and wait for it; it is cancelled where the wait is interrupted."""
+        forks.expect_parent()  # the loop runs in the parent alone
         loop = self._loop
         if loop is None or loop.is_closed() or self._over.is_set():
             work.close()
@@ -122,6 +124,9 @@ class Realm:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    def __repr__(self) -> str:
+        return f"<realm {self.name}>"
 
     def close(self) -> None:
         """End the commands that still run, and leave. Twice is once."""

@@ -4,7 +4,7 @@
 
     with connect() as realm:
         arm = realm["arm-1"]
-        arm.go_to(x="30 cm", y=0, z=0.4)
+        arm.go_to(x="30 cm", y=0, z=0.4, twist=0)
 
 `connect` joins a realm whose robots run; `connect_async` does it for asyncio. Pages of virtual robots import
 from `robotree.vr`, tests of pages from `robotree.testing`; the command line is `robotree`.

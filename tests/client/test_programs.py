@@ -281,6 +281,24 @@ def test_a_realm_that_was_left_refuses(realm_of_processes: Path) -> None:
     assert realm_of_processes.exists()
 
 
+def test_a_forked_child_is_ended_with_a_sentence_and_its_parent_goes_on(realm: Realm) -> None:
+    code = """
+import os, robotree
+with robotree.connect() as realm:
+    ann = realm['ann']
+    ann.where()
+    if (child := os.fork()) == 0:
+        ann.where()
+    print(os.waitpid(child, 0)[1] != 0, ann.where().stride, repr(realm))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.stdout == "True 0.5 <realm default>\n", done.stderr
+    assert "fork" in done.stderr
+    assert realm["ann"].where().stride == 0.5
+
+
 def test_several_threads_may_use_one_realm(realm: Realm) -> None:
     results: list[Any] = []
     threads = [threading.Thread(target=lambda: results.append(realm["ann"].where().stride)) for _ in range(8)]
