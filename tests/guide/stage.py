@@ -1,4 +1,4 @@
-"""A realm in virtual time on which the guide is played: a lookup service, a host, faked arms and rovers."""
+"""A realm in virtual time on which the guide is played: a lookup service, a host, arms and rovers."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from robotree.vr.lookup.service import LookupService
 from robotree.vr.running.process import Process
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.world.world import SimulatedProcess, World
+from tests.guide.moved_arm import moved_arm
 
 ROBOTS = {"arm-1": Arm, "arm-2": Arm, "rover-1": Rover, "rover-2": Rover}
 SETTLED = 2.0
@@ -47,7 +48,7 @@ class Stage:
         world.start("lookup-1", self._lookup)
         world.start("host-1", self._host)
         for name, kind in ROBOTS.items():
-            fake = Fake(kind, takes=0.2, get_info={"holding": True} if kind is Arm else {})
+            fake = moved_arm(name) if kind is Arm else Fake(kind, takes=0.2)
             world.start(name, self._robot(robot_of(fake, self, name)))  # type: ignore[arg-type] # enough of one
         self._operator = world.start("operator", self._operate)
         world.run(SETTLED)

@@ -10,6 +10,7 @@ import pytest
 
 from robotree.testing import cell, rehearse
 from robotree.testing.team import unended
+from robotree.tui.demo import ARM, ROVER
 from robotree.vr import VirtualRobot
 from robotree.vr.bundle import Bundle
 from robotree.vr.world.world import World
@@ -70,6 +71,16 @@ def test_the_two_arms_of_the_guide_bring_the_blocks_of_their_simulated_cells(tmp
         assert team.call("bring", to="box", within=120) == 2
         for arm in (left, right):
             assert arm.world.block_place == pytest.approx((0.3, -0.3, 0.02), abs=0.005)
+
+
+@pytest.mark.parametrize("chapter", CHAPTERS, ids=lambda path: path.stem)
+def test_a_chapter_starts_each_robot_that_the_demo_lacks_before_it_is_used(chapter: Path) -> None:
+    here = {ARM, ROVER}
+    for line in "".join(body for language, _, body in blocks(chapter) if not language).splitlines():
+        if started := re.match(r"robotree proxy \w+ ([\w-]+)", line):
+            here.add(started[1])
+        elif line.startswith("robotree "):
+            assert set(re.findall(r"\b(?:arm|rover)-\d+\b", line)) <= here, line
 
 
 def test_the_contents_name_every_chapter() -> None:
