@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Sequence
+from typing import Protocol
 
 import msgspec
 import yaml
@@ -82,6 +83,7 @@ _UNFIT = re.compile(
     r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2066-\u2069\ufeff\ud800-\udfff]"
 )
 _TAB = "a tab cannot indent here: use spaces"
+_SECOND = "a second document begins here: one file holds one"
 _PROBLEMS = {
     "found a tab character that violates indentation": _TAB,
     "mapping values are not allowed in this context": "a second ':' in one line: put the text into quotes, "
@@ -104,58 +106,81 @@ def read(source: str, path: str) -> Written:
         indent = line[: len(line) - len(line.lstrip())]
         if "\t" in indent and line.strip():
             raise Mark(path, number, indent.index("\t") + 1).error(_TAB)
-    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)(source)
+    events = yaml.parse(source, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
     try:
-        root = loader.get_single_node()
+        return _document(events, path)
     except yaml.MarkedYAMLError as error:
         raise _mark(path, error.problem_mark).error(_said(error)) from None
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
+    except (yaml.YAMLError, ValueError) as error:
         raise Mark(path, 1, 1).error(f"this is no YAML: {error}") from None
-    finally:
-        loader.dispose()
+
+
+def _document(events: Iterator[yaml.Event], path: str) -> Written:
+    """Return the one document of a file, read from its events: libyaml's own tree overflows the stack."""
+    root: Written | None = None
+    for event in events:
+        if isinstance(event, yaml.DocumentStartEvent):
+            if root is not None:
+                raise _mark(path, event.start_mark).error(_SECOND)
+            root = _written(next(events), events, path, 0)
     if root is None:
         raise Mark(path, 1, 1).error("the file is empty")
-    return _written(root, path, set(), 0)
+    return root
 
 
 def _said(error: yaml.MarkedYAMLError) -> str:
     problem = str(error.problem or error)
-    if "but found another document" in problem:
-        return "a second document begins here: one file holds one"
     if "that cannot start any token" in problem:
         return "a value cannot begin with @, `, % or a tab: put it into quotes, or use spaces"
     context = f" ({error.context})" if error.context else ""
     return _PROBLEMS.get(problem, f"this is no YAML: {problem}{context}")
 
 
-def _mark(path: str, mark: yaml.Mark | None) -> Mark:
+class _Place(Protocol):
+    """A mark of PyYAML: libyaml's and its own are two classes."""
+
+    @property
+    def line(self) -> int: ...
+    @property
+    def column(self) -> int: ...
+
+
+def _mark(path: str, mark: _Place | None) -> Mark:
     return Mark(path, 1, 1) if mark is None else Mark(path, mark.line + 1, mark.column + 1)
 
 
-def _written(node: yaml.Node, path: str, seen: set[int], depth: int) -> Written:
-    mark = _mark(path, node.start_mark)
-    if id(node) in seen:
+def _written(event: yaml.Event, events: Iterator[yaml.Event], path: str, depth: int) -> Written:
+    """Return what begins with an event; the events up to its end are taken from the others."""
+    mark = _mark(path, event.start_mark)
+    if isinstance(event, yaml.AliasEvent):
         raise mark.error("an alias (*) cannot be used: write it out")
-    seen.add(id(node))
     if depth > DEEPEST:
         raise mark.error(f"this is nested more than {DEEPEST} levels deep")
-    if isinstance(node, yaml.ScalarNode):
-        if str(node.tag).startswith("!") or "python" in str(node.tag):
-            raise mark.error("a tag (!) cannot be used")
-        return Word(str(node.value), mark, node.style in {"'", '"', "|", ">"})
-    if isinstance(node, yaml.SequenceNode):
-        return Items(tuple(_written(one, path, seen, depth + 1) for one in node.value), mark)
+    if getattr(event, "tag", None):
+        raise mark.error("a tag (!) cannot be used")
+    if isinstance(event, yaml.ScalarEvent):
+        return Word(str(event.value), mark, event.style in {"'", '"', "|", ">"})
+    parts = (_written(part, events, path, depth + 1) for part in _until_end(events))
+    if isinstance(event, yaml.SequenceStartEvent):
+        return Items(tuple(parts), mark)
     entries: list[tuple[Word, Written]] = []
     known: set[str] = set()
-    for key, value in node.value:
-        name = _written(key, path, seen, depth + 1)
+    for name in parts:
         if not isinstance(name, Word):
             raise name.mark.error("a key must be one word")
         if name.text in known:
             raise name.mark.error(f"{name.text!r} stands here twice")
         known.add(name.text)
-        entries.append((name, _written(value, path, seen, depth + 1)))
+        entries.append((name, next(parts)))
     return Entries(tuple(entries), mark)
+
+
+def _until_end(events: Iterator[yaml.Event]) -> Iterator[yaml.Event]:
+    """Yield the first event of each part of a list or mapping."""
+    for event in events:
+        if isinstance(event, yaml.CollectionEndEvent):
+            return
+        yield event
 
 
 def value_of(word: Word) -> Scalar:
