@@ -297,7 +297,7 @@ class Arm:
     def _travelling(self) -> Progress:
         fraction = self._follower.progress
         if self._follower.blocked:
-            return Progress(fraction, done=True, reason=Reason.BLOCKED, text=self._held_up())
+            return self._blocked(fraction)
         if self._follower.moving:
             return Progress(fraction)
         if self._still >= STILL_FOR:
@@ -307,14 +307,19 @@ class Arm:
             if unexplained < REACHED and short < YIELDING:
                 return Progress(1.0, done=True, text=self._held_up() if short > REACHED else "")
         if self._waited > SETTLE_WITHIN:
-            return Progress(fraction, done=True, reason=Reason.BLOCKED, text=self._held_up())
+            return self._blocked(fraction)
         return Progress(min(fraction, 0.99))
 
     def _gripping(self) -> Progress:
         moving = self._gripper.state is Grip.MOVING
         return Progress(0.5 if moving else 1.0, done=not moving)
 
+    def _blocked(self, fraction: float) -> Progress:
+        """The end of a goal that something in the way keeps the tool from."""
+        text = f"{self._held_up()}; go up, or see what it touches"
+        return Progress(fraction, done=True, reason=Reason.BLOCKED, text=text)
+
     def _held_up(self) -> str:
         force = float(np.linalg.norm(self._wrench[:3]))
         short = 1e3 * float(np.linalg.norm(self._error))
-        return f"Something holds the tool with {force:.0f} N, {short:.0f} mm short."
+        return f"Something holds the tool with {force:.0f} N, {short:.0f} mm short"

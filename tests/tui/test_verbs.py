@@ -103,6 +103,32 @@ async def test_ls_tells_real_and_simulated_robots_apart_as_the_screen_does(
     assert re.split(r" {2,}", row)[1] == kind
 
 
+GROUP = """
+from robotree.vr import Children, VirtualRobot, command
+
+class Team(VirtualRobot):
+    \"""Arms.\"""
+    arms = Children("Arm", least=1)
+
+    @command
+    def count(self) -> int:
+        \"""How many.\"""
+        return len(self.arms)
+"""
+
+
+async def test_of_several_children_it_says_who_is_bound_and_who_is_not_before_the_refusal(
+    realm: Realm, tmp_path: Path
+) -> None:
+    (tmp_path / "team.py").write_text(GROUP)
+    await do(realm, f"create '{tmp_path / 'team.py'}' as team")
+    listener = Listener()
+    with pytest.raises(NoSuchRobot, match="nobody"):
+        await do(realm, "enslave team.arms arm-1 nobody ghost", listener)
+    assert listener.warnings == ["team.arms: arm-1 is bound now; nobody, ghost are not:"]
+    assert (await do(realm, "call team.count")).data == 1
+
+
 async def test_ls_says_that_a_robot_is_late_which_has_not_answered_yet(
     realm: Realm, monkeypatch: pytest.MonkeyPatch
 ) -> None:

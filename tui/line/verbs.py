@@ -409,10 +409,16 @@ async def enslave(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
             robot = await fleet.enslave(parent, slot, child)
         except Exception:
             if number:
-                teller.warn(f"{parent}.{slot} commands {', '.join(children[:number])} already")
+                bound, left = children[:number], children[number:]
+                teller.warn(f"{parent}.{slot}: {_are(bound)} bound now; {_are(left)} not:")
             raise
     assert robot is not None  # noqa: S101 # the grammar wants one child at least
     return _did(robot, f"{parent}.{slot} commands {', '.join(children)}")
+
+
+def _are(names: Sequence[str]) -> str:
+    """Return names as the subject of a sentence, with its verb."""
+    return f"{', '.join(names)} {'is' if len(names) == 1 else 'are'}"
 
 
 def _expect_group(parent: RobotDescription, slot: str) -> None:
