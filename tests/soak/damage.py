@@ -16,7 +16,7 @@ from pathlib import Path
 from robotree.protocol.links.keyring import create
 from robotree.tui.errors import MemberFailed
 from robotree.vr.base.errors import VrError
-from robotree.vr.network.realms import keys_of
+from robotree.vr.network.realms import keys_of, sealed
 from tests.soak.observer import Observer, holds
 from tests.soak.stage import Stage, names
 from tests.soak.table import Row, Trial
@@ -52,7 +52,7 @@ PAGE = Row(
 )
 LIST = Row(
     "damage",
-    "the list of robots of a frozen host is garbage, then `stop`: it does not claim to have stopped them",
+    "the list of robots of a frozen host is garbage or cut, then `stop`: it does not claim they stopped",
     "from SIGCONT until the list is right again",
     1.0,
 )
@@ -226,15 +226,23 @@ async def page(stage: Stage, chance: random.Random) -> Sequence[Trial]:
     return [trial]
 
 
+def _damaged(written: bytes, chance: random.Random) -> Sequence[bytes]:
+    """Return what can become of a list of robots: garbage, wrong lines, and each way to be cut."""
+    lines = written.splitlines(keepends=True)
+    shorter = b"".join(lines[:-1])
+    garbage = (chance.randbytes(40) + b"\n", sealed(b"-robot/x/1\n"), sealed(b"robot/\x01/1\n"))
+    return (*garbage, b"", written[:12], written[:40], shorter, shorter + lines[-1][: len(lines[-1]) // 2])
+
+
 async def robots(stage: Stage, chance: random.Random) -> Sequence[Trial]:
-    """Freeze the host and write garbage over its list of robots; stop everything, and wake it."""
+    """Freeze the host and damage or cut its list of robots; stop everything, and wake it."""
     await stage.furnish()
     pid = stage.pid("host")
     (path,) = stage.folder.glob(f"{pid}-*.held")
     good, trial = keys_of(stage.folder, path.stem), Trial(LIST, False)
     os.kill(pid, signal.SIGSTOP)
     try:
-        path.write_bytes(chance.choice((chance.randbytes(40) + b"\n", b"-robot/x/1\n", b"robot/\x01/1\n")))
+        path.write_bytes(chance.choice(_damaged(path.read_bytes(), chance)))
         said = await stage.say("stop", "--json")
         if said.done or str(pid) not in said.out + said.complaints:
             trial.false.append(f"{said}; but process {pid} was frozen")

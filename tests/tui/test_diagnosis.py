@@ -17,7 +17,7 @@ from robotree.tui.wire.security import realm_key
 from robotree.vr.base import extras
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import BondSpec, RobotDescription, SlotSpec
-from robotree.vr.network.realms import runtime_directory
+from robotree.vr.network.realms import runtime_directory, sealed
 from robotree.vr.network.rendezvous import Rendezvous
 
 pytestmark = pytest.mark.usefixtures("place")
@@ -129,7 +129,7 @@ def test_the_entry_of_a_dead_process_is_told_from_one_that_hangs() -> None:
         listening.listen()
         with socket.socket(socket.AF_UNIX) as gone:
             gone.bind(f"{dead}.sock")
-        Path(f"{hung}.held").write_text("robot/arm-1/1\n")
+        Path(f"{hung}.held").write_bytes(sealed(b"robot/arm-1/1\n"))
         Path(f"{hung}.beat").write_bytes(bytes(8))  # long ago
         found = meeting.entries("x")
         assert {(one.pid, one.condition) for one in found} == {(4_000_000, "dead"), (os.getpid(), "hangs")}

@@ -132,8 +132,14 @@ def _agents_of(role: Role, held: Iterable[Held]) -> dict[str, Held]:
 
 
 async def _hanging(fleet: Fleet) -> dict[str, tuple[str, str]]:
-    """Return the robots that live in processes that answer nobody: where, and what can be done about it."""
-    return {name: (one.where, one.remedy) for name, one in _robots_of(await fleet.hanging()).items()}
+    """Return the robots that live in processes that answer nobody: where, and what can be done about it.
+
+    Those of a frozen process of which nobody knows them have one name: `any robot of process 4711`.
+    """
+    hanging = _robots_of(await fleet.hanging()) | {
+        f"any robot of {one.where}": one for one in fleet.unnamed()
+    }
+    return {name: (one.where, one.remedy) for name, one in hanging.items()}
 
 
 def _silent(fleet: Fleet, role: Role, answered: Collection[str]) -> list[tuple[str, str, str]]:

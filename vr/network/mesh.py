@@ -106,7 +106,9 @@ MOST_MEMBERS: Final = 64
 GREEDY: Final = "process {} announces too many keys; end it, and start its robots in several hosts"
 """What a person can do about a process that announces more than `MOST_KEYS`."""
 
-LOST_FILES: Final = "its files in the realm's folder are gone, so that nobody who comes now can reach it"
+LOST_FILES: Final = (
+    "its files in the realm's folder are gone or damaged, so that nobody who comes now knows its robots"
+)
 """Why it is not known which robots a running process holds."""
 
 TakeRequest = Callable[[bytes, bool, Respond, End], None]

@@ -12,6 +12,7 @@ import re
 import socket
 import stat
 import struct
+import zlib
 from collections import Counter
 from collections.abc import Generator
 from pathlib import Path
@@ -31,6 +32,11 @@ LONGEST_LIST = 1 << 22
 
 LONGEST_PATH = 108
 """[bytes] of a socket's path, with a final zero (sun_path, unix(7))."""
+
+LOOKS = 3
+"""Readings of a list of keys before it is called damaged: a reading can meet the seal half written."""
+
+_SEAL = re.compile(rb"(\d{10}) ([0-9a-f]{8})\n")
 
 _TIMEVAL = struct.Struct("@ll")
 """Seconds and microseconds (struct timeval, socket(7))."""
@@ -110,15 +116,43 @@ def process_of(tag: str) -> int:
     return int(tag.partition("-")[0])
 
 
+def seal(size: int, checksum: int) -> bytes:
+    """Return the first line of a list of keys, which proves the rest: its length and checksum.
+
+    It has the same length for all lists, so that it can be replaced in place after each line that is added.
+
+    Args:
+        size: [bytes] of the lines behind it.
+        checksum: CRC-32 of them.
+    """
+    return b"%010d %08x\n" % (size, checksum)
+
+
+def sealed(lines: bytes) -> bytes:
+    """Return a list of keys, as it lies in its file.
+
+    Args:
+        lines: one key each; a line that begins with - takes one back.
+    """
+    return seal(len(lines), zlib.crc32(lines)) + lines
+
+
 def keys_of(directory: Path, tag: str) -> list[str] | None:
     """Return the keys under which a process is present, as it has written them down.
 
     None: that cannot be read here, or not any more, or it is damaged; the process mends it at its next beat.
+    A list that was cut anywhere is damaged, also an empty file.
     """
-    keys = _written(directory, tag)
-    if keys is None or min(keys.values(), default=0) < 0 or not all(map(_KEY.fullmatch, keys)):
-        return None
-    return list(keys.elements())
+    for _ in range(LOOKS):
+        written = _content(directory, tag)
+        if written is None:
+            return None
+        lines = _proven(written)
+        if lines is not None:
+            keys = _counted(lines)
+            sound = min(keys.values(), default=0) >= 0 and all(map(_KEY.fullmatch, keys))
+            return list(keys.elements()) if sound else None
+    return None
 
 
 def robots_of(directory: Path, tag: str) -> dict[str, str]:
@@ -126,18 +160,35 @@ def robots_of(directory: Path, tag: str) -> dict[str, str]:
 
     Of a damaged list it is what can be understood.
     """
-    found = ((key, _ROBOT.fullmatch(key)) for key in (_written(directory, tag) or Counter[str]()).elements())
+    keys = _counted(_content(directory, tag) or b"")
+    found = ((key, _ROBOT.fullmatch(key)) for key in keys.elements())
     return {key: match[1] for key, match in found if match}
 
 
-def _written(directory: Path, tag: str) -> Counter[str] | None:
-    """Return how often a process is present under each key, as its list says; None: there is none."""
+def _content(directory: Path, tag: str) -> bytes | None:
+    """Return what is in a process's list of keys; None: it cannot be read."""
     try:
-        written = files.read(directory / f"{tag}{HELD}", LONGEST_LIST)
+        return files.read(directory / f"{tag}{HELD}", LONGEST_LIST)
     except OSError:
         return None
+
+
+def _proven(written: bytes) -> bytes | None:
+    """Return the lines of a list that its seal proves; None: it is damaged.
+
+    What lies behind them has been added and not yet sealed: its process is not present under it yet.
+    """
+    found = _SEAL.match(written)
+    if found is None:
+        return None
+    lines = written[found.end() : found.end() + int(found[1])]
+    return lines if written.startswith(sealed(lines)) else None
+
+
+def _counted(lines: bytes) -> Counter[str]:
+    """Return how often a process is present under each key."""
     keys = Counter[str]()
-    for line in written.decode(errors="replace").split("\n")[:-1]:  # the last one may just be written
+    for line in lines.decode(errors="replace").split("\n")[:-1]:  # the last one may just be written
         key = line.removeprefix("-")
         keys[key] += 1 if key == line else -1
     return keys

@@ -6,7 +6,8 @@ random number):
     TAG.sock   the socket on which it listens
     TAG.beat   the time of its last sign of life, written by its network thread, read by all
     TAG.held   the keys under which it is present, for processes that it has not greeted yet, one a line; a
-               line that begins with - takes one back
+               line that begins with - takes one back. The first line is a seal: length and checksum of the
+               others, so that a list that was cut is not taken for a short one
 
 A newcomer listens on a hidden name, gives it its visible name, and only then looks who is there: of two that
 come at the same moment at least one sees the other. A visible name that refuses a connection is therefore
@@ -23,6 +24,7 @@ import socket
 import struct
 import threading
 import time
+import zlib
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
@@ -43,6 +45,8 @@ from robotree.vr.network.realms import (
     places,
     process_of,
     realm_folder,
+    seal,
+    sealed,
     short,
 )
 
@@ -133,6 +137,8 @@ class Rendezvous:
         self._keys = Counter[str]()
         self._lines = 0
         """Lines in the own list of keys."""
+        self._size = self._checksum = 0
+        """Of these lines [bytes], for their seal."""
         self._list: tuple[int, int, int] | None = None
         """State of that list after this process has written it; see `_state_of_list`."""
         self._lock = threading.Lock()
@@ -292,13 +298,14 @@ class Rendezvous:
         """At once: who reads meanwhile reads the old list or the new one."""
         if not self._there:
             return
-        keys = list(self._keys.elements())
-        self._lines = len(keys)
+        self._lines = self._keys.total()
+        lines = "".join(f"{key}\n" for key in self._keys.elements()).encode()
+        self._size, self._checksum = len(lines), zlib.crc32(lines)
         new = self.directory / f".{self.tag}.new"
         try:
             access = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW
-            with os.fdopen(files.opened(new, access), "w") as file:
-                file.write("".join(f"{key}\n" for key in keys))
+            with os.fdopen(files.opened(new, access), "wb") as file:
+                file.write(sealed(lines))
             new.rename(self._path(HELD))
             self._list = self._state_of_list()
         except OSError:  # the folder is gone, or the disk full; `register` writes them anew
@@ -311,15 +318,13 @@ class Rendezvous:
         if self._state_of_list() != self._list:
             self._write_keys()
             return
-        self._lines += 1
         try:
-            handle = files.opened(self._path(HELD), os.O_WRONLY | os.O_APPEND | os.O_NOFOLLOW)
+            handle = files.opened(self._path(HELD), os.O_WRONLY | os.O_NOFOLLOW)
         except OSError:
             self._write_keys()
             return
-        packed = f"{line}\n".encode()
         try:
-            whole = os.write(handle, packed) == len(packed)
+            whole = self._add(handle, f"{line}\n".encode())
         except OSError:
             whole = False
         finally:
@@ -327,6 +332,22 @@ class Rendezvous:
         self._list = self._state_of_list()
         if not whole:
             self._remove_list()
+
+    def _add(self, handle: int, line: bytes) -> bool:
+        """Put a line at the end, then seal it: until then who reads reads the list without it.
+
+        Returns:
+            Whether the list is whole.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        self._lines += 1
+        self._size += len(line)
+        self._checksum = zlib.crc32(line, self._checksum)
+        packed = seal(self._size, self._checksum)
+        os.lseek(handle, 0, os.SEEK_END)
+        return os.write(handle, line) == len(line) and os.pwrite(handle, packed, 0) == len(packed)
 
     def _state_of_list(self) -> tuple[int, int, int] | None:
         """Return what changes when somebody writes into the own list of keys, or puts another one there."""

@@ -117,6 +117,10 @@ class Fleet:
         """Return which process holds each agent, as far as this machine knows it."""
         return [one for one in self._transport.presence.held("*/*/*") if one.key]
 
+    def unnamed(self) -> Sequence[Held]:
+        """Return the frozen processes of which nobody here knows what they hold; without a key."""
+        return [one for one in self._transport.presence.held("*/*/*") if one.asleep and not one.key]
+
     def left(self, address: Address) -> bool:
         """Whether an agent has taken its leave (`Presence.left`)."""
         return self._transport.presence.left(address.key)

@@ -14,6 +14,8 @@ from typing import Any
 
 import pytest
 
+from robotree.tui.line import manual, verbs
+from robotree.tui.line.carrying import Silent
 from robotree.vr.base.errors import Hanging, NoSuchRobot, NotConfirmed, Stopped
 from robotree.vr.network.local import LocalTransport, join
 from robotree.vr.supervision.fleet import Fleet
@@ -287,6 +289,28 @@ async def test_a_stop_knows_of_a_process_that_nobody_can_find(start: Start, newc
         nameless.kill()
         await nameless.wait()
     assert await newcomer.stop() == ["awake"]
+
+
+@pytest.mark.parametrize("left", [0, 12, 20, 25, -1])
+async def test_a_stop_and_ls_name_a_frozen_process_whose_list_was_cut(
+    start: Start, newcomer: Newcomer, look: Look, left: int
+) -> None:
+    """To nothing, in its seal, behind it, in its only line, before its last line end."""
+    _, frozen = await robots(start, "awake", "frozen")
+    lookup = await start("lookup", "l1")
+    await lookup.ready()
+    await frozen.freeze()
+    pid = frozen.process.pid
+    folder = Path(os.environ["XDG_RUNTIME_DIR"]) / "robotree" / "test"
+    (path,) = folder.glob(f"{pid}-*.held")
+    os.truncate(path, left % path.stat().st_size)
+    with pytest.raises(NotConfirmed, match=rf"by awake but NOT by process {pid} \(its files"):
+        await newcomer.stop()
+    listed = await verbs.ls(await look(), manual.shell().parse(["ls"]), Silent())
+    assert f"any robot of process {pid} hangs in process {pid}: `kill -CONT {pid}`" in str(listed.doubt)
+    assert any(line.startswith(f"any robot of process {pid} ") for line in listed.text.splitlines())
+    frozen.signal(signal.SIGCONT)
+    assert await newcomer.stop() == ["awake", "frozen"]
 
 
 async def test_a_stop_reaches_all_whose_folder_was_removed_just_now(start: Start, newcomer: Newcomer) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import errno
 import os
 import random
@@ -133,7 +134,12 @@ def test_a_list_that_cannot_be_written_whole_is_removed_and_written_anew(
 
 
 @pytest.mark.parametrize(
-    "damage", [b"\xff\x00\n-\n", b"robot/a/1\n-robot/b/1\n", b"robot/\x07/1\nrobot/b/1\n"]
+    "damage",
+    [
+        form(lines)
+        for lines in (b"\xff\x00\n-\n", b"robot/a/1\n-robot/b/1\n", b"robot/\x07/1\nrobot/b/1\n")
+        for form in (bytes, realms.sealed)
+    ],
 )
 def test_a_damaged_list_is_none_and_its_process_mends_it(tmp_path: Path, damage: bytes) -> None:
     """Who believed it would leave a robot out of a stop and say that all have stopped."""
@@ -153,6 +159,123 @@ def test_a_damaged_list_is_none_and_its_process_mends_it(tmp_path: Path, damage:
     assert one.registered()
     assert other.keys_of(one.tag) == ["robot/a/1", "robot/b/1", "robot/c/1"]
     door.close()
+
+
+def shapes(written: bytes) -> dict[str, bytes]:
+    """Return what somebody who cuts a list can leave of it, by name."""
+    ends = [place for place, byte in enumerate(written, 1) if byte == ord("\n")]
+    return {
+        "emptied": b"",
+        "cut to 12 bytes": written[:12],
+        "cut to 40 bytes": written[:40],
+        "seal alone": written[: ends[0]],
+        "first line alone": written[: ends[1]],
+        "last line gone": written[: ends[-2]],
+        "half a line at the end": written[: ends[-2] + 4],
+        "last line end gone": written[:-1],
+        "zeros": bytes(len(written)),
+        "last line changed": written[:-2] + b"2\n",
+        "lines without a seal": written[ends[0] :],
+    }
+
+
+@pytest.mark.parametrize("shape", shapes(b"\n\n\n"))
+def test_a_list_that_was_cut_is_none_and_its_process_mends_it(tmp_path: Path, shape: str) -> None:
+    """Each beginning of a list looks like a shorter list: the robots that it lacks would drive on."""
+    one, other = place_at(tmp_path), place_at(tmp_path)
+    door = one.register()
+    keys = ["host/h/1", "robot/arm-1/1", "robot/arm-2/1"]
+    for key in keys:
+        one.hold(key)
+    path = one.directory / f"{one.tag}.held"
+    path.write_bytes(shapes(path.read_bytes())[shape])
+    assert other.keys_of(one.tag) is None
+    assert not one.registered()
+    one.drop("host/h/1")
+    assert other.keys_of(one.tag) == keys[1:]
+    assert one.registered()
+    door.close()
+
+
+def test_every_byte_of_a_list_is_proven(tmp_path: Path) -> None:
+    one, other = place_at(tmp_path), place_at(tmp_path)
+    door = one.register()
+    for key in ("robot/a/1", "robot/b/1"):
+        one.hold(key)
+    one.drop("robot/a/1")
+    path = one.directory / f"{one.tag}.held"
+    written = path.read_bytes()
+    for size in range(len(written)):
+        path.write_bytes(written[:size])
+        assert other.keys_of(one.tag) is None, f"cut to {size} bytes"
+    for place in range(len(written)):
+        for bit in range(8):
+            path.write_bytes(
+                written[:place] + bytes([written[place] ^ 1 << bit]) + written[place + 1 :],
+            )
+            assert other.keys_of(one.tag) is None, f"bit {bit} of byte {place}"
+    door.close()
+
+
+def test_a_list_without_keys_is_whole_and_an_empty_file_is_none(tmp_path: Path) -> None:
+    one, other = place_at(tmp_path), place_at(tmp_path)
+    door = one.register()
+    assert other.keys_of(one.tag) == []
+    os.truncate(one.directory / f"{one.tag}.held", 0)
+    assert other.keys_of(one.tag) is None
+    door.close()
+
+
+@pytest.mark.parametrize("step", range(1, 12))
+def test_a_line_that_is_being_written_damages_no_list(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: int
+) -> None:
+    """Its process may be frozen just then: the list is that of before until the line is sealed."""
+    one, other = place_at(tmp_path), place_at(tmp_path)
+    door = one.register()
+    one.hold("robot/a/1")
+    seen: list[list[str] | None] = []
+    write = os.write
+
+    def in_pieces(handle: int, line: bytes) -> int:
+        done = write(handle, line[:step])
+        seen.append(other.keys_of(one.tag))
+        done += write(handle, line[step:])
+        seen.append(other.keys_of(one.tag))
+        return done
+
+    with monkeypatch.context() as slow:
+        slow.setattr(os, "write", in_pieces)
+        one.hold("robot/b/1")
+        one.drop("robot/a/1")
+    assert seen == [["robot/a/1"]] * 2 + [["robot/a/1", "robot/b/1"]] * 2
+    assert other.keys_of(one.tag) == ["robot/b/1"]
+    door.close()
+
+
+def test_who_reads_while_another_process_writes_never_reads_a_damaged_list(tmp_path: Path) -> None:
+    """Lines are added and taken back, and the whole list is written anew, as fast as it goes."""
+    place = place_at(tmp_path)
+    child = os.fork()
+    if not child:
+        with contextlib.suppress(BaseException):
+            writer = place_at(tmp_path)
+            writer.tag = place.tag
+            writer.register()
+            for number in range(5_000):
+                writer.hold(f"robot/r{number}/1")
+                writer.drop(f"robot/r{number}/1")
+        os._exit(0)
+    found, ended = 0, False
+    while not ended:
+        ended = os.waitpid(child, os.WNOHANG)[0] == child
+        keys = place.keys_of(place.tag)
+        if keys is not None:
+            found += 1
+        else:
+            assert not found, "it had been there"
+    assert found > 10
+    assert place.keys_of(place.tag) == []
 
 
 def test_a_newcomer_that_finds_no_room_leaves_nothing(
