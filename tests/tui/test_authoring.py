@@ -216,3 +216,35 @@ def test_a_page_that_cannot_be_begun_is_refused(
     monkeypatch.chdir(tmp_path)
     assert main(words) != 0
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "deep",
+    ["(" * 100_000, "[" * 100_000, "-" * 100_000 + "1", "not " * 100_000 + "1", "1" + " + 1" * 100_000],
+    ids=["(", "[", "-", "not", "+"],
+)
+def test_a_page_that_is_nested_too_deeply_is_refused_by_the_check_and_by_a_host(
+    deep: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "deep.py"
+    page.write_text(f"x = {deep}\n")
+    assert main(["check", str(page)]) == 1
+    said = capsys.readouterr()
+    assert said.out.startswith(f"{page}:")
+    assert " nested " in said.out
+    assert said.out.count("\n") == 1
+    assert said.err == ""
+    with pytest.raises(BrokenSource, match="nested"):
+        Bundle.read(page).load()
+
+
+@pytest.mark.parametrize("name", ["guide.yaml", "guide.YML", "guide.clp"])
+def test_the_check_of_pages_names_the_check_of_scripts(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    script = tmp_path / name
+    script.write_text("script: guide\n")
+    assert main(["check", str(script)]) == 2
+    said = capsys.readouterr()
+    assert f"is a script, not a page; check it with `robotree rules check {script}`" in said.err
+    assert said.out == ""

@@ -32,7 +32,7 @@ from robotree.vr.base.errors import BadName, BrokenSource
 from robotree.vr.base.extras import lack_of
 from robotree.vr.bundle.package import PREFIX, Package, package_of
 from robotree.vr.bundle.refused import mistakes
-from robotree.vr.bundle.syntax import line_of, slots_at
+from robotree.vr.bundle.syntax import TOO_DEEP, line_of, slots_at
 from robotree.vr.running.interruptible import Interrupted, InterruptibleThread
 from robotree.vr.running.page_trace import authors_file, file_in_tracebacks, words_of
 
@@ -233,7 +233,9 @@ def _compile(source: str, path: str, file: str) -> CodeType:
     except SyntaxError as error:
         where = f"line {error.lineno}: " if error.lineno else ""
         raise BrokenSource(path=path, reason=f"{where}{error.msg} {_READ_BY}") from None
-    except (ValueError, RecursionError, MemoryError, OverflowError) as error:
+    except (RecursionError, MemoryError):
+        raise BrokenSource(path=path, reason=TOO_DEEP) from None
+    except (ValueError, OverflowError) as error:
         raise BrokenSource(path=path, reason=str(error) or type(error).__name__) from None
     for one in refused[:1]:
         raise BrokenSource(path=path, reason=f"line {one.line}: {one.what}; {one.instead}")

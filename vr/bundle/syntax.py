@@ -9,6 +9,8 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from threading import Lock
 
+TOO_DEEP = "brackets, signs or words are nested too deeply"
+"""Where Python says MemoryError or RecursionError, and no line."""
 _one_at_a_time = Lock()
 _ABOUT = re.compile(r"(?:default of )?(\w+)(?:\.|: )(\w+)\b(?:: (?:parameter '(\w+)'|(\w+):))?")
 _FUNCTIONS = ast.FunctionDef | ast.AsyncFunctionDef
@@ -18,7 +20,7 @@ def parse(source: str) -> ast.Module:
     """Return the tree of a page.
 
     Raises:
-        SyntaxError: it is no Python.
+        SyntaxError: it is no Python, or nested too deeply.
         ValueError: it has null bytes.
     """
     with _uninterrupted():
@@ -29,7 +31,7 @@ def parse_expression(source: str) -> ast.expr:
     """Return the tree of an expression.
 
     Raises:
-        SyntaxError: it is none.
+        SyntaxError: it is none, or nested too deeply.
         ValueError: it has null bytes.
     """
     with _uninterrupted():
@@ -38,16 +40,19 @@ def parse_expression(source: str) -> ast.expr:
 
 @contextmanager
 def _uninterrupted() -> Generator[None]:
-    """Collect no garbage: it may run Python code, in the middle of which another thread may make a tree.
+    """Collect no garbage, and say in words that Python gave up.
 
-    CPython up to 3.11.7 counts the depth of all trees that are being made in one number, so that both would
-    end with a SystemError (github.com/python/cpython/issues/106905).
+    A collection may run Python code, in the middle of which another thread may make a tree: CPython up to
+    3.11.7 counts the depth of all trees that are being made in one number, so that both would end with a
+    SystemError (github.com/python/cpython/issues/106905).
     """
     with _one_at_a_time:
         collects = gc.isenabled()
         gc.disable()
         try:
             yield
+        except (RecursionError, MemoryError):
+            raise SyntaxError(TOO_DEEP) from None
         finally:
             if collects:
                 gc.enable()
