@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -43,8 +44,14 @@ def check(line: Line, kinds: Kinds) -> int:
     """
     from robotree.tui.line.verbs import shipped
     from robotree.vr.bundle import Bundle
+    from robotree.vr.bundle.bundle import is_script
 
     path, wanted = values.source(line.text("FILE"))
+    if is_script(path):
+        raise ValueRefused(
+            "FILE",
+            f"{path} is a script, not a page; check it with `robotree rules check {shlex.quote(path)}`",
+        )
     bundle = Bundle.read(shipped(path), wanted)
     found = findings(bundle, kinds)
     rows = [f"{path}:{one.line}: {one.what}: {one.instead}" for one in found]

@@ -116,18 +116,26 @@ class ValueRefused(SupervisorError, ValueError):
 class NothingToAsk(SupervisorError):
     """Nobody is there: no lookup service and no agent in this realm."""
 
-    def __init__(self, realm: str, elsewhere: Mapping[str, Sequence[str]] = MappingProxyType({})) -> None:
+    def __init__(
+        self,
+        realm: str,
+        elsewhere: Mapping[str, Sequence[str]] = MappingProxyType({}),
+        *,
+        stopping: bool = False,
+    ) -> None:
         """Name the realm and how to fill it, or the robots elsewhere and how each is reached.
 
         Args:
             realm: that is empty; "": all realms are.
             elsewhere: robots of other realms of this user, by what leads to them.
+            stopping: whether a protective stop was asked for, which may be meant for those.
         """
         self.realm, self.elsewhere = realm, dict(elsewhere)
         hint = "; start something first, for example `robotree demo`"
         if elsewhere:
             found = [f"{_some(robots)} ({how})" for how, robots in elsewhere.items()]
-            hint = f", but elsewhere there are {_some(found, 'realms')}; `{EVERYWHERE}` stops them all"
+            hint = f", but elsewhere there are {_some(found, 'realms')}"
+            hint += f"; `{EVERYWHERE}` stops them all" if stopping else ""
         super().__init__(f"nobody is in realm {realm!r}{hint}" if realm else f"nobody is in any realm{hint}")
 
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from robotree.tui import exit_codes
+from robotree.tui.errors import ValueRefused
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import shipped
 from robotree.tui.terminal import answer, put
@@ -192,7 +193,9 @@ def _explain(line: Line) -> int:
     """Explain a rule at the beginning, or after the first test of a table."""
     from robotree.vr.scripts import explain
 
-    program = _program(line.text("WHAT"))
+    program, rule = _program(line.text("WHAT")), line.text("RULE")
+    if rule and program.rule(rule) is None:
+        raise ValueRefused("RULE", explain.unknown_rule(program, rule))
     if line.text("--after"):
         trial = _table(line.text("--after"), line.text("WHAT"))[1][0]
         rehearsal = _rehearsal(program, trial)
@@ -200,7 +203,6 @@ def _explain(line: Line) -> int:
             rehearsal.play(step.when, step.mark)
     else:
         rehearsal = _rehearsal(program)
-    rule = line.text("RULE")
     text = explain.why(rehearsal.engine, rule) if rule else explain.state(rehearsal.engine)
     answer(text, lambda: {"explanation": text.splitlines()})
     return exit_codes.DONE

@@ -134,6 +134,12 @@ def test_errors_have_the_classes_and_the_words_that_a_page_gets(realm: Realm) ->
         ann.stumble()
     with pytest.raises(BadArgument, match=r"x.*10"):
         ann.walk(x=11)
+    with pytest.raises(BadArgument, match="x: cannot travel: a whole number has 64 bits at most"):
+        ann.walk(x=10**400)
+    with pytest.raises(BadArgument, match="steps: cannot travel: a whole number has 64 bits at most"):
+        ann.walk(x=1, steps=-(2**63) - 1)
+    with pytest.raises(BadArgument, match="1: cannot travel"):
+        ann.walk(10**400)
     with pytest.raises(BadArgument, match=r"too many; it takes 2 \(x, steps\)"):
         ann.walk(1, 2, 3)
     with pytest.raises(BadArgument, match="x: is given twice"):

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from robotree.tui.cli import main
+from robotree.tui.errors import NothingToAsk
 from robotree.tui.exit_codes import INTERRUPTED, NOBODY, REFUSED, USAGE
 from robotree.tui.line import manual
 from robotree.tui.line.actions import ACTIONS
@@ -250,3 +251,14 @@ def test_the_state_folder_is_ours_alone_also_one_that_an_earlier_version_made(
         f"{folder} was open to other users of this machine; from now on only you can enter it"
         for folder in (top, top / "old")
     ]
+
+
+def test_only_a_stop_names_the_stop_of_all_realms() -> None:
+    elsewhere = {"--realm lab": ["arm-1"]}
+    assert (
+        str(NothingToAsk("x", elsewhere))
+        == "nobody is in realm 'x', but elsewhere there are arm-1 (--realm lab)"
+    )
+    assert str(NothingToAsk("x", elsewhere, stopping=True)).endswith(
+        "`robotree stop --everywhere` stops them all"
+    )

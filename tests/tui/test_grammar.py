@@ -129,6 +129,13 @@ def test_a_mistyped_verb_is_guessed() -> None:
         read("enslav mover.arm arm-1")
 
 
+@pytest.mark.parametrize("word", ["frob", "pods", "xyzzy", "sett", "lst"])
+def test_only_a_near_verb_is_suggested(word: str) -> None:
+    with pytest.raises(UnknownVerb) as refusal:
+        read(f"{word} arm-1")
+    assert refusal.value.near == {"sett": ("set",), "lst": ("ls",)}.get(word, ())
+
+
 def test_every_example_is_valid_and_is_of_its_own_verb() -> None:
     for action in ACTIONS:
         for example in action.examples:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import pytest
@@ -196,3 +197,45 @@ def test_a_place_that_the_robot_of_another_flat_knows_is_written_at_the_partner(
     assert "do you mean 'cellar'?" in refused(
         text.replace("ACTION", "do: [robot, go_to, celar]"), path, capsys
     )
+
+
+ENDS = """\
+script: s
+hears: {bell: {}, bye: {}}
+rules:
+  - rule: greet
+    when: [bell: {}]
+    then: [log: hello]
+  - rule: leave
+    when: [bye: {}]
+    then: [end: done]
+"""
+
+
+@pytest.mark.parametrize(
+    ("rule", "says"),
+    [("gret", "there is no rule 'gret'; do you mean 'greet'?"), ("xyz", "'xyz'; there are: greet, leave")],
+)
+def test_an_unknown_rule_is_refused_as_a_wrong_line_is(
+    rule: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "s.yaml"
+    path.write_text(ENDS)
+    assert main(["rules", "explain", str(path), rule]) == exit_codes.USAGE
+    said = capsys.readouterr()
+    assert says in said.err
+    assert said.out == ""
+
+
+def test_a_dry_run_says_that_the_script_has_ended_and_fires_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "s.yaml"
+    path.write_text(ENDS)
+    monkeypatch.setattr("sys.stdin", io.StringIO("bell\nbye\nbell\n"))
+    assert main(["rules", "dry-run", str(path)]) == exit_codes.DONE
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-4:-2] == ["  leave fires", "  → end done"]
+    assert lines[-2] == "> bell"
+    assert lines[-1].startswith("  ✗ the script has ended")
+    assert lines.count("  greet fires") == 1

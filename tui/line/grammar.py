@@ -27,6 +27,8 @@ Value = str | tuple[str, ...] | bool
 MORE, OR = "…", "|"
 LONGEST_VERB = 2
 """Words of a verb, at most."""
+_NEAR = 0.7
+"""Likeness of a word and a verb, 0 to 1, from which on the verb is suggested."""
 
 _GROUP, _OPTION = r"\[([^]]*)]", r"--([\w-]+)"
 _CHOICE = r"--[\w-]+(?: [A-Z]+)?(?: \| --[\w-]+(?: [A-Z]+)?)*"
@@ -233,7 +235,7 @@ def verb_of(words: Sequence[str], shapes: Mapping[str, Shape]) -> str:
     import difflib
 
     asked = " ".join(words) if family else words[0]
-    near = difflib.get_close_matches(asked, family or shapes, n=2)
+    near = difflib.get_close_matches(asked, family or shapes, n=2, cutoff=_NEAR)
     raise UnknownVerb(asked, tuple(near or family))
 
 

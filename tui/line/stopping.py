@@ -57,7 +57,7 @@ def stop(line: Line, realm: str, run: Run) -> int:
     if everywhere:
         return _report_all(answers, console)
     given = answers[folders[0]]
-    answer = nothing_to_ask(realm) if given is None else given
+    answer = nothing_to_ask(realm, stopping=True) if given is None else given
     if isinstance(answer, Exception):
         console.error(answer)
         return exit_codes.code_of(answer)

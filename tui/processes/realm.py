@@ -90,7 +90,7 @@ async def visited(folder: Path) -> AsyncGenerator[Fleet]:
             await transport.close()
 
 
-def nothing_to_ask(realm: str) -> NothingToAsk:
+def nothing_to_ask(realm: str, *, stopping: bool = False) -> NothingToAsk:
     """Return the error for a realm in which nobody is: it names the realms of this user that have robots."""
     from robotree.vr.network.realms import all_realms, realm_folder, robots_in, runtime_directory
 
@@ -104,4 +104,4 @@ def nothing_to_ask(realm: str) -> NothingToAsk:
             elif root not in {own.parent, usual}:
                 how = f"XDG_RUNTIME_DIR={root.parent} robotree {how}"
             elsewhere[how] = robots
-    return NothingToAsk(realm, elsewhere)
+    return NothingToAsk(realm, elsewhere, stopping=stopping)

@@ -47,7 +47,7 @@ def plain_arguments(arguments: Mapping[str, Any]) -> dict[str, Any]:
     """
     plain = dict(arguments)
     for name, value in plain.items():
-        if type(value) not in _PLAIN:
+        if type(value) not in READY:
             try:
                 plain[name] = _plain(value, 0)
             except TypeError as error:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from robotree.vr.scripts.engine import Engine, Firing
-from robotree.vr.scripts.happening import order_line
+from robotree.vr.scripts.happening import nearest, order_line
 from robotree.vr.scripts.program import MESSAGE, PARAMETER, Condition, Program, Rule
 from robotree.vr.scripts.shown import in_words
 
@@ -38,8 +38,7 @@ def why(engine: Engine, name: str) -> str:
         return "\n".join(told) or "no rule has fired"
     rule = engine.program.rule(name)
     if rule is None:
-        known = ", ".join(one.name for one in engine.program.rules)
-        return f"there is no rule {name!r}; there are: {known}"
+        return unknown_rule(engine.program, name)
     fired = next((one for one in reversed(engine.firings) if one.rule == name), None)
     lines: list[str] = []
     if fired is not None:
@@ -47,6 +46,13 @@ def why(engine: Engine, name: str) -> str:
         lines += [f"  {one}" for one in _because(fired, rule, engine.program)]
         lines += [f"  → {order_line(order)}" for order in fired.orders]
     return "\n".join([*lines, *_why_not(engine, rule, fired)])
+
+
+def unknown_rule(program: Program, name: str) -> str:
+    """Return the sentence about the name of a rule that a script does not have."""
+    known = [rule.name for rule in program.rules]
+    hint = nearest(name, known) or f"; there are: {', '.join(known)}"
+    return f"there is no rule {name!r}{hint}"
 
 
 def _because(fired: Firing, rule: Rule, program: Program) -> list[str]:

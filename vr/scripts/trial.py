@@ -44,7 +44,7 @@ from robotree.vr.base.written import (
 )
 from robotree.vr.scripts.engine import Engine, ScriptError
 from robotree.vr.scripts.expression import show
-from robotree.vr.scripts.happening import Happening, nearest, order_line
+from robotree.vr.scripts.happening import Happening, ScriptEnd, nearest, order_line
 from robotree.vr.scripts.program import CHOICE, Program
 from robotree.vr.scripts.shown import in_words, parts
 from robotree.vr.scripts.when_then import new_fact
@@ -56,6 +56,7 @@ HAPPENINGS = (
 """What a line can begin with, beside the messages of the script."""
 CHANGES = frozenset({"lost", "found", "stopped", "released"})
 """Of these, what happens to a partner."""
+ENDED = "the script has ended: no rule fires any more; begin again with a new dry run or test"
 
 
 class Step(msgspec.Struct, frozen=True, kw_only=True):
@@ -247,6 +248,7 @@ class Rehearsal:
         self.engine = Engine(program, parameters)
         self.opening: list[Played] = []
         self._choices = choices or {}
+        self._ended = False
         for partner in program.partners:
             if partner.name not in missing:
                 self._open(f"found {partner.name}")
@@ -273,6 +275,8 @@ class Rehearsal:
             BrokenScript: the line is none, or the script does not know the message.
         """
         told = happening(line, mark)
+        if self._ended:
+            return Played(when=line, orders=(), fired=(), fault=ENDED, mark=mark)
         heard = next((one for one in self.program.hears if one.name == told.act), None)
         special = line.split(maxsplit=1)[0] in HAPPENINGS
         if heard is None and not special and not _wanted(self.program, told.act):
@@ -300,7 +304,9 @@ class Rehearsal:
         if told.act == "reading":
             self.engine.reading(told.sender, str(told.arguments[0]), float(told.arguments[1]))
         try:
-            orders = tuple(map(order_line, self.engine.feed(told)))
+            given = self.engine.feed(told)
+            self._ended = self._ended or any(isinstance(order, ScriptEnd) for order in given)
+            orders = tuple(map(order_line, given))
         except ScriptError as error:
             fault = str(error)
         fired = tuple(one.rule for one in self.engine.firings if one.number == before)
