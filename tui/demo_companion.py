@@ -88,9 +88,15 @@ class Companion:
         )
 
     async def open(self, fleet: Fleet) -> str:
-        """Build the companion and its script: what is left to a person is to start the script."""
+        """Build the companion and its script, and lead it to the door: a person starts the script.
+
+        Visitors come only when it stands at the door, and once the script has it nobody else can lead it
+        there.
+        """
         with as_file(files("robotree.examples")) as examples:
             await build(fleet, examples / "companion")
+        aside("the companion goes to the door: about 10 s …")
+        await fleet.call(ROBOT, "go_to", {"place": "door"}, deadline=60.0)
         await fleet.enslave(SCRIPT, "robot", ROBOT)
         return f"next: select {SCRIPT}, ⏎ opens its panel, ^r runs start; ? shows all keys"
 
