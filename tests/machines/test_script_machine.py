@@ -86,6 +86,9 @@ class Activity:
 
     def wake(self) -> None: ...
 
+    def published(self, _slot: str) -> None:
+        """Nothing yet."""
+
     def now(self) -> float:
         return 0.0
 
