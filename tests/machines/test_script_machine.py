@@ -89,6 +89,9 @@ class Activity:
     def published(self, _slot: str) -> None:
         """Nothing yet."""
 
+    def say(self, _level: str, text: str, **_options: object) -> None:
+        self.said = text
+
     def now(self) -> float:
         return 0.0
 
