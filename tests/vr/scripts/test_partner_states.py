@@ -52,6 +52,7 @@ async def test_what_was_interrupted_by_a_stop_of_the_partner_begins_again_when_i
     await stage.until(lambda: stage.agents["c1"].description().busy == "go_to")
     await stage.client("c1").safe_stop("a child is in the way")
     await stage.until(lambda: script._run.last_log == "held: a child is in the way")
+    await stage.until(lambda: not stage.agents["c1"].description().busy)
     robot.go.set()
     assert "partner: {name: robot, robot: c1, state: stopped}" in await stage.call("guide", "facts")
     fired = script._run.engine.fired
