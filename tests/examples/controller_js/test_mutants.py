@@ -18,6 +18,9 @@ from tests.examples.controllers import started
 
 pytestmark = pytest.mark.e2e
 
+WITH_LONG_SILENCE = {"claim-term"}
+"""Rules about a time that must end before the silence does."""
+
 
 def test_there_is_a_mutant_for_each_rule() -> None:
     assert list(dict.fromkeys(each.rule for each in MUTANTS)) == [*RULES]
@@ -50,7 +53,8 @@ async def test_each_mutant_is_caught_by_its_rule(
     mutants: list[Mutant], controller_js: list[str], tmp_path: Path
 ) -> None:
     intact = Mutant(mutants[0].rule, "intact", ())
-    tried = [each._replace(changes=(*each.changes, QUICK)) for each in (intact, *mutants)]
+    quick = () if intact.rule in WITH_LONG_SILENCE else (QUICK,)
+    tried = [each._replace(changes=(*each.changes, *quick)) for each in (intact, *mutants)]
     with ExitStack() as stack:
         urls = [
             stack.enter_context(started(made(each, controller_js, tmp_path / str(i)))).url
