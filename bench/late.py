@@ -53,7 +53,7 @@ class Screen:
             TimeoutError: none was.
         """
         began, heard = time.monotonic(), b""
-        while not any(one in heard for one in words):
+        while not any(word in heard for word in words):
             if time.monotonic() > began + SHOWN:
                 raise TimeoutError(words)
             if select.select([self.fd], [], [], 0.05)[0]:
@@ -107,7 +107,7 @@ async def main() -> None:
             took = await asyncio.to_thread(measure, proxy.pid, times)
     print(
         f"load {os.getloadavg()[0]:.1f}, {len(took)} stops: median {statistics.median(took):.2f} s, "
-        f"at most {took[-1]:.2f} s, within 1 s {sum(one <= 1.0 for one in took)}"
+        f"at most {took[-1]:.2f} s, within 1 s {sum(seconds <= 1.0 for seconds in took)}"
     )
 
 

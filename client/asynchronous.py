@@ -253,7 +253,7 @@ class AsyncCommand:
         """As the robot described it when it was asked last; it may have another page since."""
 
     async def __call__(self, *values: Any, **arguments: Any) -> Any:
-        """Have it carried out, and return its result; a result of several parts reads as `info.z`.
+        """Have the command carried out, and return its result; a result of several parts reads as `info.z`.
 
         `within=5` or `within="500 ms"` limits its time, unless the command has a parameter of this name; else
         the limit is 60 s. It ends if the task that waits is cancelled.
@@ -266,7 +266,7 @@ class AsyncCommand:
         return await (await self.start(*values, **arguments))
 
     async def start(self, *values: Any, **arguments: Any) -> AsyncCall:
-        """Have it carried out meanwhile; see `__call__`."""
+        """Start the command and return at once; see `__call__`."""
         deadline, named = await self._prepared(values, arguments)
         call = AsyncCall(self._robot, self._name)
         call.begin(self._carry_out(named, deadline, call.note_progress))
@@ -274,7 +274,7 @@ class AsyncCommand:
         return call
 
     async def tell(self, *values: Any, **arguments: Any) -> None:
-        """Have it carried out, and wait only until the robot has accepted it; it may outlive the program."""
+        """Send the command and wait only until the robot has accepted it; it may outlive the program."""
         deadline, named = await self._prepared(values, arguments)
         await self._realm.fleet.tell(self._robot, self._name, named, deadline=deadline)
 

@@ -257,15 +257,15 @@ class Command:
         self._realm, self._command = realm, command
 
     def __call__(self, *values: Any, **arguments: Any) -> Any:
-        """Have it carried out, wait for the end and return the result."""
+        """Have the command carried out, and return its result."""
         return self._realm.wait_for(self._command(*values, **arguments))
 
     def start(self, *values: Any, **arguments: Any) -> Call:
-        """Have it carried out meanwhile; it ends with the realm's block at the latest."""
+        """Start the command and return at once; it ends with the realm's block at the latest."""
         return Call(self._realm, self._realm.wait_for(self._command.start(*values, **arguments)))
 
     def tell(self, *values: Any, **arguments: Any) -> None:
-        """Have it carried out, and wait only until the robot has accepted it; it may outlive the program."""
+        """Send the command and wait only until the robot has accepted it; it may outlive the program."""
         self._realm.wait_for(self._command.tell(*values, **arguments))
 
 

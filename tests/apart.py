@@ -1,4 +1,4 @@
-"""A machine of one's own for a test: mounts and sockets that nobody else sees, where the system allows it.
+"""A machine for one test alone: mounts and sockets that nobody else sees, where the system allows it.
 
     python -m tests.apart MODULE:FUNCTION [--on FOLDER=SIZE …]
 

@@ -326,7 +326,7 @@ async def _agent(line: Line, realm: str, *, tether: bool) -> int:
     """Run one agent until the process is ended."""
     from robotree.tui.processes.serving import serve
 
-    foreign = line.verb in {"host", "proxy"}  # pages, and proxies of one's own
+    foreign = line.verb in {"host", "proxy"}  # the code of authors: pages and proxies
     await serve(partial(AGENTS[line.verb], line, realm), tether=tether, foreign=foreign)
     return exit_codes.DONE
 

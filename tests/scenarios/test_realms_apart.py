@@ -1,4 +1,4 @@
-"""What needs a machine of one's own: file systems that are full, and a stop of all realms of a user.
+"""What needs a machine for the test alone: file systems that are full, and a stop of all realms of a user.
 
 Each story runs in a process with mounts and a network of its own (`tests/apart.py`): it may fill `/tmp`, and
 `robotree stop --everywhere` reaches nobody else's robots.

@@ -15,7 +15,7 @@ WAYS = ("nothing", "fork", "multiprocessing", "preexec")
 """How a child is made that lives on when its process is killed."""
 STANDING = "from the kill until the arm stands, on the controller's clock"
 HOST = Row("fork", "host of a page that has forked and moves an arm at 0.2 m/s is killed", STANDING, 0.3)
-PROXY = Row("fork", "proxy of one's own that has forked and moves an arm is killed", STANDING, 0.3)
+PROXY = Row("fork", "an author's own proxy that has forked and moves an arm is killed", STANDING, 0.3)
 WAY = 0.02
 """[m] that the arm may go on; measured without a child: 0.004."""
 SPEED = 0.2
@@ -82,7 +82,7 @@ async def host_dies(stage: Stage, chance: random.Random, way: str) -> Sequence[T
 
 
 async def proxy_dies(stage: Stage, chance: random.Random, way: str) -> Sequence[Trial]:
-    """Kill the proxy of an arm, of a class of one's own, which has left a child behind and moves."""
+    """Kill an arm's proxy, of a class of its author, which has left a child behind and moves."""
     kind = stage.folder.parent.parent / "forking_arm.py"
     await asyncio.to_thread(kind.write_text, KIND)
     async with another_arm(stage, str(kind)) as arm:

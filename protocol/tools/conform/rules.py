@@ -520,7 +520,7 @@ def _silence_ms(t: Trial) -> int:
     return t.mode.silence_ms if t.mode is not None else 2000
 
 
-@_rule("silence", MUST, "holds when who commanded a goal is silent for silence_ms, whoever else speaks")
+@_rule("silence", MUST, "holds when the commander of a goal is silent for silence_ms, though others speak")
 async def _silent(t: Trial) -> None:
     goal = await t.begin()
     took = await _abandoned(t, goal, lambda: t.line.say(BEAT, SECOND))
@@ -550,7 +550,7 @@ async def _abandoned(t: Trial, goal: Goal, speak: Callable[[], None]) -> float:
 
 
 def _state_of(t: Trial, goal: Goal) -> GoalState:
-    """Its state as it was told last, without a word of ours."""
+    """Return the state of a goal as the controller reported it last; send nothing."""
     found = GoalState.ACTIVE
     for each in t.line.received:
         if isinstance(each.message, GoalStatus) and each.message.key == goal.key:
