@@ -29,9 +29,9 @@ from robotree.vr.author.fitting import misfit
 from robotree.vr.author.kind import Kind, promises_of
 from robotree.vr.author.readings import Record
 from robotree.vr.base.address import check_name
+from robotree.vr.base.arguments import named_arguments
 from robotree.vr.base.errors import BadArgument, CommandCancelled, NotThisKind
 from robotree.vr.base.extras import explained
-from robotree.vr.base.plain import plain_arguments
 from robotree.vr.base.units import seconds
 from robotree.vr.exchange.client import DEFAULT_DEADLINE, OnProgress
 from robotree.vr.network.rendezvous import realm_name
@@ -298,23 +298,12 @@ class AsyncCommand:
             VrError: the robot cannot be asked for the names of its parameters.
         """
         label = f"{self._robot}.{self._name}"
-        try:
-            named = plain_arguments(arguments)
-            numbered = plain_arguments({str(number): value for number, value in enumerate(values, 1)})
-        except TypeError as error:
-            name, _, reason = str(error).partition(": ")
-            raise BadArgument(command=label, parameter=name, reason=reason) from None
-        if not values and WITHIN not in named:
-            return DEFAULT_DEADLINE, named
-        spec = self._spec = self._spec or (await self._realm.describe(self._robot)).command(self._name)
+        if (values or WITHIN in arguments) and self._spec is None:
+            self._spec = (await self._realm.describe(self._robot)).command(self._name)
+        spec = self._spec
         names = [] if spec is None else [field.name for field in spec.parameters]
-        if len(values) > len(names):
-            reason = f"too many; it takes {len(names)} ({', '.join(names)})"
-            raise BadArgument(command=label, parameter=f"value {len(names) + 1}", reason=reason)
-        positional = dict(zip(names, numbered.values(), strict=False))
-        for name in positional.keys() & named:
-            raise BadArgument(command=label, parameter=name, reason="is given twice")
-        return self._deadline(label, spec, named), positional | named
+        named = named_arguments(label, values, arguments, lambda: names)
+        return self._deadline(label, spec, named), named
 
     def _deadline(self, label: str, spec: CommandSpec | None, named: dict[str, Any]) -> float:
         """Take the time limit [s] out of the arguments, if it is none of the command."""

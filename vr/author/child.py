@@ -24,9 +24,10 @@ import msgspec
 from robotree.vr.author.context import CallFuture, CallLimit, activity_here, running
 from robotree.vr.author.kind import Kind, promises_of
 from robotree.vr.author.readings import Readings, Record
+from robotree.vr.base.arguments import named_arguments
 from robotree.vr.base.description import LARGEST_GROUP, CommandSpec, FieldSpec, SlotSpec
 from robotree.vr.base.errors import BadArgument
-from robotree.vr.base.plain import READY, plain_arguments
+from robotree.vr.base.plain import READY
 from robotree.vr.base.units import Unit, convert, seconds
 
 if TYPE_CHECKING:
@@ -433,28 +434,11 @@ class ChildCommand:
     def _named(self, values: tuple[Any, ...], arguments: dict[str, Any]) -> Mapping[str, Any]:
         if not values and READY.issuperset(map(type, arguments.values())):
             return arguments
-        label = f"{self._slot}.{self._command}"
-        try:
-            arguments = plain_arguments(arguments)
-            if values:
-                numbered = {str(number): value for number, value in enumerate(values, 1)}
-                values = tuple(plain_arguments(numbered).values())
-        except TypeError as error:
-            name, _, reason = str(error).partition(": ")
-            raise BadArgument(command=label, parameter=name, reason=reason) from None
-        if not values:
-            return arguments
+        return named_arguments(f"{self._slot}.{self._command}", values, arguments, self._parameters)
+
+    def _parameters(self) -> list[str]:
         spec = self._robot.child_slots.require(self._slot).description.command(self._command)
-        names = [] if spec is None else [field.name for field in spec.parameters]
-        if len(values) > len(names):
-            takes = f"{len(names)} ({', '.join(names)})"
-            raise BadArgument(
-                command=label, parameter=f"value {len(names) + 1}", reason=f"too many; it takes {takes}"
-            )
-        positional = dict(zip(names, values, strict=False))
-        for name in positional.keys() & arguments:
-            raise BadArgument(command=label, parameter=name, reason="is given twice")
-        return positional | arguments
+        return [] if spec is None else [field.name for field in spec.parameters]
 
 
 def _converted(value: Any, given: str, wanted: str) -> Any:

@@ -14,6 +14,7 @@ from typing import Any, TypeVar, cast
 from robotree.vr.base.description import Arguments, CommandSpec, FieldSpec, ParameterType
 from robotree.vr.base.errors import BadArgument
 from robotree.vr.base.literal import read_list, read_record
+from robotree.vr.base.plain import plain_arguments
 from robotree.vr.base.units import in_unit, read_quantity, shorten
 
 _T = TypeVar("_T")
@@ -225,3 +226,35 @@ _READERS: dict[ParameterType, Callable[[FieldSpec, object], Any]] = {
     "record": _record,
     "bytes": _instance(bytes),
 }
+
+
+def named_arguments(
+    label: str, values: Sequence[Any], arguments: Mapping[str, Any], names: Callable[[], Sequence[str]]
+) -> dict[str, Any]:
+    """Return the arguments of a call by name, as plain values.
+
+    Args:
+        label: of the command, for messages.
+        values: those that were given by position.
+        arguments: those that were given by name.
+        names: returns the parameters of the command in their order; asked only if there are values.
+
+    Raises:
+        BadArgument: a value cannot travel, there are too many, or one is given twice.
+    """
+    try:
+        named = plain_arguments(arguments)
+        numbered = plain_arguments({str(number): value for number, value in enumerate(values, 1)})
+    except TypeError as error:
+        name, _, reason = str(error).partition(": ")
+        raise BadArgument(command=label, parameter=name, reason=reason) from None
+    if not values:
+        return named
+    known = names()
+    if len(values) > len(known):
+        reason = f"too many; it takes {len(known)} ({', '.join(known)})"
+        raise BadArgument(command=label, parameter=f"value {len(known) + 1}", reason=reason)
+    positional = dict(zip(known, numbered.values(), strict=False))
+    for name in positional.keys() & named:
+        raise BadArgument(command=label, parameter=name, reason="is given twice")
+    return positional | named
