@@ -40,7 +40,7 @@ async def pair(transport: Any, process: Process, name: str, *, keeps: bool) -> R
     for agent in (child, parent):
         await agent.start()
         if not keeps:
-            setattr(agent.live.log, "settle", _nothing)  # noqa: B010 # what is measured
+            setattr(agent.runtime.log, "settle", _nothing)  # noqa: B010 # what is measured
     client = RobotClient(transport, parent.address)
     await client.enslave("below", child.address)
     return client

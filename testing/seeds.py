@@ -147,7 +147,7 @@ def _look_afterwards(trial: Trial, team: Team, label: str) -> None:
     ended = team.now
     team.wait(AFTERWARDS)
     for path, agent in team.agents():
-        calls = agent.live.core.state.calls
+        calls = agent.runtime.core.state.calls
         if calls.abandoned:
             _broken(trial, team, label, f"{path or 'the page'} has code that cannot be ended")
         left = [call.command for call in calls.live.values() if not call.detached]

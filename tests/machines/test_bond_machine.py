@@ -10,7 +10,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import RobotDescription, SlotSpec
 from robotree.vr.base.errors import NoSuchSlot, SlotEmpty, SlotOccupied
-from robotree.vr.core.bonds import Bond, Lessee, Slots
+from robotree.vr.core.bonds import Bond, HeldLease, Slots
 from tests.machines.checkpoint import decoded
 
 NAMES = ("left", "right")
@@ -47,7 +47,7 @@ class BondMachine(RuleBasedStateMachine):
         slot = data.draw(st.sampled_from(sorted(self.asked)))
         child = self.asked.pop(slot)
         self.epoch += 1
-        lease = Lessee.begin(epoch=self.epoch, term=5.0, sent=0.0, now=0.0)
+        lease = HeldLease.begin(epoch=self.epoch, term=5.0, sent=0.0, now=0.0)
         bond = Bond(child=child, lease=lease, description=RobotDescription(address=child, kinds=("Arm",)))
         self.slots.bind(slot, bond)
         self.bound[slot] = bond

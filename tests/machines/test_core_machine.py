@@ -30,7 +30,7 @@ from robotree.vr.base.errors import (
 )
 from robotree.vr.base.requests import Call, Done, Raised, Returned
 from robotree.vr.core import events as on
-from robotree.vr.core.bonds import Bond, Lessee, Lessor, Slots
+from robotree.vr.core.bonds import Bond, GrantedLease, HeldLease, Slots
 from robotree.vr.core.events import (
     AskPart,
     Begin,
@@ -56,7 +56,7 @@ def new_core() -> RobotCore:
     state = RobotState(
         address=Address("robot", "arm-1", "1"),
         home="host host-1",
-        lease=Lessor.free("arm-1", term=TERM, unix=UNIX),
+        lease=GrantedLease.free("arm-1", term=TERM, unix=UNIX),
         slots=Slots.empty("arm-1", [SlotSpec(name=slot, kind="Tool") for slot in SLOTS]),
         calls=Calls(),
         stop=Stop(),
@@ -183,8 +183,8 @@ class CoreMachine(RuleBasedStateMachine):
         return self.sent[key]
 
     def right(self) -> int | None:
-        tenure = self.core.state.lease.tenure
-        return None if tenure is None or tenure.expires <= self.now else tenure.epoch
+        lease = self.core.state.lease.current
+        return None if lease is None or lease.expires <= self.now else lease.epoch
 
     def wrong(self) -> int | None:
         """An epoch that nobody has who may command the robot."""
@@ -350,12 +350,12 @@ class CoreMachine(RuleBasedStateMachine):
         ask = on.ParentAsked(
             parent=parent, slot="arm", lineage=(parent.name,), term=TERM, unix=UNIX + self.now
         )
-        tenure = self.core.state.lease.tenure
+        lease = self.core.state.lease.current
         try:
             self.handle(ask)
         except VrError:
-            assert tenure is not None
-            assert tenure.parent != parent
+            assert lease is not None
+            assert lease.parent != parent
         else:
             assert self.core.state.lease.epoch > before, "each grant has a higher epoch"
             assert not self.waiting
@@ -363,15 +363,15 @@ class CoreMachine(RuleBasedStateMachine):
     @precondition(lambda self: self.right() is not None)
     @rule()
     def the_lease_ends(self) -> None:
-        tenure = self.core.state.lease.tenure
-        assert tenure is not None
-        self.handle(on.EndLease(parent=tenure.parent, unix=UNIX + self.now, reason="it let go"))
-        assert self.core.state.lease.epoch > tenure.epoch
+        lease = self.core.state.lease.current
+        assert lease is not None
+        self.handle(on.EndLease(parent=lease.parent, unix=UNIX + self.now, reason="it let go"))
+        assert self.core.state.lease.epoch > lease.epoch
 
     @precondition(lambda self: self.right() is not None)
     @rule(late=st.booleans(), above=st.sampled_from([(), ("train",), ("arm-1",)]))
     def the_parent_renews(self, *, late: bool, above: tuple[str, ...]) -> None:
-        before = self.core.state.lease.tenure
+        before = self.core.state.lease.current
         assert before is not None
         lineage = (*above, before.parent.name)
         if late:
@@ -382,15 +382,15 @@ class CoreMachine(RuleBasedStateMachine):
                 self.handle(on.Prolong(parent=before.parent, epoch=before.epoch, lineage=lineage))
         else:
             effects = self.handle(on.Prolong(parent=before.parent, epoch=before.epoch, lineage=lineage))
-            tenure = self.core.state.lease.tenure
-            assert tenure is not None
-            assert (tenure.epoch, tenure.expires) == (before.epoch, self.now + TERM)
+            lease = self.core.state.lease.current
+            assert lease is not None
+            assert (lease.epoch, lease.expires) == (before.epoch, self.now + TERM)
             assert (LeaseChanged() in effects) == (lineage != before.lineage), "news of ancestors go down"
 
     @rule(more=st.sampled_from([0, -1, 1]))
     def the_controller_says_which_epoch_it_obeys(self, more: int) -> None:
         lease, before = self.core.state.lease, self.core.state.lease.epoch
-        first, free = lease.found is None, lease.tenure is None
+        first, free = lease.found is None, lease.current is None
         self.handle(on.Obeyed(epoch=before + more))
         assert lease.epoch == (before + more + 1 if first and free and more > 0 else before)
         assert lease.outranked or first or more <= 0 or before + more <= (lease.found or 0)
@@ -437,7 +437,7 @@ class CoreMachine(RuleBasedStateMachine):
 
     def come(self, slot: str) -> None:
         child = self.expected.pop(slot)
-        lease = Lessee.begin(epoch=next(self.numbers), term=TERM, sent=self.now - 0.1, now=self.now)
+        lease = HeldLease.begin(epoch=next(self.numbers), term=TERM, sent=self.now - 0.1, now=self.now)
         description = RobotDescription(address=child, kinds=("Tool", "Robot"))
         self.handle(on.Bind(slot=slot, bond=Bond(child=child, lease=lease, description=description)))
         self.granted[slot] = self.now - 0.1 + TERM
@@ -628,7 +628,7 @@ def test_a_numbered_call_that_is_over_for_its_caller_is_refused_for_ever() -> No
 def test_a_late_answer_of_a_child_whose_slot_is_no_longer_declared_changes_nothing() -> None:
     core, child = new_core(), Address("robot", "hand-1", "1")
     core.handle(on.Reserve(slot="tool", child=child), 0.0)
-    lease = Lessee.begin(epoch=3, term=TERM, sent=0.0, now=0.0)
+    lease = HeldLease.begin(epoch=3, term=TERM, sent=0.0, now=0.0)
     description = RobotDescription(address=child, kinds=("Tool", "Robot"))
     core.handle(on.Bind(slot="tool", bond=Bond(child=child, lease=lease, description=description)), 0.0)
     core.handle(on.FreeAsked(slot="tool"), 1.0)

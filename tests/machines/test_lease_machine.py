@@ -11,7 +11,7 @@ from hypothesis.stateful import Bundle, RuleBasedStateMachine, consumes, initial
 
 from robotree.vr.base.address import Address
 from robotree.vr.base.errors import LeaseDenied, Retracted, StaleEpoch
-from robotree.vr.core.bonds import Lessee, Lessor
+from robotree.vr.core.bonds import GrantedLease, HeldLease
 from tests.machines.checkpoint import decoded
 
 NAMES = ("a", "b")
@@ -40,7 +40,7 @@ class Parent:
         self.life = 0
         self.given_back = 0
         """Epoch that it has let go: a grant of it that comes late counts no more."""
-        self.lease: Lessee | None = None
+        self.lease: HeldLease | None = None
         self.petitions = 0
         self.given_up: set[str] = set()
 
@@ -75,7 +75,7 @@ class LeaseMachine(RuleBasedStateMachine):
     )
     def begin(self, term: float, offsets: tuple[int, ...], unix: int) -> None:
         self.now, self.unix = 0.0, unix
-        self.child = Lessor.free("child", term=term, unix=unix)
+        self.child = GrantedLease.free("child", term=term, unix=unix)
         self.parents = {name: Parent(name, offset) for name, offset in zip(NAMES, offsets, strict=True)}
         self.epochs = [self.child.epoch]
         self.retracted: set[str] = set()
@@ -160,7 +160,7 @@ class LeaseMachine(RuleBasedStateMachine):
     def die(self, name: str) -> None:
         """A parent ends, the child sees its presence go, and it begins anew."""
         parent = self.parents[name]
-        if self.child.tenure is not None and self.child.tenure.parent == parent.address:
+        if self.child.current is not None and self.child.current.parent == parent.address:
             self.child.end(self.unix + self.now)
         parent.lease = None
         parent.life, parent.petitions = parent.life + 1, 0
@@ -186,7 +186,9 @@ class LeaseMachine(RuleBasedStateMachine):
         if parent.lease is not None and message.epoch == parent.lease.epoch:
             parent.lease.granted(sent=message.sent, now=here, term=message.term)
         elif parent.awaits(message.key) and (parent.lease is None or message.epoch > parent.lease.epoch):
-            parent.lease = Lessee.begin(epoch=message.epoch, term=message.term, sent=message.sent, now=here)
+            parent.lease = HeldLease.begin(
+                epoch=message.epoch, term=message.term, sent=message.sent, now=here
+            )
 
     def ask_child(self, who: Address, message: Message) -> Message | None:
         now, unix = self.now, self.unix + self.now
@@ -216,13 +218,13 @@ class LeaseMachine(RuleBasedStateMachine):
     def whoever_believes_to_command_does(self) -> None:
         for parent in self.parents.values():
             if parent.believes(self.now):
-                assert self.child.tenure is not None
-                assert self.child.tenure.parent == parent.address
+                assert self.child.current is not None
+                assert self.child.current.parent == parent.address
 
     @invariant()
     def what_was_taken_back_is_granted_never_again(self) -> None:
-        tenure = self.child.tenure
-        assert tenure is None or tenure.petition not in self.retracted
+        lease = self.child.current
+        assert lease is None or lease.petition not in self.retracted
 
     @invariant()
     def never_do_two_parents_command(self) -> None:
@@ -240,13 +242,13 @@ class LeaseMachine(RuleBasedStateMachine):
     def epochs_only_grow(self) -> None:
         assert self.epochs == sorted(set(self.epochs))
         assert self.child.epoch >= self.epochs[-1]
-        tenure = self.child.tenure
-        if tenure is not None:
-            assert tenure.epoch == self.child.epoch == self.epochs[-1]
+        lease = self.child.current
+        if lease is not None:
+            assert lease.epoch == self.child.epoch == self.epochs[-1]
 
     @invariant()
     def a_free_child_obeys_no_epoch_and_a_bound_one_nobody_without(self) -> None:
-        if self.child.tenure is None:
+        if self.child.current is None:
             self.child.check(None, self.now)
             for epoch in self.epochs:
                 try:

@@ -14,7 +14,7 @@ from robotree.vr.author import context
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import CommandSpec, RobotDescription
 from robotree.vr.base.errors import CommandFailed, SlotEmpty, VrError
-from robotree.vr.core.bonds import Bond, Lessee
+from robotree.vr.core.bonds import Bond, HeldLease
 from robotree.vr.scripts.happening import Happening
 from robotree.vr.scripts.run import ScriptRun
 from robotree.vr.scripts.script import Script, script_class
@@ -146,7 +146,7 @@ class PartnersThatComeAndGo(RuleBasedStateMachine):
         child = Address("robot", f"arm-{self.count}", "1")
         commands = (CommandSpec(name="wave"),) if able else ()
         robot = RobotDescription(address=child, kinds=("Arm",), commands=commands)
-        lease = Lessee.begin(epoch=self.count, term=5.0, sent=0.0, now=0.0)
+        lease = HeldLease.begin(epoch=self.count, term=5.0, sent=0.0, now=0.0)
         self.robot.child_slots.begin(slot, child)
         self.robot.child_slots.bind(slot, Bond(child=child, lease=lease, description=robot))
         self.drain()

@@ -179,13 +179,13 @@ class StopMachine(RuleBasedStateMachine):
     @rule()
     def go_on_from_the_encoded_states(self) -> None:
         for agent in self.agents.values():
-            agent.live.core.state = decoded(agent.live.core.state)
+            agent.runtime.core.state = decoded(agent.runtime.core.state)
             self.run(self.begin_anew(agent))
 
     async def begin_anew(self, agent: RobotAgent) -> None:
         """The restored state does not contain which parts its stops have asked."""
-        agent._stops = Stops(agent.live, agent._hooks, agent._children)
-        agent.live.post(on.Restored())
+        agent._stops = Stops(agent.runtime, agent._hooks, agent._children)
+        agent.runtime.post(on.Restored())
 
     @rule(seconds=gaps)
     def wait(self, seconds: float) -> None:

@@ -195,4 +195,4 @@ def leaf_tickets(name: str, ticket: int) -> list[int]:
 
 def lease_of(agent: RobotAgent) -> Any:
     """Return the lease in force on a robot; None: it is free."""
-    return agent.live.core.state.lease.tenure
+    return agent.runtime.core.state.lease.current

@@ -12,7 +12,7 @@ import msgspec
 
 import robotree.vr.agents.outside
 import robotree.vr.exchange.answering
-import robotree.vr.running.live
+import robotree.vr.running.robot_runtime
 from robotree.protocol.messages import Goal, GoalCancel, SetMode, Verb
 from robotree.protocol.services.claim_server import ClaimServer
 from robotree.protocol.services.fence import Fence
@@ -25,7 +25,7 @@ from robotree.vr.agents.callers import Callers
 from robotree.vr.agents.stops import Stops
 from robotree.vr.base.envelope import Envelope, Received, opened
 from robotree.vr.base.requests import Call
-from robotree.vr.core.bonds import Lessee, Lessor
+from robotree.vr.core.bonds import GrantedLease, HeldLease
 from robotree.vr.core.machine import Calls, RobotCore
 from robotree.vr.core.stop import Stop
 from robotree.vr.supervision.releases import Releases
@@ -47,7 +47,7 @@ def _deadline_of_its_own(**fields: Any) -> Call:
     return Call(**{**fields, "deadline": 60.0})
 
 
-def _counted_from_the_grant(self: Lessee, *, sent: float, now: float, term: float) -> None:
+def _counted_from_the_grant(self: HeldLease, *, sent: float, now: float, term: float) -> None:
     del sent
     self.confirmed, self.term = now, term
 
@@ -76,7 +76,7 @@ def _every_goal_is_new(
 
 SAFEGUARDS = {
     "a child refuses a call under another lease than the one in force": (
-        Safeguard(Lessor, "check", lambda *_: None),
+        Safeguard(GrantedLease, "check", lambda *_: None),
     ),
     "a proxy refuses an epoch older than one that it obeyed": (
         Safeguard(EpochCheck, "admit", lambda *_: None),
@@ -89,10 +89,10 @@ SAFEGUARDS = {
     "a call that its caller has given up is never begun": (Safeguard(Calls, "late", lambda *_: False),),
     "a cancel that comes before its call is remembered": (Safeguard(Calls, "refuse", lambda *_: None),),
     "a child's command ends by the deadline of its parent's": (
-        Safeguard(robotree.vr.running.live, "Call", _deadline_of_its_own),
+        Safeguard(robotree.vr.running.robot_runtime, "Call", _deadline_of_its_own),
     ),
     "a release names the stop that it ends": (
-        Safeguard(Stops, "_stops_seen", lambda self, _: self._live.stops),
+        Safeguard(Stops, "_stops_seen", lambda self, _: self._runtime.stops),
     ),
     "a release ends the stops that were known when it was asked for": (
         Safeguard(Releases, "count", lambda *_: None),
@@ -100,9 +100,9 @@ SAFEGUARDS = {
     ),
     "a stopped robot begins nothing": (Safeguard(RobotCore, "_expect_free_to_move", lambda *_: None),),
     "a parent counts a lease from when it asked for it": (
-        Safeguard(Lessee, "granted", _counted_from_the_grant),
+        Safeguard(HeldLease, "granted", _counted_from_the_grant),
     ),
-    "a child ends a lease that is not renewed": (Safeguard(Lessor, "tick", lambda *_: None),),
+    "a child ends a lease that is not renewed": (Safeguard(GrantedLease, "tick", lambda *_: None),),
     "a controller stops when its commander is not heard": (Safeguard(Watchdog, "silent", lambda *_: False),),
     "a request is void some time after it was asked": (
         Safeguard(robotree.vr.agents.outside, "opened", _opened_however_late),

@@ -114,8 +114,8 @@ class Judge:
     def look_at_call(self, cart: CartProxy) -> None:
         """A cart begins to carry out a call: of its parent, if it has one."""
         agent, caller = self.realm.carts.get(cart.name), cart.context.caller
-        tenure = None if agent is None or agent.robot is not cart else lease_of(agent)
-        commander = CALLER if tenure is None else tenure.parent.name
+        lease = None if agent is None or agent.robot is not cart else lease_of(agent)
+        commander = CALLER if lease is None else lease.parent.name
         if agent is not None and caller != commander:
             self.complain(f"{cart.name} obeys {caller} while {commander} commands it")
         if (cart, cart.context.key) in self._keys:
@@ -178,16 +178,16 @@ class Judge:
         now = self.world.runner.now()
         by_key = {agent.address: agent for agent in agents.values()}
         for parent in agents.values():
-            for slot in parent.live.core.state.slots.by_name.values():
+            for slot in parent.runtime.core.state.slots.by_name.values():
                 bond = slot.bond
                 child = by_key.get(bond.child) if bond is not None else None
                 if bond is None or child is None or bond.lease.expires <= now:
                     continue
-                tenure = lease_of(child)
+                lease = lease_of(child)
                 if (
-                    tenure is not None
-                    and tenure.epoch == bond.lease.epoch
-                    and tenure.expires < bond.lease.expires
+                    lease is not None
+                    and lease.epoch == bond.lease.epoch
+                    and lease.expires < bond.lease.expires
                 ):
                     self.complain(
                         f"{parent.robot.name} believes in a lease longer than {child.robot.name} grants"

@@ -65,15 +65,15 @@ from robotree.vr.base.requests import (
 )
 from robotree.vr.base.transport import Registration, Transport
 from robotree.vr.core import events as on
-from robotree.vr.core.bonds import DEFAULT_TERM, Lessor, Slots
+from robotree.vr.core.bonds import DEFAULT_TERM, GrantedLease, Slots
 from robotree.vr.core.events import CoreEffect, LeaseChanged, LeaseEnded
 from robotree.vr.core.machine import Calls, RobotState
 from robotree.vr.core.stop import Stop
 from robotree.vr.exchange.answering import SendReply, conversing, not_for
 from robotree.vr.exchange.claim import claim, new_address
 from robotree.vr.lookup.registrar import Registrar
-from robotree.vr.running.live import LiveRobot, NotDescribed, OnDescribed
 from robotree.vr.running.process import LONGEST_END, Process
+from robotree.vr.running.robot_runtime import NotDescribed, OnDescribed, RobotRuntime
 from robotree.vr.running.runner import runner_of
 
 PARTING = 0.5
@@ -130,10 +130,10 @@ class RobotAgent:
         self._owns_process = process is None
         self._shared = Shared() if shared is None else shared
         self._unix = unix or self._process.runner.unix
-        lessor = Lessor.free(robot.name, term=term, unix=self._unix())
-        self.live = LiveRobot(
+        granted = GrantedLease.free(robot.name, term=term, unix=self._unix())
+        self.runtime = RobotRuntime(
             robot,
-            self._process.core(_new_state(robot, self.address, self._shared.host, lessor)),
+            self._process.core(_new_state(robot, self.address, self._shared.host, granted)),
             self._process,
             transport=transport,
             describe_child=self._describe_child,
@@ -141,21 +141,21 @@ class RobotAgent:
             obeyed=obeyed,
             on_effect=self._take_effect,
         )
-        self._hooks = Hooks(robot, self._process.runner, partial(self.live.say, ""))
-        self._publisher = Publisher(self.live, self._hooks, transport, self._shared, registrar)
+        self._hooks = Hooks(robot, self._process.runner, partial(self.runtime.say, ""))
+        self._publisher = Publisher(self.runtime, self._hooks, transport, self._shared, registrar)
         self._children = self._new_children(term) if isinstance(robot, VirtualRobot) else None
-        self._stops = Stops(self.live, self._hooks, self._children)
-        self._callers = Callers(self.live, transport.presence)
-        self._outside = OutsideCalls(self.live, is_open=lambda: self.open, attend=self._callers.attend)
+        self._stops = Stops(self.runtime, self._hooks, self._children)
+        self._callers = Callers(self.runtime, transport.presence)
+        self._outside = OutsideCalls(self.runtime, is_open=lambda: self.open, attend=self._callers.attend)
         self._begin_life()
 
     @property
     def robot(self) -> Robot:
         """What it answers for; another one after a reload."""
-        return self.live.robot
+        return self.runtime.robot
 
     def _new_children(self, term: float) -> ChildKeeper:
-        return ChildKeeper(self.live, self.transport, term=term)
+        return ChildKeeper(self.runtime, self.transport, term=term)
 
     def _begin_life(self) -> None:
         """Nothing is declared and nothing watched yet."""
@@ -191,8 +191,8 @@ class RobotAgent:
             await self._withdraw()
             self._close_process()
             raise
-        self._process.robots[self.address] = self.live
-        self.live.post(on.Restored())  # a new state has nothing to go on with
+        self._process.robots[self.address] = self.runtime
+        self.runtime.post(on.Restored())  # a new state has nothing to go on with
         self._publisher.begin()
 
     async def listed(self) -> None:
@@ -211,7 +211,7 @@ class RobotAgent:
     @property
     def abandoned(self) -> tuple[str, ...]:
         """Return the commands that were ended and whose code still runs, also after the robot's own end."""
-        return self.live.look(lambda core: tuple(core.state.calls.abandoned.values()))
+        return self.runtime.look(lambda core: tuple(core.state.calls.abandoned.values()))
 
     def _begin_to_end(self, grace: float) -> asyncio.Task[None]:
         """End; several requests to end are one, and it ends also if nobody waits for it."""
@@ -251,7 +251,7 @@ class RobotAgent:
     async def _no_calls(self, within: float) -> None:
         """Wait until all commands have ended, `within` [s] at most."""
         until = self._loop.time() + within
-        while self.live.core.state.calls.live and self._loop.time() < until:  # noqa: ASYNC110 # any thread ends them
+        while self.runtime.core.state.calls.live and self._loop.time() < until:  # noqa: ASYNC110 # any thread ends them
             await asyncio.sleep(0.005)
 
     async def _withdraw(self) -> None:
@@ -271,9 +271,9 @@ class RobotAgent:
             farewell: called while the way to the asker is open, with a sentence on what is left.
         """
         self._virtual("be deleted; end the process of its proxy instead")
-        tenure = self.live.core.state.lease.tenure
-        if tenure is not None:
-            raise StillBonded(robot=self.robot.name, holder=tenure.parent.name, slot=tenure.slot)
+        lease = self.runtime.core.state.lease.current
+        if lease is not None:
+            raise StillBonded(robot=self.robot.name, holder=lease.parent.name, slot=lease.slot)
         self._farewells.append(farewell)
         self._begin_to_end(LONGEST_END + PARTING)
         await asyncio.shield(self._gone)
@@ -282,7 +282,7 @@ class RobotAgent:
         running = ", ".join(self.abandoned)
         return (
             running
-            and f"its {running} ignores every cancel and still runs; restart {self.live.core.state.home}"
+            and f"its {running} ignores every cancel and still runs; restart {self.runtime.core.state.home}"
         )
 
     async def reload(self, robot: VirtualRobot, page: str, *, now: bool, within: float) -> list[str]:
@@ -306,31 +306,31 @@ class RobotAgent:
         def done(outcome: VrError | list[str] | None) -> None:
             self._on_loop(partial(_settle, turned, outcome))
 
-        running = self.live.look(lambda core: core.state.calls.running)
-        self.live.reload(robot, done)
+        running = self.runtime.look(lambda core: core.state.calls.running)
+        self.runtime.reload(robot, done)
         if now and running:
-            self.live.cancel(running, f"the page of {self.robot.name} is reloaded")
+            self.runtime.cancel(running, f"the page of {self.robot.name} is reloaded")
         try:
             async with asyncio.timeout(within):
                 notes = await asyncio.shield(turned)
         except TimeoutError:
-            if self.live.withdraw_page(robot):
-                calls = self.live.core.state.calls
+            if self.runtime.withdraw_page(robot):
+                calls = self.runtime.core.state.calls
                 call = calls.live.get(calls.running)
                 command = "a command" if call is None else call.command
                 raise ReloadWaits(robot=robot.name, command=command, seconds=within) from None
             notes = await turned
         self._hooks.become(robot)
-        self.live.page = page
-        self.live.changed()
+        self.runtime.page = page
+        self.runtime.changed()
         return notes
 
     # -- changes ----------------------------------------------------------------------------------
 
     def notify(self) -> None:
         """Take note that the robot has changed: reachable or not, halted, its attributes. From any thread."""
-        self.live.look_at_robot()
-        self.live.changed()
+        self.runtime.look_at_robot()
+        self.runtime.changed()
 
     def description(self) -> RobotDescription:
         """Describe the robot as it is now."""
@@ -357,11 +357,11 @@ class RobotAgent:
 
     def _lease_changed(self) -> None:
         """Somebody else commands the robot, or nobody, or its parent has other ancestors."""
-        tenure = self.live.core.state.lease.tenure
-        if tenure is None:
+        lease = self.runtime.core.state.lease.current
+        if lease is None:
             self._unwatch_parent()
         self._publisher.update_listing()
-        self.live.changed()
+        self.runtime.changed()
 
     def _cut_off(self, reason: str) -> None:
         """End all motion when nobody could end it any more: no stop would reach the robot."""
@@ -370,7 +370,7 @@ class RobotAgent:
             self._end_calls(reason)
 
     def _end_calls(self, reason: str) -> None:
-        self.live.post(on.CancelAll(reason=reason, entitled=True, final=True))
+        self.runtime.post(on.CancelAll(reason=reason, entitled=True, final=True))
 
     # -- requests ---------------------------------------------------------------------------------
 
@@ -383,7 +383,7 @@ class RobotAgent:
         request, person = received.request, received.person
         if not self.open and not isinstance(request, _AT_THE_END):
             raise Unreachable(key=self.address.key)
-        self.live.look_at_robot()
+        self.runtime.look_at_robot()
         if isinstance(request, _TAKE_TIME):
             return partial(self._answer_later, request, say, person)
         say(self._reply(request))
@@ -416,7 +416,7 @@ class RobotAgent:
     def _note_order(self, what: str, person: str) -> None:
         """Enter in the log what a person has ordered that is no command."""
         if person:
-            self.live.log.say("info", f"{what} by {person}")
+            self.runtime.log.say("info", f"{what} by {person}")
 
     def _reply(self, request: AnyRequest) -> Reply:
         """Answer a request that takes no time.
@@ -428,7 +428,7 @@ class RobotAgent:
             case Describe():
                 return Described(robot=self.description())
             case ReadLog(after=after):
-                return Logged(lines=tuple(self.live.log.since(after)))
+                return Logged(lines=tuple(self.runtime.log.since(after)))
             case Petition():
                 return self._petition(request)
             case Retract():
@@ -445,7 +445,7 @@ class RobotAgent:
 
     def _petition(self, request: Petition) -> Reply:
         self._expect_to_fit(request)
-        self.live.post(
+        self.runtime.post(
             on.ParentAsked(
                 parent=request.parent,
                 slot=request.slot,
@@ -480,15 +480,15 @@ class RobotAgent:
 
     def _renew(self, request: Renew) -> Reply:
         renewal = on.Prolong(parent=request.parent, epoch=request.epoch, lineage=request.lineage)
-        tenure = self.live.core.state.lease.tenure
+        lease = self.runtime.core.state.lease.current
         try:
-            self.live.post(renewal)
+            self.runtime.post(renewal)
         except CycleOfBonds as error:
             self._end_lease(request, str(error))
             raise
-        if tenure is None or tenure.parent != request.parent:  # the parent goes on as another incarnation
+        if lease is None or lease.parent != request.parent:  # the parent goes on as another incarnation
             self._watch(request.parent)
-        commands: tuple[CommandSpec, ...] = self.live.look(lambda _: self.live.specs())
+        commands: tuple[CommandSpec, ...] = self.runtime.look(lambda _: self.runtime.specs())
         if commands == self._known_to_parent:
             return self._granted(None)
         description = self.description()
@@ -496,7 +496,7 @@ class RobotAgent:
         return self._granted(description)
 
     def _granted(self, news: RobotDescription | None) -> Granted:
-        lease, slots = self.live.core.state.lease, self.live.core.state.slots
+        lease, slots = self.runtime.core.state.lease, self.runtime.core.state.slots
         return Granted(
             epoch=lease.epoch,
             term=lease.term_granted,
@@ -508,7 +508,7 @@ class RobotAgent:
     def _retract(self, request: Retract) -> Reply:
         parent = request.parent
         reason = f"{parent.name} did not hear that it was granted"
-        self.live.post(
+        self.runtime.post(
             on.EndLease(
                 parent=parent, unix=self._unix(), reason=reason, petition=request.key, taken_back=True
             )
@@ -516,7 +516,7 @@ class RobotAgent:
         return Done()
 
     def _end_lease(self, request: Release | Renew, reason: str) -> None:
-        self.live.post(
+        self.runtime.post(
             on.EndLease(parent=request.parent, unix=self._unix(), reason=reason, epoch=request.epoch)
         )
 
@@ -524,10 +524,10 @@ class RobotAgent:
         """End the lease when its parent's presence goes."""
 
         def look(_: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
-            tenure = self.live.core.state.lease.tenure
-            if not there and tenure is not None and tenure.parent == parent:
+            lease = self.runtime.core.state.lease.current
+            if not there and lease is not None and lease.parent == parent:
                 reason = f"{parent.name} has ended"
-                self.live.post(on.EndLease(parent=parent, unix=self._unix(), reason=reason))
+                self.runtime.post(on.EndLease(parent=parent, unix=self._unix(), reason=reason))
 
         self._unwatch_parent()
         self._unwatch_parent = self.transport.presence.watch(parent.key, look)
@@ -603,7 +603,7 @@ def _settle(turned: asyncio.Future[list[str]], outcome: VrError | list[str] | No
         turned.set_result(outcome)
 
 
-def _new_state(robot: Robot, address: Address, host: str, lease: Lessor) -> RobotState:
+def _new_state(robot: Robot, address: Address, host: str, lease: GrantedLease) -> RobotState:
     home = f"host {host}" if host else f"the process of {robot.name}"
     state = RobotState(
         address=address, home=home, lease=lease, slots=Slots(robot.name), calls=Calls(), stop=Stop()

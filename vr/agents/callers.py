@@ -14,7 +14,7 @@ import threading
 
 from robotree.vr.base.presence import Presence, Undo
 from robotree.vr.base.requests import Raised, Returned
-from robotree.vr.running.live import LiveRobot
+from robotree.vr.running.robot_runtime import RobotRuntime
 
 ARRIVAL = 0.5
 """[s] that the news of a caller's presence may come later than its call: they take different connections."""
@@ -32,14 +32,14 @@ class Callers:
     A caller that calls again and again is watched once: the loop is not woken for each of its calls.
     """
 
-    def __init__(self, live: LiveRobot, presence: Presence) -> None:
+    def __init__(self, runtime: RobotRuntime, presence: Presence) -> None:
         """Begin without any.
 
         Args:
-            live: the robot.
+            runtime: the robot.
             presence: shows which callers live.
         """
-        self._live, self._presence = live, presence
+        self._runtime, self._presence = runtime, presence
         self._loop = asyncio.get_running_loop()
         self._lock = threading.Lock()
         """Guards what follows; nothing else is locked while it is held."""
@@ -64,7 +64,7 @@ class Callers:
             self._recent.add(caller)
             if unknown:
                 self._watching[caller] = None
-        if first and not self._live.listen(key, _End(self, key)):
+        if first and not self._runtime.listen(key, _End(self, key)):
             self.ended(key)  # it was quicker
         if unknown:
             with contextlib.suppress(RuntimeError):  # the loop is closed: the robot ends itself
@@ -135,8 +135,8 @@ class Callers:
                     del callers[caller]
                     left += [] if callers else [key]
         for key in left:
-            _log.warning("%s: a command was ended, because its caller has gone", self._live.robot.name)
-            self._live.cancel(key, GONE)
+            _log.warning("%s: a command was ended, because its caller has gone", self._runtime.robot.name)
+            self._runtime.cancel(key, GONE)
 
 
 class _End:

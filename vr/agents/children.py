@@ -30,10 +30,10 @@ from robotree.vr.base.presence import Undo
 from robotree.vr.base.requests import Granted, Petition, Raised, Renew, Reply, Resume, decode_reply
 from robotree.vr.base.transport import Transport
 from robotree.vr.core import events as on
-from robotree.vr.core.bonds import DEFAULT_TERM, FRESH, RETURN, Bond, Lessee, Slots
+from robotree.vr.core.bonds import DEFAULT_TERM, FRESH, RETURN, Bond, HeldLease, Slots
 from robotree.vr.core.confirmation import LEAST, Budget, Confirmations
 from robotree.vr.exchange.client import RobotClient, fresh_key
-from robotree.vr.running.live import LiveRobot
+from robotree.vr.running.robot_runtime import RobotRuntime
 
 FAREWELL = 2.0
 """[s] for a child to confirm its release; after that its lease runs out by itself."""
@@ -52,7 +52,7 @@ class ChildKeeper:
 
     def __init__(
         self,
-        live: LiveRobot,
+        runtime: RobotRuntime,
         transport: Transport,
         *,
         term: float = DEFAULT_TERM,
@@ -60,12 +60,12 @@ class ChildKeeper:
         """Begin without children.
 
         Args:
-            live: the virtual robot.
+            runtime: the virtual robot.
             transport: the way to the children; shows which of them live.
             term: [s] asked of the children.
         """
-        self._live, self._transport, self._presence = live, transport, transport.presence
-        self._parent: Address = live.core.state.address
+        self._runtime, self._transport, self._presence = runtime, transport, transport.presence
+        self._parent: Address = runtime.core.state.address
         self._term = term
         self._watching: dict[str, Undo] = {}
         """The children whose presence is watched, by slot."""
@@ -76,7 +76,7 @@ class ChildKeeper:
 
     @property
     def _slots(self) -> Slots:
-        return self._live.core.state.slots
+        return self._runtime.core.state.slots
 
     def _client(self, bond: Bond) -> RobotClient:
         return RobotClient(self._transport, bond.child)
@@ -103,19 +103,19 @@ class ChildKeeper:
 
     async def _bind(self, slot: str, child: Address, returns: int | None) -> None:
         """Bind a child; `returns` is the epoch of a lost lease, or `FRESH`; None: it is a new bond."""
-        self._live.post(on.Reserve(slot=slot, child=child))
+        self._runtime.post(on.Reserve(slot=slot, child=child))
         client = RobotClient(self._transport, child)
         key = fresh_key()
         try:
             bond = await self._ask(client, slot, key, returns)
         except BaseException as error:
-            self._live.post(on.Unreserve(slot=slot))
+            self._runtime.post(on.Unreserve(slot=slot))
             if isinstance(error, TransportError) or not isinstance(error, VrError):
                 self._retract(client, key)
             raise
-        self._live.post(on.Bind(slot=slot, bond=bond))
+        self._runtime.post(on.Bind(slot=slot, bond=bond))
         self._watch(slot, child, bond.lease.epoch)
-        self._live.changed()
+        self._runtime.changed()
         if self._closed:  # the parent was deleted meanwhile
             await self._free_if_bound(slot)
 
@@ -129,7 +129,7 @@ class ChildKeeper:
 
     async def _free(self, slot: str) -> None:
         bond = self._slots.require(slot)
-        self._live.post(on.FreeAsked(slot=slot))
+        self._runtime.post(on.FreeAsked(slot=slot))
         with contextlib.suppress(VrError):
             await self._client(bond).release(self._parent, bond.lease.epoch, timeout=FAREWELL)
 
@@ -156,7 +156,7 @@ class ChildKeeper:
                 hangs = not self._presence.left(child.key) and self._presence.lives(child.key)
                 how = "hung: its process did not answer" if hangs else "has ended or cannot be reached"
                 reason = f"{child.name} {how}"
-                self._live.post(on.Lose(slot=slot, child=child, epoch=epoch, reason=reason))
+                self._runtime.post(on.Lose(slot=slot, child=child, epoch=epoch, reason=reason))
 
         self._watching[slot] = self._presence.watch(child.key, look)
 
@@ -168,7 +168,7 @@ class ChildKeeper:
             _log.warning("%s.%s lost its child: %s", self._parent.name, effect.slot, effect.reason)
             task = self._returning[effect.slot] = asyncio.ensure_future(self._take_back(effect))
             task.add_done_callback(lambda done: self._forget(effect.slot, done))
-        self._live.changed()
+        self._runtime.changed()
 
     def _forget(self, slot: str, returning: asyncio.Task[None]) -> None:
         if self._returning.get(slot) is returning:
@@ -218,7 +218,7 @@ class ChildKeeper:
     # -- asking -----------------------------------------------------------------------------------
 
     async def _ask(self, client: RobotClient, slot: str, key: str, returns: int | None) -> Bond:
-        lineage, child = self._live.core.lineage, client.address
+        lineage, child = self._runtime.core.lineage, client.address
         if child.name in lineage:
             raise CycleOfBonds(parent=self._parent.name, child=child.name, lineage=" > ".join(lineage))
         spec = self._slots[slot].spec
@@ -251,13 +251,13 @@ class ChildKeeper:
             )  # the same one: a child that has granted it grants it again
         if granted.robot is None:
             raise Garbled(key=child.key, detail="it grants a lease but does not say who it is")
-        lease = Lessee.begin(epoch=granted.epoch, term=granted.term, sent=sent, now=_now())
+        lease = HeldLease.begin(epoch=granted.epoch, term=granted.term, sent=sent, now=_now())
         return Bond(
             child=child, lease=lease, description=granted.robot, depth=granted.depth, ways=granted.ways
         )
 
     def _promises(self, slot: str) -> tuple[CommandSpec, ...]:
-        declared = slots_of(type(self._live.robot)).get(slot)
+        declared = slots_of(type(self._runtime.robot)).get(slot)
         return () if declared is None else declared.promises()
 
     def _retract(self, client: RobotClient, key: str) -> None:
@@ -283,7 +283,7 @@ class ChildKeeper:
         answered = False
 
         def lose(reason: str) -> None:
-            self._live.post(on.Lose(slot=slot, child=child, epoch=epoch, reason=reason))
+            self._runtime.post(on.Lose(slot=slot, child=child, epoch=epoch, reason=reason))
 
         def hear(body: bytes | None) -> None:
             nonlocal answered
@@ -303,12 +303,12 @@ class ChildKeeper:
             elif not isinstance(error, TransportError):  # of these the next one may get through
                 _log.warning("%s: renewal for %s: %s", self._parent.name, slot, error)
 
-        renewal = Renew(parent=self._parent, epoch=epoch, lineage=self._live.core.lineage)
-        sealed = seal(renewal, now=effect.sent, within=self._term, sender=self._live.key)
+        renewal = Renew(parent=self._parent, epoch=epoch, lineage=self._runtime.core.lineage)
+        sealed = seal(renewal, now=effect.sent, within=self._term, sender=self._runtime.key)
         self._transport.ask(child.key, sealed.body, urgent=True, on_reply=hear)
 
     def _renewed(self, effect: on.RenewLease, granted: Granted) -> None:
-        self._live.post(
+        self._runtime.post(
             on.Renewed(
                 slot=effect.slot,
                 child=effect.child,
@@ -321,7 +321,7 @@ class ChildKeeper:
             )
         )
         if granted.robot is not None:
-            self._live.changed()
+            self._runtime.changed()
 
     async def describe(self, slot: str, command: str) -> RobotDescription:
         """Ask the child in a slot anew who it is.
@@ -336,7 +336,7 @@ class ChildKeeper:
         if description.command(command) is None:
             known = offered((spec.name for spec in description.commands), command)
             raise NoSuchCommand(robot=description.name, command=command, known=known)
-        self._live.post(
+        self._runtime.post(
             on.ChildDescribed(slot=slot, child=bond.child, epoch=bond.lease.epoch, description=description)
         )
         return description

@@ -183,7 +183,7 @@ class Host:
                 shared=self._shared,
             )
             for level, text, piece in heard:
-                agent.live.say("", level, text, piece=piece)
+                agent.runtime.say("", level, text, piece=piece)
             await self._settle(agent)
             await self._begin(agent)
         finally:
@@ -227,8 +227,8 @@ class Host:
         robot, heard = await loop.run_in_executor(self._loaders, partial(_listen, load))
         notes = await agent.reload(robot, origin, now=now, within=within)
         for level, text, piece in heard:
-            agent.live.say("", level, text, piece=piece)
-        if not agent.live.core.state.calls.running:
+            agent.runtime.say("", level, text, piece=piece)
+        if not agent.runtime.core.state.calls.running:
             await self._begin(agent)
         return Reloaded(robot=agent.description(), notes=tuple(notes))
 
@@ -258,7 +258,7 @@ class Host:
     async def _watch(self, agent: RobotAgent) -> None:
         await agent.closed.wait()
         name = agent.robot.name
-        self._remembered.extend(Remembered(name, line) for line in agent.live.log.since(0))
+        self._remembered.extend(Remembered(name, line) for line in agent.runtime.log.since(0))
         if self.agents.get(name) is agent:
             del self.agents[name]
         self._ended = [ended for ended in (*self._ended, agent) if ended.abandoned]
@@ -270,9 +270,9 @@ class Host:
         match request:
             case Create():
                 agent = await self.create(_bundle(request), request.name, request.settings)
-                agent.live.page = request.origin
+                agent.runtime.page = request.origin
                 if person:
-                    agent.live.log.say("info", f"created from {request.path} by {person}")
+                    agent.runtime.log.say("info", f"created from {request.path} by {person}")
                 return Described(robot=agent.description())
             case Reload(page=page, now=now, within=within):
                 return await self.reload(_bundle(page), page.name, origin=page.origin, now=now, within=within)

@@ -30,7 +30,7 @@ from robotree.vr.base.requests import (
 from robotree.vr.base.transport import End, Respond
 from robotree.vr.core import events as on
 from robotree.vr.core.machine import LONGEST_DEADLINE
-from robotree.vr.running.live import LiveRobot, NotDescribed
+from robotree.vr.running.robot_runtime import NotDescribed, RobotRuntime
 from robotree.vr.running.serial_worker import SerialWorker
 
 PROGRESS_PERIOD = 0.05
@@ -45,23 +45,23 @@ _log = logging.getLogger(__name__)
 class OutsideCaller:
     """Who waits in another process for the end of a call: a `Listener`."""
 
-    def __init__(self, live: LiveRobot, key: str, respond: Respond, end: End) -> None:
+    def __init__(self, runtime: RobotRuntime, key: str, respond: Respond, end: End) -> None:
         """Take how to reply and how to end the replies."""
-        self._live, self._key, self._respond, self._end = live, key, respond, end
+        self._runtime, self._key, self._respond, self._end = runtime, key, respond, end
         self._quiet_until = 0.0
         self._pending: list[Progress] = []
         self._over = False
 
     def note(self, fraction: float, text: str) -> None:
         """See `Listener.note`."""
-        now, waiting = self._live.process.runner.now(), bool(self._pending)
+        now, waiting = self._runtime.process.runner.now(), bool(self._pending)
         if len(self._pending) >= MOST_PENDING:
             self._pending.pop()
         self._pending.append(Progress(key=self._key, fraction=fraction, text=text))
         if now >= self._quiet_until:
             self._tell()
         elif not waiting:
-            self._live.process.at(self._quiet_until, self._tell)
+            self._runtime.process.at(self._quiet_until, self._tell)
 
     def settle(self, reply: Returned | Raised) -> None:
         """See `Listener.settle`."""
@@ -72,7 +72,7 @@ class OutsideCaller:
     def _tell(self) -> None:
         pending, self._pending = self._pending, []
         if pending and not self._over:
-            self._quiet_until = self._live.process.runner.now() + PROGRESS_PERIOD
+            self._quiet_until = self._runtime.process.runner.now() + PROGRESS_PERIOD
             for progress in pending:
                 self._respond(encode(progress))
 
@@ -82,7 +82,7 @@ class OutsideCalls:
 
     def __init__(
         self,
-        live: LiveRobot,
+        runtime: RobotRuntime,
         *,
         is_open: Callable[[], bool],
         attend: Callable[[str, str], None],
@@ -90,17 +90,17 @@ class OutsideCalls:
         """Begin, on the event loop.
 
         Args:
-            live: the robot.
+            runtime: the robot.
             is_open: returns whether it takes anything new.
             attend: ends a call when a caller's presence goes; takes presence and key.
         """
-        self._live, self._is_open, self._attend = live, is_open, attend
-        self._units = SerialWorker(live.process.runner, f"{live.robot.name} units")
+        self._runtime, self._is_open, self._attend = runtime, is_open, attend
+        self._units = SerialWorker(runtime.process.runner, f"{runtime.robot.name} units")
 
     def take(self, body: bytes, respond: Respond, end: End) -> bool:
         """Take a request if it is a call or a cancel; see `Transport.serve`."""
         try:
-            received = opened(body, self._live.robot.name, self._live.process.runner.now())
+            received = opened(body, self._runtime.robot.name, self._runtime.process.runner.now())
         except VrError as error:
             self._refuse(error, end)
             return True
@@ -122,9 +122,9 @@ class OutsideCalls:
         # what a parent's bond does for its calls, its presence does for the call of a program that waits
         attended_by = "" if call.oneway or call.epoch is not None else received.sender
         admit = partial(
-            self._admit, call, respond, end, received.asked + seconds, self._live.stops, attended_by
+            self._admit, call, respond, end, received.asked + seconds, self._runtime.stops, attended_by
         )
-        if self._live.takes_units(call):
+        if self._runtime.takes_units(call):
             self._units.submit(lambda: admit() is None)  # to load them takes a while
         else:
             admit()
@@ -138,15 +138,15 @@ class OutsideCalls:
         stops: int,
         attended_by: str,
     ) -> None:
-        live = self._live
-        caller = None if call.oneway else OutsideCaller(live, call.key, respond, end)
+        runtime = self._runtime
+        caller = None if call.oneway else OutsideCaller(runtime, call.key, respond, end)
 
         def accepted() -> None:
             (end if call.oneway else respond)(encode(Accepted(key=call.key)))
 
         try:
             self._expect_open()
-            live.admit(call, deadline_at, listener=caller, accepted=accepted, stops=stops)
+            runtime.admit(call, deadline_at, listener=caller, accepted=accepted, stops=stops)
         except NotDescribed as unknown:
 
             def described(error: VrError | None) -> None:
@@ -155,7 +155,7 @@ class OutsideCalls:
                 else:
                     self._refuse(error, end)
 
-            self._live.describe_child(unknown, described)
+            self._runtime.describe_child(unknown, described)
         except Exception as error:  # noqa: BLE001 # the asker gets an answer, whatever happens
             self._refuse(error, end)
         else:
@@ -169,20 +169,20 @@ class OutsideCalls:
             Unreachable: it does.
         """
         if not self._is_open():
-            raise Unreachable(key=self._live.key)
+            raise Unreachable(key=self._runtime.key)
 
     def _cancel(self, request: Cancel, person: str) -> Reply:
         reason = request.reason or "on request"
         if person and not request.key:
-            reason = f"{person} cancelled all that {self._live.robot.name} did"
+            reason = f"{person} cancelled all that {self._runtime.robot.name} did"
         if request.key:
-            self._live.post(on.CancelAsked(key=request.key, reason=reason, epoch=request.epoch))
+            self._runtime.post(on.CancelAsked(key=request.key, reason=reason, epoch=request.epoch))
         else:
-            self._live.post(on.CancelAll(reason=reason, epoch=request.epoch))
+            self._runtime.post(on.CancelAll(reason=reason, epoch=request.epoch))
         return Done()
 
     def _detach(self, request: Detach) -> Reply:
-        self._live.post(on.DetachAsked(key=request.key, epoch=request.epoch))
+        self._runtime.post(on.DetachAsked(key=request.key, epoch=request.epoch))
         return Done()
 
     def _answer(self, answer: Callable[[], Reply], end: End) -> None:
@@ -196,8 +196,8 @@ class OutsideCalls:
 
     def _refuse(self, error: Exception, end: End) -> None:
         if not isinstance(error, VrError):
-            _log.error("%s: an answer failed", self._live.robot.name, exc_info=error)
-            error = VrError(detail=f"{self._live.robot.name}: internal error: {error!r}")
+            _log.error("%s: an answer failed", self._runtime.robot.name, exc_info=error)
+            error = VrError(detail=f"{self._runtime.robot.name}: internal error: {error!r}")
         end(encode(Raised.of(error)))
 
 

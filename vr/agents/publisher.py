@@ -1,6 +1,6 @@
 """What a robot publishes: its description, state, listing, and the output of its code.
 
-A change may come from any thread and very often; it only sets a flag (`LiveRobot.has_news`). The state is
+A change may come from any thread and very often; it only sets a flag (`RobotRuntime.has_news`). The state is
 looked at at once after a change, and ten times a second while a command runs. It is published when it is
 another one, and else once in each round of its process, or twice.
 """
@@ -29,7 +29,7 @@ from robotree.vr.base.requests import LogLines, State, encode
 from robotree.vr.base.transport import Transport
 from robotree.vr.core.machine import RobotCore
 from robotree.vr.lookup.registrar import Registrar
-from robotree.vr.running.live import LiveRobot
+from robotree.vr.running.robot_runtime import RobotRuntime
 
 QUICK = 0.1
 """[s] Least time between two looks at the state, and the period while a command runs."""
@@ -51,7 +51,7 @@ class Publisher:
 
     def __init__(
         self,
-        live: LiveRobot,
+        runtime: RobotRuntime,
         hooks: Hooks,
         transport: Transport,
         shared: Shared,
@@ -60,15 +60,15 @@ class Publisher:
         """Prepare; `begin` publishes.
 
         Args:
-            live: the robot.
+            runtime: the robot.
             hooks: of the robot, for its readings.
             transport: where its state is published.
             shared: its state is published in rounds of its process while nothing changes.
             registrar: where it is listed while nobody has enslaved it; None: nowhere.
         """
-        self._live, self._hooks, self._transport = live, hooks, transport
+        self._runtime, self._hooks, self._transport = runtime, hooks, transport
         self._registrar, self._host = registrar, shared.host
-        self._address: Address = live.core.state.address
+        self._address: Address = runtime.core.state.address
         self._loop = asyncio.get_running_loop()
         self._shown = 0.0
         """[s] When it was last looked at whether the state is another one."""
@@ -90,7 +90,7 @@ class Publisher:
         readings."""
         self._line = 0
         """Number of the line of the log that was published last."""
-        live.on_news, live.log.on_line = self._hurry_soon, self._new_line
+        runtime.on_news, runtime.log.on_line = self._hurry_soon, self._new_line
 
     def begin(self) -> None:
         """Publish from now on."""
@@ -136,9 +136,9 @@ class Publisher:
 
     def _show(self) -> bool:
         """Publish state and listing if they may have changed, else the same state; return if it is busy."""
-        robot = self._live.robot
+        robot = self._runtime.robot
         attributes = dict(robot.attributes)
-        dirty, self._live.has_news = self._live.has_news or attributes != self._attributes, False
+        dirty, self._runtime.has_news = self._runtime.has_news or attributes != self._attributes, False
         self._attributes = attributes
         if dirty:
             self._same = None
@@ -162,7 +162,7 @@ class Publisher:
             if before is None:
                 state = self.state()
             else:
-                self._live.look_at_robot()
+                self._runtime.look_at_robot()
                 state = msgspec.structs.replace(before[0], readings=self._readings())
             body = encode(state)
             self._tell(body)
@@ -183,7 +183,7 @@ class Publisher:
             self._loop.call_soon_threadsafe(self._loop.call_later, PAUSE, self._publish_log)
 
     def _publish_log(self) -> None:
-        lines = tuple(self._live.log.since(self._line))
+        lines = tuple(self._runtime.log.since(self._line))
         if lines:
             self._line = lines[-1].number
             with contextlib.suppress(TransportError):  # it is closed
@@ -233,22 +233,22 @@ class Publisher:
 
     def description(self) -> RobotDescription:
         """Describe the robot as it is now."""
-        live, readings = self._live, self._readings()
-        live.look_at_robot()
-        now = live.process.runner.now()
+        runtime, readings = self._runtime, self._readings()
+        runtime.look_at_robot()
+        now = runtime.process.runner.now()
 
         def describe(core: RobotCore) -> RobotDescription:
             state, bond = core.state, None
-            if tenure := state.lease.tenure:
-                left = max(tenure.expires - now, 0.0)
-                bond = BondSpec(parent=tenure.parent, slot=tenure.slot, epoch=tenure.epoch, remaining=left)
+            if lease := state.lease.current:
+                left = max(lease.expires - now, 0.0)
+                bond = BondSpec(parent=lease.parent, slot=lease.slot, epoch=lease.epoch, remaining=left)
             return RobotDescription(
-                commands=live.specs(),
+                commands=runtime.specs(),
                 slots=state.slots.specs(),
                 bond=bond,
                 readings=readings,
-                units={str(name): str(unit) for name, unit in live.robot.reading_units.items()},
-                page=live.page,
+                units={str(name): str(unit) for name, unit in runtime.robot.reading_units.items()},
+                page=runtime.page,
                 faults=self._hooks.faults,
                 kept=self._kept(state.fields),
                 calls=dict(state.calls.counts),
@@ -257,32 +257,32 @@ class Publisher:
                 **self._condition(core),
             )
 
-        return live.look(describe)
+        return runtime.look(describe)
 
     def state(self) -> State:
         """Return how the robot is now, with its readings."""
-        live, readings = self._live, self._readings()
-        live.look_at_robot()
+        runtime, readings = self._runtime, self._readings()
+        runtime.look_at_robot()
 
         def describe(core: RobotCore) -> State:
-            live.enter_asked(core)
-            tenure, calls = core.state.lease.tenure, core.state.calls
+            runtime.enter_asked(core)
+            lease, calls = core.state.lease.current, core.state.calls
             running = calls.live.get(calls.running)
             return State(
                 caller="" if running is None else running.caller,
-                note="" if running is None else live.shown_progress.get(running.key, (0.0, ""))[1],
-                bond=None if tenure is None else tenure.parent,
+                note="" if running is None else runtime.shown_progress.get(running.key, (0.0, ""))[1],
+                bond=None if lease is None else lease.parent,
                 readings=readings,
                 **self._condition(core),
             )
 
-        return live.look(describe)
+        return runtime.look(describe)
 
     def listing(self) -> Listing | None:
         """Return what a lookup service should hold of it: nothing while it is enslaved."""
-        if self._live.core.state.lease.tenure is not None:
+        if self._runtime.core.state.lease.current is not None:
             return None
-        specs = self._live.look(lambda _: self._live.specs())
+        specs = self._runtime.look(lambda _: self._runtime.specs())
         return Listing(
             commands=tuple(spec.name for spec in specs if spec.available),
             doc=self._doc().partition("\n")[0],
@@ -297,7 +297,7 @@ class Publisher:
             "busy": "" if running is None else running.command,
             "waiting": len(calls.waiting),
             "epoch": core.state.lease.epoch,
-            "online": self._live.robot.online,
+            "online": self._runtime.robot.online,
             "stopped": bool(stop.in_force),
             "stop_reason": stop.in_force,
             "stops": stop.generation,
@@ -306,14 +306,14 @@ class Publisher:
 
     def _readings(self) -> dict[str, float]:
         readings = dict(self._hooks.readings())
-        fraction = self._live.shown_progress.get(self._live.core.state.calls.running, (math.nan, ""))[0]
+        fraction = self._runtime.shown_progress.get(self._runtime.core.state.calls.running, (math.nan, ""))[0]
         if not math.isnan(fraction):
             readings["progress"] = fraction
         return readings
 
     def _kept(self, fields: dict[str, Any]) -> dict[str, Any]:
         """Return the declared state as far as it is small enough to show to everybody."""
-        robot = self._live.robot
+        robot = self._runtime.robot
         if not isinstance(robot, VirtualRobot):
             return {}
         declared = robot.field_values.fields
@@ -321,10 +321,10 @@ class Publisher:
         return {name: fields[name] for name in names if len(msgspec.msgpack.encode(fields[name])) <= SHOWN}
 
     def _doc(self) -> str:
-        return _cleaned(type(self._live.robot).__doc__ or "")
+        return _cleaned(type(self._runtime.robot).__doc__ or "")
 
     def _identity(self) -> dict[str, Any]:
-        robot = self._live.robot
+        robot = self._runtime.robot
         return {
             "address": self._address,
             "kinds": robot.kinds(),

@@ -18,22 +18,22 @@ from robotree.vr.base.requests import Done, Raised, Reply, Resume, SafeStop
 from robotree.vr.core import events as on
 from robotree.vr.core.confirmation import Budget, Confirmations
 from robotree.vr.core.stop import HARDWARE, Stop
-from robotree.vr.running.live import LiveRobot
+from robotree.vr.running.robot_runtime import RobotRuntime
 
 
 class Stops:
     """Stops one robot and releases it. Lives on the event loop."""
 
-    def __init__(self, live: LiveRobot, hooks: Hooks, children: ChildKeeper | None) -> None:
+    def __init__(self, runtime: RobotRuntime, hooks: Hooks, children: ChildKeeper | None) -> None:
         """Begin.
 
         Args:
-            live: the robot.
+            runtime: the robot.
             hooks: of the robot.
             children: of the robot; None: it can have none.
         """
-        self._live, self._hooks, self._children = live, hooks, children
-        self._key = live.core.state.address.key
+        self._runtime, self._hooks, self._children = runtime, hooks, children
+        self._key = runtime.core.state.address.key
         self._settling: dict[int, asyncio.Future[Done | Raised]] = {}
         """What waits for the answers to stops, by generation."""
         self._asking: dict[tuple[int, str], asyncio.Task[None]] = {}
@@ -43,7 +43,7 @@ class Stops:
 
     @property
     def _stop(self) -> Stop:
-        return self._live.core.state.stop
+        return self._runtime.core.state.stop
 
     async def safe_stop(self, request: SafeStop) -> Reply:
         """Stop now; answer when everything below has confirmed it, or when the time is over.
@@ -55,12 +55,12 @@ class Stops:
         Raises:
             NotConfirmed: not everything below has confirmed it.
         """
-        live, known = self._live, self._stop.known(request.order)
+        runtime, known = self._runtime, self._stop.known(request.order)
         reason, order, within = request.reason or "protective stop", request.order, request.within
-        live.post(on.StopAsked(reason=reason, order=order, within=within))
+        runtime.post(on.StopAsked(reason=reason, order=order, within=within))
         generation = known or max(self._stop.parts)
         if not known:
-            live.changed()
+            runtime.changed()
         reply = self._stop.reply(generation)
         if reply is None:
             if (settled := self._settling.get(generation)) is None:
@@ -89,7 +89,7 @@ class Stops:
                 answer = Raised.of(error)
             finally:
                 del self._asking[generation, part]
-            self._live.post(on.StopAnswered(generation=generation, part=part, answer=answer))
+            self._runtime.post(on.StopAnswered(generation=generation, part=part, answer=answer))
 
         self._asking[generation, part] = asyncio.ensure_future(ask())
 
@@ -105,18 +105,20 @@ class Stops:
             NotConfirmed: not everything is released.
             LeaseError: the asker may not command the robot.
         """
-        live, name, began = self._live, self._live.robot.name, _now()
+        runtime, name, began = self._runtime, self._runtime.robot.name, _now()
         budget = self._budget(request.within)
-        live.core.state.lease.check(request.epoch, live.process.runner.now())
+        runtime.core.state.lease.check(request.epoch, runtime.process.runner.now())
         confirmations, seen = Confirmations("the resume"), self._stops_seen(request)
-        if seen == live.stops and not await self._hooks.has_stopped(budget.wait / 2):
+        if seen == runtime.stops and not await self._hooks.has_stopped(budget.wait / 2):
             confirmations.deny(name, STILL_STOPPING)
-        if self._children is not None and seen == live.stops and confirmations.complete:
+        if self._children is not None and seen == runtime.stops and confirmations.complete:
             await self._children.resume(request, confirmations, budget, waited=_now() - began)
-            live.core.state.lease.check(request.epoch, live.process.runner.now())  # that may have taken time
-        allowed = seen == live.stops and confirmations.complete
+            runtime.core.state.lease.check(
+                request.epoch, runtime.process.runner.now()
+            )  # that may have taken time
+        allowed = seen == runtime.stops and confirmations.complete
         doubt = await self._release_own(budget.wait - (_now() - began)) if allowed else ""
-        if seen != live.stops:
+        if seen != runtime.stops:
             confirmations.deny(name, "it was stopped again after that had been asked for")
         elif not confirmations.complete:
             if not confirmations.names(name):
@@ -124,14 +126,14 @@ class Stops:
         else:
             self._take_own(confirmations, doubt)
             if not doubt:
-                live.post(on.ReleaseAsked(generation=seen))
-                self._live.changed()
+                runtime.post(on.ReleaseAsked(generation=seen))
+                self._runtime.changed()
         return Done(confirmed=tuple(confirmations.settle()))
 
     # -- inside -----------------------------------------------------------------------------------
 
     def _budget(self, within: float) -> Budget:
-        slots = self._live.core.state.slots
+        slots = self._runtime.core.state.slots
         return Budget(within, depth=slots.depth, ways=slots.ways)
 
     def _confirmation(self, effect: on.AskPart) -> Awaitable[Sequence[str]]:
@@ -163,20 +165,20 @@ class Stops:
 
     def _stops_seen(self, request: Resume) -> int:
         """How many stops the asker has seen; all, if it does not report a number or no stop is in force."""
-        stops = self._live.stops
+        stops = self._runtime.stops
         if not self._stop.in_force:
             return stops
-        now = self._live.process.runner.now()
+        now = self._runtime.process.runner.now()
         if same_clock(request.clock) and not self._stop.known_to(request.given, now):
             stops -= 1
         return stops if request.seen is None else min(request.seen.get(self._key, 0), stops)
 
     def _take_own(self, confirmations: Confirmations, doubt: str) -> None:
         if doubt:
-            offline = "" if self._live.robot.online else "it is offline, and "
-            confirmations.deny(self._live.robot.name, f"{offline}{doubt}")
+            offline = "" if self._runtime.robot.online else "it is offline, and "
+            confirmations.deny(self._runtime.robot.name, f"{offline}{doubt}")
         else:
-            confirmations.take(self._live.robot.name, ())
+            confirmations.take(self._runtime.robot.name, ())
 
 
 def _now() -> float:

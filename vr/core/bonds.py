@@ -3,12 +3,12 @@
 *To enslave* a robot is to bind it to a slot: from then on its parent alone commands it, as long as it keeps
 renewing the lease.
 
-The child is the lessor, so the truth about who commands a robot lives with the robot, and its clock decides
-when a lease ends. A parent that falls silent loses the robot without anyone having to notice. The epoch
-grows with each grant and each end, so that a command which was delayed on its way comes with a smaller one
-and is refused (fencing).
+The child grants the lease, so the truth about who commands a robot lives with the robot, and its clock
+decides when a lease ends. A parent that falls silent loses the robot without anyone having to notice. The
+epoch grows with each grant and each end, so that a command which was delayed on its way comes with a smaller
+one and is refused (fencing).
 
-The parent is the lessee. It counts from the moment its request left, never from the answer, so it believes
+The parent holds it. It counts from the moment its request left, never from the answer, so it believes
 the lease over before the child does. Round trips are estimated as TCP does (RFC 6298, section 2). A slot:
 
     empty ── begin ──► asking ── bind ──► bound
@@ -62,7 +62,7 @@ MOST_RETRACTED = 64
 _MEMBER = re.compile(r"(\w+)\[(0|[1-9]\d{0,3})]")
 
 
-class Tenure(msgspec.Struct, frozen=True, kw_only=True):
+class Lease(msgspec.Struct, frozen=True, kw_only=True):
     """The lease that a child has granted."""
 
     parent: Address
@@ -76,7 +76,7 @@ class Tenure(msgspec.Struct, frozen=True, kw_only=True):
     """Key of the petition by which it was granted."""
 
 
-class Lessor(msgspec.Struct, kw_only=True):
+class GrantedLease(msgspec.Struct, kw_only=True):
     """The child's side: grants its own command to one parent at a time."""
 
     robot: str
@@ -86,8 +86,8 @@ class Lessor(msgspec.Struct, kw_only=True):
     epoch: int
     term_granted: float
     """[s] of the present or the last lease."""
-    tenure: Tenure | None = None
-    silent: Tenure | None = None
+    current: Lease | None = None
+    silent: Lease | None = None
     """The last lease, if its parent fell silent and nobody has used the robot since: it can return."""
     fresh: bool = True
     """Nobody has been granted this incarnation of the robot, nor moved it."""
@@ -99,7 +99,7 @@ class Lessor(msgspec.Struct, kw_only=True):
     """Keys of petitions that were taken back, the oldest first."""
 
     @classmethod
-    def free(cls, robot: str, *, term: float = DEFAULT_TERM, unix: float) -> Lessor:
+    def free(cls, robot: str, *, term: float = DEFAULT_TERM, unix: float) -> GrantedLease:
         """Begin without a lease.
 
         Args:
@@ -122,7 +122,7 @@ class Lessor(msgspec.Struct, kw_only=True):
         key: str = "",
         returns: int | None = None,
         patience: float = 0.0,
-    ) -> Tenure:
+    ) -> Lease:
         """Grant the lease, anew if the same slot of the same parent asks again.
 
         Args:
@@ -156,7 +156,7 @@ class Lessor(msgspec.Struct, kw_only=True):
         self.silent, self.fresh = None, False
         self.term_granted = max(SHORTEST_TERM, min(wanted, self.term))
         self.epoch = max(self._next_epoch(unix), self.rival + 1)
-        self.tenure = Tenure(
+        self.current = Lease(
             parent=parent,
             slot=slot,
             epoch=self.epoch,
@@ -164,12 +164,12 @@ class Lessor(msgspec.Struct, kw_only=True):
             lineage=lineage,
             petition=key,
         )
-        return self.tenure
+        return self.current
 
     def _can_return(self, parent: Address, slot: str, epoch: int, earliest: float) -> bool:
         if epoch == FRESH:
             return self.fresh
-        last = self.tenure or self.silent
+        last = self.current or self.silent
         same = last is not None and (last.parent, last.slot, last.epoch) == (parent, slot, epoch)
         return last is not None and same and earliest <= last.expires
 
@@ -177,7 +177,7 @@ class Lessor(msgspec.Struct, kw_only=True):
         """Note that somebody without a lease moves the robot: what ended by silence cannot return."""
         self.silent, self.fresh = None, False
 
-    def retract(self, parent: Address, key: str, *, unix: float) -> Tenure | None:
+    def retract(self, parent: Address, key: str, *, unix: float) -> Lease | None:
         """Undo a petition whose answer its parent never heard, before or after it comes.
 
         Args:
@@ -193,12 +193,12 @@ class Lessor(msgspec.Struct, kw_only=True):
         self.retracted[key] = None
         while len(self.retracted) > MOST_RETRACTED:
             del self.retracted[next(iter(self.retracted))]
-        held = self.tenure
+        held = self.current
         if held is None or (held.parent.identity, held.petition) != (parent.identity, key):
             return None
         return self.end(unix)
 
-    def renew(self, parent: Address, epoch: int, lineage: tuple[str, ...], *, now: float) -> Tenure:
+    def renew(self, parent: Address, epoch: int, lineage: tuple[str, ...], *, now: float) -> Lease:
         """Prolong the lease by the term first granted.
 
         The parent may be another incarnation than the one that asked for it: who knows the epoch goes on.
@@ -211,30 +211,32 @@ class Lessor(msgspec.Struct, kw_only=True):
         if held is None or (held.parent.identity, held.epoch) != (parent.identity, epoch):
             raise StaleEpoch(robot=self.robot, epoch=epoch, current=self.epoch)
         self._refuse_cycle(parent, lineage)
-        self.tenure = msgspec.structs.replace(
+        self.current = msgspec.structs.replace(
             held, parent=parent, expires=now + self.term_granted, lineage=lineage
         )
-        return self.tenure
+        return self.current
 
-    def release(self, parent: Address, epoch: int, *, unix: float) -> Tenure | None:
+    def release(self, parent: Address, epoch: int, *, unix: float) -> Lease | None:
         """End the lease if it is this one; return it, or None when it was over already."""
-        held = self.tenure
+        held = self.current
         if held is None or (held.parent.identity, held.epoch) != (parent.identity, epoch):
             return None
         return self.end(unix)
 
-    def tick(self, now: float, unix: float) -> Tenure | None:
+    def tick(self, now: float, unix: float) -> Lease | None:
         """End the lease if its time is over; return it if so."""
-        return self.end(unix, silent=True) if self.tenure is not None and self.tenure.expires <= now else None
+        return (
+            self.end(unix, silent=True) if self.current is not None and self.current.expires <= now else None
+        )
 
-    def end(self, unix: float, *, silent: bool = False) -> Tenure | None:
+    def end(self, unix: float, *, silent: bool = False) -> Lease | None:
         """End the lease, whatever it is; return it. The epoch grows.
 
         Args:
             unix: [s] since 1970.
             silent: its parent is heard no more, so that it can return.
         """
-        ended, self.tenure = self.tenure, None
+        ended, self.current = self.current, None
         self.silent = ended if silent else None
         if ended is not None:
             # where somebody else commands the robot the clock must not lift us above them
@@ -256,7 +258,7 @@ class Lessor(msgspec.Struct, kw_only=True):
         """
         if self.found is None:
             self.found = obeyed
-            if self.tenure is None and self.epoch < obeyed:  # the same epoch is our own, come back
+            if self.current is None and self.epoch < obeyed:  # the same epoch is our own, come back
                 self.epoch = obeyed + 1
         elif obeyed > max(self.epoch, self.found):
             self.rival = obeyed
@@ -279,8 +281,8 @@ class Lessor(msgspec.Struct, kw_only=True):
         elif held is None or epoch != held.epoch:
             raise StaleEpoch(robot=self.robot, epoch=epoch, current=self.epoch)
 
-    def _in_force(self, now: float) -> Tenure | None:
-        return self.tenure if self.tenure is not None and now < self.tenure.expires else None
+    def _in_force(self, now: float) -> Lease | None:
+        return self.current if self.current is not None and now < self.current.expires else None
 
     def _next_epoch(self, unix: float) -> int:
         """Return an epoch above all before, and above those of earlier incarnations, which began earlier."""
@@ -291,7 +293,7 @@ class Lessor(msgspec.Struct, kw_only=True):
             raise CycleOfBonds(parent=parent.name, child=self.robot, lineage=" > ".join(lineage))
 
 
-class Lessee(msgspec.Struct, kw_only=True):
+class HeldLease(msgspec.Struct, kw_only=True):
     """The parent's side: when to ask again, and when to believe the lease lost."""
 
     epoch: int
@@ -307,7 +309,7 @@ class Lessee(msgspec.Struct, kw_only=True):
     """[s] Mean deviation from that."""
 
     @classmethod
-    def begin(cls, *, epoch: int, term: float, sent: float, now: float) -> Lessee:
+    def begin(cls, *, epoch: int, term: float, sent: float, now: float) -> HeldLease:
         """Begin with a grant.
 
         Args:
@@ -358,7 +360,7 @@ class Bond(msgspec.Struct, kw_only=True):
     """A child in a slot, with the lease on it."""
 
     child: Address
-    lease: Lessee
+    lease: HeldLease
     description: RobotDescription
     """As the child last gave it."""
     depth: int = 0

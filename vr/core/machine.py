@@ -33,7 +33,7 @@ from robotree.vr.base.errors import (
 )
 from robotree.vr.base.requests import Raised, Returned
 from robotree.vr.core import events as on
-from robotree.vr.core.bonds import Bond, Lessor, Slots, Tenure
+from robotree.vr.core.bonds import Bond, GrantedLease, Lease, Slots
 from robotree.vr.core.events import (
     AskPart,
     Begin,
@@ -239,7 +239,7 @@ class RobotState(msgspec.Struct, kw_only=True):
     """Its name for life, and its incarnation: another one for each start."""
     home: str
     """What a person restarts to end its code, in words: `host host-1`."""
-    lease: Lessor
+    lease: GrantedLease
     """Who commands it."""
     slots: Slots
     """Which robots it commands."""
@@ -299,9 +299,9 @@ class RobotCore:
         return self.state.address.name
 
     def _due(self) -> float:
-        due, tenure = self._bonds_due, self.state.lease.tenure
-        if tenure is not None and tenure.expires < due:
-            due = tenure.expires
+        due, lease = self._bonds_due, self.state.lease.current
+        if lease is not None and lease.expires < due:
+            due = lease.expires
         for call in self.state.calls.live.values():
             if call.deadline_at < due and call.cause is None:
                 due = call.deadline_at
@@ -310,8 +310,8 @@ class RobotCore:
     @property
     def lineage(self) -> tuple[str, ...]:
         """Names from the topmost ancestor down to the robot."""
-        tenure = self.state.lease.tenure
-        return (*(() if tenure is None else tenure.lineage), self.name)
+        lease = self.state.lease.current
+        return (*(() if lease is None else lease.lineage), self.name)
 
     # -- calls ------------------------------------------------------------------------------------
 
@@ -329,13 +329,13 @@ class RobotCore:
             self._expect_free_to_move(event)
         if not now < event.deadline_at < math.inf:
             raise DeadlineExceeded(robot=name, command=asked.command)
-        tenure = self.state.lease.tenure
+        lease = self.state.lease.current
         call = AcceptedCall(
             key=asked.key,
             command=asked.command,
             sent=asked.arguments,
             arguments=event.arguments,
-            caller=asked.caller if tenure is None or asked.epoch is None else tenure.parent.name,
+            caller=asked.caller if lease is None or asked.epoch is None else lease.parent.name,
             epoch=self.state.lease.epoch,
             deadline_at=event.deadline_at,
             reads=event.reads,
@@ -357,13 +357,13 @@ class RobotCore:
         Raises:
             CommandError: which says what.
         """
-        name, stop, tenure = self.state.address.name, self.state.stop, self.state.lease.tenure
+        name, stop, lease = self.state.address.name, self.state.stop, self.state.lease.current
         if reason := stop.reason or stop.halted:
-            commander = name if tenure is None else tenure.parent.name
+            commander = name if lease is None else lease.parent.name
             raise Stopped(robot=name, reason=reason, commander=commander)
         if event.stops_seen not in {-1, stop.generation}:  # what came before a stop has ended with it
             raise CommandCancelled(robot=name, command=event.call.command, reason=stop.latest)
-        if tenure is None and self.state.lease.outranked:
+        if lease is None and self.state.lease.outranked:
             raise CommandFailed(
                 robot=name,
                 command=event.call.command,
@@ -439,7 +439,7 @@ class RobotCore:
 
     def _cancel_all(self, event: on.CancelAll, now: float) -> Effects:
         detached = any(call.detached for call in self.state.calls.live.values())
-        free = event.epoch is None and self.state.lease.tenure is not None
+        free = event.epoch is None and self.state.lease.current is not None
         alone = detached and free and not event.entitled
         if not event.entitled and not alone:
             self.state.lease.check(event.epoch, now)
@@ -485,8 +485,8 @@ class RobotCore:
 
     def _tick(self, event: on.Tick, now: float) -> Effects:
         effects: Effects = []
-        if tenure := self.state.lease.tick(now, event.unix):
-            effects += self._freed(tenure, f"{tenure.parent.name} fell silent", now)
+        if lease := self.state.lease.tick(now, event.unix):
+            effects += self._freed(lease, f"{lease.parent.name} fell silent", now)
         if self._bonds_due <= now:
             effects += self._keep_bonds(now)
         for call in list(self.state.calls.live.values()):
@@ -518,9 +518,9 @@ class RobotCore:
         ]
 
     def _prolong(self, event: on.Prolong, now: float) -> Effects:
-        before = self.state.lease.tenure
-        tenure = self.state.lease.renew(event.parent, event.epoch, event.lineage, now=now)
-        changed = before is None or (before.parent, before.lineage) != (tenure.parent, tenure.lineage)
+        before = self.state.lease.current
+        lease = self.state.lease.renew(event.parent, event.epoch, event.lineage, now=now)
+        changed = before is None or (before.parent, before.lineage) != (lease.parent, lease.lineage)
         return [LeaseChanged(), *self._keep_bonds(now, all_of_them=True)] if changed else []
 
     def _end_lease(self, event: on.EndLease, now: float) -> Effects:
@@ -530,12 +530,12 @@ class RobotCore:
         elif event.epoch is not None:  # the parent itself says so, in any incarnation
             ended = lease.release(event.parent, event.epoch, unix=event.unix)
         else:  # one incarnation of the parent has gone
-            held = lease.tenure is not None and lease.tenure.parent == event.parent
+            held = lease.current is not None and lease.current.parent == event.parent
             ended = lease.end(event.unix, silent=True) if held else None
         return [] if ended is None else self._freed(ended, event.reason, now)
 
-    def _freed(self, tenure: Tenure, reason: str, now: float) -> Effects:
-        parent, slot = tenure.parent, tenure.slot
+    def _freed(self, lease: Lease, reason: str, now: float) -> Effects:
+        parent, slot = lease.parent, lease.slot
         ended = self._end_all(f"the bond with {parent.name}.{slot} is over: {reason}", now)
         renewals = self._keep_bonds(now, all_of_them=True)
         return [*ended, LeaseEnded(parent=parent, slot=slot, reason=reason), *renewals]

@@ -171,17 +171,17 @@ class Frame:
     """Whether it is a thread of the author's own that works for a command."""
 
     def __init__(
-        self, live: CallingRobot, context: CommandContext, worker: Worker, call_key: str = ""
+        self, runtime: CallingRobot, context: CommandContext, worker: Worker, call_key: str = ""
     ) -> None:
         """Made by the robot when the command begins.
 
         Args:
-            live: the robot.
+            runtime: the robot.
             context: of the command.
             worker: that carries it out.
             call_key: key of the robot's call, for a part of a command that has a key of its own.
         """
-        self.live, self.context, self.worker = live, context, worker
+        self.runtime, self.context, self.worker = runtime, context, worker
         self.call_key = call_key or context.key
         self.deadline_at = context.deadline_at
         """[s] When what it does now must be done."""
@@ -241,7 +241,7 @@ class Frame:
     def part(self, number: str, worker: Worker, *, guest: bool = False) -> Frame:
         """Return a part of this command that runs on another worker; its keys begin with ours."""
         context = msgspec.structs.replace(self.context, key=f"{self.context.key}/{number}")
-        part = Frame(self.live, context, worker, self.call_key)
+        part = Frame(self.runtime, context, worker, self.call_key)
         part.guest, part.final = guest, self.final
         part.deadline_at, part.shield = self.deadline_at, self.shield
         part.cause = self._ended() if self.over else self.cause
@@ -251,7 +251,7 @@ class Frame:
 
     def _ended(self) -> CommandCancelled:
         reason = "the command for which this thread works has ended"
-        return CommandCancelled(robot=self.live.name, command=self.context.command, reason=reason)
+        return CommandCancelled(robot=self.runtime.name, command=self.context.command, reason=reason)
 
     def check(self) -> None:
         """See `Activity.check`."""
@@ -291,7 +291,7 @@ class Frame:
         """See `Activity.progress`."""
         worker = self._leave_author()
         try:
-            self.live.note(self.call_key, float(fraction), str(text))
+            self.runtime.note(self.call_key, float(fraction), str(text))
         finally:
             worker.arm(self)
 
@@ -391,7 +391,7 @@ class Frame:
         """
         feed = self.feeds.get(slot)
         if feed is None or feed.over:
-            feed = self.feeds[slot] = self.live.feed_of(slot, self.wake)
+            feed = self.feeds[slot] = self.runtime.feed_of(slot, self.wake)
         return feed
 
     def _reading_of(self, feed: Feed, slot: str, after: int) -> tuple[int, Any]:
@@ -417,7 +417,7 @@ class Frame:
 
     def say(self, level: Level, text: str, *, piece: bool = False) -> None:
         """See `Activity.say`."""
-        self.keep(lambda: self.live.say(self.context.key, level, text, piece=piece))
+        self.keep(lambda: self.runtime.say(self.context.key, level, text, piece=piece))
 
     def call(
         self, slot: str, command: str, arguments: Mapping[str, Any], limit: CallLimit | None = None
@@ -426,7 +426,7 @@ class Frame:
         worker = self._leave_author()
         try:
             manner: CallManner = "started" if self.guest or limit else "awaited"
-            return self.live.call_child(self, slot, command, arguments, manner, limit=limit).get()
+            return self.runtime.call_child(self, slot, command, arguments, manner, limit=limit).get()
         finally:
             worker.arm(self)
 
@@ -434,7 +434,7 @@ class Frame:
         """Carry out an exposed command: call the child's, and report its progress as our own."""
         worker = self._leave_author()
         try:
-            return self.live.call_child(self, slot, command, arguments, "passed on").get()
+            return self.runtime.call_child(self, slot, command, arguments, "passed on").get()
         finally:
             worker.arm(self)
 
@@ -446,7 +446,7 @@ class Frame:
         try:
             group = self.group
             decided = "" if group is None else group.decided
-            pending = self.live.call_child(
+            pending = self.runtime.call_child(
                 self, slot, command, arguments, "started", instead=decided, limit=limit
             )
             self._keep(pending)
@@ -465,7 +465,7 @@ class Frame:
         """See `Activity.tell`."""
         worker = self._leave_author()
         try:
-            self.live.call_child(self, slot, command, arguments, "told").wait_until_accepted()
+            self.runtime.call_child(self, slot, command, arguments, "told").wait_until_accepted()
         finally:
             worker.arm(self)
 
@@ -551,7 +551,7 @@ class Frame:
         if self.final:
             assert self.cause is not None  # noqa: S101 # it was asked to end
             reason = f"{self.cause.data.get('reason', self.cause)}; after that no clean-up may move anything"
-            raise CommandCancelled(robot=self.live.name, command=self.context.command, reason=reason)
+            raise CommandCancelled(robot=self.runtime.name, command=self.context.command, reason=reason)
         for started in tuple(self.started):
             started.drop("the clean-up of the command that started it has begun")
         until = self.now() + within
@@ -665,11 +665,11 @@ class Frame:
 
     def end_with_caller(self, *, final: bool) -> None:
         """See `OnWorker.end_with_caller`."""
-        self.live.cancel(self.call_key, "its caller was ended", final=final)
+        self.runtime.cancel(self.call_key, "its caller was ended", final=final)
 
     def abandon(self, at: FrameType | None) -> None:
         """See `OnWorker.abandon`."""
-        self.live.abandon(self.call_key, at)
+        self.runtime.abandon(self.call_key, at)
 
     # -- what is blocked, blocks here and nowhere else --------------------------------------------
 
@@ -699,7 +699,7 @@ class Frame:
         if self.shield > -math.inf:
             self._refuse_late_cleanup()
         if self.cause is None and self.deadline_at <= now:
-            self.live.pass_time()
+            self.runtime.pass_time()
         if self.cause is not None:
             if worker.interrupt_next:
                 worker.interrupt_next = False
@@ -718,7 +718,7 @@ class Frame:
         detail = "its clean-up was not done in the time that the author gave it"
         after = self.cause
         raise CommandFailed(
-            robot=self.live.name,
+            robot=self.runtime.name,
             command=self.context.command,
             detail=detail if after is None else f"{detail}; before that: {after}",
         )
@@ -861,9 +861,9 @@ class PendingCall(Started):
         """See `Listener.note`."""
         self._fraction, frame = fraction, self.frame
         if self._passes_on:
-            frame.live.note(frame.call_key, fraction, text)
+            frame.runtime.note(frame.call_key, fraction, text)
         elif text:
-            frame.live.note_child(frame.call_key, self.child, text)
+            frame.runtime.note_child(frame.call_key, self.child, text)
 
     def watch_limit(self, seconds: float) -> None:
         """End it when its time [s] is over."""
@@ -1041,7 +1041,7 @@ class PendingCall(Started):
         if not isinstance(self.reply, Raised):
             return None
         if self._error is None:
-            meant = self.frame.live.meant(self.slot, self.reply.revive())
+            meant = self.frame.runtime.meant(self.slot, self.reply.revive())
             self._error = meant
             if self.limit is not None and isinstance(meant, DeadlineExceeded):
                 self._error = self._late()  # the child has noticed it first
@@ -1080,7 +1080,7 @@ class Branch(Started):
         self._value, self._error = frame.run(self._work)
         frame.end()
         if worker.dead:
-            owner.live.gone(owner.call_key)
+            owner.runtime.gone(owner.call_key)
         self._end()
 
     def _end(self) -> None:
@@ -1123,7 +1123,9 @@ class Branch(Started):
         if self.done:
             return
         owner = self.frame
-        self._dropped = CommandCancelled(robot=owner.live.name, command=owner.context.command, reason=reason)
+        self._dropped = CommandCancelled(
+            robot=owner.runtime.name, command=owner.context.command, reason=reason
+        )
         if self._own is not None:
             self._own.cancel(self._dropped)
 

@@ -165,7 +165,7 @@ class Process:
         self.core = core
         self.journal = journal
         self.robots: dict[Address, Any] = {}
-        """The robots that live here (`LiveRobot`)."""
+        """The robots that live here (`RobotRuntime`)."""
         self.on_raise: Callable[[str, BaseException], None] = lambda _robot, _error: None
         """Told what the commands of each robot raise, as it was raised: over the wire go only words."""
         self.closed = False

@@ -179,10 +179,10 @@ def test_it_ends_with_the_command_and_with_the_child(
 
 
 def test_nothing_is_taken_when_the_command_has_ended(team: Team) -> None:
-    live = team._agents[""].live
+    runtime = team._agents[""].runtime
     team.call("latest")
     team.wait(0.1)
-    assert not any(live._feeds.values())
+    assert not any(runtime._feeds.values())
     assert not any("state" in pattern for pattern, _ in team._processes[""].transport._subscriptions.values())
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from robotree.vr.base.arguments import check_arguments
-from robotree.vr.running import live
+from robotree.vr.running import robot_runtime
 from tests.vr.core.gate import Gate
 
 
@@ -19,5 +19,5 @@ def held_back(monkeypatch: pytest.MonkeyPatch) -> Gate:
         gate.wait()
         return check_arguments(*args, **options)
 
-    monkeypatch.setattr(live, "check_arguments", slow)
+    monkeypatch.setattr(robot_runtime, "check_arguments", slow)
     return gate

@@ -202,12 +202,12 @@ async def test_a_silent_parent_loses_its_child_within_the_term(realm: Any) -> No
     realm.network.freeze(pair.transport)
     assert await realm.until(lambda: rover.description().bond is None) <= TERM
     await realm.until(lambda: "rover" in realm.listed(), within=0.1)
-    epoch = rover.live.core.state.lease.epoch
+    epoch = rover.runtime.core.state.lease.epoch
     realm.network.thaw(pair.transport)
     await realm.until(lambda: rover.description().bond is not None, within=TERM)
     await realm.until(lambda: pair.description().slot("left").child == rover.address, within=1.0)
     assert pair.description().slot("left").lost == "", "it has its child again, under a new lease"
-    assert rover.live.core.state.lease.epoch > epoch
+    assert rover.runtime.core.state.lease.epoch > epoch
 
 
 async def test_an_operator_can_fill_the_slot_while_its_lost_child_is_asked_to_return(realm: Any) -> None:
@@ -218,7 +218,7 @@ async def test_an_operator_can_fill_the_slot_while_its_lost_child_is_asked_to_re
     await realm.until(lambda: rover.description().bond is None)
     realm.network.freeze(rover.transport)  # it will not answer
     realm.network.thaw(pair.transport)
-    slot = pair.live.core.state.slots["left"]
+    slot = pair.runtime.core.state.slots["left"]
     await realm.until(lambda: slot.asked == rover.address, within=TERM)
     await realm.client(pair).enslave("left", spare.address)
     realm.network.thaw(rover.transport)

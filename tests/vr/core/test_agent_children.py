@@ -149,7 +149,7 @@ async def test_a_child_that_is_cancelled_alone_is_an_error_of_its_caller_that_go
     driver, rover = await crew(realm)
     call = asyncio.create_task(realm.client(driver).call("persistent", {}, key="k"))
     await realm.until(lambda: rover.description().busy == "move")
-    rover.live.cancel("k/1", "somebody else")
+    rover.runtime.cancel("k/1", "somebody else")
     assert await call == (
         "rover-left.move was cancelled alone, not the command that called it: somebody else"
     )

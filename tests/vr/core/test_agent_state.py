@@ -204,7 +204,7 @@ async def test_a_robot_that_has_just_changed_ends_as_quickly_as_any(realm: Any, 
     """Its news are cancelled while they wake for the change."""
     arm = await realm.start(Arm("arm-1"), registrar=None)
     await asyncio.sleep(0.5)
-    arm.live.changed()
+    arm.runtime.changed()
     for _ in range(turns):
         await asyncio.sleep(0)
     realm.agents.remove(arm)  # which would wait for it as long

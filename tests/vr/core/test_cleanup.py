@@ -226,7 +226,7 @@ async def test_a_second_cancel_ends_the_clean_up(realm: Any, porter: Any) -> Non
 async def test_a_caller_who_withdraws_twice_ends_no_clean_up(realm: Any, porter: Any) -> None:
     task = begin(realm, porter, "carry")
     await carrying(realm, porter)
-    key = next(iter(porter.live.core.state.calls.live))
+    key = next(iter(porter.runtime.core.state.calls.live))
     for _ in range(2):
         await realm.client(porter).cancel(key, reason="the caller gave up")
     with pytest.raises(CommandCancelled):

@@ -54,7 +54,7 @@ def kept(book: Book, agent: Any) -> list[tuple[str, bool]]:
         found.append((type(effect).__name__, book.is_whole))
         go_on(effect)
 
-    agent.live._on_effect = partial(note, agent.live._on_effect)
+    agent.runtime._on_effect = partial(note, agent.runtime._on_effect)
     return found
 
 
@@ -62,7 +62,7 @@ async def test_accepted_is_said_when_the_call_is_committed(realm: Any) -> None:
     book = Book()
     page = await realm.start(Page("page"), process=Process(realm.runner, book))
     said: list[bool] = []
-    post = page.live.post
+    post = page.runtime.post
 
     def look(event: CoreEvent, *, accepted: Callable[[], None] | None = None, **rest: Any) -> None:
         def accept() -> None:
@@ -72,7 +72,7 @@ async def test_accepted_is_said_when_the_call_is_committed(realm: Any) -> None:
 
         post(event, accepted=accept, **rest)
 
-    page.live.post = look
+    page.runtime.post = look
     assert await realm.client(page).call("sort", {"numbers": [2.0, 1.0]}) == [1.0, 2.0, 9.0]
     assert said
     assert all(said)
@@ -84,13 +84,13 @@ async def test_a_refused_event_that_let_time_pass_commits_what_the_time_has_chan
     page = await realm.start(Page("page"), process=process)
     boss = Address("robot", "boss", "1")
     process.at = lambda *_: lambda: None  # the watchdog comes too late
-    page.live.post(
+    page.runtime.post(
         on.ParentAsked(parent=boss, slot="hand", lineage=("boss",), term=1.0, unix=realm.unix, key="k")
     )
     follows = kept(book, page)
-    await realm.until(lambda: page.live.core.due < realm.runner.now())
+    await realm.until(lambda: page.runtime.core.due < realm.runner.now())
     with pytest.raises(StaleEpoch):
-        page.live.post(on.Prolong(parent=boss, epoch=1, lineage=("boss",)))
+        page.runtime.post(on.Prolong(parent=boss, epoch=1, lineage=("boss",)))
     assert follows == [("LeaseEnded", True)]
 
 
@@ -98,7 +98,7 @@ async def test_a_reload_is_committed_before_anybody_hears_of_it(realm: Any) -> N
     book = Book()
     page = await realm.start(Page("page"), process=Process(realm.runner, book))
     heard: list[bool] = []
-    page.live.reload(Page("page"), lambda _: heard.append(book.is_whole))
+    page.runtime.reload(Page("page"), lambda _: heard.append(book.is_whole))
     assert heard == [True]
     assert isinstance(book.events[-1], on.PageReloaded)
 
@@ -109,9 +109,9 @@ async def test_code_that_changes_its_arguments_changes_nothing_of_the_state(real
     class Curious(Page):
         @command
         def sort(self, numbers: list[float]) -> list[float]:
-            before = encode_state(page.live.core.state)
+            before = encode_state(page.runtime.core.state)
             numbers.append(9.0)
-            seen.append(encode_state(page.live.core.state) == before)
+            seen.append(encode_state(page.runtime.core.state) == before)
             return numbers
 
     page = await realm.start(Curious("page"))
@@ -162,7 +162,7 @@ async def test_a_cancel_ends_the_wait_for_a_description_at_once(realm: Any) -> N
     realm.network.pause(mover.transport)
     key = "k" * 18
     work = asyncio.ensure_future(realm.client(boss).call("work", {}, key=key))
-    await realm.until(lambda: key in boss.live.frames)
+    await realm.until(lambda: key in boss.runtime.frames)
     asked = realm.runner.now()
     await realm.client(boss).cancel(key)
     with pytest.raises(CommandCancelled):

@@ -235,7 +235,7 @@ async def test_three_things_that_end_a_call_of_a_child_say_which_they_are(
     await realm.until(lambda: slow.description().busy == "work")
     match what:
         case "the child's call":
-            slow.live.cancel("k/1", "enough")
+            slow.runtime.cancel("k/1", "enough")
         case "the bond":
             await realm.client(boss).free("child")
         case _:

@@ -131,15 +131,15 @@ async def test_refused_values_change_nothing(realm: Realm, wrong: dict[str, Any]
     agent = await realm.start(Team("team"))
     error = await refusal(realm.client(agent).call("set", {"label": "new", **wrong}))
     assert isinstance(error, BadArgument)
-    assert agent.live.core.state.fields["label"] == ""
+    assert agent.runtime.core.state.fields["label"] == ""
 
 
 async def test_the_page_sets_a_setting_itself_and_is_held_to_its_range(realm: Realm) -> None:
     agent = await realm.start(Team("team"))
     await realm.client(agent).call("hurry", {"speed": 0.3})
-    assert agent.live.core.state.fields["speed"] == 0.3
+    assert agent.runtime.core.state.fields["speed"] == 0.3
     assert isinstance(await refusal(realm.client(agent).call("hurry", {"speed": 3.0})), BadArgument)
-    assert agent.live.core.state.fields["speed"] == 0.3
+    assert agent.runtime.core.state.fields["speed"] == 0.3
 
 
 async def test_while_a_parent_commands_it_only_the_parents_side_changes_settings(realm: Realm) -> None:
@@ -148,14 +148,14 @@ async def test_while_a_parent_commands_it_only_the_parents_side_changes_settings
     error = await refusal(realm.client(team).call("set", {"speed": 0.3}))
     assert isinstance(error, NotInControl)
     await realm.client(boss).call("slow_down", {})
-    assert team.live.core.state.fields["speed"] == 0.02
+    assert team.runtime.core.state.fields["speed"] == 0.02
 
 
 async def test_what_a_command_changes_inside_a_list_is_kept_when_it_ends(realm: Realm) -> None:
     agent = await realm.start(Team("team"))
     await realm.client(agent).call("pick", {"name": "nut"})
     await realm.client(agent).call("pick", {"name": "bolt"})
-    kept = decode_state(encode_state(agent.live.core.state)).fields
+    kept = decode_state(encode_state(agent.runtime.core.state)).fields
     assert (kept["picked"], kept["seen"]) == (2, ["nut", "bolt"])
     assert (await realm.client(agent).describe()).kept == {"picked": 2, "seen": ["nut", "bolt"]}
 
@@ -167,7 +167,7 @@ async def test_what_a_cancelled_command_has_changed_is_kept_too(realm: Realm) ->
     await asyncio.sleep(0.5)
     await client.cancel()
     assert isinstance(await refusal(picking), CommandCancelled)
-    assert agent.live.core.state.fields["seen"] == ["nut"]
+    assert agent.runtime.core.state.fields["seen"] == ["nut"]
 
 
 async def test_a_command_that_ends_may_still_note_it(realm: Realm) -> None:
@@ -177,7 +177,7 @@ async def test_a_command_that_ends_may_still_note_it(realm: Realm) -> None:
     await asyncio.sleep(0.5)
     await client.cancel()
     assert isinstance(await refusal(waiting), CommandCancelled)
-    assert agent.live.core.state.fields["seen"] == ["ended"]
+    assert agent.runtime.core.state.fields["seen"] == ["ended"]
 
 
 async def test_what_cannot_be_kept_fails_its_command_and_the_rest_is_kept(realm: Realm) -> None:
@@ -185,14 +185,14 @@ async def test_what_cannot_be_kept_fails_its_command_and_the_rest_is_kept(realm:
     error = await refusal(realm.client(agent).call("spoil", {}))
     assert isinstance(error, CommandFailed)
     assert "team.seen cannot keep" in str(error)
-    assert (agent.live.core.state.fields["picked"], agent.live.core.state.fields["seen"]) == (1, [])
+    assert (agent.runtime.core.state.fields["picked"], agent.runtime.core.state.fields["seen"]) == (1, [])
 
 
 async def test_settings_can_be_changed_in_a_stop(realm: Realm) -> None:
     agent = await realm.start(Team("team"))
     await realm.client(agent).safe_stop("a hand")
     await realm.client(agent).call("set", {"speed": 0.2})
-    assert agent.live.core.state.fields["speed"] == 0.2
+    assert agent.runtime.core.state.fields["speed"] == 0.2
 
 
 def test_a_robot_without_settings_has_no_command_for_them() -> None:
@@ -252,4 +252,4 @@ async def test_an_enum_is_set_from_outside_and_shown_as_a_choice(realm: Realm) -
         ("home", (), [0.5, 0.1]),
     ]
     assert await client.call("turn", {"side": "left"}) is True
-    assert agent.live.core.state.fields["side"] == "left"
+    assert agent.runtime.core.state.fields["side"] == "left"

@@ -159,7 +159,7 @@ async def test_a_hook_that_fails_is_in_the_log_and_in_the_description_with_page_
         await fleet.stop(None)
     stop_fault = boiler.description().faults[-1]
     assert re.fullmatch(rf"safe_stop failed: ValueError: the valve sticks at .* {line}", stop_fault)
-    logged = [each.text for each in boiler.live.log.since(0) if each.level == "error"]
+    logged = [each.text for each in boiler.runtime.log.since(0) if each.level == "error"]
     assert len(logged) == 3, "each fault is said once, however often readings are asked for"
     assert logged[-1] == stop_fault
     assert f"hook     {stop_fault}" in portrait(boiler.description())

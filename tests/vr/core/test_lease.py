@@ -6,35 +6,40 @@ import pytest
 
 from robotree.vr.base.address import Address
 from robotree.vr.base.errors import CycleOfBonds, LeaseDenied, NotInControl, Retracted, StaleEpoch
-from robotree.vr.core.bonds import MOST_RETRACTED, Lessee, Lessor
+from robotree.vr.core.bonds import MOST_RETRACTED, GrantedLease, HeldLease
 
 LEVER = Address("robot", "lever", "1")
 OTHER = Address("robot", "other", "1")
 BORN = 1_000.0
 
 
-def lessor() -> Lessor:
-    return Lessor.free("mover", term=5.0, unix=BORN)
+def free_lease() -> GrantedLease:
+    return GrantedLease.free("mover", term=5.0, unix=BORN)
 
 
 def grant(
-    child: Lessor, parent: Address = LEVER, *, now: float = 0.0, slot: str = "mover", wanted: float = 5.0
+    child: GrantedLease,
+    parent: Address = LEVER,
+    *,
+    now: float = 0.0,
+    slot: str = "mover",
+    wanted: float = 5.0,
 ) -> int:
     return child.petition(parent, slot, (parent.name,), wanted, now=now, unix=BORN + now).epoch
 
 
 def test_a_silent_parent_loses_the_robot_when_the_term_is_over() -> None:
-    child = lessor()
+    child = free_lease()
     grant(child)
     assert child.tick(4.999, BORN) is None
     ended = child.tick(5.0, BORN)
     assert ended is not None
     assert ended.parent == LEVER
-    assert child.tenure is None
+    assert child.current is None
 
 
 def test_a_bond_survives_another_incarnation_of_the_parent_that_knows_its_epoch() -> None:
-    child, next_life = lessor(), Address("robot", "lever", "2")
+    child, next_life = free_lease(), Address("robot", "lever", "2")
     epoch = grant(child)
     with pytest.raises(StaleEpoch):
         child.renew(next_life, epoch - 1, ("lever",), now=1.0)
@@ -45,7 +50,7 @@ def test_a_bond_survives_another_incarnation_of_the_parent_that_knows_its_epoch(
 
 
 def test_a_late_petition_of_an_earlier_incarnation_does_not_take_the_robot() -> None:
-    child = lessor()
+    child = free_lease()
     epoch = grant(child, Address("robot", "lever", "2"))
     with pytest.raises(LeaseDenied):
         grant(child, LEVER, now=1.0)
@@ -53,7 +58,7 @@ def test_a_late_petition_of_an_earlier_incarnation_does_not_take_the_robot() -> 
 
 
 def test_a_parent_that_renews_keeps_the_robot() -> None:
-    child = lessor()
+    child = free_lease()
     epoch = grant(child)
     for now in range(1, 100):
         assert child.renew(LEVER, epoch, ("lever",), now=float(now)).epoch == epoch
@@ -61,7 +66,7 @@ def test_a_parent_that_renews_keeps_the_robot() -> None:
 
 
 def test_the_child_decides_the_term() -> None:
-    child = lessor()
+    child = free_lease()
     grant(child, wanted=60.0)
     assert child.term_granted == 5.0
     child.end(BORN)
@@ -70,7 +75,7 @@ def test_the_child_decides_the_term() -> None:
 
 
 def test_a_petition_taken_back_is_undone_whether_it_came_or_not() -> None:
-    child = lessor()
+    child = free_lease()
     granted = child.petition(LEVER, "mover", ("lever",), 5.0, now=0.0, unix=BORN, key="k1")
     assert child.retract(OTHER, "k1", unix=BORN) is None, "it is not the other's to take back"
     assert child.retract(LEVER, "k1", unix=BORN) == granted
@@ -81,7 +86,7 @@ def test_a_petition_taken_back_is_undone_whether_it_came_or_not() -> None:
             child.petition(LEVER, "mover", ("lever",), 5.0, now=0.0, unix=BORN, key=key)
     again = child.petition(LEVER, "mover", ("lever",), 5.0, now=0.0, unix=BORN, key="k3")
     assert child.retract(LEVER, "k2", unix=BORN) is None
-    assert child.tenure == again
+    assert child.current == again
     assert child.retract(LEVER, "", unix=BORN) is None
     grant(child)
     for number in range(MOST_RETRACTED + 1):
@@ -90,7 +95,7 @@ def test_a_petition_taken_back_is_undone_whether_it_came_or_not() -> None:
 
 
 def test_a_second_parent_is_told_of_the_first() -> None:
-    child = lessor()
+    child = free_lease()
     grant(child)
     with pytest.raises(
         LeaseDenied, match=r"mover is already enslaved by lever; .*`robotree release lever.mover`"
@@ -101,7 +106,7 @@ def test_a_second_parent_is_told_of_the_first() -> None:
 
 
 def test_a_petition_sent_twice_is_granted_anew() -> None:
-    child = lessor()
+    child = free_lease()
     first = grant(child)
     second = grant(child, now=1.0)
     assert second > first
@@ -111,16 +116,16 @@ def test_a_petition_sent_twice_is_granted_anew() -> None:
 
 
 def test_a_lease_that_is_over_cannot_be_renewed_even_before_anybody_noticed() -> None:
-    child = lessor()
+    child = free_lease()
     epoch = grant(child)
     with pytest.raises(StaleEpoch):
         child.renew(LEVER, epoch, ("lever",), now=5.0)
     assert child.tick(5.0, BORN) is not None
-    assert child.tenure is None
+    assert child.current is None
 
 
 def test_epochs_grow_with_each_grant_and_each_end() -> None:
-    child = lessor()
+    child = free_lease()
     seen = [child.epoch]
     for _ in range(3):
         seen.append(grant(child))
@@ -131,15 +136,15 @@ def test_epochs_grow_with_each_grant_and_each_end() -> None:
 
 def test_a_later_incarnation_begins_above_all_epochs_of_an_earlier_one() -> None:
     """Unless it was granted more than once a second for all its life."""
-    child = lessor()
+    child = free_lease()
     for now in range(1, 100):
         grant(child, now=float(now))
         child.end(BORN + now)
-    assert Lessor.free("mover", unix=BORN + 200).epoch > child.epoch
+    assert GrantedLease.free("mover", unix=BORN + 200).epoch > child.epoch
 
 
 def test_whose_clock_was_set_back_goes_above_what_the_controller_obeys() -> None:
-    child = lessor()
+    child = free_lease()
     ahead = child.epoch + 3600
     child.hear(ahead)
     assert child.epoch > ahead, "an operator commands a free robot under it"
@@ -151,7 +156,7 @@ def test_whose_clock_was_set_back_goes_above_what_the_controller_obeys() -> None
 
 def test_a_lease_keeps_its_epoch_though_the_controller_obeys_a_later_one() -> None:
     for helps in (grant, lambda child: child.end(BORN)):
-        child = lessor()
+        child = free_lease()
         epoch = grant(child)
         child.hear(epoch + 3600)
         child.check(epoch, 0.0)
@@ -162,7 +167,7 @@ def test_a_lease_keeps_its_epoch_though_the_controller_obeys_a_later_one() -> No
 
 def test_an_epoch_that_goes_above_ours_is_left_alone_until_a_parent_asks() -> None:
     """Somebody else has it from another proxy of the same controller."""
-    child = lessor()
+    child = free_lease()
     child.hear(0)
     theirs = child.epoch + 1000
     child.hear(theirs)
@@ -176,7 +181,7 @@ def test_an_epoch_that_goes_above_ours_is_left_alone_until_a_parent_asks() -> No
 
 
 def test_the_end_of_a_lease_goes_not_above_somebody_elses() -> None:
-    child = lessor()
+    child = free_lease()
     child.hear(0)
     child.hear(grant(child) + 1000)
     before = child.epoch
@@ -186,7 +191,7 @@ def test_the_end_of_a_lease_goes_not_above_somebody_elses() -> None:
 
 
 def test_who_may_command() -> None:
-    child = lessor()
+    child = free_lease()
     child.check(None, 0.0)
     with pytest.raises(StaleEpoch):
         child.check(child.epoch, 0.0)  # an epoch is a parent's, and there is none
@@ -203,52 +208,52 @@ def test_who_may_command() -> None:
 
 
 def test_only_the_holder_can_release() -> None:
-    child = lessor()
+    child = free_lease()
     epoch = grant(child)
     assert child.release(OTHER, epoch, unix=BORN) is None
     assert child.release(LEVER, epoch - 1, unix=BORN) is None
-    assert child.tenure is not None
+    assert child.current is not None
     assert child.release(LEVER, epoch, unix=BORN) is not None
     assert child.release(LEVER, epoch, unix=BORN) is None
 
 
 def test_nobody_is_bound_to_itself_or_to_a_descendant() -> None:
-    child = lessor()
+    child = free_lease()
     with pytest.raises(CycleOfBonds, match=r"mover cannot enslave mover"):
         child.petition(Address("robot", "mover", "1"), "slot", ("mover",), 5.0, now=0, unix=BORN)
     with pytest.raises(CycleOfBonds, match=r"lever cannot enslave mover: .*\(top > mover > lever\)"):
         child.petition(LEVER, "slot", ("top", "mover", "lever"), 5.0, now=0, unix=BORN)
-    assert child.tenure is None
+    assert child.current is None
 
 
 def test_a_cycle_that_closed_elsewhere_opens_at_the_next_renewal() -> None:
-    child = lessor()
+    child = free_lease()
     epoch = grant(child)
     with pytest.raises(CycleOfBonds):
         child.renew(LEVER, epoch, ("mover", "lever"), now=1.0)
-    assert child.tenure is not None, "a refusal changes nothing: the agent ends the lease"
+    assert child.current is not None, "a refusal changes nothing: the agent ends the lease"
 
 
 # -- the parent's side -----------------------------------------------------------------------------
 
 
 def test_the_parent_counts_from_when_it_asked() -> None:
-    lease = Lessee.begin(epoch=1, term=5.0, sent=10.0, now=12.0)
+    lease = HeldLease.begin(epoch=1, term=5.0, sent=10.0, now=12.0)
     assert lease.expires == 15.0
 
 
 def test_on_a_quick_way_a_third_of_the_term_passes_between_renewals() -> None:
-    lease = Lessee.begin(epoch=1, term=6.0, sent=0.0, now=0.001)
+    lease = HeldLease.begin(epoch=1, term=6.0, sent=0.0, now=0.001)
     assert lease.due == pytest.approx(2.0)
 
 
 def test_on_a_slow_way_renewals_leave_sooner() -> None:
-    lease = Lessee.begin(epoch=1, term=6.0, sent=0.0, now=0.6)
+    lease = HeldLease.begin(epoch=1, term=6.0, sent=0.0, now=0.6)
     assert lease.due < 1.0
 
 
 def test_a_late_answer_is_asked_for_again_before_the_lease_ends() -> None:
-    lease = Lessee.begin(epoch=1, term=6.0, sent=0.0, now=0.1)
+    lease = HeldLease.begin(epoch=1, term=6.0, sent=0.0, now=0.1)
     asked = []
     while lease.due < lease.expires:
         asked.append(lease.due)
@@ -258,7 +263,7 @@ def test_a_late_answer_is_asked_for_again_before_the_lease_ends() -> None:
 
 
 def test_grants_that_overtake_each_other_never_shorten_the_lease() -> None:
-    lease = Lessee.begin(epoch=1, term=5.0, sent=0.0, now=0.1)
+    lease = HeldLease.begin(epoch=1, term=5.0, sent=0.0, now=0.1)
     lease.asked(1.0)
     lease.asked(2.0)
     lease.granted(sent=2.0, now=2.5, term=5.0)
@@ -268,7 +273,7 @@ def test_grants_that_overtake_each_other_never_shorten_the_lease() -> None:
 
 def test_a_way_of_one_second_each_way_is_quick_enough_for_the_default_term() -> None:
     """Simulated: answers come 2 s later, the parent's own belief must never run out."""
-    lease = Lessee.begin(epoch=1, term=5.0, sent=0.0, now=2.0)
+    lease = HeldLease.begin(epoch=1, term=5.0, sent=0.0, now=2.0)
     out: list[float] = []
     now = 2.0
     while now < 120.0:

@@ -5,7 +5,7 @@ import pytest
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import RobotDescription, SlotSpec
 from robotree.vr.base.errors import NoSuchSlot, SlotEmpty, SlotOccupied
-from robotree.vr.core.bonds import Bond, Lessee, Slots
+from robotree.vr.core.bonds import Bond, HeldLease, Slots
 
 ARM = Address("robot", "arm-1", "1")
 OTHER = Address("robot", "arm-2", "1")
@@ -16,7 +16,7 @@ def slots() -> Slots:
 
 
 def bond(child: Address = ARM, epoch: int = 1) -> Bond:
-    lease = Lessee.begin(epoch=epoch, term=5.0, sent=0.0, now=0.0)
+    lease = HeldLease.begin(epoch=epoch, term=5.0, sent=0.0, now=0.0)
     return Bond(child=child, lease=lease, description=RobotDescription(address=child, kinds=("Arm", "Robot")))
 
 

@@ -307,13 +307,13 @@ async def test_a_stop_goes_on_with_a_decoded_state_and_somebody_else_who_asks(re
     rover.robot.silent = True
     asking = asyncio.create_task(realm.client(rover).safe_stop("a hand", order="one"))
     await asyncio.sleep(0.1)
-    live = rover.live
-    live.core.state = decode_state(encode_state(live.core.state))
-    rover._stops = Stops(live, rover._hooks, None)
+    runtime = rover.runtime
+    runtime.core.state = decode_state(encode_state(runtime.core.state))
+    rover._stops = Stops(runtime, rover._hooks, None)
     copy = asyncio.create_task(realm.client(rover).safe_stop("a hand", order="one"))
     await asyncio.sleep(0.1)
     assert rover.robot.heard == ["a hand", "a hand"], "what has not answered is asked again"
     rover.robot.waits[-1].set_result(None)
     assert await copy == ("rover",)
-    assert live.core.state.stop.generation == 1
+    assert runtime.core.state.stop.generation == 1
     asking.cancel()

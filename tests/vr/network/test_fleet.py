@@ -88,7 +88,7 @@ async def test_the_tree_leaves_out_who_hangs_or_vanishes(world: World) -> None:
     assert [robot.name for robot in await world.fleet.tree()] == ["carrier", "r2"]
     killed = world.agents.pop("r1")
     world.network.kill(killed.transport)  # type: ignore[arg-type]
-    killed.live.process.close()
+    killed.runtime.process.close()
     assert [robot.name for robot in await world.fleet.tree()] == ["carrier", "r2"]
 
 

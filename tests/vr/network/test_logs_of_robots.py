@@ -166,7 +166,7 @@ async def test_success_failure_and_cancel_differ() -> None:
             await robot.call("fail", {})
         waiting = asyncio.ensure_future(robot.call("wait", {}))
         agent = stage.host.agents["one"]
-        await until(lambda: any(one.text == "waits" for one in agent.live.log.since(0)), "it waits")
+        await until(lambda: any(one.text == "waits" for one in agent.runtime.log.since(0)), "it waits")
         await robot.cancel(reason="enough")
         with pytest.raises(CommandCancelled):
             await waiting
@@ -182,7 +182,7 @@ async def test_a_cancel_is_a_cancel_in_the_log_whatever_the_code_makes_of_it() -
         robot = stage.robots["one"]
         waiting = asyncio.ensure_future(robot.call("swallow", {}))
         agent = stage.host.agents["one"]
-        await until(lambda: any(one.text == "swallows" for one in agent.live.log.since(0)), "it swallows")
+        await until(lambda: any(one.text == "swallows" for one in agent.runtime.log.since(0)), "it swallows")
         await robot.cancel(reason="enough")
         with pytest.raises(CommandCancelled):
             await waiting

@@ -96,16 +96,16 @@ async def test_bonds_settings_and_state_stay(stage: Stage) -> None:
 
 async def test_a_running_command_ends_as_it_began_and_the_next_one_is_the_new_page_s(stage: Stage) -> None:
     first = asyncio.ensure_future(stage.team.call("wait", {"seconds": 0.2}))
-    await until(lambda: bool(stage.host.agents["team"].live.core.state.calls.running), "it runs")
+    await until(lambda: bool(stage.host.agents["team"].runtime.core.state.calls.running), "it runs")
     waiting = asyncio.ensure_future(stage.team.call("pick", {}))
-    await until(lambda: bool(stage.host.agents["team"].live.core.state.calls.waiting), "another one waits")
+    await until(lambda: bool(stage.host.agents["team"].runtime.core.state.calls.waiting), "another one waits")
     await stage.reload(SECOND)
     assert (await first, await waiting) == ("first", "second")
 
 
 async def test_a_reload_that_waits_too_long_says_so_and_the_old_page_goes_on(stage: Stage) -> None:
     running = asyncio.ensure_future(stage.team.call("wait", {"seconds": 0.5}))
-    await until(lambda: bool(stage.host.agents["team"].live.core.state.calls.running), "it runs")
+    await until(lambda: bool(stage.host.agents["team"].runtime.core.state.calls.running), "it runs")
     with pytest.raises(ReloadWaits, match=r"team\.wait has not ended within 0\.05 s, so the old page"):
         await stage.reload(SECOND, within=0.05)
     assert await running == "first"
@@ -114,7 +114,7 @@ async def test_a_reload_that_waits_too_long_says_so_and_the_old_page_goes_on(sta
 
 async def test_a_reload_at_once_cancels_what_runs(stage: Stage) -> None:
     running = asyncio.ensure_future(stage.team.call("wait", {"seconds": 60.0}))
-    await until(lambda: bool(stage.host.agents["team"].live.core.state.calls.running), "it runs")
+    await until(lambda: bool(stage.host.agents["team"].runtime.core.state.calls.running), "it runs")
     await stage.reload(SECOND, now=True)
     with pytest.raises(CommandCancelled, match="the page of team is reloaded"):
         await running
@@ -169,11 +169,11 @@ async def test_what_has_disappeared_or_changed_its_type_is_told(stage: Stage) ->
 
 async def test_what_waits_and_fits_the_new_page_no_more_is_refused(stage: Stage) -> None:
     first = asyncio.ensure_future(stage.team.call("wait", {"seconds": 0.2}))
-    await until(lambda: bool(stage.host.agents["team"].live.core.state.calls.running), "it runs")
+    await until(lambda: bool(stage.host.agents["team"].runtime.core.state.calls.running), "it runs")
     gone = asyncio.ensure_future(stage.team.call("pick", {}))
-    await until(lambda: len(stage.host.agents["team"].live.core.state.calls.waiting) == 1, "one waits")
+    await until(lambda: len(stage.host.agents["team"].runtime.core.state.calls.waiting) == 1, "one waits")
     other = asyncio.ensure_future(stage.team.call("wait", {"seconds": 0.0}))
-    await until(lambda: len(stage.host.agents["team"].live.core.state.calls.waiting) == 2, "two wait")
+    await until(lambda: len(stage.host.agents["team"].runtime.core.state.calls.waiting) == 2, "two wait")
     await stage.reload(SECOND.replace("def pick", "def take").replace("seconds: float", "minutes: float"))
     assert await first == "first"
     with pytest.raises(NoSuchCommand):
@@ -185,7 +185,7 @@ async def test_what_waits_and_fits_the_new_page_no_more_is_refused(stage: Stage)
 async def test_the_parent_of_a_reloaded_robot_sees_its_new_commands(stage: Stage) -> None:
     source = ROVER.replace("def move(self)", "def drive(self)")
     await stage.client.reload(Bundle(source, "rover.py"), "rover-1")
-    slots = stage.host.agents["team"].live.core.state.slots
+    slots = stage.host.agents["team"].runtime.core.state.slots
 
     def seen() -> list[str]:
         return [one.name for one in slots.require("rover").description.commands]

@@ -73,7 +73,7 @@ def test_a_table_gives_partners_their_roles() -> None:
 async def test_a_line_for_people_is_in_the_log_of_the_scripts_robot(stage: Stage) -> None:
     await led(stage, HEAD + "  - rule: told\n    when: [go: {place: $p}]\n    then: [log: we go to the $p]\n")
     await stage.call("guide", "go", place="hall")
-    log = stage.agents["guide"].live.log
+    log = stage.agents["guide"].runtime.log
     await stage.until(lambda: any(one.text == "we go to the hall" for one in log.since(0)))
     (line,) = [one for one in log.since(0) if one.text == "we go to the hall"]
     assert line.level == "info"

@@ -66,7 +66,7 @@ OnDescribed = Callable[[VrError | None], None]
 """Called when a child was asked for a command: with None, or with why it was in vain."""
 
 
-class LiveRobot:
+class RobotRuntime:
     """See the module."""
 
     page: str = ""
@@ -145,7 +145,7 @@ class LiveRobot:
         self._calling: dict[str, dict[PendingCall, None]] = {}  # by slot; they end in their order
         self._feeds: dict[str, dict[Feed, None]] = {}  # who follows the readings of a child, by slot
         self._unremind: Callable[[], None] = _nothing
-        self._neighbours: dict[Address, LiveRobot] = process.robots
+        self._neighbours: dict[Address, RobotRuntime] = process.robots
         self._ledgers: dict[str, _Ledger] = {}  # the numbered calls of each distant child: parent/slot/epoch
 
     # -- the one door -----------------------------------------------------------------------------
@@ -709,7 +709,7 @@ class LiveRobot:
             pending.watch_limit(limit.seconds)
         return pending
 
-    def _call_here(self, pending: PendingCall, child: LiveRobot, call: Call, *, nested: bool) -> None:
+    def _call_here(self, pending: PendingCall, child: RobotRuntime, call: Call, *, nested: bool) -> None:
         """Call a child in this process."""
         frame = pending.frame
         may_run_here = nested and not child.isolated and len(frame.worker.stack) < DEEPEST
@@ -734,7 +734,7 @@ class LiveRobot:
                 break
         pending.accepted = True
 
-    def _describe(self, child: LiveRobot, unknown: NotDescribed, frame: Frame) -> None:
+    def _describe(self, child: RobotRuntime, unknown: NotDescribed, frame: Frame) -> None:
         """Wait until a child has asked its own child for a command.
 
         Raises:
