@@ -1,4 +1,4 @@
-"""On a real terminal: who hangs is seen within a second, each command has its entry, `:` is safe."""
+"""On a real terminal: hanging robots are shown at once, commands have entries, keys may come in a burst."""
 
 from __future__ import annotations
 
@@ -18,9 +18,8 @@ from robotree.client.joining import joined
 from robotree.tui.processes.crew import Crew
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.world.testing import until
-from tests.command_line import ROBOTREE, within_realm
-from tests.scenarios.test_forms_on_a_terminal import ENTER
-from tests.scenarios.test_terminals import Terminal
+from tests.command_line import within_realm
+from tests.terminal import BACKSPACE, CTRL_R, CTRL_S, CTRL_U, DOWN, ENTER, ESCAPE, RIGHT, TAB, Person
 
 pytestmark = [pytest.mark.e2e, pytest.mark.asyncio(loop_scope="module"), pytest.mark.timeout(180)]
 
@@ -30,29 +29,6 @@ WITHIN = 1.0
 BUSY = 0.5
 """[s] that a busy machine may take besides."""
 RUN = within_realm(REALM)
-
-
-class Screen(Terminal):
-    """A person at a terminal with the full screen, or one line, in it."""
-
-    def __init__(self, *words: str) -> None:
-        super().__init__(*ROBOTREE, "--realm", REALM, *words)
-
-    def types(self, keys: str, *, sees: str) -> None:
-        """Press keys, all at once, and wait for words that are drawn after it."""
-        self.shown = b""
-        os.write(self._master, keys.encode())
-        self.shows(sees.encode())
-
-    @property
-    def terminal(self) -> str:
-        return self._inside.removeprefix("/dev/")
-
-    def leave(self) -> None:
-        self.close()
-        if not self.is_over():
-            os.kill(self.pid, signal.SIGTERM)
-        self.wait()
 
 
 class Cell:
@@ -77,9 +53,9 @@ async def cell(shared_place: Path) -> AsyncIterator[Cell]:
 
 
 @pytest.fixture
-def screen(cell: Cell) -> Iterator[Screen]:
+def screen(cell: Cell) -> Iterator[Person]:
     del cell  # it is there
-    found = Screen()
+    found = Person(REALM)
     try:
         found.shows(b"pose")  # in the details of the arm, which is selected
         yield found
@@ -88,7 +64,7 @@ def screen(cell: Cell) -> Iterator[Screen]:
 
 
 async def test_a_robot_that_hangs_is_seen_within_a_second_in_the_list_and_in_an_open_panel(
-    cell: Cell, screen: Screen
+    cell: Cell, screen: Person
 ) -> None:
     screen.types(ENTER, sees="peak")  # its panel
     os.kill(cell.proxy, signal.SIGSTOP)
@@ -102,11 +78,11 @@ async def test_a_robot_that_hangs_is_seen_within_a_second_in_the_list_and_in_an_
     finally:
         os.kill(cell.proxy, signal.SIGCONT)
     screen.shows(b"answers again")
-    screen.types("\x1b", sees="log  g")
+    screen.types(ESCAPE, sees="log  g")
 
 
 async def test_a_parent_says_that_its_child_hangs_and_not_that_it_needs_one(
-    cell: Cell, screen: Screen
+    cell: Cell, screen: Person
 ) -> None:
     screen.types(":create examples/move_to.py as mover\r", sees="needs arm")
     screen.types(":enslave mover.arm arm-1\r", sees="under mover")
@@ -124,15 +100,15 @@ async def test_a_parent_says_that_its_child_hangs_and_not_that_it_needs_one(
 
 
 async def test_two_people_who_command_one_robot_have_two_entries_with_their_names(
-    cell: Cell, screen: Screen
+    cell: Cell, screen: Person
 ) -> None:
     assert not (await cell.fleet.describe("arm-1")).busy
     way = ("call", "arm-1.go_to", "y=0", "z=0.3", "twist=0")
-    anna = Screen(*way, "x=0.5", "speed=0.03")
+    anna = Person(REALM, *way, "x=0.5", "speed=0.03")
     people = [anna]
     try:
         screen.shows(f"by {os_user()}@{anna.terminal} begins".encode())
-        people.append(bob := Screen(*way, "x=0.4", "speed=0.2"))
+        people.append(bob := Person(REALM, *way, "x=0.4", "speed=0.2"))
         screen.shows(f"by {os_user()}@{bob.terminal} waits".encode())
         bob.shows(f"waits: {os_user()}@{anna.terminal}'s go_to first, 2 s".encode())
         bob.shows(b"has waited")
@@ -153,7 +129,7 @@ async def test_two_people_who_command_one_robot_have_two_entries_with_their_name
 
 
 async def test_the_deaths_of_a_host_and_a_lookup_service_are_in_both_logs_with_their_processes(
-    cell: Cell, screen: Screen
+    cell: Cell, screen: Person
 ) -> None:
     host, lookup = await cell.crew.start_all(("host", "host-2"), ("lookup", "lookup-2"))
     screen.shows(b"host-2 (host) has come")
@@ -170,7 +146,7 @@ async def test_the_deaths_of_a_host_and_a_lookup_service_are_in_both_logs_with_t
         assert len(re.findall(died, text)) == 1, text
 
 
-async def test_who_created_and_who_deleted_a_robot_is_in_both_logs(cell: Cell, screen: Screen) -> None:
+async def test_who_created_and_who_deleted_a_robot_is_in_both_logs(cell: Cell, screen: Person) -> None:
     del cell
     me = f"{os_user()}@{screen.terminal}"
     screen.types(":create examples/move_to.py as brief\r", sees=f"move_to.py by {me}")
@@ -184,12 +160,12 @@ async def test_who_created_and_who_deleted_a_robot_is_in_both_logs(cell: Cell, s
 
 
 async def test_states_are_counted_coloured_and_searched_on_a_terminal_of_16_colours(
-    cell: Cell, screen: Screen
+    cell: Cell, screen: Person
 ) -> None:
     screen.shows(b"1 free")
     assert re.search(rb"\x1b\[[0-9;]*92[0-9;]*m\xe2\x97\x8f", screen.shown), "free is bright green"
     screen.types("/zzz", sees="zzz")
-    screen.types("\x1b", sees="arm-1")
+    screen.types(ESCAPE, sees="arm-1")
     os.kill(cell.proxy, signal.SIGSTOP)
     try:
         screen.shown = b""
@@ -199,12 +175,47 @@ async def test_states_are_counted_coloured_and_searched_on_a_terminal_of_16_colo
     screen.shows(b"answers again")
     screen.types("?", sees="Protective stop")
     screen.types("/delete", sees="delete")
-    screen.types("\x1b", sees="Close")
+    screen.types(ESCAPE, sees="Close")
 
 
-async def test_a_verb_typed_in_a_panel_stops_nothing(cell: Cell, screen: Screen) -> None:
+async def test_a_verb_typed_in_a_panel_stops_nothing(cell: Cell, screen: Person) -> None:
     screen.types(ENTER, sees="peak")
     screen.types(":show arm-1\r", sees="commands")
+    assert not (await cell.fleet.describe("arm-1")).stopped
+
+
+async def test_a_form_that_is_filled_in_in_one_burst_is_run_as_it_was_typed(
+    cell: Cell, screen: Person
+) -> None:
+    screen.types(ENTER, sees="peak")  # the panel has its first readings
+    screen.types(
+        f"{DOWN}{ENTER}{CTRL_U}0.5{BACKSPACE}4{TAB}{CTRL_U}0.1{TAB}{CTRL_U}35cm{CTRL_R}", sees="done in"
+    )
+    pose = await cell.fleet.call("arm-1", "get_info", {})
+    assert (pose["x"], pose["y"], pose["z"]) == pytest.approx((0.4, 0.1, 0.35), abs=0.01)
+
+
+async def test_hasty_keys_after_create_make_no_other_robot(cell: Cell, screen: Person) -> None:
+    screen.types(":create examples/move_to.py as mover\rn", sees="new virtual robot")
+    await until(lambda: any(robot.name == "mover" for robot in cell.fleet.robots()), "it is made")
+    screen.types(f"{TAB}", sees="Create")
+    screen.types(f"{DOWN}znwz{ENTER}e{ENTER}", sees="new virtual robot")
+    names = {robot.name for robot in cell.fleet.robots()}
+    assert names <= {"arm-1", "mover"}, "nobody asked for another one"
+    await cell.fleet.delete("mover")
+
+
+async def test_the_stop_works_in_a_field_and_a_question_is_answered_by_its_own_keys(
+    cell: Cell, screen: Person
+) -> None:
+    screen.types(ENTER, sees="peak")  # the panel has its first readings
+    screen.types(f"{DOWN}{ENTER}{CTRL_U}0.4 {CTRL_S}", sees="PROTECTIVE STOP")
+    assert (await cell.fleet.describe("arm-1")).stopped
+    screen.types(ESCAPE, sees="log  g")
+    screen.types("R", sees="Is all clear?")
+    screen.types(ENTER, sees="log  g")
+    assert (await cell.fleet.describe("arm-1")).stopped, "Enter came upon Cancel"
+    screen.types(f"R{RIGHT}{ENTER}", sees="was resumed")
     assert not (await cell.fleet.describe("arm-1")).stopped
 
 

@@ -1,0 +1,124 @@
+"""A real terminal with a program in it: keys come as bytes, and what is drawn is read as it comes."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import select
+import signal
+import struct
+import subprocess
+import sys
+import termios
+import time
+from pathlib import Path
+
+from tests.command_line import ROBOTREE
+
+ENTER, TAB, BACKSPACE, ESCAPE, DOWN, RIGHT = "\r", "\t", "\x7f", "\x1b", "\x1b[B", "\x1b[C"
+CTRL_R, CTRL_S, CTRL_U = "\x12", "\x13", "\x15"
+
+LEADER = """
+import fcntl, os, sys, termios
+fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+os.execvp(sys.argv[1], sys.argv[1:])
+"""
+"""Makes standard input the terminal of its session, and then runs the given program."""
+
+
+class Terminal:
+    """A terminal, and the session in it."""
+
+    def __init__(self, *words: str) -> None:
+        """Start a program as the leader of a session whose terminal this is."""
+        self._master, inside = os.openpty()
+        fcntl.ioctl(inside, termios.TIOCSWINSZ, struct.pack("HHHH", 44, 140, 0, 0))
+        self._leader = subprocess.Popen(
+            [sys.executable, "-c", LEADER, *words],
+            stdin=inside,
+            stdout=inside,
+            stderr=inside,
+            start_new_session=True,
+        )
+        self.pid = self._leader.pid
+        self._inside = os.ttyname(inside)
+        os.close(inside)
+        self.shown = b""
+
+    def shows(self, *texts: bytes, within: float = 60.0) -> None:
+        """Read what is shown until one of these is there."""
+        began = time.monotonic()
+        while not any(text in self.shown for text in texts):
+            assert time.monotonic() < began + within, self.shown[-2000:]
+            if select.select([self._master], [], [], 0.1)[0]:
+                self.shown += os.read(self._master, 65536)
+
+    def stalls(self) -> None:
+        """Take nothing more, as after Ctrl-S, or at the far end of a link that hangs."""
+        inside = os.open(self._inside, os.O_RDWR | os.O_NOCTTY)
+        termios.tcflow(inside, termios.TCOOFF)
+        os.close(inside)
+
+    def close(self) -> None:
+        """Close it, as a window that closes without a question; a second time: nothing."""
+        if self._master >= 0:
+            os.close(self._master)
+            self._master = -1
+
+    def family(self) -> list[int]:
+        """The leader and everything that it and its children have started."""
+        found = [self.pid]
+        for one in found:
+            found += children(one)
+        return found
+
+    def wait(self) -> None:
+        """Wait until the leader has ended."""
+        self._leader.wait(30)
+
+    def is_over(self) -> bool:
+        """Whether the leader has ended."""
+        return self._leader.poll() is not None
+
+
+class Person(Terminal):
+    """A person at a terminal with the full screen of a realm, or one line, in it."""
+
+    def __init__(self, realm: str, *words: str) -> None:
+        super().__init__(*ROBOTREE, "--realm", realm, *words)
+
+    def types(self, keys: str, *, sees: str) -> None:
+        """Press keys, all at once, and wait for words that are drawn after it."""
+        self.shown = b""
+        os.write(self._master, keys.encode())
+        self.shows(sees.encode())
+
+    @property
+    def terminal(self) -> str:
+        """Name of the device, as people's names have it: `pts/3`."""
+        return self._inside.removeprefix("/dev/")
+
+    def leave(self) -> None:
+        """Close the terminal and wait for the end of the program."""
+        self.close()
+        if not self.is_over():
+            os.kill(self.pid, signal.SIGTERM)
+        self.wait()
+
+
+def living(pid: int) -> bool:
+    """Whether a process exists and is not a zombie."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+def children(pid: int) -> list[int]:
+    """The processes that any thread of this one has started."""
+    found = list[int]()
+    for task in Path(f"/proc/{pid}/task").glob("*"):
+        with contextlib.suppress(FileNotFoundError, ProcessLookupError):
+            found += [int(one) for one in (task / "children").read_text().split()]
+    return found
