@@ -16,7 +16,7 @@ import time
 from collections.abc import Callable
 
 from robotree.protocol.messages import Verb
-from robotree.sim.arm import block
+from robotree.sim.arm.things import BLOCK
 from robotree.sim.physics.camera import Renderer, jpeg
 from robotree.sim.physics.cell import Cell
 from robotree.sim.testing import ArmBench, RoverBench
@@ -69,7 +69,7 @@ def gripping() -> Cell:
 def carrying() -> Cell:
     """The arm holds the block above the table."""
     bench = ArmBench()
-    x, y, _ = block.PLACE
+    x, y, _ = BLOCK.foot
     bench.operator.succeed(Verb.GO_TO, x, y, 0.15, 0.0)
     bench.operator.succeed(Verb.GO_TO, x, y, 0.03, 0.0)
     bench.operator.succeed(Verb.GRIP, 0.0)

@@ -6,19 +6,17 @@ World frame W: x forward, y left, z up, its origin the arm's foot on the table t
 from dataclasses import dataclass
 from typing import Final
 
-from robotree.sim.arm import block as block_model
-from robotree.sim.arm import lever as lever_model
 from robotree.sim.arm import model as arm_model
 from robotree.sim.arm.device import Arm
 from robotree.sim.arm.kinematics import HOME
+from robotree.sim.arm.things import BLOCK, LEVER, LEVER_OPEN
 from robotree.sim.physics import scenery
 from robotree.sim.physics.cell import Cell
 from robotree.sim.physics.engine import mujoco
+from robotree.sim.physics.vectors import Vector
 
 FINGERS_AT_FIRST: Final = 0.03
 """[m] slide of each finger: the gripper is three quarters open."""
-LEVER_FOOT: Final = (0.42, 0.045, 0.0)
-"""[m] in W: where the lever's stand is bolted to the table."""
 TABLE_HEIGHT: Final = 0.72
 """[m] of the table top above the floor."""
 
@@ -28,22 +26,29 @@ _STEEL: Final = (0.42, 0.45, 0.50, 1.0)
 
 @dataclass(frozen=True, slots=True)
 class ArmWorld:
-    """The arm at its table, with the lever open and the block to its right."""
+    """The arm at its table, with the lever open and the block to its right.
+
+    Attributes:
+        cell: what is simulated.
+        arm: the device.
+        lever: (1,) its angle [rad], live; writing it places the lever.
+        block: (7,) its middle in W [m] and its quaternion, live; writing it places the block.
+    """
 
     cell: Cell
     arm: Arm
-    lever: lever_model.LeverPorts
-    block: block_model.BlockPorts
+    lever: Vector
+    block: Vector
 
     @property
     def lever_angle(self) -> float:
         """[rad] below 0: open, towards the arm; above 0: closed."""
-        return float(self.lever.angle[0])
+        return float(self.lever[0])
 
     @property
     def block_place(self) -> tuple[float, float, float]:
         """[m] in W: the middle of the block."""
-        x, y, z = self.block.place.tolist()
+        x, y, z = self.block[:3].tolist()
         return x, y, z
 
 
@@ -52,8 +57,8 @@ def cell() -> mujoco.MjSpec:
     world = scenery.floor(height=-TABLE_HEIGHT)
     _table(world)
     scenery.attach(world, arm_model.spec(), arm_model.PREFIX, (0.0, 0.0, 0.0))
-    scenery.attach(world, lever_model.spec(), lever_model.PREFIX, LEVER_FOOT)
-    scenery.attach(world, block_model.spec(), block_model.PREFIX, block_model.PLACE)
+    for thing in (LEVER, BLOCK):
+        thing.attach(world)
     world.option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
     scenery.camera(world, eye=(1.42, -1.22, 0.80), target=(0.17, 0.03, 0.27), fovy=36.0)
     return world
@@ -65,16 +70,15 @@ def build() -> ArmWorld:
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     ports = arm_model.bind(model, data)
-    lever = lever_model.bind(model, data)
-    block = block_model.bind(model, data)
+    lever = LEVER.bind(data)
     ports.q[:] = HOME
     for finger in ("finger_l", "finger_r"):
         data.qpos[model.joint(arm_model.PREFIX + finger).qposadr[0]] = FINGERS_AT_FIRST
     ports.finger_target[:] = FINGERS_AT_FIRST
-    lever.angle[:] = lever_model.OPEN
+    lever[:] = LEVER_OPEN
     mujoco.mj_forward(model, data)
     arm = Arm(ports)
-    return ArmWorld(Cell(model, data, arm), arm, lever, block)
+    return ArmWorld(Cell(model, data, arm), arm, lever, BLOCK.bind(data))
 
 
 def _table(cell: mujoco.MjSpec) -> None:

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from robotree.protocol.messages import Gripper, GripperState, Verb
-from robotree.sim.arm.block import PLACE, SIDE
+from robotree.sim.arm.things import BLOCK, BLOCK_SIDE
 from robotree.sim.physics.camera import Renderer
 from robotree.sim.testing import ArmBench
 
-X, Y, _ = PLACE
+X, Y, _ = BLOCK.foot
 LOW, HIGH = 0.03, 0.15
 STILL = 0.0005
 """[m]"""
@@ -26,7 +26,7 @@ def picked_up(arm: ArmBench) -> None:
 def test_a_block_that_nobody_touches_takes_no_part_in_a_step(arm: ArmBench) -> None:
     arm.operator.succeed(Verb.GO_TO, 0.4, 0.0, 0.35, 0.0)
     model, data = arm.world.cell.model, arm.world.cell.data
-    assert arm.world.block_place == pytest.approx(PLACE, abs=STILL)
+    assert arm.world.block_place == pytest.approx(BLOCK.foot, abs=STILL)
     assert data.ntree_awake == 2, "the arm and the lever, which tests and people may set"
     assert model.nv - data.nv_awake == 6
     assert data.ncon == 0
@@ -37,13 +37,13 @@ def test_a_block_is_picked_up_carried_and_set_down(arm: ArmBench) -> None:
     arm.operator.wait(0.2)
     gripper = arm.operator.latest(Gripper)
     assert gripper.state == GripperState.HOLDING
-    assert gripper.width == pytest.approx(SIDE, abs=0.001)
-    assert arm.world.block_place[2] == pytest.approx(SIDE / 2 + HIGH - LOW, abs=0.004)
+    assert gripper.width == pytest.approx(BLOCK_SIDE, abs=0.001)
+    assert arm.world.block_place[2] == pytest.approx(BLOCK_SIDE / 2 + HIGH - LOW, abs=0.004)
     arm.operator.succeed(Verb.GO_TO, X, -0.30, HIGH, 0.0)
     arm.operator.succeed(Verb.GO_TO, X, -0.30, LOW, 0.0)
     arm.operator.succeed(Verb.GRIP, 0.08)
     arm.operator.succeed(Verb.GO_TO, X, -0.30, HIGH, 0.0)
-    assert arm.world.block_place == pytest.approx((X, -0.30, SIDE / 2), abs=0.004)
+    assert arm.world.block_place == pytest.approx((X, -0.30, BLOCK_SIDE / 2), abs=0.004)
     assert arm.world.cell.data.ntree_awake == 2, "it sleeps again"
 
 
@@ -51,7 +51,7 @@ def test_a_block_that_is_let_go_falls_on_the_table(arm: ArmBench) -> None:
     picked_up(arm)
     arm.operator.succeed(Verb.GRIP, 0.08)
     arm.operator.wait(2.0)
-    assert arm.world.block_place[2] == pytest.approx(SIDE / 2, abs=0.002)
+    assert arm.world.block_place[2] == pytest.approx(BLOCK_SIDE / 2, abs=0.002)
 
 
 def test_a_sleeping_block_is_pushed_aside_by_the_fingers(arm: ArmBench) -> None:

@@ -36,7 +36,7 @@ def test_the_lever_is_seen(arm: ArmBench, camera: str) -> None:
 
 def test_the_picture_follows_the_world(arm: ArmBench) -> None:
     before = draw(arm, "cell")
-    arm.world.lever.angle[:] = 0.785
+    arm.world.lever[:] = 0.785
     arm.operator.wait(0.01)
     assert (np.abs(draw(arm, "cell").astype(int) - before) > 60).any(axis=2).sum() > 20
 

@@ -88,6 +88,6 @@ def test_a_jammed_lever_ends_the_goal_with_the_reason(arm: ArmBench) -> None:
 
 def test_released_anywhere_but_upright_the_lever_snaps_to_a_stop(arm: ArmBench) -> None:
     for angle, end in ((-0.05, -0.785), (0.05, 0.785), (0.6, 0.785)):
-        arm.world.lever.angle[:] = angle
+        arm.world.lever[:] = angle
         arm.operator.wait(3.0)
         assert arm.world.lever_angle == pytest.approx(end, abs=0.01)

@@ -113,6 +113,9 @@ class _BodyData(_Named):
     xpos: _Array
     xquat: _Array
 
+class _JointData(_Named):
+    qpos: _Array
+
 class _Contacts:
     geom: NDArray[np.int32]
 
@@ -154,6 +157,7 @@ class MjData:
     ncon: int
     xpos: _Array
     def body(self, name: str) -> _BodyData: ...
+    def joint(self, name: str) -> _JointData: ...
     cam_xmat: _Array
     cam_xpos: _Array
     cfrc_ext: _Array
