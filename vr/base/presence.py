@@ -11,6 +11,7 @@ import asyncio
 import itertools
 import threading
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from functools import partial
 
 import msgspec
@@ -64,6 +65,7 @@ class Presence:
         unheard: Callable[[str], list[tuple[Held, bool]]],
         late: Callable[[str], list[Held]] = lambda _: [],
         hand_on: Callable[[Callable[[], object]], object] = lambda action: action(),
+        lock: AbstractContextManager[object] | None = None,
     ) -> None:
         """Begin with nobody.
 
@@ -73,9 +75,10 @@ class Presence:
                 certain that they hang: else they may be coming, waking up, ending, or only slow.
             late: returns what is held under a pattern by others that beat late, to be shown to people.
             hand_on: calls something on the event loop, in order; from any thread.
+            lock: guards the table; its holder can take it again. None: one of the operating system's.
         """
         self._held, self._unheard, self._late, self.hand_on = held, unheard, late, hand_on
-        self._lock = threading.RLock()
+        self._lock = threading.RLock() if lock is None else lock
         self._keys = Keys()
         """How many processes that are heard are present under a key, this one included."""
         self._left: dict[str, None] = {}

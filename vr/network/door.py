@@ -14,14 +14,11 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import os
-import socket
-import time
 from collections import Counter
 from collections.abc import Callable
 from typing import Final
 
-from robotree.files import forks
+from robotree.vr.base.system import THIS_SYSTEM, Socket, System
 from robotree.vr.network.link import LONGEST_HELLO, PeerLink
 from robotree.vr.network.readers import Sockets
 from robotree.vr.network.refusals import RefusalKind, Refusals
@@ -55,13 +52,14 @@ class Door:
 
     def __init__(
         self,
-        listening: socket.socket,
+        listening: Socket,
         sockets: Sockets,
         *,
-        wrap: Callable[[socket.socket], PeerLink],
+        wrap: Callable[[Socket], PeerLink],
         close: Callable[[PeerLink], None],
         refusals: Refusals,
-        clock: Callable[[], float] = time.monotonic,
+        clock: Callable[[], float] | None = None,
+        system: System = THIS_SYSTEM,
     ) -> None:
         """Open it.
 
@@ -71,10 +69,12 @@ class Door:
             wrap: makes a link of a connection.
             close: ends a link; it calls `closed`.
             refusals: takes what was refused.
-            clock: [s].
+            clock: [s]; None: the system's.
+            system: of the sockets.
         """
         self._listening, self._sockets = listening, sockets
-        self._wrap, self._close, self._refusals, self._clock = wrap, close, refusals, clock
+        self._wrap, self._close, self._refusals = wrap, close, refusals
+        self._system, self._clock = system, clock or system.now
         self._strange: dict[PeerLink, float] = {}
         """Links that have not said hello, the oldest first, and when they came [s]."""
         self._of = Counter[int]()
@@ -90,13 +90,13 @@ class Door:
     def accept(self) -> None:
         """Accept some of the connections that wait; what they have said is read before the next ones."""
         for _ in range(AT_ONCE):
-            with forks.opening:
+            with self._system.opening:
                 lent = len(self._reserve)
                 line = self._next()
                 if line is None:
                     return
                 link = self._wrap(line)
-                if link.far_end.user != os.geteuid():
+                if link.far_end.user != self._system.user():
                     user = link.far_end.user
                     link.close()
                     self._fill_reserve()
@@ -148,11 +148,11 @@ class Door:
         self._listening.close()
         reserve, self._reserve = self._reserve, []
         for descriptor in reserve:
-            os.close(descriptor)
+            self._system.close(descriptor)
 
     # -- inside -----------------------------------------------------------------------------------
 
-    def _next(self) -> socket.socket | None:
+    def _next(self) -> Socket | None:
         """Return the next connection that waits; None: there is none, or no descriptor for it."""
         while True:
             try:
@@ -166,11 +166,11 @@ class Door:
                 self._refusals.note(
                     "descriptors",
                     "this process has no free file descriptor, so that others cannot connect to it; "
-                    f"see what holds them (`ls -l /proc/{os.getpid()}/fd`), or raise `ulimit -n`",
+                    f"see what holds them (`ls -l /proc/{self._system.pid()}/fd`), or raise `ulimit -n`",
                 )
                 if not self._reserve:
                     return None
-                os.close(self._reserve.pop())
+                self._system.close(self._reserve.pop())
 
     def _make_room(self) -> None:
         """Fill the reserve again, and look again at what waits."""
@@ -184,9 +184,9 @@ class Door:
         self._sockets.change(self._listening, writes=False)
 
     def _fill_reserve(self) -> None:
-        with contextlib.suppress(OSError), forks.opening:
+        with contextlib.suppress(OSError), self._system.opening:
             while len(self._reserve) < RESERVE:
-                self._reserve.append(os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC))
+                self._reserve.append(self._system.null())
 
     def _keep_bounds(self, link: PeerLink) -> None:
         """Close what is too much, after a link came or has said more."""

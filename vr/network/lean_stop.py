@@ -17,12 +17,11 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-import socket
 import struct
-import time
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
+from robotree.vr.base.os_files import OS_FILES
 from robotree.vr.network.realms import (
     DEFAULT_REALM,
     REALM_VARIABLE,
@@ -33,6 +32,12 @@ from robotree.vr.network.realms import (
     realm_folder,
     robots_of,
 )
+
+TYPE_CHECKING = False
+"""As `typing.TYPE_CHECKING`, which would take a while to import."""
+
+if TYPE_CHECKING:
+    from robotree.vr.base.system import Files
 
 REASON = "the operator's protective stop"
 """For those whose commands it ends."""
@@ -110,11 +115,12 @@ def understood(words: Sequence[str]) -> StopLine | None:
     return StopLine("".join(plain[1:]), realm, everywhere=everywhere)
 
 
-def send_first(words: Sequence[str]) -> str:
+def send_first(words: Sequence[str], system: Files = OS_FILES) -> str:
     """Send the stop that a line asks for.
 
     Args:
         words: of the line, without the program's name.
+        system: on which the realms lie.
 
     Returns:
         The id of the order, for the full order that follows; empty: the line asks for something else, or is
@@ -123,43 +129,38 @@ def send_first(words: Sequence[str]) -> str:
     line = understood(words)
     if line is None:
         return ""
-    order = os.urandom(8).hex()
+    order = system.chance(8).hex()
     for folder in line.folders():
-        for tag in members(folder):
-            keys = robots_of(folder, tag)
+        for tag in members(folder, system):
+            keys = robots_of(folder, tag, system)
             meant = [key for key, name in keys.items() if line.name in {"", name}]
             if meant:
                 with contextlib.suppress(OSError):  # the full order says who was not reached
-                    _tell(folder, tag, meant, order)
+                    _tell(folder, tag, meant, order, system)
     return order
 
 
-def _tell(folder: Path, tag: str, keys: Iterable[str], order: str) -> None:
-    with dial(folder, tag, PATIENCE) as line:
-        if user_of(line) == os.geteuid():
-            line.sendall(frames(keys, order, time.monotonic()))
-
-
-def user_of(line: socket.socket) -> int:
-    """Return the user id of the process at the other end of a connection (SO_PEERCRED, unix(7))."""
-    packed = line.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
-    return int(struct.unpack("3i", packed)[1])
+def _tell(folder: Path, tag: str, keys: Iterable[str], order: str, system: Files) -> None:
+    with dial(folder, tag, PATIENCE, system) as line:
+        if system.far_end(line)[1] == system.user():
+            line.sendall(frames(keys, order, system.now(), system))
 
 
 # -- frames ----------------------------------------------------------------------------------------
 
 
-def frames(keys: Iterable[str], order: str, now: float) -> bytes:
+def frames(keys: Iterable[str], order: str, now: float, system: Files = OS_FILES) -> bytes:
     """Return what is sent to one process: who speaks, and one request for each robot.
 
     Args:
         keys: of the robots.
         order: id of the order.
         now: [s, CLOCK_MONOTONIC].
+        system: of this process.
     """
     stop: dict[str, _Packable] = {"type": "SafeStop", "reason": REASON, "within": WITHIN, "order": order}
     envelope = _packed([stop, "", now, float("inf"), _clock(), b"", _terminal()])
-    member = f"{os.getpid()}-{os.urandom(4).hex()}"
+    member = f"{system.pid()}-{system.chance(4).hex()}"
     hello = _framed([_HELLO, VERSION, member, URGENT, {}])
     asked = (_framed([_ASK, number, key, envelope]) for number, key in enumerate(keys, 1))
     return b"".join([hello, *asked])

@@ -8,9 +8,6 @@ any thread.
 
 from __future__ import annotations
 
-import socket
-import struct
-import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 from enum import IntEnum
@@ -18,6 +15,8 @@ from typing import Annotated, ClassVar, NamedTuple
 
 import msgspec
 
+from robotree.vr.base.os_files import AT_ONCE
+from robotree.vr.base.system import THIS_SYSTEM, Socket, System
 from robotree.vr.network.refusals import RefusalKind
 
 VERSION = 2
@@ -44,8 +43,6 @@ MOST_WAITING = 64 << 20
 MOST_SAMPLES = 1 << 20
 """[bytes] of samples that may wait for one receiver; of more, the newest of each key are kept."""
 
-_CREDENTIALS = struct.Struct("3i")
-_FLAGS = socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL
 _LENGTH = 4
 
 
@@ -229,11 +226,12 @@ class PeerLink:
 
     def __init__(
         self,
-        sock: socket.socket,
+        sock: Socket,
         *,
         channel: Channel | None = None,
         member: str = "",
         wants_to_write: Callable[[PeerLink], None],
+        system: System = THIS_SYSTEM,
     ) -> None:
         """Take a connected socket.
 
@@ -242,6 +240,7 @@ class PeerLink:
             channel: what it is for; None: the far end dialed, and has yet to say so.
             member: who is at the far end; empty: as above.
             wants_to_write: called in any thread when something waits; `flush` sends it on.
+            system: of which the socket is one.
         """
         sock.setblocking(False)
         self.socket, self.channel, self.member = sock, channel, member
@@ -256,14 +255,12 @@ class PeerLink:
         """Whether the last piece was a whole one, so that more may have come."""
         self._wants_to_write = wants_to_write
         self._unpacker = Unpacker(LONGEST_HELLO)
-        self._lock = threading.Lock()
+        self._lock = system.lock()
         self._frames: deque[bytes | memoryview] = deque()
         self._frames_size = 0
         self._samples: deque[tuple[str, bytes]] = deque()
         self._samples_size = 0
-
-        packed = sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
-        self.far_end = Credentials(*_CREDENTIALS.unpack(packed)[:2])
+        self.far_end = Credentials(*system.far_end(sock))
 
     @property
     def incomplete(self) -> int:
@@ -363,7 +360,7 @@ class PeerLink:
     def _push(self, packed: bytes | memoryview) -> bytes | memoryview:
         """Send what there is room for; return the rest."""
         try:
-            sent = self.socket.send(packed, _FLAGS)
+            sent = self.socket.send(packed, AT_ONCE)
         except BlockingIOError:
             return packed
         except OSError:  # the far end is gone; the reading side sees it too

@@ -8,8 +8,15 @@ any more is still known. Elsewhere nothing is known here.
 from __future__ import annotations
 
 import contextlib
-import os
 from pathlib import Path
+
+from robotree.vr.base.os_files import OS_FILES
+
+TYPE_CHECKING = False
+"""As `typing.TYPE_CHECKING`, which would take a while to import."""
+
+if TYPE_CHECKING:
+    from robotree.vr.base.system import Files
 
 _SOCKETS = Path("/proc/net/unix")
 _LISTENS = 0x10000
@@ -18,46 +25,41 @@ _FIELDS = 8
 """Num, RefCount, Protocol, Flags, Type, St, Inode, Path."""
 
 
-def listening(directory: Path) -> set[str]:
+def listening(directory: Path, system: Files = OS_FILES) -> set[str]:
     """Return the names, as they were given, of the sockets in a folder on which somebody listens.
 
     Args:
         directory: the folder.
+        system: of which it is asked.
     """
-    return {path.name for path in listening_anywhere() if path.parent == directory}
+    return {path.name for path in listening_anywhere(system) if path.parent == directory}
 
 
-def listening_anywhere() -> list[Path]:
+def listening_anywhere(system: Files = OS_FILES) -> list[Path]:
     """Return the paths, as they were given, of all sockets on which somebody listens, of any user."""
     found: list[Path] = []
     with contextlib.suppress(OSError):
-        for line in _SOCKETS.read_text(errors="surrogateescape").splitlines()[1:]:
+        for line in system.text(_SOCKETS).splitlines()[1:]:
             fields = line.split(maxsplit=_FIELDS - 1)
             if len(fields) == _FIELDS and int(fields[3], 16) & _LISTENS:
                 found.append(Path(fields[-1]))
     return found
 
 
-def alive(pid: int) -> bool:
+def alive(pid: int, system: Files = OS_FILES) -> bool:
     """Whether a process has not ended."""
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:  # somebody else's
-        return True
-    return True
+    return system.lives(pid)
 
 
-def asleep(pid: int) -> bool:
+def asleep(pid: int, system: Files = OS_FILES) -> bool:
     """Whether a process is stopped, as by Ctrl-Z or `kill -STOP`, and so cannot answer anybody."""
     with contextlib.suppress(OSError, IndexError):
-        stat = Path(f"/proc/{pid}/stat").read_text(errors="replace")
+        stat = system.text(Path(f"/proc/{pid}/stat"))
         return stat.rpartition(")")[2].split()[0] == "T"  # a program's name may hold anything
     return False
 
 
-def remedy(pid: int, otherwise: str) -> str:
+def remedy(pid: int, otherwise: str, system: Files = OS_FILES) -> str:
     """Return what a person can do about a process that runs and does not answer.
 
     Only of one that is stopped is it certain that it answers nobody. No other one is to be ended by force.
@@ -65,5 +67,6 @@ def remedy(pid: int, otherwise: str) -> str:
     Args:
         pid: of the process.
         otherwise: what to do if it is not stopped.
+        system: of which it is asked.
     """
-    return f"`kill -CONT {pid}` wakes it, `kill -9 {pid}` ends it" if asleep(pid) else otherwise
+    return f"`kill -CONT {pid}` wakes it, `kill -9 {pid}` ends it" if asleep(pid, system) else otherwise

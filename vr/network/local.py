@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-import atexit
 import contextlib
 import logging
-import threading
 from collections.abc import AsyncIterator, Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 
-from robotree.files import forks
+from robotree.files.forks import expect_parent
 from robotree.vr.base.errors import TransportClosed
+from robotree.vr.base.system import system_of
 from robotree.vr.base.transport import (
     CutOffHandler,
     DirectHandler,
@@ -55,8 +54,8 @@ async def join(
         BadName: the realm's name cannot be one.
         RealmUnusable: the realm's folder cannot be used.
     """
-    mesh = Mesh(Rendezvous(realm_name(realm), root, listed=listed))
     loop = asyncio.get_running_loop()
+    mesh = Mesh(Rendezvous(realm_name(realm), root, listed=listed, system=system_of(loop)))
     try:
         await loop.run_in_executor(None, mesh.open, greeting)
     except BaseException:
@@ -71,8 +70,9 @@ class LocalTransport:
     def __init__(self, mesh: Mesh) -> None:
         """Made by `join`."""
         self.mesh = mesh
-        self._loop, self._thread = asyncio.get_running_loop(), threading.get_ident()
-        forks.owns(self)
+        self._system = mesh.place.system
+        self._loop, self._thread = asyncio.get_running_loop(), self._system.here()
+        self._system.owns(self)
         self._turns = LoopTurns()
         news = SampleInbox[Callable[[], object]](self._turns, lambda action: action())
         self.presence = mesh.presence
@@ -82,7 +82,7 @@ class LocalTransport:
         self._tasks: set[asyncio.Future[None]] = set()
         self._asking: set[Replies] = set()
         self._closing: asyncio.Future[None] | None = None
-        atexit.register(mesh.close)  # else the others remove its files when they next look
+        self._system.at_exit(mesh.close)  # else the others remove its files when they next look
 
     @property
     def closed(self) -> bool:
@@ -203,14 +203,14 @@ class LocalTransport:
 
     def in_child(self) -> Iterable[int]:
         """See `forks.Owner`: a child that comes back into the event loop ends there."""
-        if threading.get_ident() == self._thread:
-            self._loop.call_soon(forks.expect_parent)
+        if self._system.here() == self._thread:
+            self._loop.call_soon(expect_parent)
         return ()
 
     # -- inside -----------------------------------------------------------------------------------
 
     async def _close(self) -> None:
-        atexit.unregister(self.mesh.close)
+        self._system.not_at_exit(self.mesh.close)
         for replies in list(self._asking):
             replies.shut()
         me = asyncio.current_task()

@@ -20,21 +20,17 @@ import errno
 import itertools
 import logging
 import math
-import os
-import select
-import socket
-import threading
-import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
 from functools import partial
 from typing import Any, Final
 
-from robotree.files import forks
 from robotree.vr.base.errors import RealmUnusable, TooManyKeys
+from robotree.vr.base.os_files import BOTH_WAYS, ENDED, WRITABLE
 from robotree.vr.base.pattern import Handlers, matches
 from robotree.vr.base.presence import Held, Presence
+from robotree.vr.base.system import THIS_SYSTEM, Files, Socket, System
 from robotree.vr.base.transport import End, Occupied, OnReply, Respond
 from robotree.vr.network.door import Door
 from robotree.vr.network.link import (
@@ -59,7 +55,7 @@ from robotree.vr.network.link import (
     pack,
 )
 from robotree.vr.network.living import alive, asleep, remedy
-from robotree.vr.network.readers import ENDED, Readers, Sockets, What
+from robotree.vr.network.readers import Readers, Sockets, What
 from robotree.vr.network.realms import TAG, process_of
 from robotree.vr.network.refusals import Refusals
 from robotree.vr.network.rendezvous import Beat, Rendezvous
@@ -163,14 +159,16 @@ class _Outside:
     It is apart because CPython finds the attributes of an object with more than 30 of them more slowly.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, system: System) -> None:
         self.strangers: dict[str, str] = {}
         """Processes in the folder that are refused, and what a person can do about each."""
         self.undialed: dict[str, float] = {}
         """Processes in the folder to which no connection could be made yet, and since when [s]."""
         self.announced = Counter[int]()
         """How many keys each other process announces."""
-        self.refusals = Refusals(_log)
+        self.refusals = Refusals(_log, system=system)
+        self.lost_ticks = 0
+        """For how many ticks no other process could reach this one."""
 
 
 class Mesh:
@@ -179,9 +177,10 @@ class Mesh:
     def __init__(self, place: Rendezvous) -> None:
         """Prepare to enter at this place."""
         self.place = place
+        self._system = system = place.system
         self.closed = False
         self._entering = False
-        self._lock = threading.RLock()
+        self._lock = system.rlock()
         self._peers: dict[str, _Peer] = {}
         self._known: dict[Topic, Counter[str]] = {topic: Counter() for topic in Topic}
         """What this process lets the others know."""
@@ -190,33 +189,32 @@ class Mesh:
         self._watchers_of_itself: dict[int, Callable[[str], None]] = {}
         self._cut_off = False
         """Whether no other process can reach this one."""
-        self._lost_ticks = 0
-        """For how many ticks that has been so."""
-        self.presence = Presence(held=self.held, unheard=self.unheard, late=self.late)
+        self.presence = Presence(held=self.held, unheard=self.unheard, late=self.late, lock=system.rlock())
         self._where: dict[str, _Peer] = {}
         """Who serves a key, of the others."""
         self._listeners: dict[str, list[_Peer]] = {}
         """Who wants the samples of a key, of the others, as far as somebody asked."""
-        self._outside = _Outside()
+        self._outside = _Outside(system)
         self._numbers = itertools.count(1)
         self._to_settle: list[Callable[[], None]] = []
         self._settling = False
-        self._sockets = Sockets()
+        self._sockets = Sockets(system)
         self._door: Door | None = None
-        with forks.opening:
-            self._nudge, self._nudged = socket.socketpair()
-            forks.owns(self)
+        with system.opening:
+            self._nudge, self._nudged = system.socketpair()
+            system.owns(self)
         self._to_flush: deque[PeerLink] = deque()
         self._readers = Readers(
             self._sockets,
             serve=self._serve_socket,
             tick=self._take_time,
             period=TICK,
+            system=system,
             wake=self._wake,
             release=self._release,
         )
         self.after_reading = self._readers.after_reading
-        self._complete = threading.Event()
+        self._complete = system.event()
         self._takers: dict[type[LinkFrame], Callable[[PeerLink, Any], None]] = {
             Hello: self._take_greeting,
             News: self._take_news,
@@ -264,8 +262,8 @@ class Mesh:
 
     def _await_greetings(self, patience: float) -> None:
         """Wait for the greetings of all others; `HANGS` at most, for those with a sign of life."""
-        latest = time.monotonic() + HANGS
-        while not self._complete.wait(patience) and patience and time.monotonic() < latest:
+        latest = self._system.now() + HANGS
+        while not self._complete.wait(patience) and patience and self._system.now() < latest:
             with self._lock:
                 unmet = [*self._outside.undialed, *(tag for tag, peer in self._peers.items() if not peer.met)]
             if not any(self._beats(tag) for tag in unmet):
@@ -273,7 +271,7 @@ class Mesh:
 
     def _beats(self, tag: str) -> bool:
         """Whether a process that has sent no greeting yet is only busy: its last sign of life is new."""
-        return not asleep(process_of(tag)) and time.monotonic() - self._sign_of(tag) < RECENT
+        return not asleep(process_of(tag), self._system) and self._system.now() - self._sign_of(tag) < RECENT
 
     def _sign_of(self, tag: str) -> float:
         """Return the last sign of life of a process [s, CLOCK_MONOTONIC]; long ago if it has none."""
@@ -289,14 +287,14 @@ class Mesh:
         for end in (self._nudge, self._nudged):
             end.setblocking(False)
         self._sockets.add(self._nudged, self._take_nudges)
-        self._ticked = time.monotonic()
+        self._ticked = self._system.now()
         self._readers.due = self._ticked + TICK
         self._register()
         self._dial_all(PATIENCE)
 
     def in_child(self) -> Iterable[int]:
         """See `forks.Owner`: a child is nobody here, and leaves what is its parent's."""
-        self.closed, self._lock = True, threading.RLock()
+        self.closed, self._lock = True, self._system.rlock()
         self.place.forsake()
         return [self._nudge.fileno(), self._nudged.fileno(), *self._sockets.descriptors()]
 
@@ -430,7 +428,7 @@ class Mesh:
 
     def unheard(self, pattern: str) -> list[tuple[Held, bool]]:
         """Return what is held by processes without a sign of life, and if it is certain that they hang."""
-        now = time.monotonic()
+        now = self._system.now()
         with self._lock:
             doubts = {tag: self._certain(peer, now) for tag, peer in self._peers.items()}
             doubts |= dict.fromkeys(self._outside.strangers, True)
@@ -449,7 +447,7 @@ class Mesh:
         A process becomes late when its last beat is older than `LATE`, and is late no longer when none was
         older for `STEADY`. While this process has not ticked for so long itself, it judges nobody anew.
         """
-        now = time.monotonic()
+        now = self._system.now()
         with self._lock:
             if now - self._ticked < LATE:
                 for peer in self._peers.values():
@@ -467,15 +465,15 @@ class Mesh:
         """
         if peer.awake:
             heard = peer.beat is None or now - max(peer.last_sign, peer.beat.read()) < RECENT
-            return None if heard else asleep(process_of(peer.tag))
+            return None if heard else asleep(process_of(peer.tag), self._system)
         return self._unmet_for(peer.tag, now if peer.met else peer.since, now)
 
     def _unmet_for(self, tag: str, since: float, now: float) -> bool | None:
         """As `_certain`, of a process that is not present here; tried to meet it `since` [s]."""
         process = process_of(tag)
-        if not alive(process):
+        if not alive(process, self._system):
             return None  # it has just ended, and holds nothing any more
-        return now - since > HANGS or now - self._sign_of(tag) > HANGS or asleep(process)
+        return now - since > HANGS or now - self._sign_of(tag) > HANGS or asleep(process, self._system)
 
     def held(self, pattern: str) -> list[Held]:
         """Return what is held present by all processes that live, this one included; see `Presence.held`.
@@ -488,9 +486,12 @@ class Mesh:
             own = [key for key in self._known[Topic.HOLDS] if matches(pattern, key)]
             living = self.place.living()
             unknown = living - self._peers.keys() - self._outside.strangers.keys()
-            peers = {tag for tag, one in self._peers.items() if one.awake or alive(process_of(tag))}
+            peers = {
+                tag for tag, one in self._peers.items() if one.awake or alive(process_of(tag), self._system)
+            }
             others = sorted(living | peers)  # of one that hung and has just ended nothing is left
-            found = held_by(os.getpid(), own) + [one for tag in others for one in self._held_by(tag, pattern)]
+            found = held_by(self._system.pid(), own, self._system)
+            found += [one for tag in others for one in self._held_by(tag, pattern)]
         if unknown:
             self._readers.due = 0.0
             self._wake()
@@ -502,11 +503,11 @@ class Mesh:
         said = peer.known[Topic.HOLDS] if peer is not None and peer.met else None
         written = self.place.keys_of(tag)  # also what it was about to say
         if said is None and written is None:
-            advice = remedy(process, f"`kill {process}` ends it")
-            return [Held("", f"process {process}", advice, LOST_FILES, asleep(process))]
+            advice = remedy(process, f"`kill {process}` ends it", self._system)
+            return [Held("", f"process {process}", advice, LOST_FILES, asleep(process, self._system))]
         keys = [key for key in (said or set()).union(written or ()) if matches(pattern, key)]
         if tag not in self._outside.strangers:
-            return held_by(process, keys)
+            return held_by(process, keys, self._system)
         advice = self._outside.strangers[tag]
         return [Held(key, f"process {process}", advice, "which is not understood") for key in sorted(keys)]
 
@@ -592,16 +593,17 @@ class Mesh:
     def _register(self) -> None:
         if not self.place.listed:
             return
-        with forks.opening:
+        with self._system.opening:
             listening = self.place.register()
             if self._door is not None:
                 self._door.close()
             self._door = Door(
                 listening,
                 self._sockets,
-                wrap=partial(PeerLink, wants_to_write=self._later),
+                wrap=partial(PeerLink, wants_to_write=self._later, system=self._system),
                 close=self._ended,
                 refusals=self._outside.refusals,
+                system=self._system,
             )
 
     def _dial_all(self, patience: float = 0.0) -> None:
@@ -610,7 +612,7 @@ class Mesh:
         Args:
             patience: [s] to wait for each of them in which too many others wait already.
         """
-        now = time.monotonic()
+        now = self._system.now()
         others = self.place.others()
         with self._lock:
             for tag in self._outside.undialed.keys() - (set(others) - self._peers.keys()):
@@ -620,12 +622,12 @@ class Mesh:
         for tag in others:
             if tag in self._peers or tag in self._outside.strangers:
                 continue
-            with self._lock, forks.opening:
+            with self._lock, self._system.opening:
                 self._dial(tag, now, patience)
 
     def _dial(self, tag: str, now: float, patience: float) -> None:
         """Connect to another process, if it can be. Under the lock."""
-        lines: list[socket.socket] = []
+        lines: list[Socket] = []
         try:
             for _ in Channel:
                 lines.append(self.place.dial(tag, patience))  # noqa: PERF401 # the first one is to be closed
@@ -641,10 +643,10 @@ class Mesh:
                 self._outside.undialed.setdefault(tag, now)
             return
         links = [
-            PeerLink(line, channel=channel, member=tag, wants_to_write=self._later)
+            PeerLink(line, channel=channel, member=tag, wants_to_write=self._later, system=self._system)
             for channel, line in zip(Channel, lines, strict=True)
         ]
-        if any(link.far_end != (process_of(tag), os.geteuid()) for link in links):
+        if any(link.far_end != (process_of(tag), self._system.user()) for link in links):
             for link in links:
                 link.close()
             far = links[0].far_end
@@ -749,7 +751,7 @@ class Mesh:
                 self._close_link(mine)
                 peer.greeted.discard(mine.channel)
         if peer is None:
-            peer = self._peers[link.member] = _Peer(link.member, time.monotonic())
+            peer = self._peers[link.member] = _Peer(link.member, self._system.now())
             self._outside.undialed.pop(link.member, None)
         return peer
 
@@ -762,7 +764,7 @@ class Mesh:
 
     def _show(self, peer: _Peer) -> None:
         """A process is there and awake. Under the lock."""
-        peer.last_sign = time.monotonic()
+        peer.last_sign = self._system.now()
         if not peer.awake:
             peer.awake = True
             self._listeners.clear()
@@ -783,7 +785,7 @@ class Mesh:
                 del self._where[key]
             for key in sorted(peer.known[Topic.HOLDS]):
                 self.presence.count(key, there=False)
-        self._give_up(peer, time.monotonic())
+        self._give_up(peer, self._system.now())
 
     def _give_up(self, peer: _Peer, now: float) -> None:
         """End what was asked of a process that has died or hangs, if it cannot begin with it any more.
@@ -863,9 +865,9 @@ class Mesh:
         if not isinstance(what, PeerLink):
             what()
             return False
-        if events & select.EPOLLOUT:
+        if events & WRITABLE:
             self._flush(what)
-        if not events & ~select.EPOLLOUT:
+        if not events & ~WRITABLE:
             return False
         return self._read(what, ended=bool(events & ENDED))
 
@@ -878,7 +880,7 @@ class Mesh:
 
     def _take_time(self) -> None:
         try:
-            self._tick(time.monotonic())
+            self._tick(self._system.now())
         except (OSError, RealmUnusable) as error:
             _log.warning("realm %s: %s", self.place.realm, error)
 
@@ -996,7 +998,7 @@ class Mesh:
                 "deaf", f"process {process} does not read what is sent to it; it is disconnected"
             )
             with contextlib.suppress(OSError):
-                link.socket.shutdown(socket.SHUT_RDWR)
+                link.socket.shutdown(BOTH_WAYS)
 
     def _end_exchange(self, peer: _Peer, number: int, last: bytes | None = None) -> None:
         if (exchange := peer.exchanges.pop(number, None)) is not None:
@@ -1034,8 +1036,8 @@ class Mesh:
         with self._lock:
             alone = not any(peer.awake for peer in self._peers.values())
             watchers = list(self._watchers_of_itself.values())
-        self._lost_ticks = self._lost_ticks + 1 if trouble and alone else 0
-        cut_off = self._lost_ticks >= LOST
+        self._outside.lost_ticks = self._outside.lost_ticks + 1 if trouble and alone else 0
+        cut_off = self._outside.lost_ticks >= LOST
         if cut_off == self._cut_off:
             return
         self._cut_off = cut_off
@@ -1087,9 +1089,9 @@ class Mesh:
     def _release(self) -> None:
         """Send what waits, as far as it can be, and close all that is open."""
         links = [what for what in self._sockets.all() if isinstance(what, PeerLink)]
-        latest = time.monotonic() + FLUSH
-        while any([link.flush() for link in links]) and time.monotonic() < latest:  # noqa: C419 # all of them
-            time.sleep(0.005)
+        latest = self._system.now() + FLUSH
+        while any([link.flush() for link in links]) and self._system.now() < latest:  # noqa: C419 # all of them
+            self._system.sleep(0.005)
         with self._lock:
             for peer in self._peers.values():
                 if peer.beat is not None:
@@ -1107,10 +1109,10 @@ class Mesh:
         self._ended_all.set_result(None)
 
 
-def held_by(process: int, keys: Iterable[str]) -> list[Held]:
+def held_by(process: int, keys: Iterable[str], system: Files = THIS_SYSTEM) -> list[Held]:
     """Return what a process holds, and what a person can do if it does not answer."""
-    sleeps = asleep(process)
+    sleeps = asleep(process, system)
     how = "which hangs" if sleeps else "which runs and could not be reached from here"
     end = f"try again from another terminal; if that fails too, `kill {process}` ends it"
-    advice = remedy(process, end)
+    advice = remedy(process, end, system)
     return [Held(key, f"process {process}", advice, how, sleeps) for key in sorted(keys)]

@@ -13,14 +13,12 @@ their order, and callbacks come one at a time.
 from __future__ import annotations
 
 import logging
-import select
-import socket
-import threading
-import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Final
 
+from robotree.vr.base.os_files import CLOSED_THERE, ON_CHANGE, READABLE, WRITABLE
+from robotree.vr.base.system import THIS_SYSTEM, Socket, System
 from robotree.vr.network.link import Channel, PeerLink
 
 READER: Final = "mesh"
@@ -29,10 +27,7 @@ READER: Final = "mesh"
 READERS: Final = 2
 """Readers that stay while nothing comes; the second one is made when the first carries something out."""
 
-ENDED: Final = select.EPOLLRDHUP | select.EPOLLHUP | select.EPOLLERR
-"""Events of a socket whose far end has closed. They come once, perhaps together with what was sent before."""
-
-_COMES: Final = select.EPOLLIN | select.EPOLLRDHUP | select.EPOLLET
+_COMES: Final = READABLE | CLOSED_THERE | ON_CHANGE
 _BULK: Final = Channel.BULK
 
 What = PeerLink | Callable[[], None]
@@ -50,23 +45,23 @@ class Sockets:
     What has come is reported once (EPOLLET): the thread that takes the report reads until nothing is left.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, system: System = THIS_SYSTEM) -> None:
         """Begin with none."""
-        self._epoll = select.epoll()
+        self._epoll = system.epoll()
         self._what: dict[int, What] = {}
         """What each socket is for, by descriptor."""
 
-    def add(self, sock: socket.socket, what: What) -> None:
+    def add(self, sock: Socket, what: What) -> None:
         """Wait for a socket."""
         self._what[sock.fileno()] = what
         self._epoll.register(sock, _COMES)
 
-    def change(self, sock: socket.socket, *, writes: bool) -> None:
+    def change(self, sock: Socket, *, writes: bool) -> None:
         """Wait for room to write, too, or no longer."""
         if sock.fileno() in self._what:
-            self._epoll.modify(sock, _COMES | (select.EPOLLOUT if writes else 0))
+            self._epoll.modify(sock, _COMES | (WRITABLE if writes else 0))
 
-    def remove(self, sock: socket.socket) -> None:
+    def remove(self, sock: Socket) -> None:
         """Wait for it no longer."""
         if self._what.pop(sock.fileno(), None) is not None:
             self._epoll.unregister(sock)
@@ -100,6 +95,7 @@ class Readers:
         serve: Callable[[What, int], bool],
         tick: Callable[[], None],
         period: float,
+        system: System,
         wake: Callable[[], None],
         release: Callable[[], None],
     ) -> None:
@@ -110,6 +106,7 @@ class Readers:
             serve: reads once what is ready; takes its events, returns whether more may have come.
             tick: does what is to be done again and again.
             period: [s] between two ticks.
+            system: of the sockets; its threads read.
             wake: makes a socket ready for which there is nothing to read.
             release: called in the last thread when all have ended.
         """
@@ -119,15 +116,15 @@ class Readers:
         """Threads that read or wait, those included that are about to leave."""
         self._leaving = 0
         """Those of them that leave the reading to others when they have read what they are at."""
-        self._counting = threading.Lock()
+        self._counting = system.lock()
         self._sockets, self._serve_one, self._tick = sockets, serve, tick
-        self._period = period
+        self._period, self._system = period, system
         self._wake, self._release = wake, release
         self._closed = False
         self._urgent: deque[tuple[What, int]] = deque()
         self._others: deque[tuple[What, int]] = deque()
         """What is ready and nobody has read yet."""
-        self._reading = threading.Lock()
+        self._reading = system.lock()
         """Held by the one thread that reads from sockets."""
         self._free = 0
         """Which thread that is, if it could carry something out; 0: none could."""
@@ -146,7 +143,7 @@ class Readers:
 
     def after_reading(self, job: Job) -> bool:
         """See `Transport.after_reading`: only in the thread that reads, and once in its turn."""
-        if threading.get_ident() != self._free:
+        if self._system.here() != self._free:
             return False
         with self._counting:
             if self.count - self._leaving == 1:  # nobody else would read meanwhile
@@ -162,12 +159,12 @@ class Readers:
 
     def _start_one(self) -> None:
         """Have one more thread read."""
-        threading.Thread(target=self._run, name=READER, daemon=True).start()
+        self._system.spawn(self._run, READER)
         self.count += 1
 
     def _run(self) -> None:
         while not self._closed:
-            left = self.due - time.monotonic()
+            left = self.due - self._system.now()
             if left <= 0.0:
                 self._call_tick(left)
             else:
@@ -197,7 +194,7 @@ class Readers:
         """Read what is ready, unless another thread does; return what is to be carried out then."""
         urgent, others, job = self._urgent, self._others, None
         while job is None and (urgent or others) and self._reading.acquire(blocking=False):
-            self._free, self._job = threading.get_ident(), None
+            self._free, self._job = self._system.here(), None
             try:
                 while urgent or (others and self._job is None):
                     self._read(*(urgent or others).popleft())
@@ -214,7 +211,7 @@ class Readers:
         if self._serve_one(what, events):
             self._enter([(what, events)])
             self._enter(self._sockets.wait(0.0))  # what is urgent goes ahead of the rest of a flood
-            if (left := self.due - time.monotonic()) <= 0.0:
+            if (left := self.due - self._system.now()) <= 0.0:
                 self._call_tick(left)  # without it this process would count as one that hangs
 
     def _one_too_many(self) -> bool:
@@ -232,7 +229,7 @@ class Readers:
         self._leave()
         if not job():
             return False
-        threading.current_thread().name = READER
+        self._system.name_thread(READER)
         with self._counting:
             if self._closed:
                 return False

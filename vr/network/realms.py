@@ -9,17 +9,20 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-import socket
 import stat
-import struct
 import zlib
 from collections import Counter
-from collections.abc import Generator
 from pathlib import Path
 
-from robotree import files
 from robotree.files.private import OTHERS
+from robotree.vr.base.os_files import OS_FILES
 from robotree.vr.network.living import alive, listening_anywhere
+
+TYPE_CHECKING = False
+"""As `typing.TYPE_CHECKING`, which would take a while to import."""
+
+if TYPE_CHECKING:
+    from robotree.vr.base.system import Files, Socket
 
 REALM_VARIABLE = "ROBOTREE_REALM"
 DEFAULT_REALM = "default"
@@ -30,16 +33,10 @@ LOGIN, SHARED = Path("/run/user"), Path("/tmp")  # noqa: S108 # whose folder it 
 LONGEST_LIST = 1 << 22
 """[bytes] of a list of keys that are read; a longer file is not one of ours."""
 
-LONGEST_PATH = 108
-"""[bytes] of a socket's path, with a final zero (sun_path, unix(7))."""
-
 LOOKS = 3
 """Readings of a list of keys before it is called damaged: a reading can meet the seal half written."""
 
 _SEAL = re.compile(rb"(\d{10}) ([0-9a-f]{8})\n")
-
-_TIMEVAL = struct.Struct("@ll")
-"""Seconds and microseconds (struct timeval, socket(7))."""
 
 SOCKET, HELD = ".sock", ".held"
 TAG = re.compile(r"\d{1,10}-[0-9a-f]{8}")
@@ -73,7 +70,7 @@ def realm_folder(realm: str) -> Path:
     return other if other and not inhabited(own) and inhabited(other) else own
 
 
-def places(directory: Path) -> list[Path]:
+def places(directory: Path, system: Files = OS_FILES) -> list[Path]:
     """Return the folders in which the processes of one realm meet: this one and its twin.
 
     A service and a process of a login session that found a realm at the same moment found it in two folders.
@@ -81,9 +78,11 @@ def places(directory: Path) -> list[Path]:
 
     Args:
         directory: of the realm.
+        system: where it lies.
     """
     other = _twin(directory)
-    return [directory, other] if other and _private(other.parent) and _private(other) else [directory]
+    twins = other and _private(other.parent, system) and _private(other, system)
+    return [directory, other] if other and twins else [directory]
 
 
 def all_realms() -> list[Path]:
@@ -99,10 +98,10 @@ def all_realms() -> list[Path]:
     return sorted(found, key=lambda path: (path.name, path))
 
 
-def members(directory: Path) -> list[str]:
+def members(directory: Path, system: Files = OS_FILES) -> list[str]:
     """Return the tags of all processes with an entry in a realm's folder, also of those that have ended."""
     with contextlib.suppress(OSError):
-        return sorted(entry[1] for path in directory.iterdir() if (entry := _ENTRY.fullmatch(path.name)))
+        return sorted(entry[1] for name in system.names(directory) if (entry := _ENTRY.fullmatch(name)))
     return []
 
 
@@ -137,14 +136,14 @@ def sealed(lines: bytes) -> bytes:
     return seal(len(lines), zlib.crc32(lines)) + lines
 
 
-def keys_of(directory: Path, tag: str) -> list[str] | None:
+def keys_of(directory: Path, tag: str, system: Files = OS_FILES) -> list[str] | None:
     """Return the keys under which a process is present, as it has written them down.
 
     None: that cannot be read here, or not any more, or it is damaged; the process mends it at its next beat.
     A list that was cut anywhere is damaged, also an empty file.
     """
     for _ in range(LOOKS):
-        written = _content(directory, tag)
+        written = _content(directory, tag, system)
         if written is None:
             return None
         lines = _proven(written)
@@ -155,20 +154,20 @@ def keys_of(directory: Path, tag: str) -> list[str] | None:
     return None
 
 
-def robots_of(directory: Path, tag: str) -> dict[str, str]:
+def robots_of(directory: Path, tag: str, system: Files = OS_FILES) -> dict[str, str]:
     """Return the names of the robots that a process has written down, by their keys.
 
     Of a damaged list it is what can be understood.
     """
-    keys = _counted(_content(directory, tag) or b"")
+    keys = _counted(_content(directory, tag, system) or b"")
     found = ((key, _ROBOT.fullmatch(key)) for key in keys.elements())
     return {key: match[1] for key, match in found if match}
 
 
-def _content(directory: Path, tag: str) -> bytes | None:
+def _content(directory: Path, tag: str, system: Files) -> bytes | None:
     """Return what is in a process's list of keys; None: it cannot be read."""
     try:
-        return files.read(directory / f"{tag}{HELD}", LONGEST_LIST)
+        return system.read(directory / f"{tag}{HELD}", LONGEST_LIST)
     except OSError:
         return None
 
@@ -200,23 +199,7 @@ def robots_in(directory: Path) -> list[str]:
     return sorted({name for tag in living for name in robots_of(directory, tag).values()})
 
 
-@contextlib.contextmanager
-def short(path: Path) -> Generator[str]:
-    """Give a socket's path a form that the system takes, however long it is (108 bytes, unix(7)).
-
-    It is left as it is where that is short enough: the system remembers it, see `living`.
-    """
-    if len(os.fsencode(path)) < LONGEST_PATH:
-        yield str(path)
-        return
-    folder = os.open(path.parent, os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        yield f"/proc/self/fd/{folder}/{path.name}"
-    finally:
-        os.close(folder)
-
-
-def dial(directory: Path, tag: str, timeout: float = 0.0) -> socket.socket:
+def dial(directory: Path, tag: str, timeout: float = 0.0, system: Files = OS_FILES) -> Socket:
     """Connect to a process.
 
     Args:
@@ -224,25 +207,13 @@ def dial(directory: Path, tag: str, timeout: float = 0.0) -> socket.socket:
         tag: of the process.
         timeout: [s] of the connection, and to wait for a place in its line, if too many others wait there
             already; 0: it does not block.
+        system: on which both live.
 
     Raises:
         ConnectionRefusedError: it is dead.
         OSError: it cannot be connected to now.
     """
-    line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    try:
-        line.settimeout(None if timeout else 0.0)
-        if timeout:  # of `connect` only the kernel can limit how long it waits for a place (unix(7))
-            seconds = int(timeout)
-            limit = _TIMEVAL.pack(seconds, int((timeout - seconds) * 1e6))
-            line.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
-        with short(directory / f"{tag}{SOCKET}") as path:
-            line.connect(path)
-        line.settimeout(timeout)
-    except BaseException:
-        line.close()
-        raise
-    return line
+    return system.dial(directory / f"{tag}{SOCKET}", timeout)
 
 
 # -- inside ----------------------------------------------------------------------------------------
@@ -258,13 +229,13 @@ def _twin(directory: Path) -> Path | None:
     return usual[0] / directory.name
 
 
-def _private(path: Path) -> bool:
+def _private(path: Path, system: Files) -> bool:
     """Whether a path is a folder that only this user can enter."""
     try:
-        found = os.lstat(path)
+        found = system.status(path)
     except OSError:
         return False
-    return stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid() and not found.st_mode & OTHERS
+    return stat.S_ISDIR(found.st_mode) and found.st_uid == system.user() and not found.st_mode & OTHERS
 
 
 def _has_members(directory: Path) -> bool:

@@ -6,10 +6,10 @@ A program that tries again and again must not fill the log, nor cost the time to
 from __future__ import annotations
 
 import logging
-import threading
-import time
 from collections.abc import Callable
 from typing import Final, Literal
+
+from robotree.vr.base.system import THIS_SYSTEM, System
 
 EVERY: Final = 1.0
 """[s] at least between two lines of one kind."""
@@ -22,15 +22,18 @@ connections; too many keys; reads nothing; no free descriptor here."""
 class Refusals:
     """Writes them down. From any thread."""
 
-    def __init__(self, log: logging.Logger, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, log: logging.Logger, clock: Callable[[], float] | None = None, system: System = THIS_SYSTEM
+    ) -> None:
         """Begin with none.
 
         Args:
             log: takes the lines.
-            clock: [s].
+            clock: [s]; None: the system's.
+            system: whose threads refuse.
         """
-        self._log, self._clock = log, clock
-        self._lock = threading.Lock()
+        self._log, self._clock = log, clock or system.now
+        self._lock = system.lock()
         self._next: dict[RefusalKind, float] = {}
         """[s] when the next line of a kind may be written."""
         self._more: dict[RefusalKind, tuple[int, str]] = {}

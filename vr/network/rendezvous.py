@@ -18,21 +18,19 @@ nobody out.
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import re
-import socket
+import stat
 import struct
-import threading
-import time
 import zlib
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
-from robotree import files
-from robotree.files import forks
 from robotree.vr.base.address import check_name
 from robotree.vr.base.errors import RealmUnusable
+from robotree.vr.base.system import THIS_SYSTEM, Socket, System
 from robotree.vr.network.living import alive, listening
 from robotree.vr.network.realms import (
     DEFAULT_REALM,
@@ -47,7 +45,6 @@ from robotree.vr.network.realms import (
     realm_folder,
     seal,
     sealed,
-    short,
 )
 
 BACKLOG = 4096
@@ -82,16 +79,16 @@ def met(realm: str) -> bool:
 class Beat:
     """The moment of a process's last sign of life, in a file that the others read."""
 
-    def __init__(self, path: Path, *, make: bool = False) -> None:
+    def __init__(self, path: Path, system: System, *, make: bool = False) -> None:
         """Open the file; `make` it first, if it is the own one.
 
         Raises:
             OSError: it cannot be opened, or made.
         """
-        access = os.O_RDWR | os.O_CREAT if make else os.O_RDONLY
-        with forks.opening:
-            self._handle = files.opened(path, access | os.O_NOFOLLOW)
-            forks.owns(self)
+        self._system = system
+        with system.opening:
+            self._handle = system.opened(path, writes=make, makes=make)
+            system.owns(self)
 
     def in_child(self) -> Iterable[int]:
         """See `forks.Owner`."""
@@ -99,25 +96,32 @@ class Beat:
 
     def write(self, now: float) -> None:
         """Give a sign of life [s, CLOCK_MONOTONIC]."""
-        os.pwrite(self._handle, _MOMENT.pack(now), 0)
+        self._system.pwrite(self._handle, _MOMENT.pack(now), 0)
 
     def read(self) -> float:
         """Return the moment of the last one [s, CLOCK_MONOTONIC]; long ago if it cannot be read."""
         try:
-            return float(_MOMENT.unpack(os.pread(self._handle, _MOMENT.size, 0))[0])
+            return float(_MOMENT.unpack(self._system.pread(self._handle, _MOMENT.size, 0))[0])
         except (OSError, struct.error):
             return 0.0
 
     def close(self) -> None:
         """Close it. Once."""
         handle, self._handle = self._handle, -1
-        os.close(handle)
+        self._system.close(handle)
 
 
 class Rendezvous:
     """The meeting place of one realm, as one process sees it. Its methods may be called in any thread."""
 
-    def __init__(self, realm: str, root: Path | None = None, *, listed: bool = True) -> None:
+    def __init__(
+        self,
+        realm: str,
+        root: Path | None = None,
+        *,
+        listed: bool = True,
+        system: System = THIS_SYSTEM,
+    ) -> None:
         """Make the folder, if it is not there.
 
         Args:
@@ -125,15 +129,16 @@ class Rendezvous:
             root: where realms lie; None: where this one lies, see `realm_folder`.
             listed: whether the others find this process here. One that is not listed writes nothing, also
                 makes no folder: it sees the others, and they know of it while it is connected to them.
+            system: on which this process and the others live.
 
         Raises:
             RealmUnusable: the folder cannot be made, or somebody else may write into it.
         """
-        self.realm, self.listed = realm, listed
+        self.realm, self.listed, self.system = realm, listed, system
         self.directory = root / realm if root else realm_folder(realm)
         if listed:
             self._make_folders()
-        self.tag = f"{os.getpid()}-{os.urandom(4).hex()}"
+        self.tag = f"{system.pid()}-{system.chance(4).hex()}"
         self._keys = Counter[str]()
         self._lines = 0
         """Lines in the own list of keys."""
@@ -141,39 +146,36 @@ class Rendezvous:
         """Of these lines [bytes], for their seal."""
         self._list: tuple[int, int, int] | None = None
         """State of that list after this process has written it; see `_state_of_list`."""
-        self._lock = threading.Lock()
+        self._lock = system.lock()
         self._there = False
         self._beat: Beat | None = None
 
     # -- this process
 
-    def register(self) -> socket.socket:
+    def register(self) -> Socket:
         """Listen, and be seen. Called again it replaces what was there: see `registered`.
 
         Raises:
             RealmUnusable: the folder or a file in it cannot be made.
         """
         self._make_folders()
-        door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         hidden = self.directory / f".{self.tag}"
+        door: Socket | None = None
         try:
-            door.setblocking(False)
-            with short(hidden) as path:
-                door.bind(path)
-            hidden.chmod(0o600)  # nobody else gets into the folder; a second lock costs nothing
-            door.listen(BACKLOG)
+            door = self.system.listen(hidden, BACKLOG)
             with self._lock:
                 self._there = True
                 if self._beat is not None:
                     self._beat.close()
-                self._beat = Beat(self._path(_BEAT), make=True)
-                self._beat.write(time.monotonic())
+                self._beat = Beat(self._path(_BEAT), self.system, make=True)
+                self._beat.write(self.system.now())
                 self._write_keys()
-                hidden.rename(self._path(SOCKET))
+                self.system.rename(hidden, self._path(SOCKET))
         except OSError as error:
-            door.close()
+            if door is not None:
+                door.close()
             with contextlib.suppress(OSError):
-                hidden.unlink()
+                self.system.unlink(hidden)
             raise RealmUnusable(realm=self.realm, reason=f"{error}") from None
         return door
 
@@ -187,7 +189,7 @@ class Rendezvous:
         with self._lock:
             found = self._state_of_list()
             return (found is not None and found == self._list) and all(
-                self._path(end).exists() for end in (SOCKET, _BEAT)
+                self._there_is(self._path(end)) for end in (SOCKET, _BEAT)
             )
 
     def beat(self, now: float) -> None:
@@ -234,48 +236,48 @@ class Rendezvous:
     def others(self) -> list[str]:
         """Return the tags of all other processes with an entry, also of those that have ended."""
         found: list[str] = []
-        for place in places(self.directory):
-            with contextlib.suppress(OSError), os.scandir(place) as entries:
-                for entry in entries:
-                    tag = entry.name.removesuffix(SOCKET).removeprefix(".")
+        for place in self._places():
+            with contextlib.suppress(OSError):
+                for name in self.system.names(place):
+                    tag = name.removesuffix(SOCKET).removeprefix(".")
                     if not TAG.fullmatch(tag) or tag == self.tag:
                         continue
-                    if entry.name == f"{tag}{SOCKET}":
+                    if name == f"{tag}{SOCKET}":
                         found.append(tag)
-                    elif entry.name == f".{tag}":
-                        self._sweep(Path(entry.path))
+                    elif name == f".{tag}":
+                        self._sweep(place / name)
         return sorted(found)
 
-    def dial(self, tag: str, patience: float = 0.0) -> socket.socket:
+    def dial(self, tag: str, patience: float = 0.0) -> Socket:
         """Connect to another process; as `realms.dial`, but later nothing blocks."""
-        line = dial(self.place_of(tag), tag, patience)
+        line = dial(self.place_of(tag), tag, patience, self.system)
         line.setblocking(False)
         return line
 
     def place_of(self, tag: str) -> Path:
         """Return the folder in which a process has its entry; the own one if it has none."""
-        first, *rest = places(self.directory)
-        if rest and tag != self.tag and not (first / f"{tag}{SOCKET}").exists():
-            return next((place for place in rest if (place / f"{tag}{SOCKET}").exists()), first)
+        first, *rest = self._places()
+        if rest and tag != self.tag and not self._there_is(first / f"{tag}{SOCKET}"):
+            return next((place for place in rest if self._there_is(place / f"{tag}{SOCKET}")), first)
         return first
 
     def beat_of(self, tag: str) -> Beat | None:
         """Return the sign of life of another process; None: it has none."""
         try:
-            return Beat(self.place_of(tag) / f"{tag}{_BEAT}")
+            return Beat(self.place_of(tag) / f"{tag}{_BEAT}", self.system)
         except OSError:
             return None
 
     def keys_of(self, tag: str) -> list[str] | None:
         """Return the keys under which another process is present; see `realms.keys_of`."""
-        return keys_of(self.place_of(tag), tag)
+        return keys_of(self.place_of(tag), tag, self.system)
 
     def forget(self, tag: str) -> None:
         """Remove the files of a process that has ended."""
         place = self.place_of(tag)
         for end in (SOCKET, _BEAT, HELD):
             with contextlib.suppress(OSError):
-                (place / f"{tag}{end}").unlink()
+                self.system.unlink(place / f"{tag}{end}")
 
     def living(self) -> set[str]:
         """Return the tags of all other processes of the realm that have not ended, entering ones included.
@@ -284,15 +286,31 @@ class Rendezvous:
         is asked first: what comes into the folder meanwhile is found there. What only has the name of a
         socket is nobody.
         """
-        heard = (name for place in places(self.directory) for name in listening(place))
+        heard = (name for place in self._places() for name in listening(place, self.system))
         listen = {found[1] for name in heard if (found := _HIDDEN.fullmatch(name))}
-        seen = {tag for tag in self.others() if (self.place_of(tag) / f"{tag}{SOCKET}").is_socket()}
-        return {tag for tag in (listen | seen) - {self.tag} if alive(process_of(tag))}
+        seen = {tag for tag in self.others() if self._is_socket(self.place_of(tag) / f"{tag}{SOCKET}")}
+        return {tag for tag in (listen | seen) - {self.tag} if alive(process_of(tag), self.system)}
 
     # -- inside
 
     def _path(self, end: str) -> Path:
         return self.directory / f"{self.tag}{end}"
+
+    def _places(self) -> list[Path]:
+        return places(self.directory, self.system)
+
+    def _there_is(self, path: Path) -> bool:
+        try:
+            self.system.status(path)
+        except OSError:
+            return False
+        return True
+
+    def _is_socket(self, path: Path) -> bool:
+        try:
+            return stat.S_ISSOCK(self.system.status(path).st_mode)
+        except OSError:
+            return False
 
     def _write_keys(self) -> None:
         """At once: who reads meanwhile reads the old list or the new one."""
@@ -303,13 +321,24 @@ class Rendezvous:
         self._size, self._checksum = len(lines), zlib.crc32(lines)
         new = self.directory / f".{self.tag}.new"
         try:
-            access = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW
-            with os.fdopen(files.opened(new, access), "wb") as file:
-                file.write(sealed(lines))
-            new.rename(self._path(HELD))
+            self._write_whole(new, sealed(lines))
+            self.system.rename(new, self._path(HELD))
             self._list = self._state_of_list()
         except OSError:  # the folder is gone, or the disk full; `register` writes them anew
             self._remove_list()
+
+    def _write_whole(self, path: Path, data: bytes) -> None:
+        """Write a file anew.
+
+        Raises:
+            OSError: it cannot be written whole.
+        """
+        handle = self.system.opened(path, writes=True, makes=True, empties=True)
+        try:
+            if self.system.append(handle, data) != len(data):
+                raise OSError(errno.ENOSPC, "no space left on device")
+        finally:
+            self.system.close(handle)
 
     def _append(self, line: str) -> None:
         """Write one line more: with many keys, all of them would take longer than to make what one names."""
@@ -319,7 +348,7 @@ class Rendezvous:
             self._write_keys()
             return
         try:
-            handle = files.opened(self._path(HELD), os.O_WRONLY | os.O_NOFOLLOW)
+            handle = self.system.opened(self._path(HELD), writes=True)
         except OSError:
             self._write_keys()
             return
@@ -328,7 +357,7 @@ class Rendezvous:
         except OSError:
             whole = False
         finally:
-            os.close(handle)
+            self.system.close(handle)
         self._list = self._state_of_list()
         if not whole:
             self._remove_list()
@@ -346,13 +375,13 @@ class Rendezvous:
         self._size += len(line)
         self._checksum = zlib.crc32(line, self._checksum)
         packed = seal(self._size, self._checksum)
-        os.lseek(handle, 0, os.SEEK_END)
-        return os.write(handle, line) == len(line) and os.pwrite(handle, packed, 0) == len(packed)
+        system = self.system
+        return system.append(handle, line) == len(line) and system.pwrite(handle, packed, 0) == len(packed)
 
     def _state_of_list(self) -> tuple[int, int, int] | None:
         """Return what changes when somebody writes into the own list of keys, or puts another one there."""
         try:
-            found = os.lstat(self._path(HELD))
+            found = self.system.status(self._path(HELD))
         except OSError:
             return None
         return found.st_ino, found.st_size, found.st_mtime_ns
@@ -360,18 +389,18 @@ class Rendezvous:
     def _remove_list(self) -> None:
         """Have no list at all rather than a wrong one: a process without one is named by each stop."""
         with contextlib.suppress(OSError):
-            self._path(HELD).unlink()
+            self.system.unlink(self._path(HELD))
 
     def _sweep(self, hidden: Path) -> None:
         """Remove what a process left that was killed before it could be seen."""
         with contextlib.suppress(OSError):
-            if time.time() - hidden.lstat().st_mtime > ABANDONED:
-                hidden.unlink()
+            if self.system.unix() - self.system.status(hidden).st_mtime > ABANDONED:
+                self.system.unlink(hidden)
 
     def _make_folders(self) -> None:
         for folder in (self.directory.parent, self.directory):
             try:
-                files.private_folder(folder, strict=True)
+                self.system.private_folder(folder)
             except OSError as error:
                 reason = f"{error}; set XDG_RUNTIME_DIR to a directory of your own"
                 raise RealmUnusable(realm=self.realm, reason=reason) from None

@@ -7,7 +7,6 @@ that has been asked already, under the same order id, answers again and counts o
 from __future__ import annotations
 
 import os
-import socket
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,10 +14,12 @@ from pathlib import Path
 from robotree.vr.base.address import Address, everyone
 from robotree.vr.base.envelope import seal
 from robotree.vr.base.errors import NoSuchRobot, VrError
+from robotree.vr.base.os_files import OS_FILES
 from robotree.vr.base.pattern import matches
 from robotree.vr.base.requests import Done, Raised, SafeStop, decode_reply
+from robotree.vr.base.system import Socket
 from robotree.vr.core.confirmation import Confirmations, unmeasured
-from robotree.vr.network.lean_stop import REASON, user_of
+from robotree.vr.network.lean_stop import REASON
 from robotree.vr.network.link import (
     PIECE,
     VERSION,
@@ -97,7 +98,7 @@ class _Process:
         latest = time.monotonic() + (HOPELESS if asleep(process_of(self._tag)) else CONFIRM)
         try:
             with dial(self._place.place_of(self._tag), self._tag, HOPELESS) as line:
-                if user_of(line) != os.geteuid():
+                if OS_FILES.far_end(line)[1] != os.geteuid():
                     return
                 line.sendall(pack(Hello(VERSION, self._place.tag, Channel.URGENT, {})))
                 self._ask_new(line)
@@ -112,7 +113,7 @@ class _Process:
         except (OSError, NotAFrame):
             return  # it ended, hangs or is not understood: the answers that are missing say so
 
-    def _ask_new(self, line: socket.socket) -> None:
+    def _ask_new(self, line: Socket) -> None:
         """Ask the robots that have not been asked yet."""
         for key in self.answers.keys() - set(self._asked):
             self._asked.append(key)

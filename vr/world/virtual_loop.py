@@ -19,6 +19,7 @@ from collections.abc import Callable, Coroutine
 from contextvars import Context, copy_context
 from typing import Any, ParamSpec, TypeVar
 
+from robotree.vr.base.system import System
 from robotree.vr.world.virtual_runner import VirtualProcess, VirtualRunner
 
 _P = ParamSpec("_P")
@@ -100,6 +101,8 @@ class VirtualLoop(base_events.BaseEventLoop):
         self.runner = runner
         self.time = runner.now  # type: ignore[method-assign] # [s]; asked for at every step
         self.process = runner if isinstance(runner, VirtualProcess) else None
+        self.system: System | None = None
+        """Of the simulated machine on which its process runs; None: on none."""
         self.world = runner.runner if isinstance(runner, VirtualProcess) else runner
         self._resume = self.world.resume
         self._of_world = None if self.process is None or self.process.exact else self.process.of_world

@@ -1,6 +1,7 @@
 """Greenlets in virtual time: the form of `Runner` for the World and for tests.
 
-One greenlet runs at any moment, until it waits. Which of those that can go on is next is drawn from the seed;
+One greenlet runs at any moment, until it waits, or until it comes to a point at which a thread could lose the
+processor and the seed has it so (`Preemption`). Which of those that can go on is next is drawn from the seed;
 event loops take their turns among them. When none can go on, time jumps to the next timer. So the same seed
 gives the same order of events every time, and an hour passes in a moment. Code that blocks elsewhere than in
 a waiter (`time.sleep`, a socket, a thread of its own) takes no virtual time, and an endless loop stops the
@@ -17,10 +18,13 @@ import itertools
 import random
 import threading
 from asyncio import events
+from collections import deque
 from collections.abc import Callable, Generator
 from contextlib import AbstractContextManager
+from functools import partial
 from heapq import heapify, heappop, heappush
 from math import inf
+from types import FrameType
 from typing import Any, Protocol, cast
 
 from greenlet import GreenletExit, getcurrent, greenlet
@@ -29,6 +33,9 @@ BEGINNING = 1_000_000_000.0
 """[s] since 1970, at which virtual time begins."""
 
 _set_running_loop = events._set_running_loop  # noqa: SLF001 # asyncio offers no other way
+
+STARVED = 0.3
+"""Share of the threads that lose the processor and wait for some time."""
 
 THROWS = 20
 """How often a greenlet that catches its end is ended, before it is left alone."""
@@ -49,6 +56,28 @@ class _Fiber(greenlet):
     process: VirtualProcess | None = None
     thrown = 0
     """How often it has caught its end."""
+    struck: type[BaseException] | None = None
+    """What is to be raised in it at its next point."""
+    toils: VirtualWaiter | None = None
+    """In which it waits while it computes."""
+
+
+class Preemption:
+    """Where a seed takes the processor from one thread and gives it to another.
+
+    A thread can lose it at its points: when it takes or gives back a lock, before each system call, and
+    before and after the journal. Nothing is drawn while `share` is 0.
+    """
+
+    def __init__(self, seed: int) -> None:
+        """Begin without any."""
+        self.random = random.Random(f"{seed} preemption").random
+        self.share = 0.0
+        """Of all points at which a thread loses the processor."""
+        self.starve = 0.0
+        """[s] that some of these threads wait at most for their next turn; the others wait for no time."""
+        self.count = 0
+        """How often it has happened."""
 
 
 class Turns(Protocol):
@@ -79,8 +108,9 @@ class VirtualRunner:
         self.random = self.chance.random
         self.switches = 0
         """How often the runner has let a greenlet run."""
-        self.held = 0
-        """Locks that are held at the moment: 0 or 1."""
+        self.preemption = Preemption(seed)
+        self.holding: dict[greenlet, VirtualLock] = {}
+        """The locks for moments (`lock`) that are held."""
         self._thread = threading.get_ident()
         self._time = 0.0
         self._number = itertools.count().__next__
@@ -92,13 +122,15 @@ class VirtualRunner:
         """Has a greenlet or an event loop go on when it is chosen."""
         self._main = getcurrent()
         self._hub = _Fiber(self._schedule)
+        self._hubs: list[_Fiber] = []
+        """Greenlets that have chosen before and wait to do it again."""
         self._all: dict[_Fiber, None] = {}
         self.pids = itertools.count(FIRST_PID + 1)
         """Numbers for processes."""
         self._closed = False
         self._error: BaseException | None = None
-        self._turning: VirtualProcess | None = None
-        """Whose event loop has its turn."""
+        self.turning: VirtualProcess | None = None
+        """Which process has its turn."""
         self._acting = False
         """Whether an action of the agenda is under way, and nothing else."""
         self.entered: Any = None
@@ -119,12 +151,16 @@ class VirtualRunner:
         return id(getcurrent())
 
     def lock(self) -> AbstractContextManager[object]:
-        """See `Runner.lock`: nothing else runs meanwhile, and it is an error to wait or to lock twice."""
-        return _VirtualLock(self)
+        """See `Runner.lock`: it is an error to wait or to take a second one while it is held."""
+        return VirtualLock(self, brief=True)
 
     def waiter(self) -> VirtualWaiter:
         """See `Runner.waiter`."""
         return VirtualWaiter(self)
+
+    def event(self) -> VirtualEvent:
+        """Make what `System.event` makes."""
+        return VirtualEvent(self)
 
     def spawn(self, work: Callable[[], None], name: str) -> None:
         """See `Runner.spawn`."""
@@ -138,14 +174,58 @@ class VirtualRunner:
         """See `Runner.name_thread`: greenlets have no names."""
 
     def interrupt(self, thread: int, error: type[BaseException]) -> bool:
-        """See `Runner.interrupt`: nobody computes without end here."""
-        del thread, error
+        """See `Runner.interrupt`: it is raised at the thread's next point, or while it computes (`toil`)."""
+        if thread == self.here():
+            raise error
+        for one in self._all:
+            if id(one) == thread:
+                one.struck = error
+                if one.toils is not None:
+                    one.toils.wake()
+                return True
         return False
 
-    def stack_of(self, thread: int) -> None:
+    def stack_of(self, thread: int) -> FrameType | None:
         """See `Runner.stack_of`."""
+        return next((one.gr_frame for one in self._all if id(one) == thread), None)
 
     # -- what only a simulation can do ------------------------------------------------------------
+
+    def point(self) -> None:
+        """Let others go on here, if the seed has it so; raise what was sent to this thread meanwhile."""
+        share = self.preemption.share
+        if share and self.preemption.random() < share:
+            self.preempt()
+        me = getcurrent()
+        if isinstance(me, _Fiber) and me.struck is not None:
+            error, me.struck = me.struck, None
+            raise error
+
+    def preempt(self) -> None:
+        """Let others go on, perhaps for some time; not within an action of the agenda."""
+        me, chosen = getcurrent(), self.preemption
+        process = self.turning
+        if self._closed or self._acting or me is self._main or (process is not None and process.ended):
+            return
+        chosen.count += 1
+        if chosen.starve and chosen.random() < STARVED:
+            self.at(self._time + chosen.random() * chosen.starve, partial(self.resume, me))
+        else:
+            self.resume(me)
+        self._switch()
+
+    def toil(self, seconds: float) -> None:
+        """Compute for some time [s], as code does that asks nobody: only an interruption ends it early."""
+        me = getcurrent()
+        waiter = self.waiter()
+        if isinstance(me, _Fiber):
+            me.toils = waiter
+            try:
+                if me.struck is None:
+                    waiter.wait(seconds)
+            finally:
+                me.toils = None
+        self.point()
 
     def start(self, work: Callable[[], None], name: str, process: VirtualProcess | None = None) -> greenlet:
         """Run something beside everything else, as a part of a process."""
@@ -218,7 +298,7 @@ class VirtualRunner:
         process = one.process
         if not self._acting or self._ready or (process is not None and process.halted):
             return False
-        self._acting, self._turning = False, process
+        self._acting, self.turning = False, process
         return True
 
     def enter(self, loop: Any) -> None:
@@ -243,14 +323,23 @@ class VirtualRunner:
             RuntimeError: nothing can ever happen again, or a lock is held, or the thread is another one.
             BaseException: in the main greenlet, what another one has raised.
         """
-        if self.held:
+        if self.holding and getcurrent() in self.holding:
             raise RuntimeError("waits while it holds a lock")
+        self._switch()
+
+    def _switch(self) -> None:
         if threading.get_ident() != self._thread:
             raise RuntimeError("a thread of its own cannot wait in virtual time")
         if self._closed:
             self._leave()
         if getcurrent() is self._hub:
             self._wait_in_a_turn()
+        elif (loop := self.entered) is not None:  # a turn that has waited before waits again
+            self.outside()
+            try:
+                self._hub.switch()
+            finally:
+                self.enter(loop)
         else:
             self._hub.switch()
         if self._error is not None and getcurrent() is self._main:
@@ -274,9 +363,10 @@ class VirtualRunner:
     def _wait_in_a_turn(self) -> None:
         """A callback of an event loop waits: another greenlet takes over the task of choosing."""
         me, loop = self._hub, self.entered
-        me.process = self._turning
+        me.process = self.turning
         self._all[me] = None
-        self._hub = _Fiber(self._schedule, self._main)
+        # one that has done this task before: a new one would begin as deep as this stack is
+        self._hub = self._hubs.pop() if self._hubs else _Fiber(self._schedule, self._main)
         self.outside()
         try:
             self._hub.switch()
@@ -285,15 +375,18 @@ class VirtualRunner:
 
     def _schedule(self) -> None:
         """Choose who runs, and let time pass, for ever; what an action raises goes to the main greenlet."""
-        me = getcurrent()
-        while me is self._hub:
-            try:
-                self._choose(me)
-            except Exception as error:  # noqa: BLE001 # raised where the world is run
-                self._error = self._error or error
-                self._ready.append(self._main)
-        self._all.pop(cast("_Fiber", me), None)
-        me.parent = self._hub
+        me = cast("_Fiber", getcurrent())
+        while not self._closed:
+            while me is self._hub:
+                try:
+                    self._choose(me)
+                except Exception as error:  # noqa: BLE001 # raised where the world is run
+                    self._error = self._error or error
+                    self._ready.append(self._main)
+            me.process = None
+            self._all[me] = None
+            self._hubs.append(me)
+            self._hub.switch()
 
     def _choose(self, me: greenlet) -> None:
         timers, chance, main = self._timers, self.random, self._main
@@ -309,7 +402,7 @@ class VirtualRunner:
                     process.keep(one)
                 elif not one.dead:
                     switches += 1
-                    self._turning = process
+                    self.turning = process
                     if self.entered is not None and (one is main or one.__class__ is _Fiber):
                         self.enter(None)
                     one.switch()
@@ -409,21 +502,67 @@ class VirtualProcess:
         self._waiting.append(one)
 
 
-class _VirtualLock:
-    """Nothing else runs between two waits, so this only checks that nobody waits while holding it."""
+class VirtualLock:
+    """A lock that another thread can find taken, because its holder lost the processor."""
 
-    __slots__ = ("_runner",)
+    __slots__ = ("_again", "_brief", "_depth", "_runner", "_waiting", "holder")
 
-    def __init__(self, runner: VirtualRunner) -> None:
-        self._runner = runner
+    def __init__(self, runner: VirtualRunner, *, brief: bool = False, again: bool = False) -> None:
+        """Make it.
 
-    def __enter__(self) -> None:
-        if self._runner.held:
+        Args:
+            runner: whose threads take it.
+            brief: whether it is held for moments only: no wait and no other such lock inside.
+            again: whether its holder can take it again.
+        """
+        self._runner, self._brief, self._again = runner, brief, again
+        self.holder: greenlet | None = None
+        self._depth = 0
+        self._waiting: deque[VirtualWaiter] = deque()
+
+    def acquire(self, blocking: bool = True) -> bool:  # noqa: FBT001, FBT002 # as `threading.Lock`
+        """See `threading.Lock.acquire`."""
+        runner, me = self._runner, getcurrent()
+        runner.point()
+        if self.holder is me and self._again:
+            self._depth += 1
+            return True
+        if self._brief and me in runner.holding:
             raise RuntimeError("takes a lock while it holds one")
-        self._runner.held = 1
+        while self.holder is not None:
+            if not blocking:
+                return False
+            if self.holder is me:
+                raise RuntimeError("waits for a lock that it holds itself")
+            waiter = runner.waiter()
+            self._waiting.append(waiter)
+            waiter.wait(None)
+        self.holder, self._depth = me, 1
+        if self._brief:
+            runner.holding[me] = self
+        return True
+
+    def release(self) -> None:
+        """See `threading.Lock.release`."""
+        self._depth -= 1
+        if self._depth:
+            return
+        if self._brief:
+            self._runner.holding.pop(cast("greenlet", self.holder), None)
+        self.holder = None
+        while self._waiting:
+            self._waiting.popleft().wake()
+        self._runner.point()
+
+    def locked(self) -> bool:
+        """Whether somebody holds it."""
+        return self.holder is not None
+
+    def __enter__(self) -> bool:
+        return self.acquire()
 
     def __exit__(self, *_: object) -> None:
-        self._runner.held = 0
+        self.release()
 
 
 class VirtualWaiter:
@@ -483,6 +622,36 @@ class VirtualWaiter:
         if self._waiting is not None:
             self._runner.resume(self._waiting)
             self._waiting = None
+
+
+class VirtualEvent:
+    """See `system.Event`."""
+
+    def __init__(self, runner: VirtualRunner) -> None:
+        """Begin unset."""
+        self._runner = runner
+        self._set = False
+        self._waiting: list[VirtualWaiter] = []
+
+    def set(self) -> None:
+        """See `Event.set`."""
+        self._set = True
+        for waiter in self._waiting:
+            waiter.wake()
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """See `Event.wait`."""
+        now = self._runner.now
+        self._runner.point()
+        end = inf if timeout is None else now() + timeout
+        while not self._set and now() < end:
+            waiter = self._runner.waiter()
+            self._waiting.append(waiter)
+            woken = waiter.wait(None if end == inf else end - now())
+            self._waiting.remove(waiter)
+            if not woken:
+                break
+        return self._set
 
 
 @contextlib.contextmanager

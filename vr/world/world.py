@@ -52,13 +52,17 @@ class SimulatedProcess:
         self.runner = VirtualProcess(world.runner, name, skew=skew, rate=rate)
         self.loop = VirtualLoop(self.runner)
         self.loop.set_exception_handler(self._complain)
-        self.transport: MemoryTransport = world.network.join(name, loop=self.loop)
+        self._boot()
         self.alive, self.vanished = True, False
         self.started = world.runner.now()
         """[s] When it was started."""
         self.on_exit: list[Callable[[], None]] = []
         """Called when it is gone, however; not in its own greenlets."""
         self.runner.spawn(lambda: self._run(main), name)
+
+    def _boot(self) -> None:
+        """Take what the process has from its beginning on."""
+        self.transport: MemoryTransport = self.world.network.join(self.name, loop=self.loop)
 
     def do(self, work: Callable[[], Awaitable[Any]], what: str = "") -> None:
         """Have its event loop do something, from outside; how it ends is noted in the trace."""
@@ -79,32 +83,43 @@ class SimulatedProcess:
         if self.alive:
             self.world.note(self.name, "paused")
             self.runner.pause()
-            self.world.network.pause(self.transport)
+            self._stand_still()
 
     def resume(self) -> None:
         """Let it go on, if it is paused."""
         if self.alive and self.runner.halted:
             self.world.note(self.name, "goes on")
             self.runner.resume()
-            self.world.network.resume(self.transport)
+            self._go_on()
 
     def kill(self) -> None:
         """End it as SIGKILL does: the others see it at once."""
-        self._end("killed", self.world.network.kill)
+        self._end("killed")
 
     def vanish(self) -> None:
         """End it together with its machine: the others only notice that it is silent."""
         self.vanished = True
-        self._end("vanished", self.world.network.vanish)
+        self._end("vanished")
 
-    def _end(self, how: str, leave: Callable[[MemoryTransport], None]) -> None:
+    def _stand_still(self) -> None:
+        self.world.network.pause(self.transport)
+
+    def _go_on(self) -> None:
+        self.world.network.resume(self.transport)
+
+    def _let_go(self) -> None:
+        """Close all that it has open: nothing of it runs any more."""
+        network = self.world.network
+        if not self.transport.closed:
+            (network.vanish if self.vanished else network.kill)(self.transport)
+
+    def _end(self, how: str) -> None:
         if not self.alive:
             return
         self.alive = False
         self.world.note(self.name, how)
         self.runner.end()
-        if not self.transport.closed:
-            leave(self.transport)
+        self._let_go()
         for told in self.on_exit:
             told()
 
@@ -113,7 +128,7 @@ class SimulatedProcess:
             self.loop.run_until_complete(main(self))
         except VrError as error:
             self.world.note(self.name, "fails", f"{type(error).__name__}: {error}")
-        self.world.runner.at(self.world.runner.now(), lambda: self._end("exited", self.world.network.kill))
+        self.world.runner.at(self.world.runner.now(), lambda: self._end("exited"))
 
     def _complain(self, _: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         self.world.complaints.append(f"{self.name}: {context.get('message')}: {context.get('exception')!r}")
@@ -149,6 +164,8 @@ class TracedCore(RobotCore):
 
 class World:
     """See the module. Use it as a context manager; what it ran is gone afterwards, the trace stays."""
+
+    process_class = SimulatedProcess
 
     def __init__(self, seed: int, *, delay: float = 0.001, lease: float = 2.0) -> None:
         """Begin with nobody.
@@ -191,7 +208,9 @@ class World:
         logging.disable(logging.CRITICAL)
         try:
             self._stack.enter_context(warnings.catch_warnings(action="ignore"))
+            self.runner.preemption.share = 0.0
             self.runner.close()
+            self.runner.outside()
             for process in self.processes:
                 process.loop.drop()
             self.processes.clear()
@@ -212,7 +231,7 @@ class World:
             rate: [s/s] of its clocks.
         """
         self.note(name, "started")
-        process = SimulatedProcess(self, name, main, skew=skew, rate=rate)
+        process = self.process_class(self, name, main, skew=skew, rate=rate)
         self.processes.append(process)
         return process
 

@@ -323,7 +323,7 @@ def test_a_connection_by_the_reserve_makes_room_for_the_next_one(
         return real_open(*words)  # type: ignore[arg-type]
 
     monkeypatch.setattr(entrance.door, "_listening", Scarce())
-    monkeypatch.setattr(door_module.os, "open", open_one)
+    monkeypatch.setattr(os, "open", open_one)
     entrance.come(RESERVE + 3)
     assert len(entrance.open()) == RESERVE
     first = entrance.links[0]
@@ -339,7 +339,7 @@ def test_a_connection_by_the_reserve_makes_room_for_the_next_one(
         entrance.come(0)
         assert len(entrance.links) == RESERVE + number, "nobody makes room"
     monkeypatch.setattr(entrance.door, "_listening", real_next)
-    monkeypatch.setattr(door_module.os, "open", real_open)
+    monkeypatch.setattr(os, "open", real_open)
 
 
 # -- where others crowd ----------------------------------------------------------------------------

@@ -1,0 +1,508 @@
+"""A simulated machine under the real network: processes, descriptors, files, sockets, and their faults.
+
+Each process of it has a `SimulatedSystem`, so that `network/` runs in the World as it is. Whatever a process
+asks of its system is a point at which it may lose the processor (`VirtualRunner.point`). What goes wrong is
+in `Trouble`, and in what a story does: `end`, `links_between`, `lose_folder`, `disk_full`.
+"""
+
+from __future__ import annotations
+
+import errno
+import itertools
+import random
+import stat
+import zlib
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, cast
+
+from robotree.files import forks
+from robotree.vr.world.machine_sockets import CAPACITY, SimulatedEpoll, SimulatedSocket, fail
+from robotree.vr.world.virtual_runner import VirtualLock, VirtualProcess, VirtualRunner
+
+USER = 1000
+"""Of all processes."""
+
+STANDARD = 3
+"""Descriptors that every process has: its input and outputs."""
+
+MOST_DESCRIPTORS = 1024
+"""Of one process."""
+
+_UNIX_SOCKETS = Path("/proc/net/unix")
+
+
+@dataclass
+class Trouble:
+    """What befalls all processes by chance. May be changed at any time."""
+
+    split: float = 0.0
+    """Share of the sends that arrive in two pieces."""
+    pause: float = 0.002
+    """[s] between two pieces at most."""
+    jitter: float = 0.0
+    """[s] that everything is under way at most."""
+    small: float = 0.0
+    """Share of the connections in which there is little room."""
+    full_backlog: float = 0.0
+    """Share of the dials that find no place in line."""
+    late_accept: float = 0.0
+    """[s] that a listener learns late of a connection at most."""
+    late_wake: float = 0.0
+    """[s] that a thread which waits for sockets wakes late at most."""
+    slow_death: float = 0.0
+    """[s] between two descriptors at most that are closed when a process dies."""
+
+
+class Descriptor(Protocol):
+    """What a number stands for."""
+
+    number: int
+
+    def release(self) -> None:
+        """It is closed."""
+        ...
+
+
+class _File:
+    """An ordinary file, or an open one."""
+
+    def __init__(self, inode: int) -> None:
+        self.inode = inode
+        self.data = bytearray()
+        self.changed = 0
+        """[ns] When it was last written."""
+
+
+class _OpenFile:
+    def __init__(self, file: _File) -> None:
+        self.file, self.number = file, -1
+
+    def release(self) -> None:
+        """See `Descriptor.release`."""
+        self.number = -1
+
+
+_Entry = _File | SimulatedSocket
+
+
+@dataclass(frozen=True)
+class _Status:
+    """As far as anybody asks (`os.stat_result`)."""
+
+    st_mode: int
+    st_ino: int
+    st_uid: int
+    st_size: int
+    st_mtime: float
+    st_mtime_ns: int
+
+
+class Machine:
+    """See the module."""
+
+    def __init__(self, runner: VirtualRunner, seed: int) -> None:
+        """Begin without a process.
+
+        Args:
+            runner: in whose time it runs.
+            seed: of its chance.
+        """
+        self.runner, self.random = runner, random.Random(f"{seed} machine")
+        self.trouble = Trouble()
+        self.systems: dict[int, SimulatedSystem] = {}
+        """By process."""
+        self.folders: dict[str, dict[str, _Entry]] = {}
+        """What is in each folder, by its path."""
+        self.listeners: list[SimulatedSocket] = []
+        """Sockets that listen, also those whose name is gone."""
+        self.disk_full = False
+        self.calls = 0
+        """System calls."""
+        self.checksum = 0
+        """Of all bytes that were sent, by whom, and when: equal for equal traces."""
+        self._inodes = itertools.count(1)
+
+    # -- for stories ------------------------------------------------------------------------------
+
+    def boot(self, process: VirtualProcess) -> SimulatedSystem:
+        """Return the system of a process that begins."""
+        system = self.systems[process.pid()] = SimulatedSystem(self, process)
+        return system
+
+    def end(self, process: VirtualProcess) -> None:
+        """Close all that a process has open: it has ended."""
+        system = self.systems.pop(process.pid(), None)
+        if system is not None:
+            when = self.runner.now()
+            for number in sorted(system.descriptors):
+                one = system.descriptors[number]
+                when += self.random.random() * self.trouble.slow_death
+                if when == self.runner.now():
+                    one.release()
+                else:
+                    self.runner.at(when, one.release)
+            system.descriptors.clear()
+
+    def links_between(self, one: VirtualProcess, other: VirtualProcess) -> list[SimulatedSocket]:
+        """Return the ends of all connections between two processes."""
+        pair = {one.pid(), other.pid()}
+        return [
+            end
+            for pid in sorted(pair & self.systems.keys())
+            for end in self.systems[pid].descriptors.values()
+            if isinstance(end, SimulatedSocket)
+            and end.peer is not None
+            and {end.system.pid(), end.peer.system.pid()} == pair
+        ]
+
+    def lose_folder(self, folder: Path) -> None:
+        """Remove a folder with all that is in it, as `rm -r` does."""
+        self.folders.pop(str(folder), None)
+
+    # -- for its processes ------------------------------------------------------------------------
+
+    def call(self) -> None:
+        """Somebody asks something of the machine."""
+        self.calls += 1
+        self.runner.point()
+
+    def note_sent(self, system: SimulatedSystem, data: bytes) -> None:
+        """Add what a process has sent to the checksum."""
+        self.checksum = zlib.crc32(b"%d %r " % (system.pid(), self.runner.now()) + data, self.checksum)
+
+    def happens(self, share: float) -> bool:
+        """Whether something happens that has this share; nothing is drawn if it cannot."""
+        return bool(share) and self.random.random() < share
+
+    def later(self, longest: float, action: Callable[[], object]) -> None:
+        """Have something happen within some time [s]."""
+        self.runner.at(self.runner.now() + self.random.random() * longest, action)
+
+    def place_of(self, path: Path) -> tuple[dict[str, _Entry], str]:
+        """Return the folder in which a name is or can be.
+
+        Raises:
+            FileNotFoundError: there is none.
+        """
+        folder, _, name = str(path).rpartition("/")
+        entries = self.folders.get(folder)
+        if entries is None:
+            fail(errno.ENOENT, path)
+        return entries, name
+
+    def find(self, path: Path) -> _Entry:
+        """Return what has a name.
+
+        Raises:
+            FileNotFoundError: nothing has.
+        """
+        entries, name = self.place_of(path)
+        if name not in entries:
+            fail(errno.ENOENT, path)
+        return entries[name]
+
+    def new_file(self) -> _File:
+        """Return a file that has no name yet."""
+        return _File(next(self._inodes))
+
+
+class SimulatedSystem:
+    """What one process sees of its machine: see `System`."""
+
+    def __init__(self, machine: Machine, process: VirtualProcess) -> None:
+        """Made by the machine."""
+        self.machine, self.process = machine, process
+        self.descriptors: dict[int, Descriptor] = {}
+        self.most_descriptors = MOST_DESCRIPTORS
+        self.exits: list[Callable[[], object]] = []
+        """What is to be done when it ends in order."""
+        self.opening: AbstractContextManager[Any] = nullcontext()
+        runner = machine.runner
+        self.now, self.unix, self.pid, self.here = process.now, process.unix, process.pid, runner.here
+        self.name_thread, self.event = runner.name_thread, runner.event
+        self.chance = machine.random.randbytes
+
+    # -- threads ----------------------------------------------------------------------------------
+
+    def owns(self, owner: forks.Owner) -> None:
+        """See `System.owns`: nobody forks here."""
+
+    def at_exit(self, action: Callable[[], object], /) -> None:
+        """See `System.at_exit`."""
+        self.exits.append(action)
+
+    def not_at_exit(self, action: Callable[[], object], /) -> None:
+        """See `System.not_at_exit`."""
+        if action in self.exits:
+            self.exits.remove(action)
+
+    def lock(self) -> VirtualLock:
+        """See `System.lock`."""
+        return VirtualLock(self.machine.runner)
+
+    def rlock(self) -> VirtualLock:
+        """See `System.rlock`."""
+        return VirtualLock(self.machine.runner, again=True)
+
+    def spawn(self, work: Callable[[], None], name: str) -> None:
+        """See `System.spawn`."""
+        self.machine.call()
+        self.process.spawn(work, name)
+
+    def sleep(self, seconds: float, /) -> None:
+        """See `System.sleep`."""
+        self.process.waiter().wait(seconds)
+
+    # -- processes --------------------------------------------------------------------------------
+
+    def user(self) -> int:
+        """See `Files.user`."""
+        return USER
+
+    def lives(self, pid: int) -> bool:
+        """See `Files.lives`."""
+        self.machine.call()
+        return pid in self.machine.systems
+
+    def text(self, path: Path) -> str:
+        """See `Files.text`: what Linux shows of listening sockets and of a process."""
+        self.machine.call()
+        if path == _UNIX_SOCKETS:
+            lines = (f"0: 00000002 00000000 00010000 0001 01 1 {one.path}" for one in self.machine.listeners)
+            return "\n".join(["Num RefCount Protocol Flags Type St Inode Path", *lines])
+        system = self.machine.systems.get(int(path.parts[2]))
+        if system is None:
+            fail(errno.ENOENT, path)
+        return f"{path.parts[2]} (python) {'T' if system.process.halted else 'S'} 1"
+
+    # -- descriptors ------------------------------------------------------------------------------
+
+    def check_descriptors(self) -> None:
+        """Check that there is a free descriptor.
+
+        Raises:
+            OSError: there is none (EMFILE).
+        """
+        if len(self.descriptors) + STANDARD >= self.most_descriptors:
+            fail(errno.EMFILE)
+
+    def take(self, one: Descriptor) -> int:
+        """Give something the lowest free descriptor.
+
+        Raises:
+            OSError: there is none (EMFILE).
+        """
+        self.check_descriptors()
+        number = next(free for free in itertools.count(STANDARD) if free not in self.descriptors)
+        self.descriptors[number] = one
+        return number
+
+    def give_back(self, number: int) -> None:
+        """Close a descriptor.
+
+        Raises:
+            OSError: it is not open (EBADF).
+        """
+        one = self.descriptors.pop(number, None)
+        if one is None:
+            fail(errno.EBADF)
+        one.release()
+
+    def _file(self, number: int) -> _File:
+        one = self.descriptors.get(number)
+        if not isinstance(one, _OpenFile):
+            fail(errno.EBADF)
+        return one.file
+
+    # -- files ------------------------------------------------------------------------------------
+
+    def private_folder(self, path: Path) -> None:
+        """See `Files.private_folder`."""
+        self.machine.call()
+        for folder in (*reversed(path.parents), path):
+            self.machine.folders.setdefault(str(folder), {})
+
+    def names(self, folder: Path) -> list[str]:
+        """See `Files.names`."""
+        self.machine.call()
+        entries = self.machine.folders.get(str(folder))
+        if entries is None:
+            fail(errno.ENOENT, folder)
+        names = list(entries)
+        self.machine.random.shuffle(names)
+        return names
+
+    def status(self, path: Path) -> Any:
+        """See `Files.status`."""
+        self.machine.call()
+        if str(path) in self.machine.folders:
+            return _Status(stat.S_IFDIR | 0o700, 0, USER, 0, 0.0, 0)
+        entry = self.machine.find(path)
+        seconds = entry.changed / 1e9
+        if isinstance(entry, SimulatedSocket):
+            return _Status(stat.S_IFSOCK | 0o600, 0, USER, 0, seconds, entry.changed)
+        return _Status(stat.S_IFREG | 0o600, entry.inode, USER, len(entry.data), seconds, entry.changed)
+
+    def opened(self, path: Path, *, writes: bool = False, makes: bool = False, empties: bool = False) -> int:
+        """See `Files.opened`."""
+        self.machine.call()
+        self.check_descriptors()
+        entries, name = self.machine.place_of(path)
+        if makes and name not in entries:
+            if self.machine.disk_full:
+                fail(errno.ENOSPC, path)
+            entries[name] = self.machine.new_file()
+        entry = self.machine.find(path)
+        if isinstance(entry, SimulatedSocket):
+            fail(errno.ENXIO, path)
+        if empties and writes:
+            self._write(entry, bytearray())
+        return self._opened(entry)
+
+    def null(self) -> int:
+        """See `Files.null`."""
+        self.machine.call()
+        return self._opened(self.machine.new_file())
+
+    def _opened(self, file: _File) -> int:
+        handle = _OpenFile(file)
+        handle.number = self.take(handle)
+        return handle.number
+
+    def close(self, descriptor: int) -> None:
+        """See `Files.close`."""
+        self.give_back(descriptor)
+
+    def read(self, path: Path, most: int) -> bytes:
+        """See `Files.read`."""
+        self.machine.call()
+        self.check_descriptors()
+        entry = self.machine.find(path)
+        if isinstance(entry, SimulatedSocket):
+            fail(errno.ENXIO, path)
+        if len(entry.data) > most:
+            fail(errno.EFBIG, path)
+        return bytes(entry.data)
+
+    def pread(self, descriptor: int, size: int, at: int) -> bytes:
+        """See `Files.pread`."""
+        self.machine.call()
+        return bytes(self._file(descriptor).data[at : at + size])
+
+    def pwrite(self, descriptor: int, data: bytes, at: int) -> int:
+        """See `Files.pwrite`."""
+        self.machine.call()
+        file = self._file(descriptor)
+        if self.machine.disk_full and at + len(data) > len(file.data):
+            fail(errno.ENOSPC)
+        content = bytearray(file.data)
+        content.extend(bytes(max(at - len(content), 0)))
+        content[at : at + len(data)] = data
+        self._write(file, content)
+        return len(data)
+
+    def append(self, descriptor: int, data: bytes) -> int:
+        """See `Files.append`. On a full disk a part of it may find room."""
+        self.machine.call()
+        file = self._file(descriptor)
+        if self.machine.disk_full:
+            data = data[: self.machine.random.randrange(len(data))] if data else data
+            if not data:
+                fail(errno.ENOSPC)
+        self._write(file, file.data + data)
+        return len(data)
+
+    def _write(self, file: _File, content: bytearray) -> None:
+        file.data = content
+        file.changed = max(file.changed + 1, int(self.unix() * 1e9))
+
+    def rename(self, path: Path, to: Path) -> None:
+        """See `Files.rename`."""
+        self.machine.call()
+        entry = self.machine.find(path)
+        there, name = self.machine.place_of(to)
+        there[name] = entry
+        here, before = self.machine.place_of(path)
+        if (here, before) != (there, name):
+            del here[before]
+
+    def unlink(self, path: Path) -> None:
+        """See `Files.unlink`."""
+        self.machine.call()
+        self.machine.find(path)
+        entries, name = self.machine.place_of(path)
+        del entries[name]
+
+    # -- sockets ----------------------------------------------------------------------------------
+
+    def listen(self, path: Path, backlog: int) -> SimulatedSocket:
+        """See `Files.listen`."""
+        self.machine.call()
+        self.check_descriptors()
+        entries, name = self.machine.place_of(path)
+        if name in entries:
+            fail(errno.EADDRINUSE, path)
+        door = entries[name] = self._socket()
+        door.path, door.backlog, door.listens = str(path), backlog, True
+        door.changed = int(self.unix() * 1e9)
+        self.machine.listeners.append(door)
+        self.machine.call()  # between bind and listen
+        return door
+
+    def dial(self, path: Path, timeout: float = 0.0) -> SimulatedSocket:
+        """See `Files.dial`."""
+        machine = self.machine
+        machine.call()
+        self.check_descriptors()
+        door = machine.find(path)
+        if not isinstance(door, SimulatedSocket) or not door.listens:
+            fail(errno.ECONNREFUSED)
+        if len(door.queue) > door.backlog or machine.happens(machine.trouble.full_backlog):
+            if timeout:
+                self.sleep(timeout)
+            fail(errno.EAGAIN)
+        line, far = self._socket(), SimulatedSocket(door.system)
+        self._connect(line, far)
+        door.queue.append(far)
+        if late := machine.trouble.late_accept:
+            machine.later(late, lambda: door.edge(0))
+        else:
+            door.edge(0)
+        return line
+
+    def socketpair(self) -> tuple[SimulatedSocket, SimulatedSocket]:
+        """See `System.socketpair`."""
+        self.machine.call()
+        ends = self._socket(), self._socket()
+        self._connect(*ends)
+        for end in ends:
+            end.capacity = CAPACITY
+        return ends
+
+    def epoll(self) -> SimulatedEpoll:
+        """See `System.epoll`."""
+        self.machine.call()
+        self.check_descriptors()
+        return SimulatedEpoll(self)
+
+    def far_end(self, line: Any) -> tuple[int, int]:
+        """See `Files.far_end`."""
+        peer = cast("SimulatedSocket", line).peer
+        if peer is None:
+            fail(errno.ENOTCONN)
+        return peer.system.pid(), USER
+
+    def _socket(self) -> SimulatedSocket:
+        one = SimulatedSocket(self)
+        one.number = self.take(one)
+        return one
+
+    def _connect(self, one: SimulatedSocket, other: SimulatedSocket) -> None:
+        one.peer, other.peer = other, one
+        machine = self.machine
+        for end in (one, other):
+            if machine.happens(machine.trouble.small):
+                end.capacity = machine.random.choice([64, 500, 5000])
