@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import threading
 
 from robotree.vr.base.presence import Presence, Undo
 from robotree.vr.base.requests import Raised, Returned
@@ -41,7 +40,7 @@ class Callers:
         """
         self._runtime, self._presence = runtime, presence
         self._loop = asyncio.get_running_loop()
-        self._lock = threading.Lock()
+        self._lock = runtime.process.runner.lock()
         """Guards what follows; nothing else is locked while it is held."""
         self._present: dict[str, dict[str, None]] = {}
         """The callers of each command under way, by its key."""

@@ -165,8 +165,9 @@ class Rendezvous:
             door = self.system.listen(hidden, BACKLOG)
             with self._lock:
                 self._there = True
-                if self._beat is not None:
-                    self._beat.close()
+                before, self._beat = self._beat, None  # the new one may find no room
+                if before is not None:
+                    before.close()
                 self._beat = Beat(self._path(_BEAT), self.system, make=True)
                 self._beat.write(self.system.now())
                 self._write_keys()

@@ -10,9 +10,9 @@ A line about a command is written when somebody wants to read it: nothing waits 
 from __future__ import annotations
 
 import math
-import threading
 from collections import deque
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from typing import Any
 
 from robotree.vr.base.envelope import is_person
@@ -39,12 +39,15 @@ _CANCELS = frozenset({"CommandCancelled", "ChildCancelled"})
 class Log:
     """See the module. Its methods may be called from any thread."""
 
-    def __init__(self, now: Callable[[], float], unix: Callable[[], float]) -> None:
+    def __init__(
+        self, now: Callable[[], float], unix: Callable[[], float], lock: AbstractContextManager[object]
+    ) -> None:
         """Begin empty.
 
         Args:
             now: returns the time [s] on a monotonic clock.
             unix: returns the time [s] since 1970.
+            lock: guards the lines; it is held for moments only.
         """
         self.on_line: Callable[[], None] = lambda: None
         """Called at the first new line since somebody has asked for lines. In any thread: must be quick."""
@@ -56,7 +59,7 @@ class Log:
         """What has come since somebody has asked for lines: how each is written, of what, number, time."""
         self._open: set[str] = set()
         """Keys of the calls that have a line and have not ended."""
-        self._lock = threading.Lock()
+        self._lock = lock
         self._number = 0
         self._opens = -math.inf
         """[s] from when on a line is taken."""

@@ -137,7 +137,8 @@ class RobotRuntime:
         self._lock = process.runner.lock()
         self._commands = commands_of(type(robot))
         self._exposures = exposures_of(type(robot))
-        self.log = Log(self._runner.now, self._runner.unix)  # what its code says, and how its commands ended
+        self.log = Log(self._runner.now, self._runner.unix, self._runner.lock())
+        """What its code says, and how its commands ended."""
         self._listeners: dict[str, list[Listener]] = {}
         self._turns: dict[str, PendingCall] = {}
         """Calls whose caller waits on its worker and would carry the command out itself."""

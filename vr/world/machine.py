@@ -2,68 +2,29 @@
 
 Each process of it has a `SimulatedSystem`, so that `network/` runs in the World as it is. Whatever a process
 asks of its system is a point at which it may lose the processor (`VirtualRunner.point`). What goes wrong is
-in `Trouble`, and in what a story does: `end`, `links_between`, `lose_folder`, `disk_full`.
+in `Trouble` (`kernel.py`), and in what a story does: `end`, `links_between`, `lose_folder`, `disk_full`.
 """
 
 from __future__ import annotations
 
 import errno
 import itertools
-import random
 import stat
-import zlib
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 from robotree.files import forks
-from robotree.vr.world.machine_sockets import CAPACITY, SimulatedEpoll, SimulatedSocket, fail
+from robotree.vr.world.kernel import Descriptors, Kernel, fail
+from robotree.vr.world.machine_sockets import CAPACITY, SimulatedEpoll, SimulatedSocket
 from robotree.vr.world.virtual_runner import VirtualLock, VirtualProcess, VirtualRunner
 
 USER = 1000
 """Of all processes."""
 
-STANDARD = 3
-"""Descriptors that every process has: its input and outputs."""
-
-MOST_DESCRIPTORS = 1024
-"""Of one process."""
-
 _UNIX_SOCKETS = Path("/proc/net/unix")
-
-
-@dataclass
-class Trouble:
-    """What befalls all processes by chance. May be changed at any time."""
-
-    split: float = 0.0
-    """Share of the sends that arrive in two pieces."""
-    pause: float = 0.002
-    """[s] between two pieces at most."""
-    jitter: float = 0.0
-    """[s] that everything is under way at most."""
-    small: float = 0.0
-    """Share of the connections in which there is little room."""
-    full_backlog: float = 0.0
-    """Share of the dials that find no place in line."""
-    late_accept: float = 0.0
-    """[s] that a listener learns late of a connection at most."""
-    late_wake: float = 0.0
-    """[s] that a thread which waits for sockets wakes late at most."""
-    slow_death: float = 0.0
-    """[s] between two descriptors at most that are closed when a process dies."""
-
-
-class Descriptor(Protocol):
-    """What a number stands for."""
-
-    number: int
-
-    def release(self) -> None:
-        """It is closed."""
-        ...
 
 
 class _File:
@@ -100,7 +61,7 @@ class _Status:
     st_mtime_ns: int
 
 
-class Machine:
+class Machine(Kernel):
     """See the module."""
 
     def __init__(self, runner: VirtualRunner, seed: int) -> None:
@@ -110,8 +71,7 @@ class Machine:
             runner: in whose time it runs.
             seed: of its chance.
         """
-        self.runner, self.random = runner, random.Random(f"{seed} machine")
-        self.trouble = Trouble()
+        super().__init__(runner, seed)
         self.systems: dict[int, SimulatedSystem] = {}
         """By process."""
         self.folders: dict[str, dict[str, _Entry]] = {}
@@ -119,10 +79,6 @@ class Machine:
         self.listeners: list[SimulatedSocket] = []
         """Sockets that listen, also those whose name is gone."""
         self.disk_full = False
-        self.calls = 0
-        """System calls."""
-        self.checksum = 0
-        """Of all bytes that were sent, by whom, and when: equal for equal traces."""
         self._inodes = itertools.count(1)
 
     # -- for stories ------------------------------------------------------------------------------
@@ -155,7 +111,7 @@ class Machine:
             for end in self.systems[pid].descriptors.values()
             if isinstance(end, SimulatedSocket)
             and end.peer is not None
-            and {end.system.pid(), end.peer.system.pid()} == pair
+            and {end.system.process.pid(), end.peer.system.process.pid()} == pair
         ]
 
     def lose_folder(self, folder: Path) -> None:
@@ -163,23 +119,6 @@ class Machine:
         self.folders.pop(str(folder), None)
 
     # -- for its processes ------------------------------------------------------------------------
-
-    def call(self) -> None:
-        """Somebody asks something of the machine."""
-        self.calls += 1
-        self.runner.point()
-
-    def note_sent(self, system: SimulatedSystem, data: bytes) -> None:
-        """Add what a process has sent to the checksum."""
-        self.checksum = zlib.crc32(b"%d %r " % (system.pid(), self.runner.now()) + data, self.checksum)
-
-    def happens(self, share: float) -> bool:
-        """Whether something happens that has this share; nothing is drawn if it cannot."""
-        return bool(share) and self.random.random() < share
-
-    def later(self, longest: float, action: Callable[[], object]) -> None:
-        """Have something happen within some time [s]."""
-        self.runner.at(self.runner.now() + self.random.random() * longest, action)
 
     def place_of(self, path: Path) -> tuple[dict[str, _Entry], str]:
         """Return the folder in which a name is or can be.
@@ -209,14 +148,13 @@ class Machine:
         return _File(next(self._inodes))
 
 
-class SimulatedSystem:
+class SimulatedSystem(Descriptors):
     """What one process sees of its machine: see `System`."""
 
     def __init__(self, machine: Machine, process: VirtualProcess) -> None:
         """Made by the machine."""
-        self.machine, self.process = machine, process
-        self.descriptors: dict[int, Descriptor] = {}
-        self.most_descriptors = MOST_DESCRIPTORS
+        super().__init__(machine, process)
+        self.machine = machine
         self.exits: list[Callable[[], object]] = []
         """What is to be done when it ends in order."""
         self.opening: AbstractContextManager[Any] = nullcontext()
@@ -279,37 +217,6 @@ class SimulatedSystem:
         return f"{path.parts[2]} (python) {'T' if system.process.halted else 'S'} 1"
 
     # -- descriptors ------------------------------------------------------------------------------
-
-    def check_descriptors(self) -> None:
-        """Check that there is a free descriptor.
-
-        Raises:
-            OSError: there is none (EMFILE).
-        """
-        if len(self.descriptors) + STANDARD >= self.most_descriptors:
-            fail(errno.EMFILE)
-
-    def take(self, one: Descriptor) -> int:
-        """Give something the lowest free descriptor.
-
-        Raises:
-            OSError: there is none (EMFILE).
-        """
-        self.check_descriptors()
-        number = next(free for free in itertools.count(STANDARD) if free not in self.descriptors)
-        self.descriptors[number] = one
-        return number
-
-    def give_back(self, number: int) -> None:
-        """Close a descriptor.
-
-        Raises:
-            OSError: it is not open (EBADF).
-        """
-        one = self.descriptors.pop(number, None)
-        if one is None:
-            fail(errno.EBADF)
-        one.release()
 
     def _file(self, number: int) -> _File:
         one = self.descriptors.get(number)
@@ -449,6 +356,7 @@ class SimulatedSystem:
         door.path, door.backlog, door.listens = str(path), backlog, True
         door.changed = int(self.unix() * 1e9)
         self.machine.listeners.append(door)
+        door.on_release = lambda: self.machine.listeners.remove(door)
         self.machine.call()  # between bind and listen
         return door
 
@@ -493,7 +401,7 @@ class SimulatedSystem:
         peer = cast("SimulatedSocket", line).peer
         if peer is None:
             fail(errno.ENOTCONN)
-        return peer.system.pid(), USER
+        return peer.system.process.pid(), USER
 
     def _socket(self) -> SimulatedSocket:
         one = SimulatedSocket(self)

@@ -9,15 +9,13 @@ from __future__ import annotations
 
 import errno
 import math
-import os
 from collections import deque
-from typing import TYPE_CHECKING, Any, Final, NoReturn, Self
+from collections.abc import Callable
+from typing import Any, Final, Self
 
 from robotree.vr.base.os_files import CLOSED_THERE, FAILED, HUNG_UP, READABLE, WRITABLE
-
-if TYPE_CHECKING:
-    from robotree.vr.world.machine import SimulatedSystem
-    from robotree.vr.world.virtual_runner import VirtualWaiter
+from robotree.vr.world.kernel import Descriptors, fail
+from robotree.vr.world.virtual_runner import VirtualWaiter
 
 CAPACITY: Final = 212_992
 """[bytes] that may lie in a connection: net.core.wmem_default."""
@@ -26,17 +24,12 @@ _ALWAYS: Final = HUNG_UP | FAILED
 """Events that are reported whether asked for or not."""
 
 
-def fail(number: int, name: object = None) -> NoReturn:
-    """Raise what the system call would."""
-    raise OSError(number, os.strerror(number), None if name is None else str(name))
-
-
 class SimulatedSocket:
     """See `system.Socket`."""
 
-    def __init__(self, system: SimulatedSystem) -> None:
+    def __init__(self, system: Descriptors) -> None:
         """Make one that is neither connected nor listens, and has no descriptor yet."""
-        self.system, self.machine = system, system.machine
+        self.system, self.kernel = system, system.kernel
         self.number = -1
         self.peer: SimulatedSocket | None = None
         self.incoming: deque[bytes] = deque()
@@ -58,6 +51,8 @@ class SimulatedSocket:
         """[ns] When it got its path."""
         self.queue: deque[SimulatedSocket] = deque()
         self.backlog = 0
+        self.on_release: Callable[[], object] = lambda: None
+        """Called when one that listens is closed."""
 
     # -- as `Socket` ------------------------------------------------------------------------------
 
@@ -74,7 +69,7 @@ class SimulatedSocket:
     def send(self, data: Any, flags: int = 0, /) -> int:
         """See `Socket.send`."""
         del flags
-        self.machine.call()
+        self.kernel.call()
         self._check_open()
         peer = self.peer
         if self.broken or peer is None:
@@ -82,13 +77,13 @@ class SimulatedSocket:
         room = peer.capacity - peer.size
         if room <= 0:
             fail(errno.EAGAIN)
-        piece, trouble = bytes(data[:room]), self.machine.trouble
+        piece, trouble = bytes(data[:room]), self.kernel.trouble
         peer.size += len(piece)
-        self.machine.note_sent(self.system, piece)
+        self.kernel.note_sent(self.system.process.pid(), piece)
         if peer.under_way or peer.stalled or trouble.jitter:
             peer.come_later([piece])
-        elif len(piece) > 1 and self.machine.happens(trouble.split):
-            cut = self.machine.random.randrange(1, len(piece))
+        elif len(piece) > 1 and self.kernel.happens(trouble.split):
+            cut = self.kernel.random.randrange(1, len(piece))
             peer.come_later([piece[:cut], piece[cut:]])
         else:
             peer.arrive(piece)
@@ -100,11 +95,11 @@ class SimulatedSocket:
             try:
                 data = data[self.send(data, flags) :]
             except BlockingIOError:
-                self.system.sleep(0.001)
+                self.system.process.waiter().wait(0.001)
 
     def recv(self, size: int, /) -> bytes:
         """See `Socket.recv`."""
-        self.machine.call()
+        self.kernel.call()
         self._check_open()
         if not self.incoming:
             if self.error:
@@ -130,7 +125,7 @@ class SimulatedSocket:
 
     def accept(self) -> tuple[SimulatedSocket, str]:
         """See `Socket.accept`."""
-        self.machine.call()
+        self.kernel.call()
         self._check_open()
         self.system.check_descriptors()
         if not self.queue:
@@ -142,7 +137,7 @@ class SimulatedSocket:
     def shutdown(self, how: int, /) -> None:
         """See `Socket.shutdown`."""
         del how
-        self.machine.call()
+        self.kernel.call()
         self._check_open()
         for end in (self, self.peer):
             if end is not None:
@@ -168,7 +163,7 @@ class SimulatedSocket:
         for watcher in list(self.watchers):
             watcher.forget(self)
         if self.listens:
-            self.machine.listeners.remove(self)
+            self.on_release()
             self.listens = False
             for line in self.queue:  # their dialers have lost them
                 line.reset()
@@ -245,8 +240,8 @@ class SimulatedSocket:
             self._expect_next()
 
     def _expect_next(self) -> None:
-        trouble = self.machine.trouble
-        self.machine.later(trouble.jitter or trouble.pause, self._land)
+        trouble = self.kernel.trouble
+        self.kernel.later(trouble.jitter or trouble.pause, self._land)
 
     def _land(self) -> None:
         """The next piece arrives."""
@@ -269,9 +264,9 @@ class SimulatedSocket:
 class SimulatedEpoll:
     """See `system.Epoll`; what is ready is reported once (EPOLLET), as all here ask for it."""
 
-    def __init__(self, system: SimulatedSystem) -> None:
+    def __init__(self, system: Descriptors) -> None:
         """Make one that waits for nothing."""
-        self.system, self.machine = system, system.machine
+        self.system, self.kernel = system, system.kernel
         self.closed = False
         self._wanted: dict[SimulatedSocket, int] = {}
         self._ready: dict[SimulatedSocket, None] = {}
@@ -285,7 +280,7 @@ class SimulatedEpoll:
 
     def register(self, fd: SimulatedSocket, eventmask: int = 0, /) -> None:
         """See `Epoll.register`."""
-        self.machine.call()
+        self.kernel.call()
         self._check(fd)
         if fd in self._wanted:
             fail(errno.EEXIST)
@@ -294,7 +289,7 @@ class SimulatedEpoll:
 
     def modify(self, fd: SimulatedSocket, eventmask: int, /) -> None:
         """See `Epoll.modify`."""
-        self.machine.call()
+        self.kernel.call()
         self._check(fd)
         if fd not in self._wanted:
             fail(errno.ENOENT)
@@ -302,7 +297,7 @@ class SimulatedEpoll:
 
     def unregister(self, fd: SimulatedSocket, /) -> None:
         """See `Epoll.unregister`."""
-        self.machine.call()
+        self.kernel.call()
         self._check(fd)
         if fd not in self._wanted:
             fail(errno.ENOENT)
@@ -311,11 +306,11 @@ class SimulatedEpoll:
     def poll(self, timeout: float | None = None, /) -> list[tuple[int, int]]:
         """See `Epoll.poll`. Of several that wait, the one that came last is woken."""
         self._check_open()
-        self.machine.call()
+        self.kernel.call()
         found = self._take()
         if found or timeout == 0.0:
             return found
-        now = self.system.now
+        now = self.system.process.now
         end = math.inf if timeout is None else now() + math.ceil(timeout * 1000) / 1000  # epoll_wait(2)
         while not found and now() < end and not self.closed:
             waiter = self.system.process.waiter()
@@ -353,10 +348,10 @@ class SimulatedEpoll:
             return
         self._ready[one] = None
         if self._waiting:
-            late = self.machine.trouble.late_wake
+            late = self.kernel.trouble.late_wake
             waiter = self._waiting.pop()
             if late:
-                self.machine.later(late, waiter.wake)
+                self.kernel.later(late, waiter.wake)
             else:
                 waiter.wake()
 

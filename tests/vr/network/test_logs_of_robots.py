@@ -6,6 +6,7 @@ import asyncio
 import logging
 import re
 import sys
+import threading
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 
@@ -227,7 +228,7 @@ async def test_who_follows_hears_each_line_once() -> None:
 
 def test_a_log_takes_some_lines_at_once_and_then_a_few_a_second() -> None:
     now = 0.0
-    log = Log(lambda: now, lambda: 1000.0 + now)
+    log = Log(lambda: now, lambda: 1000.0 + now, threading.Lock())
     for number in range(BURST + 10):
         log.say("info", str(number))
     lines = log.since(0)

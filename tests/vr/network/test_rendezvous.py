@@ -296,6 +296,34 @@ def test_a_newcomer_that_finds_no_room_leaves_nothing(
     door.close()
 
 
+def test_a_process_that_found_no_room_for_its_sign_of_life_registers_again_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The folder of its realm was lost while the disk was full."""
+    place, other = place_at(tmp_path), place_at(tmp_path)
+    place.register().close()
+    opened = os.open
+
+    def no_room(path: object, flags: int, *words: object, **more: object) -> int:
+        if flags & os.O_CREAT:
+            raise OSError(errno.ENOSPC, "no space left on device")
+        return opened(path, flags, *words, **more)  # type: ignore[arg-type]
+
+    with monkeypatch.context() as full:
+        full.setattr(os, "open", no_room)
+        for _ in range(2):
+            with pytest.raises(RealmUnusable, match="no space left on device"):
+                place.register()
+            place.beat(1.0)
+    place.register().close()
+    place.beat(7.0)
+    beat = other.beat_of(place.tag)
+    assert beat is not None
+    assert beat.read() == 7.0
+    beat.close()
+    place.leave()
+
+
 def test_a_sign_of_life_can_be_read_without_asking_for_it(tmp_path: Path) -> None:
     one, other = place_at(tmp_path), place_at(tmp_path)
     assert other.beat_of(one.tag) is None

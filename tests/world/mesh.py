@@ -1,0 +1,421 @@
+"""Stories of a small mesh: five processes on one simulated machine, over the real network.
+
+A story lasts 11 s. Until 6 s the members ask each other, publish, announce and withdraw, on their event loops
+and in threads, while processes are killed, frozen, left and started again, connections break or stall, and
+the realm's folder, the disk or the descriptors are gone. Then all is healed, and after five more seconds
+everybody must hear everybody again.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import random
+from collections import Counter
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import Any
+
+from robotree.vr.base.errors import VrError
+from robotree.vr.base.transport import Occupied, Respond
+from robotree.vr.network.door import RESERVE
+from robotree.vr.network.link import Topic
+from robotree.vr.world.kernel import MOST_DESCRIPTORS, STANDARD, Trouble
+from robotree.vr.world.machine_sockets import SimulatedSocket
+from robotree.vr.world.machine_world import REALM, ROOT, MachineProcess, MachineWorld
+from robotree.vr.world.world import SimulatedProcess
+
+LENGTH, CALM, PROBE = 11.0, 6.0, 10.0
+"""[s] of a story; from when on nothing goes wrong any more; when each asks each."""
+MEMBERS = 5
+TIMEOUT = 1.0
+"""[s] for a request."""
+ENDS = 6.0
+"""[s] after which each request has ended: its time, and that of a process that hangs."""
+FOLDER = ROOT / REALM
+
+
+class Member:
+    """One process of the story; started again it is another member of the same name."""
+
+    def __init__(self, story: MeshStory, name: str, life: int) -> None:
+        self.story, self.name = story, name
+        self.key = f"robot/{name}/{life}"
+        self.orders = Counter[str]()
+        """The number of the last request of each asker, in each of its ways."""
+        self.samples = Counter[str]()
+        """The number of the last sample of each publisher."""
+        self.seen: dict[str, bool] = {}
+        """What it was told of presence."""
+        self.numbers = Counter[str]()
+        self.leaves = asyncio.Event()
+        self.left = False
+        self.process: Any = None
+
+    async def main(self, process: SimulatedProcess) -> None:
+        assert isinstance(process, MachineProcess)
+        transport = self.transport = process.transport
+        await transport.serve(self.key, self.answer)
+        await transport.subscribe("robot/*/*/state", self.hear)
+        transport.presence.watch("**", self.see)
+        await transport.announce(self.key)
+        await self.leaves.wait()
+        await transport.close()
+        self.left = True
+
+    @property
+    def ready(self) -> bool:
+        return self.process.alive and self.process.joined and not self.leaves.is_set()
+
+    def answer(self, body: bytes, respond: Respond) -> Any:
+        way, _, number = body.decode().partition(" ")
+        if int(number) <= self.orders[way]:
+            self.story.complain(f"{self.name} gets request {number} of {way} after {self.orders[way]}")
+        self.orders[way] = int(number)
+        if int(number) % 3:
+            respond(body)
+            return None
+
+        async def later() -> None:
+            respond(b"progress")
+            await asyncio.sleep(0.05 * (int(number) % 5))
+            respond(body)
+
+        return later()
+
+    def hear(self, key: str, body: bytes) -> None:
+        if int(body) <= self.samples[key]:
+            self.story.complain(f"{self.name} hears sample {body!r} of {key} after {self.samples[key]}")
+        self.samples[key] = int(body)
+
+    def see(self, key: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
+        if self.seen.get(key, False) == there:
+            self.story.complain(f"{self.name} is told twice that {key} is {there}")
+        self.seen[key] = there
+
+    def next(self, way: str) -> int:
+        self.numbers[way] += 1
+        return self.numbers[way]
+
+
+class MeshStory:
+    """What happens to one mesh, and the laws that it must keep."""
+
+    def __init__(self, seed: int, world: MachineWorld) -> None:
+        self.world, self.chance = world, random.Random(f"{seed} mesh")
+        self.broken: list[str] = []
+        self.members: dict[str, Member] = {}
+        self.open: dict[str, float] = {}
+        """Requests that have not ended, and when they must have [s]."""
+        self.answered = self.asked = self.faults = self.probes = 0
+        self._lives = 0
+        self._wounds: list[Callable[[], None]] = []
+
+    # -- what happens -----------------------------------------------------------------------------
+
+    def tell(self) -> None:
+        world, chance = self.world, self.chance
+        at, preemption = world.runner.at, world.runner.preemption
+        preemption.share = chance.choice([0.0, 0.01, 0.05, 0.2])
+        preemption.starve = chance.choice([0.0, 0.01, 0.3])
+        world.machine.trouble = Trouble(
+            split=chance.choice([0.0, 0.1, 0.5]),
+            small=chance.choice([0.0, 0.0, 0.3]),
+            late_accept=chance.choice([0.0, 0.01, 0.3]),
+            late_wake=chance.choice([0.0, 0.002, 0.05]),
+            full_backlog=chance.choice([0.0, 0.0, 0.1]),
+            slow_death=chance.choice([0.0, 0.001, 0.1]),
+        )
+        for number in range(1, MEMBERS + 1):
+            at(chance.choice([0.0, 0.0, chance.random()]), partial(self.start, f"member-{number}"))
+        for _ in range(60):
+            at(chance.uniform(0.5, CALM), chance.choice(self._deeds()))
+        for _ in range(chance.randrange(2, 9)):
+            at(chance.uniform(0.8, CALM - 0.5), partial(self._fault, chance.choice(self._faults())))
+        at(CALM, self._heal)
+        at(PROBE, self._probe)
+        world.run(LENGTH)
+        self._check()
+
+    def start(self, name: str) -> None:
+        """Start a member, or start it again; if it ends unasked it is started again by the operator."""
+        if name in self.members and self.members[name].process.alive:
+            return
+        self._lives += 1
+        member = self.members[name] = Member(self, name, self._lives)
+        member.process = self.world.start(name, member.main)
+        member.process.on_exit.append(lambda: self._after(self.chance.uniform(0.1, 1.0), self.start, name))
+
+    def complain(self, law: str) -> None:
+        self.broken.append(f"{self.world.runner.now():.3f}: {law}")
+
+    def _after(self, seconds: float, action: Callable[..., object], *arguments: Any) -> None:
+        self.world.runner.at(self.world.runner.now() + seconds, partial(action, *arguments))
+
+    def _ready(self) -> list[Member]:
+        return [one for one in self.members.values() if one.ready and not one.process.runner.halted]
+
+    # -- what members do --------------------------------------------------------------------------
+
+    def _deeds(self) -> list[Callable[[], None]]:
+        return [
+            *[self._ask] * 4,
+            *[self._ask_in_a_thread] * 4,
+            *[self._publish] * 3,
+            self._announce,
+            self._rival,
+        ]
+
+    def _pair(self) -> list[Member]:
+        ready = self._ready()
+        return self.chance.sample(ready, 2) if len(ready) > 1 else []
+
+    def _ask(self) -> None:
+        if pair := self._pair():
+            one, other = pair
+            self._on_loop(one, self._request(one, other, urgent=self.chance.random() < 0.5))
+
+    async def _request(self, one: Member, other: Member, *, urgent: bool) -> None:
+        way = f"{one.key}|{other.key}|loop{urgent}"
+        body = f"{way} {one.next(way)}".encode()
+        self._begin(body, one)
+        replies = list[bytes]()
+        with contextlib.suppress(VrError):
+            replies.extend(
+                [
+                    reply
+                    async for reply in one.transport.request(other.key, body, timeout=TIMEOUT, urgent=urgent)
+                ]
+            )
+        self._end(body, [*replies, None])
+
+    def _ask_in_a_thread(self) -> None:
+        pair = self._pair()
+        if not pair:
+            return
+        one, other = pair
+        urgent, void = self.chance.random() < 0.5, self.chance.choice([0.0, 1.0])
+        way = f"{one.key}|{other.key}|thread{urgent}{self.asked}"
+        ask = one.transport.mesh.ask
+
+        def work() -> None:
+            for number in range(1, 4):
+                body = f"{way} {number}".encode()
+                self._begin(body, one)
+                void_at = one.process.runner.now() + void if void else 0.0
+                on_reply = partial(self._reply, body, [])
+                ask(other.key, body, void_at=void_at, urgent=urgent, on_reply=on_reply)
+
+        one.process.runner.spawn(work, "asker")
+
+    def _begin(self, body: bytes, asker: Member) -> None:
+        self.asked += 1
+        text = body.decode()
+        self.open[text] = self.world.runner.now() + ENDS
+        asker.process.on_exit.append(lambda: self.open.pop(text, None))
+
+    def _reply(self, body: bytes, replies: list[bytes | None], reply: bytes | None) -> None:
+        replies.append(reply)
+        if reply is None:
+            self._end(body, replies)
+
+    def _end(self, body: bytes, replies: Iterable[bytes | None]) -> None:
+        if self.open.pop(body.decode(), None) is None:
+            self.complain(f"request {body!r} ends twice")
+        if (got := list(replies)) not in (
+            [None],
+            [body, None],
+            [b"progress", body, None],
+            [b"progress", None],
+        ):
+            self.complain(f"request {body!r} gets {got}")
+        self.answered += body in got
+
+    def _publish(self) -> None:
+        for one in self._ready():
+            for _ in range(self.chance.choice([1, 1, 20])):
+                number = one.next("state")
+                self._on_loop(one, self._say(one, number))
+
+    async def _say(self, one: Member, number: int) -> None:
+        one.transport.publish(f"{one.key}/state", str(number).encode())
+
+    def _announce(self) -> None:
+        for one in self._ready()[:1]:
+            key, seconds = f"view/{one.name}/{self.chance.randrange(3)}", self.chance.uniform(0.0, 2.0)
+            self._on_loop(one, self._be_there(one, key, seconds))
+
+    async def _be_there(self, one: Member, key: str, seconds: float) -> None:
+        registration = await one.transport.announce(key)
+        await asyncio.sleep(seconds)
+        await registration.close()
+
+    def _rival(self) -> None:
+        """Two take one name at the same time; of two that see each other at most one has it."""
+        for one in self._pair():
+            self._on_loop(one, self._take_name(one))
+
+    async def _take_name(self, one: Member) -> None:
+        with contextlib.suppress(Occupied):
+            mine = await one.transport.announce(f"host/only/{one.name}", unless=["host/only/*"])
+            await one.transport.settle(0.5)
+            await asyncio.sleep(0.2)
+            await mine.close()
+
+    def _on_loop(self, one: Member, work: Any) -> None:
+        async def run() -> None:
+            with contextlib.suppress(VrError):
+                await work
+
+        if one.ready:
+            one.process.loop.call_soon_threadsafe(lambda: one.process.loop.create_task(run()))
+        else:
+            work.close()
+
+    # -- what goes wrong --------------------------------------------------------------------------
+
+    def _faults(self) -> list[Callable[[], None]]:
+        return [
+            self._kill,
+            self._kill,
+            self._pause,
+            self._pause,
+            self._leave,
+            self._reset,
+            self._stall,
+            self._lose_folder,
+            self._lose_file,
+            self._fill_disk,
+            self._take_descriptors,
+        ]
+
+    def _fault(self, fault: Callable[[], None]) -> None:
+        self.faults += 1
+        self.world.note("story", fault.__name__)
+        fault()
+
+    def _victim(self) -> Member:
+        return self.chance.choice(list(self.members.values()))
+
+    def _for(self, seconds: float, heal: Callable[[], object]) -> None:
+        self._wounds.append(heal)  # type: ignore[arg-type] # what it returns is not looked at
+        self._after(seconds, heal)
+
+    def _kill(self) -> None:
+        self._victim().process.kill()
+
+    def _pause(self) -> None:
+        process = self._victim().process
+        process.pause()
+        self._for(self.chance.uniform(0.1, 4.0), process.resume)
+
+    def _leave(self) -> None:
+        victim = self._victim()
+        if victim.ready:
+            victim.process.loop.call_soon_threadsafe(victim.leaves.set)
+
+    def _links(self) -> list[SimulatedSocket]:
+        one, other = self.chance.sample(list(self.members.values()), 2)
+        return self.world.machine.links_between(one.process.runner, other.process.runner)
+
+    def _reset(self) -> None:
+        links = self._links()
+        for end in links if self.chance.random() < 0.5 else links[:1]:
+            end.reset()
+
+    def _stall(self) -> None:
+        for end in self._links():
+            end.stalled = True
+            self._for(self.chance.uniform(0.2, 3.0), end.go_on)
+
+    def _lose_folder(self) -> None:
+        self.world.machine.lose_folder(FOLDER)
+
+    def _lose_file(self) -> None:
+        entries = self.world.machine.folders.get(str(FOLDER), {})
+        if entries:
+            del entries[self.chance.choice(sorted(entries))]
+
+    def _fill_disk(self) -> None:
+        machine = self.world.machine
+        machine.disk_full = True
+        self._for(self.chance.uniform(0.2, 2.0), lambda: setattr(machine, "disk_full", False))
+
+    def _take_descriptors(self) -> None:
+        system = self._victim().process.system
+        system.most_descriptors = len(system.descriptors) + STANDARD + 2
+        self._for(
+            self.chance.uniform(0.2, 2.0), lambda: setattr(system, "most_descriptors", MOST_DESCRIPTORS)
+        )
+
+    def _heal(self) -> None:
+        wounds, self._wounds = self._wounds, []
+        for heal in wounds:
+            heal()
+        self.world.machine.trouble = Trouble()
+        self.world.runner.preemption.share = 0.0
+
+    # -- the laws ---------------------------------------------------------------------------------
+
+    def _probe(self) -> None:
+        """Each asks each, and all publish."""
+        members = list(self.members.values())
+        for one in members:
+            self._on_loop(one, self._say(one, one.next("state")))
+            for other in members:
+                self._on_loop(one, self._probe_one(one, other))
+
+    async def _probe_one(self, one: Member, other: Member) -> None:
+        before = self.answered
+        await self._request(one, other, urgent=True)
+        self.probes += self.answered > before
+
+    def _check(self) -> None:
+        for text, latest in self.open.items():
+            if latest < self.world.runner.now():
+                self.complain(f"request {text} never ends")
+        self.broken += [f"complaint: {one}" for one in self.world.complaints]
+        self.broken += [f"logged: {one}" for one in self.world.logged]
+        members = [one for one in self.members.values() if one.ready]
+        if len(members) < MEMBERS:
+            self.complain(f"only {len(members)} members have come back")
+            return
+        if self.probes != MEMBERS**2:
+            self.complain(f"{self.probes} of {MEMBERS**2} last requests were answered")
+        meshes = {one.transport.mesh.place.tag: one.transport.mesh for one in members}
+        held = sorted({key for mesh in meshes.values() for key in mesh._known[Topic.HOLDS]})
+        for one in members:
+            self._check_member(one, set(meshes), held)
+
+    def _check_member(self, one: Member, tags: set[str], held: list[str]) -> None:
+        mesh, name = one.transport.mesh, one.name
+        others = tags - {mesh.place.tag}
+        if {tag for tag, peer in mesh._peers.items() if peer.awake} != others or set(mesh._peers) != others:
+            self.complain(f"{name} knows {sorted(mesh._peers)}, and there are {sorted(others)}")
+        if mesh.presence.keys("**") != held:
+            self.complain(f"{name} sees {mesh.presence.keys('**')}, and there is {held}")
+        if sorted(key for key, there in one.seen.items() if there) != held:
+            self.complain(f"{name} was told of other keys than there are")
+        if {entry.key for entry in mesh.held("**")} != set(held):
+            self.complain(f"{name} finds other keys in the record than there are")
+        if late := mesh.late("**"):
+            self.complain(f"{name} finds others late: {late}")
+        for other in self.members.values():
+            if one.samples[f"{other.key}/state"] != other.numbers["state"]:
+                self.complain(f"{name} has not heard the last sample of {other.name}")
+        ends = one.process.system.descriptors.values()
+        sockets = sum(isinstance(end, SimulatedSocket) for end in ends)
+        files = len(ends) - sockets - 1
+        if sockets != 3 + 2 * (MEMBERS - 1) or not 1 + RESERVE <= files <= RESERVE + MEMBERS:
+            self.complain(f"{name} has {sockets} sockets and {files} files open")
+
+
+def play(seed: int) -> tuple[str, MeshStory]:
+    """Play one seed to its end; returns the digest of its trace, and the story."""
+    with MachineWorld(seed) as world:
+        story = MeshStory(seed, world)
+        try:
+            story.tell()
+        except Exception as error:  # noqa: BLE001 # a fault of the program, which the seed has found
+            story.complain(f"raised: {type(error).__name__}: {error}")
+        return world.digest, story
