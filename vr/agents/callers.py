@@ -12,7 +12,6 @@ import contextlib
 import logging
 
 from robotree.vr.base.presence import Presence, Undo
-from robotree.vr.base.requests import Raised, Returned
 from robotree.vr.running.robot_runtime import RobotRuntime
 
 ARRIVAL = 0.5
@@ -42,8 +41,6 @@ class Callers:
         self._loop = asyncio.get_running_loop()
         self._lock = runtime.process.runner.lock()
         """Guards what follows; nothing else is locked while it is held."""
-        self._present: dict[str, dict[str, None]] = {}
-        """The callers of each command under way, by its key."""
         self._watching: dict[str, Undo | None] = {}
         """By caller; None: it is about to begin."""
         self._recent: set[str] = set()
@@ -57,22 +54,15 @@ class Callers:
             caller: key under which it is present.
             key: of the call.
         """
+        self._runtime.attend(key, caller)
         with self._lock:
-            first, unknown = key not in self._present, caller not in self._watching
-            self._present.setdefault(key, {})[caller] = None
+            unknown = caller not in self._watching
             self._recent.add(caller)
             if unknown:
                 self._watching[caller] = None
-        if first and not self._runtime.listen(key, _End(self, key)):
-            self.ended(key)  # it was quicker
         if unknown:
             with contextlib.suppress(RuntimeError):  # the loop is closed: the robot ends itself
                 self._loop.call_soon_threadsafe(self._watch, caller)
-
-    def ended(self, key: str) -> None:
-        """A command has ended. From any thread."""
-        with self._lock:
-            self._present.pop(key, None)
 
     def close(self) -> None:
         """Watch no caller any more."""
@@ -118,36 +108,16 @@ class Callers:
             caller: the caller; its next call begins another watch.
             idle: only if it has not called since it was last asked, and no call of it goes on.
         """
+        calls = idle and self._runtime.is_attended_by(caller)
         with self._lock:
-            calls = caller in self._recent or any(caller in callers for callers in self._present.values())
+            calls = calls or (idle and caller in self._recent)
             self._recent.discard(caller)
-            unwatch = None if idle and calls else self._watching.pop(caller, None)
+            unwatch = None if calls else self._watching.pop(caller, None)
         if unwatch is not None:
             unwatch()
 
     def _lost(self, caller: str) -> None:
         self._unwatch(caller)
-        left: list[str] = []
-        with self._lock:
-            for key, callers in self._present.items():
-                if caller in callers:
-                    del callers[caller]
-                    left += [] if callers else [key]
-        for key in left:
+        for key in self._runtime.lose(caller):
             _log.warning("%s: a command was ended, because its caller has gone", self._runtime.robot.name)
             self._runtime.cancel(key, GONE)
-
-
-class _End:
-    """Gets a call when one command ends: a `Listener`."""
-
-    def __init__(self, callers: Callers, key: str) -> None:
-        self._callers, self._key = callers, key
-
-    def note(self, fraction: float, text: str) -> None:
-        """See `Listener.note`."""
-
-    def settle(self, reply: Returned | Raised) -> None:
-        """See `Listener.settle`."""
-        del reply
-        self._callers.ended(self._key)

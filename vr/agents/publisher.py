@@ -270,7 +270,7 @@ class Publisher:
             running = calls.live.get(calls.running)
             return State(
                 caller="" if running is None else running.caller,
-                note="" if running is None else runtime.shown_progress.get(running.key, (0.0, ""))[1],
+                note="" if running is None else runtime.progress_of(running.key)[1],
                 bond=None if lease is None else lease.parent,
                 readings=readings,
                 **self._condition(core),
@@ -306,7 +306,7 @@ class Publisher:
 
     def _readings(self) -> dict[str, float]:
         readings = dict(self._hooks.readings())
-        fraction = self._runtime.shown_progress.get(self._runtime.core.state.calls.running, (math.nan, ""))[0]
+        fraction = self._runtime.progress_of(self._runtime.core.state.calls.running)[0]
         if not math.isnan(fraction):
             readings["progress"] = fraction
         return readings

@@ -132,18 +132,6 @@ class CallingRobot(Protocol):
         ...
 
 
-class Listener(Protocol):
-    """Who wants to know how a call fares. Called in any thread; must not block."""
-
-    def note(self, fraction: float, text: str) -> None:
-        """Take the progress: 0 to 1, NaN where it is unknown."""
-        ...
-
-    def settle(self, reply: Returned | Raised) -> None:
-        """Take how it ended."""
-        ...
-
-
 class Abandoned(BaseException):
     """Raised in an author's code that was abandoned, at each further call."""
 
@@ -855,10 +843,10 @@ class PendingCall(Started):
         self._may_be_given = [True]
         """Emptied by who decides whether the caller's worker carries the command out: caller or child."""
 
-    # -- a Listener -------------------------------------------------------------------------------
+    # -- a `run.Listener` -------------------------------------------------------------------------------
 
     def note(self, fraction: float, text: str) -> None:
-        """See `Listener.note`."""
+        """Take how far the child is."""
         self._fraction, frame = fraction, self.frame
         if self._passes_on:
             frame.runtime.note(frame.call_key, fraction, text)
@@ -885,7 +873,7 @@ class PendingCall(Started):
         return ChildTimeout(robot=self.child, command=self.command, limit=self._limit_text)
 
     def settle(self, reply: Returned | Raised) -> None:
-        """See `Listener.settle`."""
+        """Take how it ended."""
         if self.reply is None:
             self.reply = reply
             if self._unlimit is not None:

@@ -48,6 +48,10 @@ class OnWorker(Protocol):
     cause: VrError | None
     shield: float
 
+    def cancel(self, cause: VrError, *, final: bool = False) -> None:
+        """Ask it to end. From any thread."""
+        ...
+
     def end_with_caller(self, *, final: bool) -> None:
         """Have its robot end it, for the frame below it on the worker has ended. From any thread."""
         ...

@@ -36,12 +36,13 @@ from robotree.vr.core import events as on
 from robotree.vr.core.events import Begin, CoreEffect, CoreEvent, Interrupt, Settled
 from robotree.vr.core.machine import RobotCore
 from robotree.vr.running.feed import Feed
-from robotree.vr.running.frame import DEEPEST, CallManner, Frame, Listener, PendingCall
+from robotree.vr.running.frame import DEEPEST, CallManner, Frame, PendingCall
 from robotree.vr.running.log import Log, waits
 from robotree.vr.running.outcome import raised
 from robotree.vr.running.own_errors import as_itself
 from robotree.vr.running.page_trace import begin_of, line_at_work, words_of
 from robotree.vr.running.process import Process, Worker
+from robotree.vr.running.run import NO_PROGRESS, Listener, Run
 
 LONGEST_NOTE = 80
 """Characters of a command's progress text that the state of its robot contains."""
@@ -122,11 +123,8 @@ class RobotRuntime:
         self.isolated = robot.isolated  # its commands always run on workers of their own
         if isinstance(robot, VirtualRobot):
             self._give_state(robot)
-        self.frames: dict[str, Frame] = {}
-        """Its running commands, by key."""
-        self.shown_progress: dict[str, tuple[float, str]] = {}
-        """How far its running commands are, by key, as others see it."""
-        self._own_progress: dict[str, tuple[float, str]] = {}  # without the progress of their children
+        self.runs: dict[str, Run] = {}
+        """Its calls that have not ended, by key."""
         self.describe_child = describe_child
         self._transport, self._obeyed, self._follow_child = transport, obeyed, follow_child
         self._on_effect = on_effect
@@ -139,10 +137,6 @@ class RobotRuntime:
         self._exposures = exposures_of(type(robot))
         self.log = Log(self._runner.now, self._runner.unix, self._runner.lock())
         """What its code says, and how its commands ended."""
-        self._listeners: dict[str, list[Listener]] = {}
-        self._turns: dict[str, PendingCall] = {}
-        """Calls whose caller waits on its worker and would carry the command out itself."""
-        self._waited: set[str] = set()  # keys of calls whose people were told that they wait
         self._calling: dict[str, dict[PendingCall, None]] = {}  # by slot; they end in their order
         self._feeds: dict[str, dict[Feed, None]] = {}  # who follows the readings of a child, by slot
         self._unremind: Callable[[], None] = _nothing
@@ -181,7 +175,7 @@ class RobotRuntime:
             except VrError as error:
                 refusal = error
             else:
-                if listener is not None and isinstance(event, on.Invoke):
+                if isinstance(event, on.Invoke):
                     self._attend(event.call.key, listener, turn)
             turned = None if self._coming is None else self._turn_page(effects, now)
             shows = self._shows(effects)
@@ -258,10 +252,19 @@ class RobotRuntime:
         with self._lock:
             return query(self.core)
 
-    def _attend(self, key: str, listener: Listener, turn: PendingCall | None = None) -> None:
-        self._listeners.setdefault(key, []).append(listener)
+    def _attend(self, key: str, listener: Listener | None, turn: PendingCall | None) -> None:
+        run = self._run_of(key)
+        if listener is not None:
+            run.listeners.append(listener)
         if turn is not None:
-            self._turns[key] = turn
+            run.turn = turn.give_turn
+
+    def _run_of(self, key: str) -> Run:
+        """Return what is known of a live call; nothing, if the state was decoded."""
+        run = self.runs.get(key)
+        if run is None:
+            run = self.runs[key] = Run()
+        return run
 
     def _handle(self, event: CoreEvent, now: float) -> list[CoreEffect]:
         """Let an event change the state, and write it down; returns what follows. Under the lock."""
@@ -289,22 +292,19 @@ class RobotRuntime:
     def _carry_out(self, effects: list[CoreEffect]) -> None:
         for effect in effects:
             if isinstance(effect, Begin):
-                if effect.key in self._waited:
-                    self._tell_turn(effect.key)
-                turn = self._turns.pop(effect.key, None)
-                run = partial(self._run, effect.key)
-                if turn is not None and turn.give_turn(run):
+                run = self._run_of(effect.key)
+                if run.waited:
+                    self._tell_turn(effect.key, run)
+                job = partial(self._run, effect.key, run)
+                if run.turn is not None and run.turn(job):
                     continue
-                if not self._transport.after_reading(partial(self.process.carry_out, run)):
-                    self.process.work(run)
+                if not self._transport.after_reading(partial(self.process.carry_out, job)):
+                    self.process.work(job)
             elif isinstance(effect, Settled):
                 if effect.call is not None:
                     self.log.settle(effect.call)
-                self._turns.pop(effect.key, None)
-                self._waited.discard(effect.key)
-                self.shown_progress.pop(effect.key, None)
-                self._own_progress.pop(effect.key, None)
-                for listener in self._listeners.pop(effect.key, ()):
+                ended = self.runs.pop(effect.key, None)
+                for listener in () if ended is None else ended.listeners:
                     try:
                         listener.settle(effect.reply)
                     except Exception:  # noqa: BLE001 # of the others, and of the robot, it is not the fault
@@ -333,13 +333,14 @@ class RobotRuntime:
             calls = self.core.state.calls
             if (first := calls.live.get(calls.running)) is None:
                 return
-            found = [calls.live[key] for key in calls.waiting if is_person(calls.live[key].caller)]
-            listeners = [(one, call.came) for call in found for one in self._listeners.get(call.key, ())]
-            self._waited |= {call.key for call in found}
-            looks = bool(found) and not self._looks
+            waiting = [calls.live[key] for key in calls.waiting if is_person(calls.live[key].caller)]
+            notes = [(self._run_of(call.key), waits(first, now - call.came)) for call in waiting]
+            for run, _ in notes:
+                run.waited = True
+            looks = bool(notes) and not self._looks
             self._looks = self._looks or looks
-        for listener, came in listeners:
-            listener.note(math.nan, waits(first, now - came))
+        for run, text in notes:
+            run.tell(math.nan, text)
         if looks:
             self.process.at(now + 1.0, self._look_at_waiting)
 
@@ -348,17 +349,16 @@ class RobotRuntime:
             self._looks = False
         self._tell_waiting()
 
-    def _tell_turn(self, key: str) -> None:
+    def _tell_turn(self, key: str, run: Run) -> None:
         """Tell a person whose command has waited that its turn has come."""
         with self._lock:
-            self._waited.discard(key)
-            call = self.core.state.calls.live[key]
-        for listener in self._listeners.get(key, ()):
-            listener.note(math.nan, f"has waited {call.began - call.came:.0f} s")
+            run.waited, call = False, self.core.state.calls.live[key]
+            text = f"has waited {call.began - call.came:.0f} s"
+        run.tell(math.nan, text)
 
     def _carry_out_other(self, effect: CoreEffect) -> None:
         if isinstance(effect, Interrupt):
-            if frame := self.frames.get(effect.key):
+            if (run := self.runs.get(effect.key)) and (frame := run.frame):
                 frame.cancel(effect.cause.revive(), final=effect.final)
         else:
             if isinstance(effect, on.ChildGone):
@@ -448,18 +448,33 @@ class RobotRuntime:
         """Let a call go on without the command that has made it, in the name of its caller."""
         self.post(on.DetachAsked(key=key, entitled=True))
 
-    def listen(self, key: str, listener: Listener) -> bool:
-        """Tell somebody how a live call fares; returns whether it is live."""
+    # -- callers with whom calls end --------------------------------------------------------------
+
+    def attend(self, key: str, caller: str) -> None:
+        """End a call, if it is live, when the last of those who attend it is lost; see `lose`."""
         with self._lock:
-            if key not in self.core.state.calls.live:
-                return False
-            self._attend(key, listener)
-            return True
+            if key in self.core.state.calls.live:
+                run = self._run_of(key)
+                run.callers |= {caller}
+
+    def is_attended_by(self, caller: str) -> bool:
+        """Whether a live call is attended by a caller."""
+        with self._lock:
+            return any(caller in run.callers for run in self.runs.values())
+
+    def lose(self, caller: str) -> list[str]:
+        """Take note that a caller is lost; return the keys of the calls that nobody attends any more."""
+        with self._lock:
+            lost = {key: run for key, run in self.runs.items() if caller in run.callers}
+            for run in lost.values():
+                run.callers -= {caller}
+        return [key for key, run in lost.items() if not run.callers]
 
     def abandon(self, key: str, at: FrameType | None) -> None:
         """Give up code that ignores every interruption; `at` is what its thread carries out."""
         self.isolated = True  # what happened once may happen again, and must not take its caller with it
         call, where = self.core.state.calls.live.get(key), ""
+        frame = self.runs[key].frame if key in self.runs else None
         if call is not None:
             line = line_at_work(at, self._source_of(call.command))
             where = "" if line is None else f"{line.place}: {line.text}"
@@ -471,11 +486,9 @@ class RobotRuntime:
         self.post(on.Abandon(key=key, where=where))
         if call is not None:
             self.log.say("warning", f"{call.command} has ended and its code still runs: {where or '?'}")
-        frame = self.frames.get(key)
-        if frame is not None and not frame.worker.dead:  # a part of it was abandoned, on another worker
+        if frame is not None and call is not None and not frame.worker.dead:  # a part of it was abandoned
             reason = "a part of it was abandoned, because it ignores every cancel"
-            cause = CommandCancelled(robot=self.name, command=frame.context.command, reason=reason)
-            frame.cancel(cause, final=True)
+            frame.cancel(CommandCancelled(robot=self.name, command=call.command, reason=reason), final=True)
 
     def gone(self, key: str) -> None:
         """Abandoned code has ended after all."""
@@ -487,20 +500,25 @@ class RobotRuntime:
 
     def note(self, key: str, fraction: float, text: str) -> None:
         """Take how far a running command is."""
-        self._own_progress[key] = (fraction, text)
-        self._show(key, fraction, text)
+        if run := self.runs.get(key):
+            run.own = (fraction, text)
+            self._show(run, fraction, text)
 
     def note_child(self, key: str, child: str, text: str) -> None:
         """Take the progress that a child of a running command reports: shown beside the command's own."""
-        if key in self.frames:
-            fraction, own = self._own_progress.get(key, (math.nan, ""))
-            self._show(key, fraction, f"{own}; {child}: {text}" if own else f"{child}: {text}")
+        if run := self.runs.get(key):
+            fraction, own = run.own
+            self._show(run, fraction, f"{own}; {child}: {text}" if own else f"{child}: {text}")
 
-    def _show(self, key: str, fraction: float, text: str) -> None:
-        self.shown_progress[key] = (fraction, text[:LONGEST_NOTE])
-        for listener in self._listeners.get(key, ()):
-            listener.note(fraction, text)
+    def _show(self, run: Run, fraction: float, text: str) -> None:
+        run.shown = (fraction, text[:LONGEST_NOTE])
+        run.tell(fraction, text)
         self.changed()
+
+    def progress_of(self, key: str) -> tuple[float, str]:
+        """Return how far a call is, as others see it."""
+        run = self.runs.get(key)
+        return NO_PROGRESS if run is None else run.shown
 
     def say(self, key: str, level: Level, text: str, *, piece: bool = False) -> None:
         """Take output of a running command; empty key: of other code of the robot."""
@@ -582,7 +600,7 @@ class RobotRuntime:
 
     # -- carrying out -----------------------------------------------------------------------------
 
-    def _run(self, key: str, worker: Worker) -> None:
+    def _run(self, key: str, run: Run, worker: Worker) -> None:
         """Carry out a call whose turn it is, on a worker, on top of what is there."""
         call = self.core.state.calls.live[key]
         context = CommandContext(
@@ -592,8 +610,7 @@ class RobotRuntime:
             epoch=call.epoch,
             deadline_at=call.deadline_at,
         )
-        frame = Frame(self, context, worker)
-        self.frames[key] = frame
+        frame = run.frame = Frame(self, context, worker)
         if call.cause is not None:
             frame.cause, frame.final = call.cause.revive(), call.final
         with self._lock:  # the page may be another one in a moment, for a command that only reads
@@ -611,7 +628,7 @@ class RobotRuntime:
         if not worker.stack:
             self._runner.name_thread(f"{self.robot.name}.{call.command}")
         value, error = frame.run(work)
-        del self.frames[key]
+        run.frame = None
         frame.over = True  # from now on a thread that works for it reaches no child
         if frame.started or frame.guests or frame.feeds:
             frame.end()

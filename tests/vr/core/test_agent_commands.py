@@ -320,7 +320,7 @@ class Meter(Robot):
 async def test_who_reads_too_much_hears_how_many_read(realm: Any) -> None:
     meter = await realm.start(Meter("meter"))
     reading = [asyncio.create_task(realm.client(meter).call("read", {})) for _ in range(MOST_READERS)]
-    await realm.until(lambda: len(meter.runtime.frames) == MOST_READERS)
+    await realm.until(lambda: len(meter.runtime.runs) == MOST_READERS)
     with pytest.raises(Busy, match=r"32 that only read run already; wait, or .*`robotree cancel meter`"):
         await realm.client(meter).call("read", {})
     await asyncio.gather(*reading)

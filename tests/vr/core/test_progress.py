@@ -75,7 +75,7 @@ async def test_it_stands_behind_what_the_parent_itself_says(realm: Any, picker: 
         *((0.5, f"second box; arm-1: {step} of 3") for step in (1, 2, 3)),
         (1.0, "done"),
     ]
-    assert not picker.runtime.shown_progress
+    assert not picker.runtime.runs
 
 
 async def test_each_of_six_quick_steps_is_told(realm: Any, picker: Any) -> None:

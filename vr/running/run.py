@@ -1,0 +1,55 @@
+"""One call of a robot in its process: who waits for it, how far it is, and its code while that is at work."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Protocol
+
+from robotree.vr.base.requests import Raised, Returned
+from robotree.vr.running.process import OnWorker, Worker
+
+NO_PROGRESS = (math.nan, "")
+"""How far a command is that has not said so: progress from 0 to 1, here unknown, and a text."""
+
+
+class Listener(Protocol):
+    """Who wants to know how a call fares. Called in any thread; must not block."""
+
+    def note(self, fraction: float, text: str) -> None:
+        """Take the progress: 0 to 1, NaN where it is unknown."""
+        ...
+
+    def settle(self, reply: Returned | Raised) -> None:
+        """Take how it ended."""
+        ...
+
+
+class Run:
+    """What a process knows of one call of its robot, beside the state that a journal keeps.
+
+    The runtime of the robot makes it when the call is accepted, and forgets it when the call has ended.
+    """
+
+    frame: OnWorker | None = None
+    """Its code on a worker; None: its turn has not come, or its code has ended."""
+    turn: Callable[[Callable[[Worker], None]], bool] | None = None
+    """Has the worker of its caller, which waits for it, carry it out; see `PendingCall.give_turn`."""
+    shown = NO_PROGRESS
+    """How far it is, as others see it."""
+    own = NO_PROGRESS
+    """The same without the progress of its children."""
+    waited: bool = False
+    """Whether the person who called it was told that it waits."""
+    callers: frozenset[str] = frozenset()
+    """Keys under which those are present with whom it ends; empty: it goes on without them."""
+
+    def __init__(self) -> None:
+        """Begin without anybody who listens."""
+        self.listeners: list[Listener] = []
+        """Those who are told how it fares."""
+
+    def tell(self, fraction: float, text: str) -> None:
+        """Tell those who listen how far it is."""
+        for listener in self.listeners:
+            listener.note(fraction, text)
