@@ -69,6 +69,8 @@ CUP = 0.11
 """[m] height of a cup; its tag marks its middle."""
 HOLDS = 0.02
 """[m] fingers that came closer than this hold nothing."""
+INWARD, ALONG = 0.12, (0.0, 0.3, -0.3, 0.15, -0.15)
+"""[m] towards the robot and to its left from the point of a table that is looked at: where a cup may be."""
 LOW = 0.3
 """[m] above the floor: what is lower has fallen."""
 NEAR = 0.7
@@ -319,21 +321,24 @@ class Companion(RolePlayer):
         if self.holds(side):
             self.carried[side] = cup
             raise self.failed(f"{who} has not taken it; it is still in the {side} hand")
+        self.moved[cup] = who, self.now()  # also if the act is ended before the next line
         hand.reach(x=ahead - 0.12, y=aside, z=z + 0.10, hand="forward", speed=GENTLE)
         self.step_back(0.25)
         hand.posture(**REST, speed=BRISK)
         if self.fell(cup):
             raise self.failed(f"{who} has let it fall")
-        self.moved[cup] = who, self.now()
 
     @command
     def put(self, place: Where = "table") -> None:
-        """Put what a hand holds down on the table."""
+        """Put what a hand holds down on the table, away from all that stands there."""
         side = self.full_hand()
         hand, sign = self.hand(side), 1.0 if side == "left" else -1.0
-        x, y, z = PLACES[place].at
-        self.stand_at(x - 0.12, y, sign, heading=PLACES[place].heading)
-        ahead, aside, _ = self.in_body(x - 0.12, y, z)
+        self.go_to(place)
+        self.look_at(place)
+        self.sleep(0.3)
+        x, y, z = self.room_on(place)
+        self.stand_at(x, y, sign, heading=PLACES[place].heading)
+        ahead, aside, _ = self.in_body(x, y, z)
         self.carry(hand.reach, x=ahead - 0.10, y=aside, z=z + 0.20, hand="forward", speed=BRISK)
         self.moved[self.set_down(side, ahead, aside, 0.72)] = place, self.now()
         hand.reach(x=ahead - 0.12, y=aside, z=z + 0.10, hand="forward", speed=GENTLE)
@@ -422,6 +427,14 @@ class Companion(RolePlayer):
             self.sleep(0.3)
         tag = self.head.see(tag=TAGS[thing])
         return bool(tag.seen and tag.z < LOW)
+
+    def room_on(self, place: PlaceName) -> tuple[float, float, float]:
+        """Where a cup stands farthest from the others that were seen on a table [m, flat]."""
+        x, y, z = PLACES[place].at
+        tags = [self.head.see(tag=THINGS[thing]) for thing in THINGS if thing not in self.carried.values()]
+        others = [(tag.x, tag.y) for tag in tags if tag.seen and tag.z > LOW]
+        spots = [(x - INWARD, y + along) for along in ALONG]
+        return *max(spots, key=lambda spot: min((math.dist(spot, at) for at in others), default=math.inf)), z
 
     def set_down(self, side: str, ahead: float, aside: float, top: float) -> str:
         """Lower a cup on what is `top` [m] high until that carries it, and let go; returns its name."""

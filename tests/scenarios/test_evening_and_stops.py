@@ -20,6 +20,7 @@ from robotree.vr.supervision.fleet import Fleet
 
 PAGES = Path(companion.__path__[0])
 CUP = "blue cup"
+CUPS = (CUP, "green cup", "red cup")
 LONGEST = 240.0
 """[s] for a greeting, a way, a cup and a giving, on a busy machine."""
 
@@ -117,6 +118,11 @@ async def test_stopped_while_it_gives_the_evening_puts_the_cup_back_and_serves_a
     assert await holds_a_cup(fleet)
     await fleet.resume(SCRIPT)
     await until(lambda: said(fleet, "Thank you very much."))
+    await reaches(fleet, "visitor", "anna", "stage", "over")
+    places = {cup: await slot(fleet, "cup", cup, "place") for cup in CUPS}
+    assert places.pop(CUP) == "anna", "she has the one cup that was ever taken"
+    assert set(places.values()) <= {"unseen", "table"}, "the others stand where they stood"
+    assert not await holds_a_cup(fleet)
 
 
 async def said(fleet: Fleet, text: str) -> bool:

@@ -40,19 +40,19 @@ def visit(play: Play, seed: int = 0) -> tuple[CompanionWorld, Any]:
     return world, companion(CompanionBench(world))
 
 
-def with_a_cup(step: Step) -> tuple[CompanionWorld, Any]:
+def with_a_cup(*steps: Step, tag: int = 2) -> tuple[CompanionWorld, Any]:
     """The same, but the companion holds a cup in its left hand already: taking it takes long."""
-    world, robot = visit((step,))
+    world, robot = visit(steps)
     robot.left.posture(**CARRIED, speed=0.4)
     robot.left.operator.succeed(Verb.GRIP, 2 * CUP_RADIUS + 0.0006)
     model, data = world.cell.model, world.cell.data
-    joint = model.joint("cup_2")
+    joint = model.joint(f"cup_{tag}")
     at, rate = int(joint.qposadr[0]), int(joint.dofadr[0])
     data.qpos[at : at + 3] = data.site_xpos[model.site(PREFIX + "left_tcp").id] - (0.0, 0.0, 0.01)
     data.qpos[at + 3 : at + 7] = 1.0, 0.0, 0.0, 0.0
     data.qvel[rate : rate + 6] = 0.0
     robot.left.operator.succeed(Verb.GRIP, 0.0)
-    robot.carried["left"] = "green cup"
+    robot.carried["left"] = {2: "green cup", 3: "blue cup"}[tag]
     assert robot.holding() == "left"
     return world, robot
 
@@ -196,6 +196,38 @@ def test_who_holds_out_no_hand_gets_no_cup_and_it_goes_back_to_the_table() -> No
     robot.put("table")
     assert robot.holding() == "nothing"
     assert world.flat.cup(2)[2] == pytest.approx(TABLE_TOP + CUP_HEIGHT / 2, abs=0.005), "it stands"
+
+
+def test_who_has_a_cup_has_it_also_when_the_giving_fails_after_that() -> None:
+    world, robot = with_a_cup(Receive())
+    robot.go_to("sofa")
+    robot.look_towards(*BEFORE_SOFA, 1.0)
+    robot.sleep(0.3)
+
+    def blocked(_length: float) -> None:
+        raise robot.failed("something holds the base")
+
+    robot.step_back = blocked
+    with pytest.raises(CommandFailed, match="something holds the base"):
+        robot.give("anna")
+    assert world.flat.visitors[0].holding == 2
+    assert robot.where("green cup") == "anna", "it is seen there"
+    robot.head.look(pan=1.5, tilt=0.0)
+    robot.sleep(0.3)
+    del world.flat.sights[2]
+    assert robot.where("green cup") == "anna", "no camera has seen it elsewhere since"
+
+
+def test_a_cup_is_put_down_where_no_other_one_stands() -> None:
+    world, robot = with_a_cup(Wait(1000.0), tag=3)
+    others = [world.flat.cup(tag) for tag in (1, 2)]
+    robot.put("table")
+    robot.sleep(1.0)
+    stands = pytest.approx(TABLE_TOP + CUP_HEIGHT / 2, abs=0.005)
+    assert [world.flat.cup(tag)[2] for tag in (1, 2, 3)] == [stands] * 3
+    for before, tag in zip(others, (1, 2), strict=True):
+        assert math.dist(before, world.flat.cup(tag)) < 0.01, "the others stand where they stood"
+    assert robot.where("blue cup") == "table"
 
 
 @pytest.mark.soak
