@@ -143,6 +143,20 @@ def test_the_entry_of_a_dead_process_is_told_from_one_that_hangs() -> None:
         assert elsewhere.remedy == "add --realm x"
 
 
+@pytest.mark.parametrize("damage", [b"", b"\xff\0", None], ids=["cut", "garbage", "gone"])
+def test_a_process_whose_list_is_damaged_is_not_said_to_have_announced_nothing(damage: bytes | None) -> None:
+    with socket.socket(socket.AF_UNIX) as listening:
+        entry = Rendezvous("x").directory / f"{os.getpid()}-0123abcd"
+        listening.bind(f"{entry}.sock")
+        listening.listen()
+        if damage is not None:
+            Path(f"{entry}.held").write_bytes(damage)
+        said = told(meeting.processes(meeting.entries("x")))
+        assert "is damaged or gone: nobody who comes now knows its robots" in said
+        assert f"end it: kill -KILL {os.getpid()}" in said
+        assert "announced nothing" not in said
+
+
 def test_why_a_robot_is_not_listed_is_said() -> None:
     bond = BondSpec(parent=Address("robot", "mover", "1"), slot="arm", epoch=1, remaining=5.0)
     robots = {"arm-1": robot("arm-1", bond=bond), "arm-2": robot("arm-2"), "arm-3": robot("arm-3")}

@@ -43,12 +43,15 @@ class Entry:
     """The agents that it is."""
     command: str
     """Its command line, where it can be read."""
+    damaged: bool = False
+    """Whether its list of agents is damaged, so that nobody who comes now knows them."""
 
     @property
     def who(self) -> str:
         """Name it for people."""
         agents = ", ".join(f"{one.role} {one.name}" for one in self.holds)
-        return f"process {self.pid} ({agents or self.command or 'it has announced nothing'})"
+        unknown = "its list of agents is damaged" if self.damaged else "it has announced nothing"
+        return f"process {self.pid} ({agents or self.command or unknown})"
 
 
 def folder(realm: str) -> Iterator[Finding]:
@@ -111,11 +114,11 @@ def entries(realm: str) -> list[Entry]:
         if beat := place.beat_of(tag):
             silent = max(time.monotonic() - beat.read(), 0.0)
             beat.close()
-        holds = tuple(
-            address for address in map(Address.parse, place.keys_of(tag) or ()) if address is not None
-        )
+        keys = place.keys_of(tag)
+        holds = tuple(address for address in map(Address.parse, keys or ()) if address is not None)
         condition = "dead" if not _answers_the_door(place, tag) else _condition(pid, silent)
-        found.append(Entry(pid, condition, silent, holds, command_of(pid)))
+        damaged = keys is None and condition != "dead"
+        found.append(Entry(pid, condition, silent, holds, command_of(pid), damaged))
     return found
 
 
@@ -175,6 +178,12 @@ def processes(found: list[Entry]) -> Iterator[Finding]:
                 )  # fmt: skip
             case "lives":
                 pass
+        if one.damaged:
+            yield Finding(
+                "processes", "bad",
+                f"the list of agents of {one.who} is damaged or gone: nobody who comes now knows its robots",
+                f"it mends it within a second if it runs; else end it: kill -KILL {one.pid}",
+            )  # fmt: skip
     alive = sum(one.condition == "lives" for one in found)
     if alive:
         yield Finding("processes", "good", f"{alive} of {len(found)} live and answer the system")

@@ -103,7 +103,8 @@ class Transport(Protocol):
         """Ask the server of a key without waiting. From any thread, without the event loop if possible.
 
         Args:
-            key: as served.
+            key: as served; or a pattern, for processes of which nobody knows what they serve: they read the
+                request when they wake, and nobody waits for a reply.
             body: the request.
             void_at: as in `request`. How long to wait for replies the asker decides.
             urgent: as in `request`.

@@ -90,26 +90,14 @@ class Door:
     def accept(self) -> None:
         """Accept some of the connections that wait; what they have said is read before the next ones."""
         for _ in range(AT_ONCE):
-            with self._system.opening:
-                lent = len(self._reserve)
-                line = self._next()
-                if line is None:
-                    return
-                link = self._wrap(line)
-                if link.far_end.user != self._system.user():
-                    user = link.far_end.user
-                    link.close()
-                    self._fill_reserve()
-                    text = f"a process of user {user} tried to enter the realm; it was refused"
-                    self._refusals.note("user", text)
-                    continue
-                self._sockets.add(line, link)
-            self._strange[link] = self._clock()
-            self._of[link.far_end.process] += 1
-            if len(self._reserve) < lent:
-                self._lent[link] = self._clock()
-            self._keep_bounds(link)
+            if not self._accept_one():
+                return
         self._look_again()
+
+    def accept_all(self) -> None:
+        """Accept all that wait, before this door is closed for another one: a stop may be among them."""
+        while self._accept_one():
+            pass
 
     def introduced(self, link: PeerLink) -> None:
         """A link has said hello."""
@@ -151,6 +139,29 @@ class Door:
             self._system.close(descriptor)
 
     # -- inside -----------------------------------------------------------------------------------
+
+    def _accept_one(self) -> bool:
+        """Accept a connection that waits; returns whether there was one, and a descriptor for it."""
+        with self._system.opening:
+            lent = len(self._reserve)
+            line = self._next()
+            if line is None:
+                return False
+            link = self._wrap(line)
+            if link.far_end.user != self._system.user():
+                user = link.far_end.user
+                link.close()
+                self._fill_reserve()
+                text = f"a process of user {user} tried to enter the realm; it was refused"
+                self._refusals.note("user", text)
+                return True
+            self._sockets.add(line, link)
+        self._strange[link] = self._clock()
+        self._of[link.far_end.process] += 1
+        if len(self._reserve) < lent:
+            self._lent[link] = self._clock()
+        self._keep_bounds(link)
+        return True
 
     def _next(self) -> Socket | None:
         """Return the next connection that waits; None: there is none, or no descriptor for it."""

@@ -2,9 +2,10 @@
 
 On a busy machine nearly all the time of `robotree stop` is the start of Python and its imports. So this
 module sends the stop to each robot that the processes of a realm have written down, in plain Python, and
-loads no library; `typing` alone takes a tenth as long as the start of Python. Then the full order
-(`supervision/stop.py`) follows under the same order id: a robot that gets an order twice has been stopped
-once. The full order also finds robots that are not written down, waits for all answers and reports.
+loads no library; `typing` alone takes a tenth as long as the start of Python. A process whose list is damaged
+is asked for all its robots that are meant. Then the full order (`supervision/stop.py`) follows under the same
+order id: a robot that gets an order twice has been stopped once. The full order also finds robots that are
+not written down, waits for all answers and reports.
 
 It writes no file, needs two descriptors at a time, and waits for nobody: a process that hangs reads the stop
 when it wakes. What is written in the folder is not trusted: the kernel says who is at the other end.
@@ -30,7 +31,7 @@ from robotree.vr.network.realms import (
     members,
     places,
     realm_folder,
-    robots_of,
+    to_be_asked,
 )
 
 TYPE_CHECKING = False
@@ -132,9 +133,7 @@ def send_first(words: Sequence[str], system: Files = OS_FILES) -> str:
     order = system.chance(8).hex()
     for folder in line.folders():
         for tag in members(folder, system):
-            keys = robots_of(folder, tag, system)
-            meant = [key for key, name in keys.items() if line.name in {"", name}]
-            if meant:
+            if meant := to_be_asked(folder, tag, line.name, system):
                 with contextlib.suppress(OSError):  # the full order says who was not reached
                     _tell(folder, tag, meant, order, system)
     return order

@@ -515,7 +515,8 @@ class Mesh:
         """Ask the process that serves a key.
 
         Args:
-            key: as served.
+            key: as served; a pattern, with `void_at` infinite, for the processes of which nobody can read
+                what they serve.
             body: the request.
             void_at: [s, CLOCK_MONOTONIC] after which the other process does not begin with it any more: if it
                 hangs it is waited for until then. Infinite: it is not waited for, and reads it when it wakes.
@@ -541,15 +542,16 @@ class Mesh:
         packed = pack(AskFrame(next(self._numbers), key, body))
         with self._lock:
             asleep = [peer for peer in self._peers.values() if not peer.awake]
-            links = [peer.links.get(Channel.URGENT) for peer in asleep if key in self._served_by(peer)]
+            links = [peer.links.get(Channel.URGENT) for peer in asleep if self._may_serve(peer, key)]
         for link in links:
             if link is not None:  # a newcomer may have said hello on the other channel only
                 with contextlib.suppress(Overflow):
                     link.send(packed)
 
-    def _served_by(self, peer: _Peer) -> Iterable[str]:
-        """Return the keys that a process has announced, or else those in its file."""
-        return peer.known[Topic.SERVES] if peer.met else self.place.keys_of(peer.tag) or ()
+    def _may_serve(self, peer: _Peer, key: str) -> bool:
+        """Whether a process has announced a key, or else has it in its file, or nobody can read that."""
+        keys = peer.known[Topic.SERVES] if peer.met else self.place.keys_of(peer.tag)
+        return keys is None or key in keys
 
     def _ask_peer(
         self, peer: _Peer, key: str, body: bytes, *, void_at: float, urgent: bool, on_reply: OnReply
@@ -596,6 +598,7 @@ class Mesh:
         with self._system.opening:
             listening = self.place.register()
             if self._door is not None:
+                self._door.accept_all()
                 self._door.close()
             self._door = Door(
                 listening,
@@ -964,6 +967,12 @@ class Mesh:
                 self._show(peer)
 
     def _take_request(self, link: PeerLink, ask: AskFrame) -> None:
+        if "*" in ask.key:  # of somebody who cannot read what is served here, and waits for no answer
+            with self._lock:
+                meant = [key for key in self._servers if matches(ask.key, key)]
+            for key in meant:
+                self._take_request(link, AskFrame(ask.number, key, ask.body))
+            return
         answer = self._servers.get(ask.key)
         number = ask.number
 

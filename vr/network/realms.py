@@ -44,6 +44,8 @@ _ENTRY = re.compile(rf"({TAG.pattern}){re.escape(SOCKET)}")
 _KEY = re.compile(r"[!-~]+")
 """What a key can be: printable, and without spaces."""
 _ROBOT = re.compile(r"robot/([A-Za-z0-9][A-Za-z0-9_-]{0,63})/[^/\s]+")
+_EACH = "*"
+"""In a key: any name, or any incarnation."""
 
 
 def runtime_directory() -> Path:
@@ -154,14 +156,21 @@ def keys_of(directory: Path, tag: str, system: Files = OS_FILES) -> list[str] | 
     return None
 
 
-def robots_of(directory: Path, tag: str, system: Files = OS_FILES) -> dict[str, str]:
-    """Return the names of the robots that a process has written down, by their keys.
+def to_be_asked(directory: Path, tag: str, name: str, system: Files = OS_FILES) -> list[str]:
+    """Return the keys under which robots of a process are asked, as it has written them down.
 
-    Of a damaged list it is what can be understood.
+    If its list is damaged, or cannot be read, it is one pattern: the process knows which robots are meant.
+
+    Args:
+        directory: of the realm.
+        tag: of the process.
+        name: of the robot that is meant; empty: all.
+        system: with the files.
     """
-    keys = _counted(_content(directory, tag, system) or b"")
-    found = ((key, _ROBOT.fullmatch(key)) for key in keys.elements())
-    return {key: match[1] for key, match in found if match}
+    keys = keys_of(directory, tag, system)
+    if keys is None:
+        return [f"robot/{name or _EACH}/{_EACH}"]
+    return [key for key in keys if (found := _ROBOT.fullmatch(key)) and name in {"", found[1]}]
 
 
 def _content(directory: Path, tag: str, system: Files) -> bytes | None:
@@ -194,9 +203,13 @@ def _counted(lines: bytes) -> Counter[str]:
 
 
 def robots_in(directory: Path) -> list[str]:
-    """Return the names of the robots that the living processes of a realm have written down."""
+    """Return the names of the robots that the living processes of a realm have written down.
+
+    Of a damaged list it is what can be understood.
+    """
     living = (tag for tag in members(directory) if alive(process_of(tag)))
-    return sorted({name for tag in living for name in robots_of(directory, tag).values()})
+    keys = (key for tag in living for key in _counted(_content(directory, tag, OS_FILES) or b"").elements())
+    return sorted({found[1] for key in keys if (found := _ROBOT.fullmatch(key))})
 
 
 def dial(directory: Path, tag: str, timeout: float = 0.0, system: Files = OS_FILES) -> Socket:

@@ -14,10 +14,12 @@ from functools import partial
 import msgspec
 
 from robotree.vr.base.address import Address, check_name, everyone
+from robotree.vr.base.envelope import seal
 from robotree.vr.base.errors import NoAnswer, NoSuchRobot, Unreachable, VrError
 from robotree.vr.base.presence import Held
+from robotree.vr.base.requests import SafeStop
 from robotree.vr.base.transport import Transport
-from robotree.vr.core.confirmation import LEAST, Confirmations
+from robotree.vr.core.confirmation import LEAST, Confirmations, unmeasured
 from robotree.vr.exchange.client import RobotClient, fresh_key
 from robotree.vr.lookup.directory import Directory
 
@@ -140,6 +142,8 @@ class StopOrder:
         } | {address: one for address, one in addresses if address is not None}
         new, before = (None, _now()), self._unlisted
         self._unlisted = {one.where: (one, before.get(one.where, new)[1]) for one in held if not one.key}
+        if self._unlisted.keys() - before.keys():
+            self._leave_for_unlisted()
         seen = set(self._directory.present("robot", self._name or "*"))
         for address in sorted(seen | self._held.keys()):
             if address not in self._requests:
@@ -170,6 +174,14 @@ class StopOrder:
             except VrError as error:
                 request.answer = error
             return
+
+    def _leave_for_unlisted(self) -> None:
+        """Leave the stop with processes whose robots nobody knows: who is frozen reads it when it wakes."""
+        stop = SafeStop(reason=self._reason, order=self._order, within=unmeasured(CONFIRM))
+        sealed = seal(stop, now=_now(), within=CONFIRM)
+        self._transport.ask(
+            self._pattern, sealed.body, void_at=sealed.void_at, urgent=True, on_reply=lambda _: None
+        )
 
     # -- judging ----------------------------------------------------------------------------------
 

@@ -136,6 +136,16 @@ def test_each_robot_that_a_process_has_written_down_is_asked_once(realm: Path) -
     ear.close()
 
 
+def test_a_process_whose_list_is_damaged_is_asked_for_all_robots_that_are_meant(realm: Path) -> None:
+    ear = Ear(realm, "robot/a/1", "robot/b/1")
+    (realm / f"{ear.place.tag}.held").write_bytes(b"\xff\0\n")
+    send_first(["stop"])
+    assert ear.asked() == ["robot/*/*"]
+    send_first(["stop", "b"])
+    assert ear.asked() == ["robot/b/*"]
+    ear.close()
+
+
 def test_garbage_in_the_folder_hinders_no_stop(realm: Path) -> None:
     ear = Ear(realm, "robot/a/1")
     (realm / "7-00000000.sock").touch()

@@ -17,6 +17,7 @@ import pytest
 from robotree.tui.line import manual, verbs
 from robotree.tui.line.carrying import Silent
 from robotree.vr.base.errors import Hanging, NoSuchRobot, NotConfirmed, Stopped
+from robotree.vr.network import lean_stop
 from robotree.vr.network.local import LocalTransport, join
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.world.testing import until
@@ -133,6 +134,30 @@ async def test_a_robot_that_was_frozen_when_all_were_stopped_stops_when_it_wakes
         await fleet.call("frozen", "move", {"x": 1.0})
     assert list(await fleet.resume(None)) == ["awake", "frozen"]
     assert await fleet.call("frozen", "move", {"x": 1.0}) == 1.0
+
+
+@pytest.mark.parametrize("name", [None, "frozen"], ids=["all are stopped", "it is stopped by name"])
+@pytest.mark.parametrize("lean", [False, True], ids=["by a full order", "by what is sent before it"])
+async def test_a_frozen_robot_whose_list_is_damaged_stops_when_it_wakes(
+    start: Start, look: Look, newcomer: Newcomer, place: Path, name: str | None, *, lean: bool
+) -> None:
+    """Nobody can read which robots its process has, so the process is asked for all that are meant."""
+    _, frozen = await robots(start, "awake", "frozen")
+    await frozen.freeze()
+    (held,) = (place / "robotree" / "test").glob(f"{frozen.process.pid}-*.held")
+    held.write_bytes(b"\0garbage\n")
+    if lean:
+        assert lean_stop.send_first(["stop", "--realm", "test", *([name] if name else [])])
+    else:
+        with pytest.raises(NotConfirmed, match=f"process {frozen.process.pid} .*gone or damaged"):
+            await newcomer.stop(name)
+    frozen.signal(signal.SIGCONT)
+    fleet = await look()
+    await until(lambda: len(fleet.directory.present("robot")) == 2, "it is seen again")
+    async with asyncio.timeout(10):
+        while not (await fleet.describe("frozen")).stopped:  # noqa: ASYNC110 # it reads the order as it wakes
+            await asyncio.sleep(0.001)
+    assert (await fleet.describe("awake")).stopped == (name is None), "the other one only if it was meant"
 
 
 async def test_whoever_comes_after_a_stop_ends_it_at_once(start: Start, look: Look) -> None:
