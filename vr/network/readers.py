@@ -224,9 +224,7 @@ class Readers:
 
     def _carry_out(self, job: Job) -> bool:
         """Carry something out while others read; returns whether this thread reads again."""
-        with self._counting:
-            self._leaving -= 1
-        self._leave()
+        self._leave(announced=1)
         if not job():
             return False
         self._system.name_thread(READER)
@@ -236,9 +234,15 @@ class Readers:
             self.count += 1
         return True
 
-    def _leave(self) -> None:
-        """One reader less; the last one, which leaves what is closed, releases all."""
+    def _leave(self, announced: int = 0) -> None:
+        """One reader less; the last one, which leaves what is closed, releases all.
+
+        Args:
+            announced: 1: it is one of `_leaving`. Both counts change at once: between them another reader
+                would think that more remain than do, and leave, too.
+        """
         with self._counting:
+            self._leaving -= announced
             self.count -= 1
             last = not self.count
         if last:

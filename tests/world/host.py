@@ -1,0 +1,421 @@
+"""Stories of one host: parents and children on it, their groups and clean-up, two operators, and a slow disk.
+
+A story lasts 17.5 s. Until 9 s the operators call, cancel, stop, release, bind anew, reload and delete; one of
+them is killed at times. Threads lose the processor where the seed has it so. Then all is healed, and at 14 s
+a call through the whole tree must succeed.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import random
+from collections.abc import Awaitable, Callable
+from functools import partial
+from math import inf
+from typing import Any
+
+from robotree.vr.agents.host import Host
+from robotree.vr.base.errors import CommandFailed, VrError
+from robotree.vr.bundle import Bundle
+from robotree.vr.core.events import CoreEffect, CoreEvent
+from robotree.vr.core.machine import RobotCore, RobotState, encode_state
+from robotree.vr.exchange.client import HostClient
+from robotree.vr.lookup.registrar import Registrar
+from robotree.vr.lookup.service import LookupService
+from robotree.vr.running.process import Process
+from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.world.machine_world import MachineWorld
+from robotree.vr.world.world import SimulatedProcess, TracedCore
+from tests.world import pages
+from tests.world.pages import DETACHED, SOURCE
+
+LENGTH, BUILT, CALM, PROBE = 17.5, 2.5, 9.0, 14.0
+"""[s] of a story; from when on operators call; from when on nothing goes wrong; when all must be whole."""
+DEADLINE = 4.0
+"""[s] of a call."""
+ENDS = 12.0
+"""[s] after which each call has ended: its deadline, an interruption, and a clean-up."""
+AFTERWARDS = 0.5
+"""[s] after the end of a command in which what it has started and not detached ends, too."""
+ROBOTS = {
+    "left": "Wheel",
+    "right": "Wheel",
+    "axle": "Axle",
+    "one": "Wheel",
+    "two": "Wheel",
+    "rear": "Axle",
+    "cart": "Cart",
+    "spare": "Wheel",
+}
+BONDS = (
+    ("axle", "left", "left"),
+    ("axle", "right", "right"),
+    ("rear", "left", "one"),
+    ("rear", "right", "two"),
+    ("cart", "axle", "rear"),
+)
+AXLE = "nested both race started told detached cleaned watched reads grinds".split()
+COMMANDS = {
+    "axle": AXLE,
+    "cart": ["drive", "drive", "grind"],
+    "spare": ["turn", "grind", "ignore", "hang", "where"],
+}
+OPERATORS = ("operator-1", "operator-2")
+
+
+class KeepingCore(TracedCore):
+    """A core that keeps what it handled, in its order."""
+
+    __slots__ = ("first", "handled")
+
+    def __init__(self, state: RobotState, world: MachineWorld) -> None:
+        super().__init__(state, world)
+        self.first, self.handled = encode_state(state), list[CoreEvent]()
+
+    def handle(self, event: CoreEvent, now: float) -> list[CoreEffect]:
+        effects = super().handle(event, now)
+        self.handled.append(event)
+        return effects
+
+
+class SlowJournal:
+    """Keeps all events; its disk is slow at times."""
+
+    def __init__(self, process: SimulatedProcess, slow: float, chance: Callable[[], float]) -> None:
+        self._runner, self._slow, self._chance = process.runner, slow, chance
+        self.events: list[tuple[str, CoreEvent]] = []
+
+    def append(self, robot: str, now: float, event: CoreEvent) -> int:
+        del now
+        self._runner.runner.point()
+        self.events.append((robot, event))
+        self._runner.runner.point()
+        return len(self.events)
+
+    def commit(self, number: int) -> None:
+        del number
+        self._runner.runner.point()
+        if self._slow and self._chance() < 0.2:
+            self._runner.waiter().wait(self._chance() * self._slow)
+
+
+class HostStory:
+    """What happens on one host, and the laws that hold there."""
+
+    def __init__(self, seed: int, world: MachineWorld) -> None:
+        self.world, self.chance = world, random.Random(f"{seed} host")
+        self.broken: list[str] = []
+        self.fleets: dict[str, Fleet] = {}
+        self.processes: dict[str, SimulatedProcess] = {}
+        self.host: Any = None
+        self.cores: list[KeepingCore] = []
+        self.journal: Any = None
+        self.open: dict[str, float] = {}
+        """Calls that have not ended, and when they must have [s]."""
+        self.calls = self.done = self.deeds = 0
+        self.whole = False
+        self._slow_disk = self.chance.choice([0.0, 0.0, 0.01])
+        self._running: dict[str, float] = {}
+        """The ticket of the moving command that each robot carries out."""
+        self._begun: set[tuple[str, float]] = set()
+        self._over: dict[float, float] = {}
+        """Calls whose callers have their results, and since when [s]."""
+        self._resumes = self._resuming = 0
+        """Releases that were begun, and those of them that have not succeeded."""
+        self._held: dict[str, float] = {}
+        """Robots whose stop was confirmed and that nobody has released since."""
+
+    def tell(self) -> None:
+        world, chance, at = self.world, self.chance, self.world.runner.at
+        preemption = world.runner.preemption
+        share = chance.choice([0.0, 0.02, 0.1, 0.3])
+        preemption.starve = chance.choice([0.0, 0.0, 0.02])
+        pages.on_note = self._note
+        for name in ("lookup-1", "host-1", *OPERATORS):
+            self.start(name)
+        at(1.0, lambda: self._as_operator(self._build(), "build"))
+        at(BUILT, lambda: setattr(preemption, "share", share))
+        for _ in range(24):
+            rush = chance.choice([3.0, 4.0, 5.0, 6.0, 7.0])
+            at(rush + chance.choice([0.0, 0.0, chance.random()]), self._call)
+        for _ in range(chance.randrange(2, 7)):
+            at(
+                chance.choice([3.0, 5.0, 6.0]) + chance.choice([0.01, chance.random()]),
+                chance.choice(self._deeds()),
+            )
+        at(CALM, lambda: setattr(preemption, "share", 0.0))
+        at(CALM, lambda: self.processes["host-1"].resume())
+        at(CALM + 0.5, lambda: self._as_operator(self._release(), "release"))
+        at(CALM + 1.5, lambda: self._as_operator(self._build(), "build again"))
+        at(PROBE, self._probe)
+        world.run(LENGTH)
+        self._check()
+
+    def complain(self, law: str) -> None:
+        self.broken.append(f"{self.world.runner.now():.3f}: {law}")
+
+    # -- processes --------------------------------------------------------------------------------
+
+    def start(self, name: str) -> None:
+        main = {"lookup": self._lookup, "host": self._hosting, "operator": self._operator}[
+            name.partition("-")[0]
+        ]
+        self.processes[name] = self.world.start(name, main)
+
+    async def _lookup(self, process: SimulatedProcess) -> None:
+        await LookupService(process.transport, process.name).start()
+        await asyncio.Event().wait()
+
+    async def _hosting(self, process: SimulatedProcess) -> None:
+        self.journal = SlowJournal(process, self._slow_disk, self.chance.random)
+        home = Process(process.runner, journal=self.journal, core=self._core)
+        transport = process.transport
+        self.host = Host(transport, process.name, registrar=Registrar(transport), process=home, limit=inf)
+        await self.host.start()
+        await asyncio.Event().wait()
+
+    async def _operator(self, process: SimulatedProcess) -> None:
+        fleet = self.fleets[process.name] = Fleet(process.transport)
+        await fleet.start()
+        await fleet.watch_state(None)
+        await asyncio.Event().wait()
+
+    def _core(self, state: RobotState) -> RobotCore:
+        core = KeepingCore(state, self.world)
+        self.cores.append(core)
+        return core
+
+    # -- operators --------------------------------------------------------------------------------
+
+    def _as_operator(self, work: Awaitable[Any], what: str, operator: str = "operator-1") -> None:
+        process = self.processes[operator]
+        if process.alive and operator in self.fleets:
+            process.do(lambda: work, what)
+        else:
+            work.close()  # type: ignore[attr-defined] # it is a coroutine
+
+    async def _build(self) -> None:
+        """Create and bind what is missing."""
+        fleet = self.fleets["operator-1"]
+        host = HostClient(fleet._transport, await fleet.directory.resolve("host-1", "host"))
+        there = {address.name for address in fleet.directory.present("robot")}
+        for name, kind in ROBOTS.items():
+            if name not in there:
+                await host.create(Bundle(SOURCE, "/wheels.py", kind), name)
+        for parent, slot, child in BONDS:
+            with contextlib.suppress(VrError):
+                await fleet.enslave(parent, slot, child)
+
+    async def _release(self, name: str | None = None, operator: str = "operator-1") -> None:
+        self._held.clear()
+        self._resumes += 1
+        self._resuming += 1  # for good, if the operator is killed meanwhile
+        await self.fleets[operator].resume(name)
+        self._resuming -= 1
+
+    def _call(self) -> None:
+        name = self.chance.choice(["axle", "axle", "axle", "cart", "spare"])
+        command = self.chance.choice(COMMANDS[name])
+        operator, seconds = self.chance.choice(OPERATORS), self.chance.choice([0.01, 0.1, 0.3])
+        self._begin(name, command, seconds, operator)
+        if self.chance.random() < 0.3:
+            later = self.chance.choice([0.0, 0.01, 0.1, 0.5])
+            self._after(later, lambda: self._cancel(name))
+
+    def _begin(self, name: str, command: str, seconds: float, operator: str) -> None:
+        self.calls += 1
+        ticket = float(self.calls)
+        self._as_operator(self._follow(name, command, ticket, seconds, operator), f"call {ticket}", operator)
+
+    async def _follow(self, name: str, command: str, ticket: float, seconds: float, operator: str) -> None:
+        label, fleet = f"{name}.{command} {ticket}", self.fleets[operator]
+        self.open[label] = self.world.runner.now() + ENDS
+        self.processes[operator].on_exit.append(lambda: self.open.pop(label, None))
+        known = True
+        try:
+            result = await fleet.call(
+                name, command, {"ticket": ticket, "seconds": seconds}, deadline=DEADLINE
+            )
+        except VrError as error:
+            self.world.note(operator, label, f"{type(error).__name__}: {error}")
+            known = not isinstance(error, CommandFailed)  # a host that hangs may go on with it
+        else:
+            self.done += 1
+            if abs(result - ticket) > 0.001:
+                self.complain(f"{label} returns {result}")
+            self.whole = self.whole or self.world.runner.now() > PROBE
+        if known:
+            self._over[ticket] = self.world.runner.now()
+        if self.open.pop(label, None) is None:
+            self.complain(f"{label} ends twice")
+
+    def _after(self, seconds: float, action: Callable[[], object]) -> None:
+        self.world.runner.at(self.world.runner.now() + seconds, action)
+
+    # -- what else they do ------------------------------------------------------------------------
+
+    def _deeds(self) -> list[Callable[[], None]]:
+        return [
+            *[self._stop_and_resume] * 2,
+            self._two_stop,
+            self._reload,
+            self._reload,
+            self._delete,
+            self._rebind,
+            self._kill_operator,
+            self._pause_host,
+            partial(self._cancel, "axle"),
+        ]
+
+    def _deed(self, what: str) -> str:
+        self.deeds += 1
+        self.world.note("story", what)
+        return what
+
+    def _cancel(self, name: str) -> None:
+        operator = self.chance.choice(OPERATORS)
+        if fleet := self.fleets.get(operator):
+            self._as_operator(fleet.cancel(name), f"cancel {name}", operator)
+
+    def _stop_and_resume(self) -> None:
+        self._deed("stop")
+        name = self.chance.choice([None, None, "axle", "spare"])
+        self._as_operator(self._stop(name, "operator-1"), "stop")
+        self._after(self.chance.choice([0.05, 0.5]), lambda: self._resume(name, "operator-2"))
+
+    def _two_stop(self) -> None:
+        self._deed("two stop")
+        for operator in OPERATORS:
+            self._as_operator(self._stop(None, operator), "stop", operator)
+        self._after(0.3, lambda: self._resume(None, "operator-1"))
+
+    async def _stop(self, name: str | None, operator: str) -> None:
+        before = self._resumes
+        stopped = await self.fleets[operator].stop(name)
+        if self._resumes == before and not self._resuming:  # else one may have been released meanwhile
+            self._held.update(dict.fromkeys(stopped, self.world.runner.now()))
+
+    def _resume(self, name: str | None, operator: str) -> None:
+        self._as_operator(self._release(name, operator), "resume", operator)
+
+    def _reload(self) -> None:
+        name = self.chance.choice(["left", "axle", "axle", "cart", "spare"])
+        now = self.chance.random() < 0.3
+        self._deed(f"reload {name}")
+
+        async def reload() -> None:
+            fleet = self.fleets["operator-2"]
+            host = HostClient(fleet._transport, await fleet.directory.resolve("host-1", "host"))
+            page = Bundle(f"{SOURCE}\n# page {self.deeds}\n", "/wheels.py", ROBOTS[name])
+            await host.reload(page, name, now=now, within=1.0)
+
+        self._as_operator(reload(), "reload", "operator-2")
+
+    def _delete(self) -> None:
+        name = self.chance.choice(["right", "axle", "spare"])
+        self._deed(f"delete {name}")
+
+        async def delete() -> None:
+            fleet = self.fleets["operator-1"]
+            for parent, slot, child in BONDS:
+                if child == name:
+                    with contextlib.suppress(VrError):
+                        await fleet.release(parent, slot)
+            await fleet.delete(name)
+            self._held.pop(name, None)
+            await self._build()
+
+        self._as_operator(delete(), "delete")
+
+    def _rebind(self) -> None:
+        self._deed("rebind")
+
+        async def rebind() -> None:
+            fleet = self.fleets["operator-1"]
+            await fleet.release("axle", "left")
+            await fleet.enslave("axle", "left", "left")
+
+        self._as_operator(rebind(), "rebind")
+
+    def _kill_operator(self) -> None:
+        self._deed("kill operator-2")
+        self.processes["operator-2"].kill()
+        self.fleets.pop("operator-2", None)
+        self._after(0.5, self._revive_operator)
+
+    def _revive_operator(self) -> None:
+        if not self.processes["operator-2"].alive:
+            self.start("operator-2")
+
+    def _pause_host(self) -> None:
+        self._deed("pause host")
+        host = self.processes["host-1"]
+        host.pause()
+        self._after(self.chance.choice([0.1, 1.0, 3.0]), host.resume)
+
+    # -- the laws ---------------------------------------------------------------------------------
+
+    def _note(self, robot: str, what: str, ticket: float) -> None:
+        """A command of a page begins or ends: one at a time, none twice, none after its caller's end."""
+        now = self.world.runner.now()
+        self.world.note(robot, what, ticket)
+        if what == "ends":
+            if self._running.get(robot) == ticket:
+                del self._running[robot]
+            return
+        before = self._running.get(robot)
+        if before is not None:
+            self.complain(f"{robot} begins {ticket} while it carries out {before}")
+        if (robot, ticket) in self._begun:
+            self.complain(f"{robot} carries out {ticket} twice")
+        self._running[robot] = ticket
+        self._begun.add((robot, ticket))
+        if robot in self._held and now > self._held[robot]:
+            self.complain(f"{robot} begins {ticket} after its stop was confirmed")
+        call, digit = float(int(ticket)), round(ticket * 10) % 10
+        if digit not in DETACHED and now > self._over.get(call, inf) + AFTERWARDS:
+            self.complain(f"{robot} begins {ticket} after its call has ended")
+
+    def _probe(self) -> None:
+        self._begin("cart", "drive", 0.1, "operator-1")
+
+    def _check(self) -> None:
+        pages.on_note = None
+        for label, latest in self.open.items():
+            if latest < self.world.runner.now():
+                self.complain(f"{label} never ends")
+        self.broken += [f"complaint: {one}" for one in self.world.complaints]
+        self.broken += [f"logged: {one}" for one in self.world.logged if "abandoned" not in one]
+        if not self.whole:
+            self.complain("the realm is not whole again")
+        for core in self.cores:
+            self._check_journal(core)
+        for name, agent in self.host.agents.items():
+            calls = agent.runtime.core.state.calls
+            if calls.running or calls.waiting:
+                self.complain(f"{name} still has {calls.running} and {list(calls.waiting)}")
+            if agent.runtime.frames:
+                self.complain(f"{name} still has frames {list(agent.runtime.frames)}")
+
+    def _check_journal(self, core: KeepingCore) -> None:
+        """What is written is what has happened, in its order."""
+        key = core.state.address.key
+        written = [event for robot, event in self.journal.events if robot == key]
+        if len(written) != len(core.handled) or any(
+            a is not b for a, b in zip(written, core.handled, strict=True)
+        ):
+            self.complain(f"the journal of {core.state.address.name} has another order than what happened")
+
+
+def play(seed: int) -> tuple[str, HostStory]:
+    """Play one seed to its end; returns the digest of its trace, and the story."""
+    with MachineWorld(seed) as world:
+        story = HostStory(seed, world)
+        try:
+            story.tell()
+        except Exception as error:  # noqa: BLE001 # a fault of the program, which the seed has found
+            story.complain(f"raised: {type(error).__name__}: {error}")
+        finally:
+            pages.on_note = None
+        return world.digest, story
