@@ -1,7 +1,7 @@
-"""Stories of one host: parents and children on it, their groups and clean-up, two operators, and a slow disk.
+"""Stories of one host: parents and children on it, groups and clean-up, two operators, and a slow disk.
 
-A story lasts 17.5 s. Until 9 s the operators call, cancel, stop, release, bind anew, reload and delete; one of
-them is killed at times. Threads lose the processor where the seed has it so. Then all is healed, and at 14 s
+A story lasts 17.5 s. Until 9 s the operators call, cancel, stop, release, bind anew, reload and delete; one
+of them is killed at times. Threads lose the processor where the seed has it so. Then all is healed, and at 14 s
 a call through the whole tree must succeed.
 """
 
@@ -13,6 +13,7 @@ import random
 from collections.abc import Awaitable, Callable
 from functools import partial
 from math import inf
+from types import ModuleType
 from typing import Any
 
 from robotree.vr.agents.host import Host
@@ -29,6 +30,7 @@ from robotree.vr.world.machine_world import MachineWorld
 from robotree.vr.world.world import SimulatedProcess, TracedCore
 from tests.world import pages
 from tests.world.pages import DETACHED, SOURCE
+from tests.world.points import at_every_statement
 
 LENGTH, BUILT, CALM, PROBE = 17.5, 2.5, 9.0, 14.0
 """[s] of a story; from when on operators call; from when on nothing goes wrong; when all must be whole."""
@@ -55,7 +57,7 @@ BONDS = (
     ("rear", "right", "two"),
     ("cart", "axle", "rear"),
 )
-AXLE = "nested both race started told detached cleaned watched reads grinds".split()
+AXLE = ["nested", "both", "race", "started", "told", "detached", "cleaned", "watched", "reads", "grinds"]
 COMMANDS = {
     "axle": AXLE,
     "cart": ["drive", "drive", "grind"],
@@ -145,7 +147,7 @@ class HostStory:
                 chance.choice(self._deeds()),
             )
         at(CALM, lambda: setattr(preemption, "share", 0.0))
-        at(CALM, lambda: self.processes["host-1"].resume())
+        at(CALM, self.processes["host-1"].resume)
         at(CALM + 0.5, lambda: self._as_operator(self._release(), "release"))
         at(CALM + 1.5, lambda: self._as_operator(self._build(), "build again"))
         at(PROBE, self._probe)
@@ -408,9 +410,17 @@ class HostStory:
             self.complain(f"the journal of {core.state.address.name} has another order than what happened")
 
 
-def play(seed: int) -> tuple[str, HostStory]:
-    """Play one seed to its end; returns the digest of its trace, and the story."""
-    with MachineWorld(seed) as world:
+def play(seed: int, among: tuple[ModuleType, ...] = ()) -> tuple[str, HostStory]:
+    """Play one seed to its end.
+
+    Args:
+        seed: of everything.
+        among: modules in which a thread can lose the processor before every statement.
+
+    Returns:
+        The digest of its trace, and the story.
+    """
+    with MachineWorld(seed) as world, at_every_statement(among, world.runner.point):
         story = HostStory(seed, world)
         try:
             story.tell()

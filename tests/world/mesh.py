@@ -14,6 +14,7 @@ import random
 from collections import Counter
 from collections.abc import Callable, Iterable
 from functools import partial
+from types import ModuleType
 from typing import Any
 
 from robotree.vr.base.errors import VrError
@@ -24,6 +25,7 @@ from robotree.vr.world.kernel import MOST_DESCRIPTORS, STANDARD, Trouble
 from robotree.vr.world.machine_sockets import SimulatedSocket
 from robotree.vr.world.machine_world import REALM, ROOT, MachineProcess, MachineWorld
 from robotree.vr.world.world import SimulatedProcess
+from tests.world.points import at_every_statement
 
 LENGTH, CALM, PROBE = 11.0, 6.0, 10.0
 """[s] of a story; from when on nothing goes wrong any more; when each asks each."""
@@ -410,9 +412,17 @@ class MeshStory:
             self.complain(f"{name} has {sockets} sockets and {files} files open")
 
 
-def play(seed: int) -> tuple[str, MeshStory]:
-    """Play one seed to its end; returns the digest of its trace, and the story."""
-    with MachineWorld(seed) as world:
+def play(seed: int, among: tuple[ModuleType, ...] = ()) -> tuple[str, MeshStory]:
+    """Play one seed to its end.
+
+    Args:
+        seed: of everything.
+        among: modules in which a thread can lose the processor before every statement.
+
+    Returns:
+        The digest of its trace, and the story.
+    """
+    with MachineWorld(seed) as world, at_every_statement(among, world.runner.point):
         story = MeshStory(seed, world)
         try:
             story.tell()

@@ -235,6 +235,8 @@ def dial(directory: Path, tag: str, timeout: float = 0.0, system: Files = OS_FIL
 def _twin(directory: Path) -> Path | None:
     """Return the other folder of a realm that lies in one of the two usual runtime directories."""
     user = os.geteuid()
+    if directory.parent.name not in {"robotree", f"robotree-{user}"}:
+        return None  # at once, for this is asked often
     usual = [LOGIN / str(user) / "robotree", SHARED.resolve() / f"robotree-{user}"]
     if directory.parent not in usual:
         return None

@@ -12,7 +12,7 @@ from robotree.vr.network import local
 from robotree.vr.world.machine import Machine, SimulatedSystem
 from robotree.vr.world.world import Main, SimulatedProcess, World
 
-ROOT = Path("/run/robotree")
+ROOT = Path("/run/realms")
 """Where the realms of a simulated machine lie."""
 
 REALM = "r"

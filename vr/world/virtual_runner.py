@@ -56,8 +56,6 @@ class _Fiber(greenlet):
     process: VirtualProcess | None = None
     thrown = 0
     """How often it has caught its end."""
-    struck: type[BaseException] | None = None
-    """What is to be raised in it at its next point."""
     toils: VirtualWaiter | None = None
     """In which it waits while it computes."""
 
@@ -109,6 +107,8 @@ class VirtualRunner:
         self.switches = 0
         """How often the runner has let a greenlet run."""
         self.preemption = Preemption(seed)
+        self._struck: dict[greenlet, type[BaseException]] = {}
+        """What is to be raised in threads at their next points."""
         self.holding: dict[greenlet, VirtualLock] = {}
         """The locks for moments (`lock`) that are held."""
         self._thread = threading.get_ident()
@@ -179,7 +179,7 @@ class VirtualRunner:
             raise error
         for one in self._all:
             if id(one) == thread:
-                one.struck = error
+                self._struck[one] = error
                 if one.toils is not None:
                     one.toils.wake()
                 return True
@@ -196,9 +196,7 @@ class VirtualRunner:
         share = self.preemption.share
         if share and self.preemption.random() < share:
             self.preempt()
-        me = getcurrent()
-        if isinstance(me, _Fiber) and me.struck is not None:
-            error, me.struck = me.struck, None
+        if self._struck and (error := self._struck.pop(getcurrent(), None)) is not None:
             raise error
 
     def preempt(self) -> None:
@@ -221,7 +219,7 @@ class VirtualRunner:
         if isinstance(me, _Fiber):
             me.toils = waiter
             try:
-                if me.struck is None:
+                if me not in self._struck:
                     waiter.wait(seconds)
             finally:
                 me.toils = None
@@ -505,7 +503,7 @@ class VirtualProcess:
 class VirtualLock:
     """A lock that another thread can find taken, because its holder lost the processor."""
 
-    __slots__ = ("_again", "_brief", "_depth", "_runner", "_waiting", "holder")
+    __slots__ = ("_again", "_brief", "_depth", "_waiting", "holder", "runner")
 
     def __init__(self, runner: VirtualRunner, *, brief: bool = False, again: bool = False) -> None:
         """Make it.
@@ -515,14 +513,14 @@ class VirtualLock:
             brief: whether it is held for moments only: no wait and no other such lock inside.
             again: whether its holder can take it again.
         """
-        self._runner, self._brief, self._again = runner, brief, again
+        self.runner, self._brief, self._again = runner, brief, again
         self.holder: greenlet | None = None
         self._depth = 0
         self._waiting: deque[VirtualWaiter] = deque()
 
     def acquire(self, blocking: bool = True) -> bool:  # noqa: FBT001, FBT002 # as `threading.Lock`
         """See `threading.Lock.acquire`."""
-        runner, me = self._runner, getcurrent()
+        runner, me = self.runner, getcurrent()
         runner.point()
         if self.holder is me and self._again:
             self._depth += 1
@@ -548,11 +546,11 @@ class VirtualLock:
         if self._depth:
             return
         if self._brief:
-            self._runner.holding.pop(cast("greenlet", self.holder), None)
+            self.runner.holding.pop(cast("greenlet", self.holder), None)
         self.holder = None
         while self._waiting:
             self._waiting.popleft().wake()
-        self._runner.point()
+        self.runner.point()
 
     def locked(self) -> bool:
         """Whether somebody holds it."""
