@@ -1,8 +1,8 @@
 """Stories of one host: parents and children on it, groups and clean-up, two operators, and a slow disk.
 
 A story lasts 17.5 s. Until 9 s the operators call, cancel, stop, release, bind anew, reload and delete; one
-of them is killed at times. Threads lose the processor where the seed has it so. Then all is healed, and at 14 s
-a call through the whole tree must succeed.
+of them is killed at times. Threads lose the processor where the seed has it so. Then all is healed, and at
+14 s a call through the whole tree must succeed.
 """
 
 from __future__ import annotations
