@@ -26,7 +26,7 @@ from pathlib import Path
 
 import zenoh
 
-from robotree.vr.base.transport import End, Respond
+from robotree.vr.base.transport import End, Respond, on_loop
 from robotree.vr.network.local import join
 from robotree.vr.network.mesh import Mesh
 from robotree.vr.network.rendezvous import Rendezvous
@@ -102,7 +102,7 @@ def be_loop(folder: str) -> None:
         async def handler(body: bytes, respond: Callable[[bytes], None]) -> None:
             respond(body)
 
-        await transport.serve("echo/loop", handler)
+        await transport.serve("echo/loop", on_loop(handler))
         await asyncio.to_thread(say_and_wait)
         await transport.close()
 

@@ -22,8 +22,8 @@ from robotree.vr.agents.run import run_lookup
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import Listing, Template
 from robotree.vr.base.requests import Found, Query, Register, Registered
-from robotree.vr.base.transport import Respond
-from robotree.vr.exchange.client import ask
+from robotree.vr.base.transport import Respond, on_loop
+from robotree.vr.exchange.asking import ask
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.network.local import LocalTransport, join
@@ -92,7 +92,7 @@ async def echo() -> None:
 
     transport = await join()
     try:
-        await transport.serve("robot/echo/1", handler)
+        await transport.serve("robot/echo/1", on_loop(handler))
         await transport.announce("robot/echo/1")
         print("ready", flush=True)
         await asyncio.get_running_loop().create_future()

@@ -16,7 +16,7 @@ import sys
 import tempfile
 import time
 
-from robotree.vr.base.transport import Respond
+from robotree.vr.base.transport import Respond, on_loop
 from robotree.vr.network.local import LocalTransport, join
 
 FLOOD = 20_000
@@ -57,7 +57,7 @@ async def echo(transport: LocalTransport) -> None:
     async def handler(body: bytes, respond: Respond) -> None:
         respond(body)
 
-    await transport.serve(AGENT, handler)
+    await transport.serve(AGENT, on_loop(handler))
     print("ready", flush=True)
     await asyncio.to_thread(sys.stdin.read)
 

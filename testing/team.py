@@ -33,7 +33,8 @@ from robotree.vr.base.description import RobotDescription
 from robotree.vr.base.errors import VrError
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.loader import built
-from robotree.vr.exchange.client import RobotClient, fresh_key
+from robotree.vr.exchange.asking import fresh_key
+from robotree.vr.exchange.client import RobotClient
 from robotree.vr.running.process import Process
 from robotree.vr.world.world import SimulatedProcess, World
 

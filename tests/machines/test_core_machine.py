@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from typing import Any, ClassVar
 
 import hypothesis.strategies as st
+import msgspec
 import pytest
 from hypothesis import settings
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
@@ -28,6 +29,7 @@ from robotree.vr.base.errors import (
     Stopped,
     VrError,
 )
+from robotree.vr.base.principal import ITSELF, Principal
 from robotree.vr.base.requests import Call, Done, Raised, Returned
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import Bond, GrantedLease, HeldLease, Slots
@@ -50,6 +52,9 @@ UNIX = 1_000_000.0
 PARENTS = [Address("robot", name, "1") for name in ("lever", "mover")]
 TERM = 5.0
 SLOTS = ["tool", "other"]
+HOLDER = Principal(user="anna", process=7, agent="robot/lever/1")
+STRANGER = Principal(user="anna", process=8, agent="robot/lever/1")
+"""Says that it is the holder, in another process."""
 
 
 def new_core() -> RobotCore:
@@ -68,7 +73,7 @@ def invocation(
     key: str, command: str, *, deadline_at: float, reads: bool = False, **fields: Any
 ) -> on.Invoke:
     call = Call(key=key, command=command, deadline=math.inf, **fields)
-    return on.Invoke(call=call, arguments={}, deadline_at=deadline_at, reads=reads)
+    return on.Invoke(call=call, arguments={}, deadline_at=deadline_at, reads=reads, principal=HOLDER)
 
 
 def asked_parts(effects: list[on.CoreEffect]) -> set[tuple[int, str]]:
@@ -258,7 +263,7 @@ class CoreMachine(RuleBasedStateMachine):
     def one_is_cancelled(self, data: st.DataObject) -> None:
         key = data.draw(st.sampled_from(self.running + self.readers + self.waiting))
         waits = key in self.waiting
-        self.handle(on.CancelAsked(key=key, reason="enough", entitled=True))
+        self.handle(on.CancelAsked(key=key, reason="enough"))
         assert (key in self.replies) == waits, "what waits ends at once, what runs ends with its code"
 
     @rule()
@@ -291,12 +296,12 @@ class CoreMachine(RuleBasedStateMachine):
     @rule(final=st.booleans())
     def one_is_asked_to_end_for_good(self, *, final: bool) -> None:
         key = self.running[0]
-        self.handle(on.CancelAsked(key=key, reason="enough", entitled=True))
-        effects = self.handle(on.CancelAsked(key=key, reason="now", entitled=True, final=final))
+        self.handle(on.CancelAsked(key=key, reason="enough"))
+        effects = self.handle(on.CancelAsked(key=key, reason="now", final=final))
         ended = self.core.state.calls.live[key].final
         assert bool(effects) <= final, "only a final order interrupts a clean-up"
         assert ended or not final
-        assert not self.handle(on.CancelAsked(key=key, reason="now", entitled=True, final=True)) or not ended
+        assert not self.handle(on.CancelAsked(key=key, reason="now", final=True)) or not ended
 
     @precondition(lambda self: self.running or self.readers or self.waiting)
     @rule(data=st.data(), own=st.booleans())
@@ -304,10 +309,12 @@ class CoreMachine(RuleBasedStateMachine):
         key = data.draw(st.sampled_from(self.running + self.readers + self.waiting))
         before = self.core.state.calls.live[key].detached
         with pytest.raises((NotInControl, StaleEpoch)):
-            self.handle(on.DetachAsked(key=key, epoch=self.wrong()))
+            self.handle(on.DetachAsked(key=key, epoch=self.wrong(), principal=STRANGER))
         calls = self.core.state.calls
         assert key not in calls.live or calls.live[key].detached == before
-        assert not self.handle(on.DetachAsked(key=key, epoch=self.right(), entitled=own))
+        assert not self.handle(
+            on.DetachAsked(key=key, epoch=self.right(), principal=ITSELF if own else HOLDER)
+        )
         assert key not in calls.live or calls.live[key].detached
 
     @rule(
@@ -321,7 +328,11 @@ class CoreMachine(RuleBasedStateMachine):
         live = self.core.state.calls.live
         epoch = {"itself": None, "none": None, "right": self.right(), "wrong": self.wrong()}[by]
         order = on.CancelAll(
-            reason="enough", but_readers=but_readers, epoch=epoch, entitled=by == "itself", final=final
+            reason="enough",
+            but_readers=but_readers,
+            epoch=epoch,
+            principal=ITSELF if by == "itself" else HOLDER,
+            final=final,
         )
         alone = by == "none" and self.right() is not None
         if epoch is not None and epoch != self.right():
@@ -330,7 +341,7 @@ class CoreMachine(RuleBasedStateMachine):
         elif alone and by == "none" and not any(call.detached for call in live.values()):
             with pytest.raises(NotInControl):
                 self.handle(order)
-        elif order.entitled or epoch == self.right() or alone:
+        elif order.principal == ITSELF or epoch == self.right() or alone:
             meant = [
                 key
                 for key, call in live.items()
@@ -348,7 +359,12 @@ class CoreMachine(RuleBasedStateMachine):
     def a_parent_asks(self, parent: Address) -> None:
         before = self.core.state.lease.epoch
         ask = on.ParentAsked(
-            parent=parent, slot="arm", lineage=(parent.name,), term=TERM, unix=UNIX + self.now
+            parent=parent,
+            slot="arm",
+            lineage=(parent.name,),
+            term=TERM,
+            unix=UNIX + self.now,
+            principal=HOLDER,
         )
         lease = self.core.state.lease.current
         try:
@@ -379,13 +395,45 @@ class CoreMachine(RuleBasedStateMachine):
                 self.handle(on.Prolong(parent=before.parent, epoch=before.epoch - 1, lineage=lineage))
         elif "arm-1" in above:
             with pytest.raises(CycleOfBonds):
-                self.handle(on.Prolong(parent=before.parent, epoch=before.epoch, lineage=lineage))
+                self.handle(
+                    on.Prolong(parent=before.parent, epoch=before.epoch, lineage=lineage, principal=HOLDER)
+                )
         else:
-            effects = self.handle(on.Prolong(parent=before.parent, epoch=before.epoch, lineage=lineage))
+            effects = self.handle(
+                on.Prolong(parent=before.parent, epoch=before.epoch, lineage=lineage, principal=HOLDER)
+            )
             lease = self.core.state.lease.current
             assert lease is not None
             assert (lease.epoch, lease.expires) == (before.epoch, self.now + TERM)
             assert (LeaseChanged() in effects) == (lineage != before.lineage), "news of ancestors go down"
+
+    @precondition(lambda self: self.right() is not None)
+    @rule(data=st.data())
+    def a_stranger_knows_the_number_of_the_lease(self, data: st.DataObject) -> None:
+        """Every state publishes it."""
+        lease, right = self.core.state.lease.current, self.right()
+        assert lease is not None
+        call = invocation("theft", "move", deadline_at=self.now + 1.0, epoch=right)
+        tries: list[on.CoreEvent] = [
+            msgspec.structs.replace(call, principal=STRANGER),
+            on.CancelAsked(key="theft", reason="mine", epoch=right, principal=STRANGER),
+            on.CancelAll(reason="mine", epoch=right, principal=STRANGER),
+            on.DetachAsked(key="theft", epoch=right, principal=STRANGER),
+            on.Set(values={"seen": "theft"}, epoch=right, principal=STRANGER),
+            on.Prolong(parent=lease.parent, epoch=lease.epoch, lineage=("lever",), principal=STRANGER),
+            on.EndLease(parent=lease.parent, unix=UNIX, reason="", epoch=right, principal=STRANGER),
+        ]
+        if live := sorted(self.core.state.calls.live):
+            key = data.draw(st.sampled_from(live))
+            tries += [
+                on.CancelAsked(key=key, reason="mine", epoch=right, principal=STRANGER),
+                on.DetachAsked(key=key, epoch=right, principal=STRANGER),
+            ]
+        before = encode_state(self.core.state)
+        for event in tries:
+            with pytest.raises(NotInControl):
+                self.handle(event)
+        assert encode_state(self.core.state) == before
 
     @rule(more=st.sampled_from([0, -1, 1]))
     def the_controller_says_which_epoch_it_obeys(self, more: int) -> None:
@@ -400,14 +448,20 @@ class CoreMachine(RuleBasedStateMachine):
     @rule(value=st.sampled_from([0, 0.5, "a", ["a", {"b": 1}], None]), by=st.sampled_from(["page", "right"]))
     def a_field_is_set(self, value: object, by: str) -> None:
         page = by == "page"
-        self.handle(on.Set(values={"seen": value}, entitled=page, epoch=None if page else self.right()))
+        self.handle(
+            on.Set(
+                values={"seen": value},
+                principal=ITSELF if page else HOLDER,
+                epoch=None if page else self.right(),
+            )
+        )
         assert self.core.state.fields == {"seen": value}
 
     @rule()
     def one_who_has_no_right_sets_a_field(self) -> None:
         right = self.right()
         with pytest.raises(StaleEpoch if right is None else NotInControl):
-            self.handle(on.Set(values={"seen": 1}, epoch=7 if right is None else None))
+            self.handle(on.Set(values={"seen": 1}, principal=HOLDER, epoch=7 if right is None else None))
 
     # -- the robots that it commands -------------------------------------------------------------
 
@@ -643,7 +697,7 @@ def test_a_stop_ends_every_command_of_an_enslaved_robot_also_beside_one_that_goe
     """Found by a new random case: who stops was taken for somebody who may only end detached commands."""
     core = new_core()
     core.handle(invocation("k0", "go", deadline_at=90.0), 1.0)
-    core.handle(on.DetachAsked(key="k0", entitled=True), 1.0)
+    core.handle(on.DetachAsked(key="k0"), 1.0)
     core.handle(invocation("k1", "go", deadline_at=90.0), 1.0)
     parent = Address("robot", "lever", "1")
     core.handle(

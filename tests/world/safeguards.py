@@ -8,10 +8,6 @@ from collections.abc import Generator
 from dataclasses import dataclass
 from typing import Any
 
-import msgspec
-
-import robotree.vr.agents.outside
-import robotree.vr.exchange.answering
 import robotree.vr.running.robot_runtime
 from robotree.protocol.messages import Goal, GoalCancel, SetMode, Verb
 from robotree.protocol.services.claim_server import ClaimServer
@@ -23,7 +19,7 @@ from robotree.proxy.guard import EpochCheck
 from robotree.sim.firmware.watchdog import Watchdog
 from robotree.vr.agents.callers import Callers
 from robotree.vr.agents.stops import Stops
-from robotree.vr.base.envelope import Envelope, Received, opened
+from robotree.vr.base.envelope import Received
 from robotree.vr.base.requests import Call
 from robotree.vr.core.bonds import GrantedLease, HeldLease
 from robotree.vr.core.machine import Calls, RobotCore
@@ -50,11 +46,6 @@ def _deadline_of_its_own(**fields: Any) -> Call:
 def _counted_from_the_grant(self: HeldLease, *, sent: float, now: float, term: float) -> None:
     del sent
     self.confirmed, self.term = now, term
-
-
-def _opened_however_late(body: bytes, who: str, now: float) -> Received:
-    envelope = msgspec.msgpack.decode(body, type=Envelope)
-    return opened(msgspec.msgpack.encode(msgspec.structs.replace(envelope, holds=math.inf)), who, now)
 
 
 _receive = GoalServer.receive
@@ -105,8 +96,7 @@ SAFEGUARDS = {
     "a child ends a lease that is not renewed": (Safeguard(GrantedLease, "tick", lambda *_: None),),
     "a controller stops when its commander is not heard": (Safeguard(Watchdog, "silent", lambda *_: False),),
     "a request is void some time after it was asked": (
-        Safeguard(robotree.vr.agents.outside, "opened", _opened_however_late),
-        Safeguard(robotree.vr.exchange.answering, "opened", _opened_however_late),
+        Safeguard(Received, "expect_in_time", lambda *_: None),
     ),
     "a controller ends a goal whose time is over": (Safeguard(GoalServer, "tick", lambda *_: []),),
     "a controller carries a goal out once": (Safeguard(GoalServer, "receive", _every_goal_is_new),),

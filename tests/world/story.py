@@ -16,7 +16,8 @@ from dataclasses import dataclass, field
 
 from robotree.protocol.messages import ModeKind
 from robotree.vr.base.errors import VrError
-from robotree.vr.exchange.client import RobotClient, fresh_key
+from robotree.vr.exchange.asking import fresh_key
+from robotree.vr.exchange.client import RobotClient
 from robotree.vr.supervision.fleet import CALLER, Fleet
 from robotree.vr.world.world import SimulatedProcess, World
 from tests.world.controller import CartController

@@ -17,8 +17,8 @@ from robotree.tui.seen.stopping import StopRound
 from robotree.tui.terminal import one_line
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import Lack, Listing, RobotDescription
-from robotree.vr.base.envelope import is_person
 from robotree.vr.base.presence import Held
+from robotree.vr.base.principal import is_person
 from robotree.vr.base.requests import Level, LoggedLine, State
 
 SILENCE = 4.0

@@ -32,6 +32,7 @@ from robotree.vr.base.envelope import Received
 from robotree.vr.base.errors import (
     CycleOfBonds,
     DoesNotFit,
+    NotInControl,
     NotVirtual,
     ReloadWaits,
     StillBonded,
@@ -41,6 +42,7 @@ from robotree.vr.base.errors import (
     WrongKind,
 )
 from robotree.vr.base.presence import Undo
+from robotree.vr.base.principal import Principal
 from robotree.vr.base.requests import (
     Accepted,
     AnyRequest,
@@ -69,8 +71,8 @@ from robotree.vr.core.bonds import DEFAULT_TERM, GrantedLease, Slots
 from robotree.vr.core.events import CoreEffect, LeaseChanged, LeaseEnded
 from robotree.vr.core.machine import Calls, RobotState
 from robotree.vr.core.stop import Stop
-from robotree.vr.exchange.answering import SendReply, conversing, not_for
 from robotree.vr.exchange.claim import claim, new_address
+from robotree.vr.exchange.dispatcher import Dispatcher, SendReply, not_for
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.running.process import LONGEST_END, Process
 from robotree.vr.running.robot_runtime import NotDescribed, OnDescribed, RobotRuntime
@@ -180,10 +182,14 @@ class RobotAgent:
         """
         self.open = True
         try:
-            handler = conversing(self._answer, self.robot.name)
-            self._declared.append(
-                await self.transport.serve(self.address.key, handler, direct=self._outside.take)
+            dispatcher = Dispatcher(
+                self.robot.name,
+                self._answer,
+                now=self._process.runner.now,
+                at_once=self._outside.answers,
+                allow=self.runtime.authorise,
             )
+            self._declared.append(await self.transport.serve(self.address.key, dispatcher.take))
             self._declared.append(await self.transport.watch_itself(self._cut_off))
             self._presence = await claim(self.transport, self.address)
         except BaseException:
@@ -370,55 +376,56 @@ class RobotAgent:
             self._end_calls(reason)
 
     def _end_calls(self, reason: str) -> None:
-        self.runtime.post(on.CancelAll(reason=reason, entitled=True, final=True))
+        self.runtime.post(on.CancelAll(reason=reason, final=True))
 
     # -- requests ---------------------------------------------------------------------------------
 
-    def _answer(self, received: Received, say: SendReply) -> Callable[[], Awaitable[None]] | None:
+    def _answer(self, received: Received, send: SendReply) -> Reply | Awaitable[Reply | None]:
         """Answer one request, at once if that takes no time.
 
         Raises:
             VrError: it is refused.
         """
-        request, person = received.request, received.person
+        request = received.request
         if not self.open and not isinstance(request, _AT_THE_END):
             raise Unreachable(key=self.address.key)
         self.runtime.look_at_robot()
         if isinstance(request, _TAKE_TIME):
-            return partial(self._answer_later, request, say, person)
-        say(self._reply(request))
-        return None
+            return self._reply_later(request, received.principal, send)
+        return self._reply(request, received.principal)
 
-    async def _answer_later(self, request: AnyRequest, say: SendReply, person: str) -> None:
+    async def _reply_later(self, request: AnyRequest, asker: Principal, send: SendReply) -> Reply | None:
         match request:
             case SafeStop():
-                say(Accepted(key=request.order))  # the asker must know at once that it has reached us
-                if person:
-                    request = msgspec.structs.replace(request, reason=f"{person}'s protective stop")
-                say(await self._stops.safe_stop(request))
+                send(Accepted(key=request.order))  # the asker must know at once that it has reached us
+                if asker.person:
+                    request = msgspec.structs.replace(request, reason=f"{asker.person}'s protective stop")
+                return await self._stops.safe_stop(request, asker)
             case Resume():
-                say(await self._stops.resume(request))
-                self._note_order("resumed", person)
+                reply = await self._stops.resume(request, asker)
+                self._note_order("resumed", asker)
+                return reply
             case Enslave():
-                await self._virtual("enslave others").enslave(request.slot, request.child)
-                self._note_order(f"{request.slot}: {request.child.name} enslaved", person)
-                say(Described(robot=self.description()))
+                await self._virtual("enslave others").enslave(request.slot, request.child, asker)
+                self._note_order(f"{request.slot}: {request.child.name} enslaved", asker)
+                return Described(robot=self.description())
             case Free():
-                await self._virtual("release children").free(request.slot)
-                self._note_order(f"{request.slot}: released", person)
-                say(Described(robot=self.description()))
+                await self._virtual("release children").free(request.slot, asker)
+                self._note_order(f"{request.slot}: released", asker)
+                return Described(robot=self.description())
             case Delete():
-                self._note_order("deleted", person)
-                await self._delete(lambda left: say(Done(note=left)))
+                self._note_order("deleted", asker)
+                await self._delete(lambda left: send(Done(note=left)))
+                return None
             case _:  # not one of `_TAKE_TIME`
                 raise not_for("robot", request)
 
-    def _note_order(self, what: str, person: str) -> None:
+    def _note_order(self, order: str, asker: Principal) -> None:
         """Enter in the log what a person has ordered that is no command."""
-        if person:
-            self.runtime.log.say("info", f"{what} by {person}")
+        if asker.person:
+            self.runtime.log.say("info", f"{order} by {asker.person}")
 
-    def _reply(self, request: AnyRequest) -> Reply:
+    def _reply(self, request: AnyRequest, asker: Principal) -> Reply:
         """Answer a request that takes no time.
 
         Raises:
@@ -430,23 +437,24 @@ class RobotAgent:
             case ReadLog(after=after):
                 return Logged(lines=tuple(self.runtime.log.since(after)))
             case Petition():
-                return self._petition(request)
+                return self._petition(request, asker)
             case Retract():
-                return self._retract(request)
+                return self._retract(request, asker)
             case Renew():
-                return self._renew(request)
+                return self._renew(request, asker)
             case Release():
-                self._end_lease(request, f"{request.parent.name} released it")
+                self._end_lease(request, f"{request.parent.name} released it", asker)
                 return Done()
             case _:
                 raise not_for("robot", request)
 
     # -- who commands it --------------------------------------------------------------------------
 
-    def _petition(self, request: Petition) -> Reply:
+    def _petition(self, request: Petition, asker: Principal) -> Reply:
         self._expect_to_fit(request)
         self.runtime.post(
             on.ParentAsked(
+                principal=asker,
                 parent=request.parent,
                 slot=request.slot,
                 lineage=request.lineage,
@@ -478,13 +486,16 @@ class RobotAgent:
             if reason:
                 raise DoesNotFit(robot=parent, slot=slot, wanted=wanted, child=name, reason=reason)
 
-    def _renew(self, request: Renew) -> Reply:
-        renewal = on.Prolong(parent=request.parent, epoch=request.epoch, lineage=request.lineage)
+    def _renew(self, request: Renew, asker: Principal) -> Reply:
+        self._expect_only_one(request.parent)
+        renewal = on.Prolong(
+            parent=request.parent, epoch=request.epoch, lineage=request.lineage, principal=asker
+        )
         lease = self.runtime.core.state.lease.current
         try:
             self.runtime.post(renewal)
         except CycleOfBonds as error:
-            self._end_lease(request, str(error))
+            self._end_lease(request, str(error), asker)
             raise
         if lease is None or lease.parent != request.parent:  # the parent goes on as another incarnation
             self._watch(request.parent)
@@ -505,20 +516,44 @@ class RobotAgent:
             ways=slots.ways,
         )
 
-    def _retract(self, request: Retract) -> Reply:
+    def _retract(self, request: Retract, asker: Principal) -> Reply:
         parent = request.parent
-        reason = f"{parent.name} did not hear that it was granted"
+        self._expect_only_one(parent)
         self.runtime.post(
             on.EndLease(
-                parent=parent, unix=self._unix(), reason=reason, petition=request.key, taken_back=True
+                parent=parent,
+                unix=self._unix(),
+                reason=f"{parent.name} did not hear that it was granted",
+                petition=request.key,
+                taken_back=True,
+                principal=asker,
             )
         )
         return Done()
 
-    def _end_lease(self, request: Release | Renew, reason: str) -> None:
+    def _end_lease(self, request: Release | Renew, reason: str, asker: Principal) -> None:
+        self._expect_only_one(request.parent)
         self.runtime.post(
-            on.EndLease(parent=request.parent, unix=self._unix(), reason=reason, epoch=request.epoch)
+            on.EndLease(
+                parent=request.parent,
+                unix=self._unix(),
+                reason=reason,
+                epoch=request.epoch,
+                principal=asker,
+            )
         )
+
+    def _expect_only_one(self, parent: Address) -> None:
+        """Refuse another incarnation of the parent while the one that holds the lease is present.
+
+        Raises:
+            NotInControl: it is.
+        """
+        lease = self.runtime.look(lambda core: core.state.lease.current)
+        if lease is None or lease.parent == parent or lease.parent.identity != parent.identity:
+            return
+        if self.transport.presence.there(lease.parent.key):
+            raise NotInControl(robot=self.robot.name, holder=lease.parent.name, slot=lease.slot)
 
     def _watch(self, parent: Address) -> None:
         """End the lease when its parent's presence goes."""

@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from robotree.vr.author.virtual_robot import slots_of
 from robotree.vr.base.address import Address, everyone
 from robotree.vr.base.description import CommandSpec, RobotDescription, offered
-from robotree.vr.base.envelope import seal
 from robotree.vr.base.errors import (
     CycleOfBonds,
     Garbled,
@@ -27,12 +26,14 @@ from robotree.vr.base.errors import (
     VrError,
 )
 from robotree.vr.base.presence import Undo
-from robotree.vr.base.requests import Granted, Petition, Raised, Renew, Reply, Resume, decode_reply
+from robotree.vr.base.principal import ITSELF, Principal
+from robotree.vr.base.requests import Granted, Petition, Raised, Renew, Reply, Resume
 from robotree.vr.base.transport import Transport
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import DEFAULT_TERM, FRESH, RETURN, Bond, HeldLease, Slots
 from robotree.vr.core.confirmation import LEAST, Budget, Confirmations
-from robotree.vr.exchange.client import RobotClient, fresh_key
+from robotree.vr.exchange.asking import fresh_key
+from robotree.vr.exchange.client import RobotClient
 from robotree.vr.running.robot_runtime import RobotRuntime
 
 FAREWELL = 2.0
@@ -79,16 +80,20 @@ class ChildKeeper:
         return self._runtime.core.state.slots
 
     def _client(self, bond: Bond) -> RobotClient:
-        return RobotClient(self._transport, bond.child)
+        return self._client_of(bond.child)
+
+    def _client_of(self, child: Address) -> RobotClient:
+        return RobotClient(self._transport, child, sender=self._runtime.key)
 
     # -- binding ----------------------------------------------------------------------------------
 
-    async def enslave(self, slot: str, child: Address) -> None:
+    async def enslave(self, slot: str, child: Address, asker: Principal = ITSELF) -> None:
         """Bind a child to a slot, or to one of a group; a child that was lost there does not return to it.
 
         Args:
             slot: name of the slot, or of the group.
             child: who.
+            asker: who asks for it.
 
         Raises:
             BondError: there is no such slot, it is occupied, or the child is of another kind.
@@ -99,12 +104,12 @@ class ChildKeeper:
         if returning := self._returning.get(slot):
             returning.cancel()
             await asyncio.wait([returning])
-        await self._bind(slot, child, None)
+        await self._bind(slot, child, None, asker)
 
-    async def _bind(self, slot: str, child: Address, returns: int | None) -> None:
+    async def _bind(self, slot: str, child: Address, returns: int | None, asker: Principal = ITSELF) -> None:
         """Bind a child; `returns` is the epoch of a lost lease, or `FRESH`; None: it is a new bond."""
-        self._runtime.post(on.Reserve(slot=slot, child=child))
-        client = RobotClient(self._transport, child)
+        self._runtime.post(on.Reserve(slot=slot, child=child, principal=asker))
+        client = self._client_of(child)
         key = fresh_key()
         try:
             bond = await self._ask(client, slot, key, returns)
@@ -113,23 +118,27 @@ class ChildKeeper:
             if isinstance(error, TransportError) or not isinstance(error, VrError):
                 self._retract(client, key)
             raise
-        self._runtime.post(on.Bind(slot=slot, bond=bond))
+        self._runtime.post(on.Bind(slot=slot, bond=bond, principal=asker))
         self._watch(slot, child, bond.lease.epoch)
         self._runtime.changed()
         if self._closed:  # the parent was deleted meanwhile
             await self._free_if_bound(slot)
 
-    async def free(self, slot: str) -> None:
+    async def free(self, slot: str, asker: Principal = ITSELF) -> None:
         """Release the child in a slot, or all of a group; if it does not hear it, its lease runs out.
+
+        Args:
+            slot: name of the slot, or of the group.
+            asker: who asks for it.
 
         Raises:
             BondError: there is no such slot, or it is empty.
         """
-        await asyncio.gather(*map(self._free, self._slots.filled(slot)))
+        await asyncio.gather(*(self._free(each, asker) for each in self._slots.filled(slot)))
 
-    async def _free(self, slot: str) -> None:
+    async def _free(self, slot: str, asker: Principal) -> None:
         bond = self._slots.require(slot)
-        self._runtime.post(on.FreeAsked(slot=slot))
+        self._runtime.post(on.FreeAsked(slot=slot, principal=asker))
         with contextlib.suppress(VrError):
             await self._client(bond).release(self._parent, bond.lease.epoch, timeout=FAREWELL)
 
@@ -285,15 +294,13 @@ class ChildKeeper:
         def lose(reason: str) -> None:
             self._runtime.post(on.Lose(slot=slot, child=child, epoch=epoch, reason=reason))
 
-        def hear(body: bytes | None) -> None:
+        def take(reply: Reply | None) -> None:
             nonlocal answered
-            if body is not None:
-                answered = True
-                take(decode_reply(body, key=child.key))
-            elif not (answered or self._presence.there(child.key)):
-                lose(f"{child.name} has ended")
-
-        def take(reply: Reply) -> None:
+            if reply is None:
+                if not (answered or self._presence.there(child.key)):
+                    lose(f"{child.name} has ended")
+                return
+            answered = True
             if isinstance(reply, Granted):
                 self._renewed(effect, reply)
                 return
@@ -304,8 +311,7 @@ class ChildKeeper:
                 _log.warning("%s: renewal for %s: %s", self._parent.name, slot, error)
 
         renewal = Renew(parent=self._parent, epoch=epoch, lineage=self._runtime.core.lineage)
-        sealed = seal(renewal, now=effect.sent, within=self._term, sender=self._runtime.key)
-        self._transport.ask(child.key, sealed.body, urgent=True, on_reply=hear)
+        self._runtime.ask(child.key, renewal, take, now=effect.sent, within=self._term, urgent=True)
 
     def _renewed(self, effect: on.RenewLease, granted: Granted) -> None:
         self._runtime.post(

@@ -22,7 +22,6 @@ from robotree.vr.base.address import Address, check_name
 from robotree.vr.base.envelope import Received
 from robotree.vr.base.errors import DuplicateName, HostReserved, NoSuchRobot, Unreachable, VrError
 from robotree.vr.base.requests import (
-    AnyRequest,
     Create,
     Described,
     DescribeHost,
@@ -40,9 +39,9 @@ from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.loader import LIMIT
 from robotree.vr.core.bonds import DEFAULT_TERM
 from robotree.vr.core.machine import LONGEST_DEADLINE
-from robotree.vr.exchange.answering import SendReply, conversing, not_for
 from robotree.vr.exchange.claim import claim, expect_free, new_address
 from robotree.vr.exchange.client import RobotClient
+from robotree.vr.exchange.dispatcher import Dispatcher, not_for
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.running.heard import speaking
 from robotree.vr.running.process import Process
@@ -121,10 +120,9 @@ class Host:
         """
         self._open = True
         try:
-            handler = conversing(
-                lambda received, say: partial(self._answer_later, received, say), self.address.name
-            )
-            self._declared.append(await self._transport.serve(self.address.key, handler))
+            now = asyncio.get_running_loop().time
+            dispatcher = Dispatcher(self.address.name, lambda received, _: self._answer(received), now=now)
+            self._declared.append(await self._transport.serve(self.address.key, dispatcher.take))
             self._declared.append(await claim(self._transport, self.address))
         except BaseException:
             await self.close()
@@ -263,10 +261,8 @@ class Host:
             del self.agents[name]
         self._ended = [ended for ended in (*self._ended, agent) if ended.abandoned]
 
-    async def _answer_later(self, received: Received, say: SendReply) -> None:
-        say(await self._answer(received.request, received.person))
-
-    async def _answer(self, request: AnyRequest, person: str) -> Reply:
+    async def _answer(self, received: Received) -> Reply:
+        request, person = received.request, received.principal.person
         match request:
             case Create():
                 agent = await self.create(_bundle(request), request.name, request.settings)

@@ -6,30 +6,32 @@ such as the units behind a text, is handed to a worker.
 
 from __future__ import annotations
 
-import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 
 import msgspec
 
-from robotree.vr.base.envelope import SCRIPT, Received, is_person, opened, person_at
+from robotree.vr.base.envelope import Received
 from robotree.vr.base.errors import Unreachable, VrError
+from robotree.vr.base.principal import SCRIPT, Principal, is_person
 from robotree.vr.base.requests import (
     Accepted,
+    AnyRequest,
     Call,
     Cancel,
     Detach,
     Done,
     Progress,
     Raised,
-    Reply,
     Returned,
     encode,
 )
-from robotree.vr.base.transport import End, Respond
+from robotree.vr.base.transport import End, Incoming, Respond
 from robotree.vr.core import events as on
+from robotree.vr.core.events import CoreEvent
 from robotree.vr.core.machine import LONGEST_DEADLINE
+from robotree.vr.exchange.dispatcher import AnswerAtOnce, refusal
 from robotree.vr.running.robot_runtime import NotDescribed, RobotRuntime
 from robotree.vr.running.serial_worker import SerialWorker
 
@@ -38,8 +40,6 @@ PROGRESS_PERIOD = 0.05
 
 MOST_PENDING = 32
 """Reports that wait for the next message: of more, the middle ones are left out, never the latest."""
-
-_log = logging.getLogger(__name__)
 
 
 class OutsideCaller:
@@ -97,32 +97,31 @@ class OutsideCalls:
         self._runtime, self._is_open, self._attend = runtime, is_open, attend
         self._units = SerialWorker(runtime.process.runner, f"{runtime.robot.name} units")
 
-    def take(self, body: bytes, respond: Respond, end: End) -> bool:
-        """Take a request if it is a call or a cancel; see `Transport.serve`."""
-        try:
-            received = opened(body, self._runtime.robot.name, self._runtime.process.runner.now())
-        except VrError as error:
-            self._refuse(error, end)
-            return True
-        request = received.request
-        if isinstance(request, Call):
-            self._call(_named(request, received), received, respond, end)
-        elif isinstance(request, Cancel):
-            self._answer(partial(self._cancel, request, received.person), end)
-        elif isinstance(request, Detach):
-            self._answer(partial(self._detach, request), end)
-        else:
-            return False
-        return True
+    @property
+    def answers(self) -> Mapping[type[AnyRequest], AnswerAtOnce]:
+        """What it answers, by the class of the request."""
+        return {
+            Call: lambda received, incoming: self._call(received, incoming.reply, incoming.end),
+            Cancel: self._cancel,
+            Detach: self._detach,
+        }
 
     # -- inside -----------------------------------------------------------------------------------
 
-    def _call(self, call: Call, received: Received, respond: Respond, end: End) -> None:
+    def _call(self, received: Received, respond: Respond, end: End) -> None:
+        call, principal = _named(received), received.principal
         seconds = min(call.deadline, LONGEST_DEADLINE) if math.isfinite(call.deadline) else call.deadline
         # what a parent's bond does for its calls, its presence does for the call of a program that waits
-        attended_by = "" if call.oneway or call.epoch is not None else received.sender
+        attended_by = "" if call.oneway or call.epoch is not None else principal.agent
         admit = partial(
-            self._admit, call, respond, end, received.asked + seconds, self._runtime.stops, attended_by
+            self._admit,
+            call,
+            principal,
+            respond,
+            end,
+            received.asked + seconds,
+            self._runtime.stops,
+            attended_by,
         )
         if self._runtime.takes_units(call):
             self._units.submit(lambda: admit() is None)  # to load them takes a while
@@ -132,6 +131,7 @@ class OutsideCalls:
     def _admit(
         self,
         call: Call,
+        principal: Principal,
         respond: Respond,
         end: End,
         deadline_at: float,
@@ -146,12 +146,12 @@ class OutsideCalls:
 
         try:
             self._expect_open()
-            runtime.admit(call, deadline_at, listener=caller, accepted=accepted, stops=stops)
+            runtime.admit(call, deadline_at, principal, listener=caller, accepted=accepted, stops=stops)
         except NotDescribed as unknown:
 
             def described(error: VrError | None) -> None:
                 if error is None:
-                    self._admit(call, respond, end, deadline_at, stops, attended_by)
+                    self._admit(call, principal, respond, end, deadline_at, stops, attended_by)
                 else:
                     self._refuse(error, end)
 
@@ -171,39 +171,41 @@ class OutsideCalls:
         if not self._is_open():
             raise Unreachable(key=self._runtime.key)
 
-    def _cancel(self, request: Cancel, person: str) -> Reply:
+    def _cancel(self, received: Received, incoming: Incoming) -> None:
+        request, asker = received.request, received.principal
+        assert isinstance(request, Cancel)  # noqa: S101 # see `answers`
         reason = request.reason or "on request"
-        if person and not request.key:
-            reason = f"{person} cancelled all that {self._runtime.robot.name} did"
+        if asker.person and not request.key:
+            reason = f"{asker.person} cancelled all that {self._runtime.robot.name} did"
         if request.key:
-            self._runtime.post(on.CancelAsked(key=request.key, reason=reason, epoch=request.epoch))
+            order: CoreEvent = on.CancelAsked(
+                key=request.key, reason=reason, epoch=request.epoch, principal=asker
+            )
         else:
-            self._runtime.post(on.CancelAll(reason=reason, epoch=request.epoch))
-        return Done()
+            order = on.CancelAll(reason=reason, epoch=request.epoch, principal=asker)
+        self._order(order, incoming)
 
-    def _detach(self, request: Detach) -> Reply:
-        self._runtime.post(on.DetachAsked(key=request.key, epoch=request.epoch))
-        return Done()
+    def _detach(self, received: Received, incoming: Incoming) -> None:
+        request = received.request
+        assert isinstance(request, Detach)  # noqa: S101 # see `answers`
+        self._order(
+            on.DetachAsked(key=request.key, epoch=request.epoch, principal=received.principal), incoming
+        )
 
-    def _answer(self, answer: Callable[[], Reply], end: End) -> None:
-        try:
-            self._expect_open()
-            reply = answer()
-        except Exception as error:  # noqa: BLE001 # as above
-            self._refuse(error, end)
-        else:
-            end(encode(reply))
+    def _order(self, order: CoreEvent, incoming: Incoming) -> None:
+        self._expect_open()
+        self._runtime.post(order)
+        incoming.end(encode(Done()))
 
     def _refuse(self, error: Exception, end: End) -> None:
-        if not isinstance(error, VrError):
-            _log.error("%s: an answer failed", self._runtime.robot.name, exc_info=error)
-            error = VrError(detail=f"{self._runtime.robot.name}: internal error: {error!r}")
-        end(encode(Raised.of(error)))
+        end(encode(refusal(error, self._runtime.robot.name)))
 
 
-def _named(call: Call, received: Received) -> Call:
+def _named(received: Received) -> Call:
     """Return a call with the name of the person who asks; what a sender says of that does not count."""
+    call, principal = received.request, received.principal
+    assert isinstance(call, Call)  # noqa: S101 # see `OutsideCalls.answers`
     if call.epoch is not None:  # a parent's: its name is that of the lease
         return call
-    person = received.person or (person_at(SCRIPT) if is_person(call.caller) else "")
+    person = principal.person or (f"{principal.user}@{SCRIPT}" if is_person(call.caller) else "")
     return msgspec.structs.replace(call, caller=person) if person else call

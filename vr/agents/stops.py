@@ -14,6 +14,7 @@ from robotree.vr.agents.children import ChildKeeper
 from robotree.vr.agents.hooks import STILL_STOPPING, Confirming, Hooks
 from robotree.vr.base.envelope import same_clock
 from robotree.vr.base.errors import NoAnswer, VrError
+from robotree.vr.base.principal import Principal
 from robotree.vr.base.requests import Done, Raised, Reply, Resume, SafeStop
 from robotree.vr.core import events as on
 from robotree.vr.core.confirmation import Budget, Confirmations
@@ -45,7 +46,7 @@ class Stops:
     def _stop(self) -> Stop:
         return self._runtime.core.state.stop
 
-    async def safe_stop(self, request: SafeStop) -> Reply:
+    async def safe_stop(self, request: SafeStop, asker: Principal) -> Reply:
         """Stop now; answer when everything below has confirmed it, or when the time is over.
 
         Who orders a stop asks all robots of a tree at once, and each passes it on. Such a copy of an order
@@ -57,7 +58,7 @@ class Stops:
         """
         runtime, known = self._runtime, self._stop.known(request.order)
         reason, order, within = request.reason or "protective stop", request.order, request.within
-        runtime.post(on.StopAsked(reason=reason, order=order, within=within))
+        runtime.post(on.StopAsked(reason=reason, order=order, within=within, principal=asker))
         generation = known or max(self._stop.parts)
         if not known:
             runtime.changed()
@@ -98,7 +99,7 @@ class Stops:
         if (settling := self._settling.pop(effect.generation, None)) is not None:
             settling.set_result(effect.reply)
 
-    async def resume(self, request: Resume) -> Reply:
+    async def resume(self, request: Resume, asker: Principal) -> Reply:
         """Release those below first: nobody may use a child that is still stopped.
 
         Raises:
@@ -107,7 +108,7 @@ class Stops:
         """
         runtime, name, began = self._runtime, self._runtime.robot.name, _now()
         budget = self._budget(request.within)
-        runtime.core.state.lease.check(request.epoch, runtime.process.runner.now())
+        runtime.core.state.lease.check(request.epoch, runtime.process.runner.now(), asker)
         confirmations, seen = Confirmations("the resume"), self._stops_seen(request)
         if seen == runtime.stops and not await self._hooks.has_stopped(budget.wait / 2):
             confirmations.deny(name, STILL_STOPPING)
@@ -126,7 +127,7 @@ class Stops:
         else:
             self._take_own(confirmations, doubt)
             if not doubt:
-                runtime.post(on.ReleaseAsked(generation=seen))
+                runtime.post(on.ReleaseAsked(generation=seen, principal=asker))
                 self._runtime.changed()
         return Done(confirmed=tuple(confirmations.settle()))
 

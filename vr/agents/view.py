@@ -13,8 +13,8 @@ from typing import Protocol
 from robotree.vr.base.description import Listing
 from robotree.vr.base.requests import AnyRequest, DescribeView, Look, Picture, Reply, ViewDescribed
 from robotree.vr.base.transport import Registration, Transport
-from robotree.vr.exchange.answering import answering, not_for
 from robotree.vr.exchange.claim import claim, new_address
+from robotree.vr.exchange.dispatcher import Dispatcher, not_for
 from robotree.vr.lookup.registrar import Registrar
 
 _FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
@@ -92,8 +92,11 @@ class ViewAgent:
             TransportError: the transport does not work.
         """
         try:
-            handler = answering(self._answer, self.address.name)
-            self._declared.append(await self._transport.serve(self.address.key, handler))
+            now = asyncio.get_running_loop().time
+            dispatcher = Dispatcher(
+                self.address.name, lambda received, _: self._answer(received.request), now=now
+            )
+            self._declared.append(await self._transport.serve(self.address.key, dispatcher.take))
             self._declared.append(await claim(self._transport, self.address))
             cameras = {"cameras": ", ".join(self._view.cameras)}
             listing = Listing(address=self.address, kinds=("View",), attributes=cameras)

@@ -1,17 +1,16 @@
 """The envelope in which every request travels: who asks, when it was asked, and until when it may begin.
 
-It is written by `seal` and read by `opened`, and nowhere else; `opened` is the one place where a request that
-has expired is refused. What was sent to a process that hangs lies in its socket and is read when it wakes,
-however long ago its asker gave up: such a request must not begin.
+It is written by `seal` and read by `opened`, and nowhere else; `Received.expect_in_time` is the one place
+where a request that has expired is refused. What was sent to a process that hangs lies in its socket and is
+read when it wakes, however long ago its asker gave up: such a request must not begin.
 
 On one machine all processes share one clock (CLOCK_MONOTONIC), so the moment of asking is sent as it is, and
 the time that the way takes counts against the request, and against the deadline of a call. Clocks of
 different machines cannot be compared: there a request is as new as its arrival, so only the remaining times
 (`holds`, `Call.deadline`) count, from the arrival on.
 
-A person who asks has a name, `anna@pts/3`. The sender only says at which terminal the person sits. The user's
-name the receiver puts in: on one machine it talks only to processes of its own user, as the kernel names
-their users (SO_PEERCRED, `network/mesh.py`). So nobody can call himself somebody else.
+The sender says only which of its robots or programs asks, and at which terminal the person sits. The process
+and its user the transport knows from the kernel; see `principal.py`.
 """
 
 from __future__ import annotations
@@ -19,15 +18,15 @@ from __future__ import annotations
 import contextlib
 import math
 import os
-import re
 from collections.abc import Generator
-from functools import cache, lru_cache
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
 
 from robotree.vr.base.errors import Garbled, NoAnswer
+from robotree.vr.base.principal import SCRIPT, Credentials, Principal, principal_of
 from robotree.vr.base.requests import (
     AnyRequest,
     Call,
@@ -57,10 +56,8 @@ All others only ask or prolong. `Detach` is one of these: it lets a motion go on
 it, so a late one must not count, and after the term of the bond its epoch is refused in any case.
 """
 
-SCRIPT = "script"
-"""Instead of a terminal, where a person's program has none."""
-
-_TERMINAL = re.compile(r"[\w/.-]{1,32}")
+_OF_A_ROBOT = "robot/"
+"""Begin of the key of each robot: it asks for nobody."""
 
 _here = ""
 """The terminal at which the person sits for whom this process asks; empty: it asks for nobody."""
@@ -97,14 +94,27 @@ class Sealed(NamedTuple):
 
 
 class Received(NamedTuple):
-    """A request that has arrived in time."""
+    """A request that has arrived."""
 
     request: AnyRequest
-    sender: str
+    principal: Principal
     asked: float
     """[s] on the clock of this process: when it was asked, or, from another machine, when it arrived."""
-    person: str = ""
-    """Who asks, if it is a person: `anna@pts/3`."""
+    holds: float
+    """[s] from `asked` on in which it may begin."""
+
+    def expect_in_time(self, who: str, now: float) -> None:
+        """Refuse a request whose asker has given up, or is about to.
+
+        Args:
+            who: is asked, for messages.
+            now: [s] on the clock of this process.
+
+        Raises:
+            NoAnswer: it has expired.
+        """
+        if not now - self.asked < self.holds:
+            raise NoAnswer(key=who, seconds=self.holds)
 
 
 _encode = msgspec.msgpack.Encoder().encode
@@ -122,15 +132,17 @@ def seal(request: AnyRequest, *, now: float, within: float, sender: str = "") ->
     """
     begins, ends = isinstance(request, BEGINS), isinstance(request, ENDS)
     holds = min(within, FRESH) if begins else math.inf if ends else within
-    body = _encode(Envelope(request, sender, now, holds, this_clock(), b"", _here))
+    terminal = "" if sender.startswith(_OF_A_ROBOT) else _here
+    body = _encode(Envelope(request, sender, now, holds, this_clock(), b"", terminal))
     return Sealed(body, now + holds if begins or ends else 0.0)
 
 
-def opened(body: bytes, who: str, now: float) -> Received:
+def opened(body: bytes, credentials: Credentials, who: str, now: float) -> Received:
     """Take a request out of its envelope.
 
     Args:
         body: as it came.
+        credentials: of the process that has sent it.
         who: is asked, for messages.
         now: [s] on the machine's monotonic clock.
 
@@ -143,10 +155,10 @@ def opened(body: bytes, who: str, now: float) -> Received:
     except (msgspec.MsgspecError, UnicodeDecodeError) as error:
         raise Garbled(key="a caller", detail=str(error)) from None
     asked = envelope.asked if same_clock(envelope.clock) and envelope.asked <= now else now
-    if not now - asked < envelope.holds:
-        raise NoAnswer(key=who, seconds=envelope.holds)
-    terminal = envelope.terminal
-    return Received(envelope.request, envelope.sender, asked, person_at(terminal) if terminal else "")
+    principal = principal_of(credentials, envelope.sender, envelope.terminal)
+    received = Received(envelope.request, principal, asked, envelope.holds)
+    received.expect_in_time(who, now)
+    return received
 
 
 @contextlib.contextmanager
@@ -166,27 +178,6 @@ def this_terminal() -> str:
         with contextlib.suppress(OSError):
             return os.ttyname(stream).removeprefix("/dev/")
     return SCRIPT
-
-
-@lru_cache(64)
-def person_at(terminal: str) -> str:
-    """Return the name of a person of this user who sits at a terminal."""
-    return f"{_this_user()}@{terminal if _TERMINAL.fullmatch(terminal) else SCRIPT}"
-
-
-def is_person(caller: str) -> bool:
-    """Whether the name of a caller is that of a person: no robot's name has an @."""
-    return "@" in caller
-
-
-@cache
-def _this_user() -> str:
-    import pwd  # only those who are asked need it
-
-    try:
-        return pwd.getpwuid(os.geteuid()).pw_name
-    except KeyError:
-        return str(os.geteuid())
 
 
 def this_clock() -> str:

@@ -9,7 +9,7 @@ that a caller on the far side of the network catches the same class with the sam
       CommandError    NoSuchCommand · NoSettings · BadArgument · CommandFailed (Failed) · CommandCancelled
                       ChildCancelled · ChildTimeout · DeadlineExceeded · Busy · UnderWay · CommandInDoubt
                       Stopped · StillRunning · KeyReused
-      LeaseError      LeaseDenied · StaleEpoch · Retracted · CycleOfBonds · NotInControl
+      LeaseError      LeaseDenied · StaleEpoch · Retracted · CycleOfBonds · NotInControl · NotAllowed
       BondError       NoSuchSlot · SlotOccupied · SlotHeld · SlotEmpty · GroupFull · WrongKind · DoesNotFit
                       StillBonded · NotVirtual
       TransportError  Unreachable · NoAnswer · NotConfirmed · TransportClosed · Garbled · RealmUnusable
@@ -399,6 +399,12 @@ class NotInControl(LeaseError):
         "{robot} is commanded by {holder}; command {holder}, or release the "
         "bond: `robotree release {holder}.{slot}`"
     )
+
+
+class NotAllowed(LeaseError):
+    """Who asks may not ask for this."""
+
+    sentence = "{who} may not ask for {what}: {reason}"
 
 
 # -- bonds -----------------------------------------------------------------------------------------

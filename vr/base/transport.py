@@ -5,7 +5,7 @@ Who else is present the table `presence` says. `network/` has one for the proces
 several machines, `world/` one within a process, in virtual time. `testing.py` examines any implementation
 (`check_transport`).
 
-All callbacks are called on the event loop of the transport, except those of `ask` and `direct`. Bodies are
+All callbacks are called on the event loop of the transport, except those of `ask` and `serve`. Bodies are
 bytes; `requests.py` gives them meaning. A key is a chunk path like `robot/arm-1/6f2c`; a pattern may have `*`
 for one chunk, `**` for many.
 """
@@ -16,6 +16,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from typing import Protocol
 
 from robotree.vr.base.presence import Presence
+from robotree.vr.base.principal import Credentials
 
 Respond = Callable[[bytes], None]
 """Send one reply; may be called any number of times until the handler returns."""
@@ -27,9 +28,45 @@ An exception in it is logged and ends the reply."""
 End = Callable[[bytes | None], None]
 """Ends the replies to a request, with one more or with None."""
 
-DirectHandler = Callable[[bytes, Respond, End], bool]
-"""Takes a request in the thread that reads it: its body, how to reply, how to end the replies; both may be
-called from any thread. Must not block. False: it has not taken it."""
+
+class Incoming:
+    """One request that has come. Everything in it may be used in any thread."""
+
+    __slots__ = ("_on_loop", "body", "credentials", "end", "reply")
+
+    def __init__(
+        self,
+        body: bytes,
+        credentials: Credentials,
+        reply: Respond,
+        end: End,
+        on_loop: Callable[[RequestHandler], None],
+    ) -> None:
+        """Made by a transport.
+
+        Args:
+            body: as it was sent.
+            credentials: of the process that has sent it.
+            reply: sends one reply.
+            end: ends the replies.
+            on_loop: has a handler answer it at its turn on the event loop.
+        """
+        self.body, self.credentials, self.reply, self.end = body, credentials, reply, end
+        self._on_loop = on_loop
+
+    def answer_on_loop(self, handler: RequestHandler) -> None:
+        """Have it answered on the event loop, after everything there that is more urgent."""
+        self._on_loop(handler)
+
+
+TakeRequest = Callable[[Incoming], None]
+"""Takes a request in the thread that reads it. Must not block."""
+
+
+def on_loop(handler: RequestHandler) -> TakeRequest:
+    """Take each request by having it answered on the event loop."""
+    return lambda incoming: incoming.answer_on_loop(handler)
+
 
 OnReply = Callable[[bytes | None], None]
 """Takes one reply, in any thread; None: there are no more. Must not block."""
@@ -64,15 +101,15 @@ class Transport(Protocol):
     presence: Presence
     """Who is present and who hangs: the one table of this process."""
 
-    async def serve(
-        self, key: str, handler: RequestHandler, *, direct: DirectHandler | None = None
-    ) -> Registration:
+    identity: Credentials
+    """This process, as the others see it named."""
+
+    async def serve(self, key: str, take: TakeRequest) -> Registration:
         """Answer the requests sent to exactly this key. One server per key.
 
         Args:
             key: of the server.
-            handler: answers a request on the event loop.
-            direct: is offered each request first, without the event loop.
+            take: takes each request in the thread that reads it; see `on_loop`.
         """
         ...
 

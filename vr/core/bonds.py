@@ -45,6 +45,7 @@ from robotree.vr.base.errors import (
     SlotOccupied,
     StaleEpoch,
 )
+from robotree.vr.base.principal import ITSELF, Principal
 
 DEFAULT_TERM = 5.0
 """[s] Long enough for a link of 1 s each way, short enough that a tree heals while people watch."""
@@ -74,6 +75,8 @@ class Lease(msgspec.Struct, frozen=True, kw_only=True):
     """Names from the topmost ancestor down to the parent."""
     petition: str = ""
     """Key of the petition by which it was granted."""
+    principal: Principal = ITSELF
+    """Who holds it: nobody else may use it."""
 
 
 class GrantedLease(msgspec.Struct, kw_only=True):
@@ -122,6 +125,7 @@ class GrantedLease(msgspec.Struct, kw_only=True):
         key: str = "",
         returns: int | None = None,
         patience: float = 0.0,
+        principal: Principal = ITSELF,
     ) -> Lease:
         """Grant the lease, anew if the same slot of the same parent asks again.
 
@@ -136,6 +140,7 @@ class GrantedLease(msgspec.Struct, kw_only=True):
             returns: epoch of the lease that the parent has lost by silence; `FRESH`: it was a lease on an
                 earlier incarnation; None: it asks anew.
             patience: [s] after its end in which that lease shall return; 0: `RETURN`.
+            principal: who asks.
 
         Raises:
             CycleOfBonds: the robot is the parent itself or one of its ancestors.
@@ -163,6 +168,7 @@ class GrantedLease(msgspec.Struct, kw_only=True):
             expires=now + self.term_granted,
             lineage=lineage,
             petition=key,
+            principal=principal,
         )
         return self.current
 
@@ -177,13 +183,19 @@ class GrantedLease(msgspec.Struct, kw_only=True):
         """Note that somebody without a lease moves the robot: what ended by silence cannot return."""
         self.silent, self.fresh = None, False
 
-    def retract(self, parent: Address, key: str, *, unix: float) -> Lease | None:
+    def retract(
+        self, parent: Address, key: str, *, unix: float, principal: Principal = ITSELF
+    ) -> Lease | None:
         """Undo a petition whose answer its parent never heard, before or after it comes.
 
         Args:
             parent: who asked.
             key: of the petition. Twice is once.
             unix: [s] since 1970.
+            principal: who asks.
+
+        Raises:
+            NotInControl: somebody else holds that lease.
 
         Returns:
             The lease that it had led to, which is over now; None: it led to none that is in force.
@@ -196,31 +208,49 @@ class GrantedLease(msgspec.Struct, kw_only=True):
         held = self.current
         if held is None or (held.parent.identity, held.petition) != (parent.identity, key):
             return None
+        self._expect_holder(held, parent, principal)
         return self.end(unix)
 
-    def renew(self, parent: Address, epoch: int, lineage: tuple[str, ...], *, now: float) -> Lease:
+    def renew(
+        self,
+        parent: Address,
+        epoch: int,
+        lineage: tuple[str, ...],
+        *,
+        now: float,
+        principal: Principal = ITSELF,
+    ) -> Lease:
         """Prolong the lease by the term first granted.
 
-        The parent may be another incarnation than the one that asked for it: who knows the epoch goes on.
+        The parent may be another incarnation than the one that asked for it, which holds the lease then.
 
         Raises:
             StaleEpoch: this is not the lease in force.
+            NotInControl: somebody else holds it.
             CycleOfBonds: the robot has become an ancestor of its parent; the lease should `end`.
         """
         held = self._in_force(now)
         if held is None or (held.parent.identity, held.epoch) != (parent.identity, epoch):
             raise StaleEpoch(robot=self.robot, epoch=epoch, current=self.epoch)
+        self._expect_holder(held, parent, principal)
         self._refuse_cycle(parent, lineage)
         self.current = msgspec.structs.replace(
-            held, parent=parent, expires=now + self.term_granted, lineage=lineage
+            held, parent=parent, expires=now + self.term_granted, lineage=lineage, principal=principal
         )
         return self.current
 
-    def release(self, parent: Address, epoch: int, *, unix: float) -> Lease | None:
-        """End the lease if it is this one; return it, or None when it was over already."""
+    def release(
+        self, parent: Address, epoch: int, *, unix: float, principal: Principal = ITSELF
+    ) -> Lease | None:
+        """End the lease if it is this one; return it, or None when it was over already.
+
+        Raises:
+            NotInControl: somebody else holds it.
+        """
         held = self.current
         if held is None or (held.parent.identity, held.epoch) != (parent.identity, epoch):
             return None
+        self._expect_holder(held, parent, principal)
         return self.end(unix)
 
     def tick(self, now: float, unix: float) -> Lease | None:
@@ -263,12 +293,13 @@ class GrantedLease(msgspec.Struct, kw_only=True):
         elif obeyed > max(self.epoch, self.found):
             self.rival = obeyed
 
-    def check(self, epoch: int | None, now: float) -> None:
+    def check(self, epoch: int | None, now: float, principal: Principal = ITSELF) -> None:
         """Refuse a caller who may not command the robot.
 
         Args:
             epoch: of the caller's lease; None: the caller has none.
             now: [s] monotonic.
+            principal: the caller. Who only knows the epoch, which every state publishes, has no lease.
 
         Raises:
             NotInControl: a parent commands the robot, and the caller has no lease.
@@ -280,6 +311,13 @@ class GrantedLease(msgspec.Struct, kw_only=True):
                 raise NotInControl(robot=self.robot, holder=held.parent.name, slot=held.slot)
         elif held is None or epoch != held.epoch:
             raise StaleEpoch(robot=self.robot, epoch=epoch, current=self.epoch)
+        elif principal not in (held.principal, ITSELF):
+            raise NotInControl(robot=self.robot, holder=held.parent.name, slot=held.slot)
+
+    def _expect_holder(self, held: Lease, parent: Address, principal: Principal) -> None:
+        """Refuse somebody else in the name of the parent; another incarnation of it is a holder, too."""
+        if principal not in (held.principal, ITSELF) and parent == held.parent:
+            raise NotInControl(robot=self.robot, holder=held.parent.name, slot=held.slot)
 
     def _in_force(self, now: float) -> Lease | None:
         return self.current if self.current is not None and now < self.current.expires else None

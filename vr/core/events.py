@@ -8,6 +8,7 @@ import msgspec
 
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import RobotDescription, SlotSpec
+from robotree.vr.base.principal import ITSELF, Principal
 from robotree.vr.base.requests import PATIENCE, Call, Done, Raised, Returned
 from robotree.vr.core.bonds import Bond
 
@@ -16,10 +17,15 @@ class _Value(msgspec.Struct, frozen=True, kw_only=True, tag=True, omit_defaults=
     """One event or one effect."""
 
 
+class _Event(_Value, frozen=True, kw_only=True):
+    principal: Principal = ITSELF
+    """Who asks for it."""
+
+
 # -- events: calls ---------------------------------------------------------------------------------
 
 
-class Invoke(_Value, frozen=True, kw_only=True):
+class Invoke(_Event, frozen=True, kw_only=True):
     """Somebody calls a command, whose arguments have been checked."""
 
     call: Call
@@ -35,47 +41,44 @@ class Invoke(_Value, frozen=True, kw_only=True):
     """It is refused while another call of the same command runs or waits."""
 
 
-class Finish(_Value, frozen=True, kw_only=True):
+class Finish(_Event, frozen=True, kw_only=True):
     """The code of a call has ended."""
 
     key: str
     reply: Returned | Raised
 
 
-class DetachAsked(_Value, frozen=True, kw_only=True):
+class DetachAsked(_Event, frozen=True, kw_only=True):
     """A call goes on without the command that made it: see `machine.AcceptedCall.detached`."""
 
     key: str
     epoch: int | None = None
     """Of the asker's lease."""
-    entitled: bool = False
 
 
-class CancelAsked(_Value, frozen=True, kw_only=True):
+class CancelAsked(_Event, frozen=True, kw_only=True):
     """End one call, also one that has not come yet."""
 
     key: str
     reason: str
     epoch: int | None = None
     """Of the asker's lease."""
-    entitled: bool = False
-    """Whether the right of the asker is known: it is the caller itself."""
     final: bool = False
     """See `calls.AcceptedCall.final`."""
 
 
-class CancelAll(_Value, frozen=True, kw_only=True):
+class CancelAll(_Event, frozen=True, kw_only=True):
     """End all calls."""
 
     reason: str
     but_readers: bool = False
     epoch: int | None = None
-    entitled: bool = False
+    """Of the asker's lease."""
     final: bool = False
     """See `calls.AcceptedCall.final`. For a call that was asked to end before, it is final in any case."""
 
 
-class Abandon(_Value, frozen=True, kw_only=True):
+class Abandon(_Event, frozen=True, kw_only=True):
     """The code of a call ignores its end: give it up."""
 
     key: str
@@ -83,13 +86,13 @@ class Abandon(_Value, frozen=True, kw_only=True):
     """The line of its page that is at work, in words."""
 
 
-class Gone(_Value, frozen=True, kw_only=True):
+class Gone(_Event, frozen=True, kw_only=True):
     """Abandoned code has ended after all."""
 
     key: str
 
 
-class Tick(_Value, frozen=True, kw_only=True):
+class Tick(_Event, frozen=True, kw_only=True):
     """Time has passed: what is due ends."""
 
     unix: float
@@ -99,7 +102,7 @@ class Tick(_Value, frozen=True, kw_only=True):
 # -- events: who commands it -----------------------------------------------------------------------
 
 
-class ParentAsked(_Value, frozen=True, kw_only=True):
+class ParentAsked(_Event, frozen=True, kw_only=True):
     """A parent petitions for the lease."""
 
     parent: Address
@@ -114,7 +117,7 @@ class ParentAsked(_Value, frozen=True, kw_only=True):
     """[s] after its end in which that lease shall return; 0: as long as usual."""
 
 
-class Prolong(_Value, frozen=True, kw_only=True):
+class Prolong(_Event, frozen=True, kw_only=True):
     """The parent renews the lease."""
 
     parent: Address
@@ -122,7 +125,7 @@ class Prolong(_Value, frozen=True, kw_only=True):
     lineage: tuple[str, ...]
 
 
-class EndLease(_Value, frozen=True, kw_only=True):
+class EndLease(_Event, frozen=True, kw_only=True):
     """The lease of a parent ends: released, retracted, or because the parent is gone."""
 
     parent: Address
@@ -136,7 +139,7 @@ class EndLease(_Value, frozen=True, kw_only=True):
     """Its key."""
 
 
-class Obeyed(_Value, frozen=True, kw_only=True):
+class Obeyed(_Event, frozen=True, kw_only=True):
     """What stands behind the robot obeys an epoch."""
 
     epoch: int
@@ -145,33 +148,33 @@ class Obeyed(_Value, frozen=True, kw_only=True):
 # -- events: the robots that it commands -----------------------------------------------------------
 
 
-class Reserve(_Value, frozen=True, kw_only=True):
+class Reserve(_Event, frozen=True, kw_only=True):
     """A child is being asked to come into a slot."""
 
     slot: str
     child: Address
 
 
-class Unreserve(_Value, frozen=True, kw_only=True):
+class Unreserve(_Event, frozen=True, kw_only=True):
     """It does not come."""
 
     slot: str
 
 
-class Bind(_Value, frozen=True, kw_only=True):
+class Bind(_Event, frozen=True, kw_only=True):
     """It comes."""
 
     slot: str
     bond: Bond
 
 
-class FreeAsked(_Value, frozen=True, kw_only=True):
+class FreeAsked(_Event, frozen=True, kw_only=True):
     """The child in a slot is released."""
 
     slot: str
 
 
-class Lose(_Value, frozen=True, kw_only=True):
+class Lose(_Event, frozen=True, kw_only=True):
     """The child in a slot is lost."""
 
     slot: str
@@ -180,7 +183,7 @@ class Lose(_Value, frozen=True, kw_only=True):
     reason: str
 
 
-class Renewed(_Value, frozen=True, kw_only=True):
+class Renewed(_Event, frozen=True, kw_only=True):
     """The child in a slot has prolonged its lease."""
 
     slot: str
@@ -195,7 +198,7 @@ class Renewed(_Value, frozen=True, kw_only=True):
     """If it has changed."""
 
 
-class ChildDescribed(_Value, frozen=True, kw_only=True):
+class ChildDescribed(_Event, frozen=True, kw_only=True):
     """The child in a slot has sent its description again."""
 
     slot: str
@@ -207,17 +210,15 @@ class ChildDescribed(_Value, frozen=True, kw_only=True):
 # -- events: what it keeps -------------------------------------------------------------------------
 
 
-class Set(_Value, frozen=True, kw_only=True):
+class Set(_Event, frozen=True, kw_only=True):
     """Settings or declared state have other values, which have been checked."""
 
     values: dict[str, Any]
     epoch: int | None = None
     """Of the asker's lease."""
-    entitled: bool = False
-    """Whether the right of the asker is known: it is the robot's own code."""
 
 
-class PageReloaded(_Value, frozen=True, kw_only=True):
+class PageReloaded(_Event, frozen=True, kw_only=True):
     """Another page carries out what comes from now on; no command that moves runs at the moment."""
 
     slots: tuple[SlotSpec, ...]
@@ -229,7 +230,7 @@ class PageReloaded(_Value, frozen=True, kw_only=True):
 # -- events: stops ---------------------------------------------------------------------------------
 
 
-class StopAsked(_Value, frozen=True, kw_only=True):
+class StopAsked(_Event, frozen=True, kw_only=True):
     """A protective stop is ordered, or a copy of an order comes."""
 
     reason: str
@@ -238,17 +239,17 @@ class StopAsked(_Value, frozen=True, kw_only=True):
     """[s] in which its parts are to answer."""
 
 
-class Restored(_Value, frozen=True, kw_only=True):
+class Restored(_Event, frozen=True, kw_only=True):
     """The robot goes on from its encoded state: who carried out effects before has ended."""
 
 
-class Halted(_Value, frozen=True, kw_only=True):
+class Halted(_Event, frozen=True, kw_only=True):
     """The robot itself reports that it is stopped, or that it no longer is."""
 
     reason: str
 
 
-class StopAnswered(_Value, frozen=True, kw_only=True):
+class StopAnswered(_Event, frozen=True, kw_only=True):
     """A part of the robot has answered a stop: `HARDWARE`, or the child in a slot for all below it."""
 
     generation: int
@@ -256,7 +257,7 @@ class StopAnswered(_Value, frozen=True, kw_only=True):
     answer: Done | Raised
 
 
-class ReleaseAsked(_Value, frozen=True, kw_only=True):
+class ReleaseAsked(_Event, frozen=True, kw_only=True):
     """All below are released: the stop ends, if no later one has begun."""
 
     generation: int

@@ -31,6 +31,7 @@ from robotree.vr.base.errors import (
     UnderWay,
     VrError,
 )
+from robotree.vr.base.principal import ITSELF, Principal
 from robotree.vr.base.requests import Raised, Returned
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import Bond, GrantedLease, Lease, Slots
@@ -73,6 +74,8 @@ class AcceptedCall(msgspec.Struct, kw_only=True):
     arguments: dict[str, Any]
     """Arguments as checked."""
     caller: str = ""
+    principal: Principal = ITSELF
+    """Who called it: he may end it."""
     epoch: int = 0
     deadline_at: float = math.inf
     """[s] on the robot's clock."""
@@ -317,7 +320,7 @@ class RobotCore:
 
     def _invoke(self, event: on.Invoke, now: float) -> Effects:
         calls, name, asked = self.state.calls, self.state.address.name, event.call
-        self.state.lease.check(asked.epoch, now)
+        self.state.lease.check(asked.epoch, now, event.principal)
         if asked.source and calls.late(asked.source, asked.number):
             raise CommandCancelled(robot=name, command=asked.command, reason="its caller has given it up")
         known = calls.known(name, asked.key, asked.command, asked.arguments)
@@ -335,6 +338,7 @@ class RobotCore:
             command=asked.command,
             sent=asked.arguments,
             arguments=event.arguments,
+            principal=event.principal,
             caller=asked.caller if lease is None or asked.epoch is None else lease.parent.name,
             epoch=self.state.lease.epoch,
             deadline_at=event.deadline_at,
@@ -405,9 +409,7 @@ class RobotCore:
         return effects
 
     def _cancel(self, event: on.CancelAsked, now: float) -> Effects:
-        if not event.entitled:
-            self.state.lease.check(event.epoch, now)
-        call = self.state.calls.live.get(event.key)
+        call = self._call_of(event, now)
         if call is None:
             self.state.calls.refuse(event.key, event.reason)
             return []
@@ -415,11 +417,20 @@ class RobotCore:
         return self._end(call, cause, now, final=event.final)
 
     def _detach(self, event: on.DetachAsked, now: float) -> Effects:
-        if not event.entitled:
-            self.state.lease.check(event.epoch, now)
-        if call := self.state.calls.live.get(event.key):
+        if call := self._call_of(event, now):
             call.detached = True
         return []
+
+    def _call_of(self, event: on.CancelAsked | on.DetachAsked, now: float) -> AcceptedCall | None:
+        """Return the live call of a key to its caller, or to who may command the robot.
+
+        Raises:
+            LeaseError: it is somebody else who asks.
+        """
+        call = self.state.calls.live.get(event.key)
+        if event.principal != ITSELF and (call is None or call.principal != event.principal):
+            self.state.lease.check(event.epoch, now, event.principal)
+        return call
 
     def _end(
         self,
@@ -440,9 +451,9 @@ class RobotCore:
     def _cancel_all(self, event: on.CancelAll, now: float) -> Effects:
         detached = any(call.detached for call in self.state.calls.live.values())
         free = event.epoch is None and self.state.lease.current is not None
-        alone = detached and free and not event.entitled
-        if not event.entitled and not alone:
-            self.state.lease.check(event.epoch, now)
+        alone = detached and free and event.principal != ITSELF
+        if event.principal != ITSELF and not alone:
+            self.state.lease.check(event.epoch, now, event.principal)
         effects: Effects = []
         for call in reversed(list(self.state.calls.live.values())):
             if (alone and not call.detached) or (event.but_readers and call.reads):
@@ -453,9 +464,7 @@ class RobotCore:
 
     def _end_all(self, reason: str, now: float, *, but_readers: bool = False) -> Effects:
         """End all calls for good, those that wait before the one that runs."""
-        return self._cancel_all(
-            on.CancelAll(reason=reason, but_readers=but_readers, entitled=True, final=True), now
-        )
+        return self._cancel_all(on.CancelAll(reason=reason, but_readers=but_readers, final=True), now)
 
     def _abandon(self, event: on.Abandon, now: float) -> Effects:
         calls = self.state.calls
@@ -510,6 +519,7 @@ class RobotCore:
             key=event.key,
             returns=event.returns,
             patience=event.patience,
+            principal=event.principal,
         )
         return [
             LeaseChanged(),
@@ -519,16 +529,18 @@ class RobotCore:
 
     def _prolong(self, event: on.Prolong, now: float) -> Effects:
         before = self.state.lease.current
-        lease = self.state.lease.renew(event.parent, event.epoch, event.lineage, now=now)
+        lease = self.state.lease.renew(
+            event.parent, event.epoch, event.lineage, now=now, principal=event.principal
+        )
         changed = before is None or (before.parent, before.lineage) != (lease.parent, lease.lineage)
         return [LeaseChanged(), *self._keep_bonds(now, all_of_them=True)] if changed else []
 
     def _end_lease(self, event: on.EndLease, now: float) -> Effects:
         lease = self.state.lease
         if event.taken_back:
-            ended = lease.retract(event.parent, event.petition, unix=event.unix)
+            ended = lease.retract(event.parent, event.petition, unix=event.unix, principal=event.principal)
         elif event.epoch is not None:  # the parent itself says so, in any incarnation
-            ended = lease.release(event.parent, event.epoch, unix=event.unix)
+            ended = lease.release(event.parent, event.epoch, unix=event.unix, principal=event.principal)
         else:  # one incarnation of the parent has gone
             held = lease.current is not None and lease.current.parent == event.parent
             ended = lease.end(event.unix, silent=True) if held else None
@@ -613,8 +625,8 @@ class RobotCore:
     # -- what it keeps ----------------------------------------------------------------------------
 
     def _set(self, event: on.Set, now: float) -> Effects:
-        if not event.entitled:
-            self.state.lease.check(event.epoch, now)
+        if event.principal != ITSELF:
+            self.state.lease.check(event.epoch, now, event.principal)
         self.state.fields.update(event.values)
         return [FieldsChanged()]
 

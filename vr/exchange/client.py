@@ -9,10 +9,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol, TypeVar
 
 from robotree.vr.base.address import Address
-from robotree.vr.base.chance import token
 from robotree.vr.base.description import Arguments, RobotDescription
-from robotree.vr.base.envelope import seal
-from robotree.vr.base.errors import CommandFailed, Garbled, NoAnswer, Unreachable, VrError
+from robotree.vr.base.errors import CommandFailed, Garbled, NoAnswer, VrError
 from robotree.vr.base.requests import (
     LONGEST_CLEANUP,
     PATIENCE,
@@ -50,10 +48,10 @@ from robotree.vr.base.requests import (
     Returned,
     SafeStop,
     ViewDescribed,
-    decode_reply,
 )
 from robotree.vr.base.transport import Transport
 from robotree.vr.core.confirmation import unmeasured
+from robotree.vr.exchange.asking import Replies, ask, fresh_key
 
 DEFAULT_DEADLINE = 60.0
 """[s] for a command when the caller names none."""
@@ -70,68 +68,23 @@ OnProgress = Callable[[float, str], None]
 """Takes how far a command is: 0 to 1 (NaN: unknown) and a word about it."""
 
 
-async def ask(
-    transport: Transport,
-    key: str,
-    request: AnyRequest,
-    answer: type[_R],
-    *,
-    timeout: float,
-    urgent: bool = False,
-    accepted: Callable[[], None] = lambda: None,
-    sender: str = "",
-) -> _R:
-    """Ask the agent that serves a key, and return its answer.
-
-    Args:
-        transport: the way there.
-        key: as served.
-        request: the question.
-        answer: the kind of reply that answers it.
-        timeout: [s] to wait.
-        urgent: ahead of everything else.
-        accepted: called when the agent says that it has the request and that its answer may take a while.
-        sender: key under which the asker is present.
-
-    Raises:
-        TransportError: there is no answer, or one that cannot be read.
-        VrError: the refusal of the agent asked.
-    """
-    sealed = seal(request, now=asyncio.get_running_loop().time(), within=timeout, sender=sender)
-    replies = transport.request(key, sealed.body, timeout=timeout, urgent=urgent, void_at=sealed.void_at)
-    async for body in replies:
-        reply = decode_reply(body, key=key)
-        if isinstance(reply, Raised):
-            raise reply.revive()
-        if isinstance(reply, Accepted):
-            accepted()
-            continue
-        if not isinstance(reply, answer):
-            what = f"{type(reply).__name__} is no answer to {type(request).__name__}"
-            raise Garbled(key=key, detail=what)
-        return reply
-    raise Unreachable(key=key)
-
-
-def fresh_key() -> str:
-    """Return the key of a new command that is nobody's step."""
-    return token()
-
-
 class RobotClient:
     """Asks one incarnation of a robot. Holds no connection: make and drop it as you like."""
 
-    def __init__(self, transport: Transport, address: Address, *, patience: float = PATIENCE) -> None:
+    def __init__(
+        self, transport: Transport, address: Address, *, patience: float = PATIENCE, sender: str = ""
+    ) -> None:
         """Point at a robot.
 
         Args:
             transport: the way there.
             address: the robot.
             patience: [s] to wait for answers that take no work.
+            sender: key under which the asker is present; empty: it is under none.
         """
         self.address = address
         self._transport = transport
-        self._patience = patience
+        self._patience, self._sender = patience, sender
         self._cancels: set[asyncio.Task[None]] = set()
 
     # -- commands ---------------------------------------------------------------------------------
@@ -157,7 +110,7 @@ class RobotClient:
             epoch: of the caller's lease; None: an operator's.
             caller: name, for people.
             sender: key under which the caller is present: a command of an operator ends when that goes.
-                Empty: it goes on if this process is killed.
+                Empty: that of the client, if it has one; else it goes on if this process is killed.
             key: of the call; None: a fresh one. The same key again asks for the same result.
             on_progress: takes how far it is.
 
@@ -174,7 +127,7 @@ class RobotClient:
             caller=caller,
             deadline=deadline,
         )
-        return await self._carry_out(call, sender, on_progress)
+        return await self._carry_out(call, sender or self._sender, on_progress)
 
     async def tell(
         self,
@@ -200,13 +153,11 @@ class RobotClient:
     async def _follow(self, call: Call, sender: str, on_progress: OnProgress | None) -> Any:
         key = self.address.key
         seconds = max(0.0, call.deadline) + MARGIN  # NaN becomes 0; it is the robot that refuses it
-        now = asyncio.get_running_loop().time()
-        sealed = seal(call, now=now, within=self._patience, sender=sender)
-        replies = self._transport.request(key, sealed.body, timeout=seconds, void_at=sealed.void_at)
+        replies = Replies(self._transport, key, call, within=self._patience, timeout=seconds, sender=sender)
         try:
             async with asyncio.timeout(self._patience) as until_accepted:
                 async for reply in replies:
-                    match decode_reply(reply, key=key):
+                    match reply:
                         case Accepted():
                             until_accepted.reschedule(None)
                             if call.oneway:
@@ -335,19 +286,15 @@ class RobotClient:
 
     async def petition(self, petition: Petition) -> Granted:
         """Ask for the lease on it."""
-        return await self._ask(petition, Granted, urgent=True, sender=petition.parent.key)
+        return await self._ask(petition, Granted, urgent=True)
 
     async def retract(self, parent: Address, key: str, *, timeout: float = PATIENCE) -> None:
         """Take back a petition whose answer did not arrive; `timeout` [s] to wait for the receipt."""
-        await self._ask(
-            Retract(parent=parent, key=key), Done, urgent=True, timeout=timeout, sender=parent.key
-        )
+        await self._ask(Retract(parent=parent, key=key), Done, urgent=True, timeout=timeout)
 
     async def release(self, parent: Address, epoch: int, *, timeout: float = PATIENCE) -> None:
         """Give the lease back; `timeout` [s] to wait for the receipt."""
-        await self._ask(
-            Release(parent=parent, epoch=epoch), Done, urgent=True, timeout=timeout, sender=parent.key
-        )
+        await self._ask(Release(parent=parent, epoch=epoch), Done, urgent=True, timeout=timeout)
 
     async def _ask(
         self,
@@ -357,7 +304,6 @@ class RobotClient:
         urgent: bool = False,
         timeout: float | None = None,
         accepted: Callable[[], None] = lambda: None,
-        sender: str = "",
     ) -> _R:
         return await ask(
             self._transport,
@@ -367,7 +313,7 @@ class RobotClient:
             timeout=self._patience if timeout is None else timeout,
             urgent=urgent,
             accepted=accepted,
-            sender=sender,
+            sender=self._sender,
         )
 
 

@@ -17,7 +17,7 @@ from robotree.vr.base.errors import AddressError, Hanging, NoSuchHost, NoSuchRob
 from robotree.vr.base.presence import Undo
 from robotree.vr.base.requests import Found, Listed, Query, Unlisted, decode_event
 from robotree.vr.base.transport import Registration, Transport
-from robotree.vr.exchange.client import ask
+from robotree.vr.exchange.asking import ask
 from robotree.vr.lookup.service import NEWS_PATTERN
 from robotree.vr.lookup.union import Change, Union
 

@@ -21,7 +21,7 @@ from robotree.vr.base.errors import VrError
 from robotree.vr.base.presence import Undo
 from robotree.vr.base.requests import Register, Registered
 from robotree.vr.base.transport import Transport
-from robotree.vr.exchange.client import ask
+from robotree.vr.exchange.asking import ask
 from robotree.vr.lookup.table import MOST_REMEMBERED, REMEMBERED
 
 TERM = 10.0

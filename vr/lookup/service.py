@@ -16,9 +16,9 @@ from robotree.vr.base.errors import VrError
 from robotree.vr.base.presence import Undo
 from robotree.vr.base.requests import AnyRequest, Found, History, Query, ReadHistory, Register, Reply, encode
 from robotree.vr.base.transport import Registration, Transport
-from robotree.vr.exchange.answering import answering_at_once, not_for
+from robotree.vr.exchange.asking import ask
 from robotree.vr.exchange.claim import claim, new_address
-from robotree.vr.exchange.client import ask
+from robotree.vr.exchange.dispatcher import Dispatcher, not_for
 from robotree.vr.lookup.chronicle import Chronicle
 from robotree.vr.lookup.table import SHORTEST_TERM, LookupTable, Update
 
@@ -65,8 +65,10 @@ class LookupService:
         try:
             self._watches += [transport.presence.watch(everyone(role), self._seen) for role in LISTED_ROLES]
             self._watches.append(self.chronicle.begin())
-            handler = answering_at_once(self._answer, self.address.name)
-            self._declared.append(await transport.serve(self.address.key, handler))
+            dispatcher = Dispatcher(
+                self.address.name, lambda received, _: self._answer(received.request), now=self._clock
+            )
+            self._declared.append(await transport.serve(self.address.key, dispatcher.take))
             await self._fill()
             self._sweeper = asyncio.create_task(self._sweep(), name=f"{self.address.name} sweeps")
             self._declared.append(await claim(transport, self.address))

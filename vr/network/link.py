@@ -11,10 +11,11 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator
 from enum import IntEnum
-from typing import Annotated, ClassVar, NamedTuple
+from typing import Annotated, ClassVar
 
 import msgspec
 
+from robotree.vr.base.principal import Credentials
 from robotree.vr.base.os_files import AT_ONCE
 from robotree.vr.base.system import THIS_SYSTEM, Socket, System
 from robotree.vr.network.refusals import RefusalKind
@@ -205,13 +206,6 @@ def _read(body: bytes | memoryview) -> LinkFrame:
         return _decoder.decode(body)
     except msgspec.MsgspecError as error:
         raise NotAFrame(str(error)) from None
-
-
-class Credentials(NamedTuple):
-    """The process at the far end of a connection, as the kernel names it (SO_PEERCRED, unix(7))."""
-
-    process: int
-    user: int
 
 
 class Overflow(Exception):

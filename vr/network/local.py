@@ -11,18 +11,20 @@ from pathlib import Path
 
 from robotree.files.forks import expect_parent
 from robotree.vr.base.errors import TransportClosed
+from robotree.vr.base.principal import Credentials, this_process
 from robotree.vr.base.system import system_of
 from robotree.vr.base.transport import (
     CutOffHandler,
-    DirectHandler,
     End,
+    Incoming,
     OnReply,
     Registration,
     RequestHandler,
     Respond,
     SampleHandler,
+    TakeRequest,
 )
-from robotree.vr.network.mesh import GREETING, Mesh, TakeRequest
+from robotree.vr.network.mesh import GREETING, Answer, Mesh
 from robotree.vr.network.on_loop import LoopTurns, Replies, SampleInbox, answered
 from robotree.vr.network.rendezvous import Rendezvous, realm_name
 
@@ -75,10 +77,9 @@ class LocalTransport:
         self._system.owns(self)
         self._turns = LoopTurns()
         news = SampleInbox[Callable[[], object]](self._turns, lambda action: action())
-        self.presence = mesh.presence
+        self.presence, self.identity = mesh.presence, this_process()
         self.presence.hand_on = news.put
-        self._served: dict[str, TakeRequest] = {}
-        self._handlers: dict[str, RequestHandler] = {}
+        self._served: dict[str, Answer] = {}
         self._tasks: set[asyncio.Future[None]] = set()
         self._asking: set[Replies] = set()
         self._closing: asyncio.Future[None] | None = None
@@ -94,24 +95,29 @@ class LocalTransport:
         """The realm's name."""
         return self.mesh.place.realm
 
-    async def serve(
-        self, key: str, handler: RequestHandler, *, direct: DirectHandler | None = None
-    ) -> Registration:
+    async def serve(self, key: str, take: TakeRequest) -> Registration:
         """See `Transport.serve`."""
         self._check(key)
 
-        def answer(body: bytes, urgent: bool, respond: Respond, end: End) -> None:  # noqa: FBT001 # an Answer
-            if direct is not None and direct(body, respond, end):
-                return
-            if not self._turns.put(partial(self._answer, key, body, respond, end), urgent=urgent):
-                end(None)  # the loop is closed
+        def take_frame(  # an `Answer`
+            body: bytes,
+            sender: Credentials,
+            urgent: bool,  # noqa: FBT001
+            respond: Respond,
+            end: End,
+        ) -> None:
+            def on_loop(handler: RequestHandler) -> None:
+                answer = partial(self._answer, key, handler, body, respond, end)
+                if not self._turns.put(answer, urgent=urgent):
+                    end(None)  # the loop is closed
 
-        self.mesh.serve(key, answer)
-        self._served[key], self._handlers[key] = answer, handler
+            take(Incoming(body, sender, respond, end, on_loop))
+
+        self.mesh.serve(key, take_frame)
+        self._served[key] = take_frame
 
         def undo() -> None:
             self._served.pop(key, None)
-            self._handlers.pop(key, None)
             self.mesh.end_serving(key)
 
         return _Registration(self, undo)
@@ -147,7 +153,7 @@ class LocalTransport:
                     on_reply(last)
                 on_reply(None)
 
-            answer(body, urgent, on_reply, end)
+            answer(body, self.identity, urgent, on_reply, end)
 
     def after_reading(self, job: Callable[[], bool]) -> bool:
         """See `Transport.after_reading`."""
@@ -228,9 +234,8 @@ class LocalTransport:
         replies.end()
         self._asking.discard(replies)
 
-    def _answer(self, key: str, body: bytes, respond: Respond, end: End) -> None:
-        handler = self._handlers.get(key)
-        if handler is None or self._closing is not None:
+    def _answer(self, key: str, handler: RequestHandler, body: bytes, respond: Respond, end: End) -> None:
+        if key not in self._served or self._closing is not None:
             end(None)
         else:
             task = answered(handler, body, respond, end, key)

@@ -30,6 +30,7 @@ from robotree.vr.base.errors import RealmUnusable, TooManyKeys
 from robotree.vr.base.os_files import BOTH_WAYS, ENDED, WRITABLE
 from robotree.vr.base.pattern import Handlers, matches
 from robotree.vr.base.presence import Held, Presence
+from robotree.vr.base.principal import Credentials
 from robotree.vr.base.system import THIS_SYSTEM, Files, Socket, System
 from robotree.vr.base.transport import End, Occupied, OnReply, Respond
 from robotree.vr.network.door import Door
@@ -107,9 +108,9 @@ LOST_FILES: Final = (
 )
 """Why it is not known which robots a running process holds."""
 
-TakeRequest = Callable[[bytes, bool, Respond, End], None]
-"""Takes a request: its body, whether it is urgent, how to reply (any number of times), and how to end the
-replies, with one more or with None."""
+Answer = Callable[[bytes, Credentials, bool, Respond, End], None]
+"""Takes a request: its body, the process that has sent it, whether it is urgent, how to reply (any number of
+times), and how to end the replies, with one more or with None."""
 OnSample = Callable[[str, bytes], None]
 
 _log = logging.getLogger(__name__)
@@ -184,7 +185,7 @@ class Mesh:
         self._peers: dict[str, _Peer] = {}
         self._known: dict[Topic, Counter[str]] = {topic: Counter() for topic in Topic}
         """What this process lets the others know."""
-        self._servers: dict[str, TakeRequest] = {}
+        self._servers: dict[str, Answer] = {}
         self._subscribers = Handlers[OnSample]()
         self._watchers_of_itself: dict[int, Callable[[str], None]] = {}
         self._cut_off = False
@@ -316,7 +317,7 @@ class Mesh:
 
     # -- what others can ask and see
 
-    def serve(self, key: str, answer: TakeRequest) -> None:
+    def serve(self, key: str, answer: Answer) -> None:
         """Answer the requests to a key.
 
         Raises:
@@ -986,7 +987,7 @@ class Mesh:
             end(None)
         else:
             try:
-                answer(ask.body, link.channel is Channel.URGENT, respond, end)
+                answer(ask.body, link.far_end, link.channel is Channel.URGENT, respond, end)
             except Exception:  # noqa: BLE001 # the asker must not wait for an answer that never comes
                 _log.exception("the handler of %s raised", ask.key)
                 end(None)

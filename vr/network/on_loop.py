@@ -17,7 +17,8 @@ from functools import partial
 from typing import Generic, Self, TypeVar
 
 from robotree.vr.base.errors import NoAnswer, TransportClosed, Unreachable, VrError
-from robotree.vr.base.transport import DirectHandler, End, OnReply, RequestHandler, Respond
+from robotree.vr.base.principal import Credentials
+from robotree.vr.base.transport import End, Incoming, OnReply, RequestHandler, Respond, TakeRequest
 
 SHARE = 32
 """Things that are not urgent done in one go; then the loop's own tasks have a turn."""
@@ -234,8 +235,13 @@ def answered(
     return task
 
 
-def directly(direct: DirectHandler, handler: RequestHandler) -> RequestHandler:
-    """Return a handler that offers each request to a direct one first."""
+def handled(take: TakeRequest, sender: Credentials) -> RequestHandler:
+    """Return a handler for what takes requests, where each has come to the event loop already.
+
+    Args:
+        take: as served.
+        sender: who has sent them.
+    """
 
     async def handle(body: bytes, respond: Respond) -> None:
         loop, over = asyncio.get_running_loop(), asyncio.Event()
@@ -249,9 +255,11 @@ def directly(direct: DirectHandler, handler: RequestHandler) -> RequestHandler:
                 soon(partial(respond, last))
             soon(over.set)
 
-        if direct(body, lambda reply: soon(partial(respond, reply)), end):
+        later: list[RequestHandler] = []
+        take(Incoming(body, sender, lambda reply: soon(partial(respond, reply)), end, later.append))
+        if not later:
             await over.wait()
-        elif (rest := handler(body, respond)) is not None:
+        elif (rest := later[0](body, respond)) is not None:
             await rest
 
     return handle

@@ -51,9 +51,9 @@ from robotree.vr.base.requests import (
     Level,
     Progress,
     Raised,
+    Reply,
     Returned,
     State,
-    decode_reply,
 )
 from robotree.vr.running.feed import Feed, NoReadingYet
 from robotree.vr.running.interruptible import Interrupted
@@ -888,9 +888,9 @@ class PendingCall(Started):
         """End it with an error of our own."""
         self.settle(Raised.of(error))
 
-    def take_reply(self, body: bytes | None) -> None:
+    def take_reply(self, reply: Reply | None) -> None:
         """Take one reply from another process; None: there are no more."""
-        if body is None:
+        if reply is None:
             if self.reply is not None or (self._awaited and self.accepted):
                 return
             if self.accepted:
@@ -898,11 +898,6 @@ class PendingCall(Started):
                 self.fail(CommandInDoubt(robot=self.child, command=self.command, detail=detail))
             else:
                 self.fail(Unreachable(key=self.key_of_child))
-            return
-        try:
-            reply = decode_reply(body, key=self.child)
-        except VrError as error:
-            self.fail(error)
             return
         if isinstance(reply, (Returned, Raised)):
             self.settle(reply)

@@ -15,8 +15,8 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from typing import Any
 
-from robotree.vr.base.envelope import is_person
 from robotree.vr.base.literal import write
+from robotree.vr.base.principal import is_person
 from robotree.vr.base.requests import Level, LoggedLine, Returned
 from robotree.vr.core.events import Ended
 from robotree.vr.core.machine import AcceptedCall

@@ -28,13 +28,26 @@ from robotree.vr.author.virtual_robot import VirtualRobot, exposures_of, slot_sp
 from robotree.vr.base.address import Address
 from robotree.vr.base.arguments import check_arguments
 from robotree.vr.base.description import Arguments, CommandSpec, offered
-from robotree.vr.base.envelope import is_person, seal
 from robotree.vr.base.errors import BadArgument, CommandCancelled, CommandFailed, NoSuchCommand, VrError
-from robotree.vr.base.requests import PATIENCE, Call, Cancel, Detach, Level, Raised, Returned, State
+from robotree.vr.base.principal import ITSELF, Principal, is_person, principal_of
+from robotree.vr.base.requests import (
+    PATIENCE,
+    AnyRequest,
+    Call,
+    Cancel,
+    Detach,
+    Level,
+    Raised,
+    Reply,
+    Returned,
+    State,
+)
 from robotree.vr.base.transport import Transport
 from robotree.vr.core import events as on
 from robotree.vr.core.events import Begin, CoreEffect, CoreEvent, Interrupt, Settled
 from robotree.vr.core.machine import RobotCore
+from robotree.vr.exchange.asking import OnReply, send_request
+from robotree.vr.exchange.authority import authorise
 from robotree.vr.running.feed import Feed
 from robotree.vr.running.frame import DEEPEST, CallManner, Frame, PendingCall
 from robotree.vr.running.log import Log, waits
@@ -120,6 +133,8 @@ class RobotRuntime:
         """
         self.robot, self.core, self.process = robot, core, process
         self.key = core.state.address.key
+        self.principal = principal_of(transport.identity, self.key, "")
+        """The robot where it asks for something."""
         self.isolated = robot.isolated  # its commands always run on workers of their own
         if isinstance(robot, VirtualRobot):
             self._give_state(robot)
@@ -246,6 +261,10 @@ class RobotRuntime:
     def pass_time(self) -> None:
         """Have what is due end."""
         self.post(on.Tick(unix=self._runner.unix()))
+
+    def authorise(self, principal: Principal, request: AnyRequest) -> None:
+        """Refuse a request that its principal may not make; see `authority.authorise`."""
+        self.look(lambda core: authorise(principal, request, core.state))
 
     def look(self, query: Callable[[RobotCore], _T]) -> _T:
         """Ask the state something, while nothing changes it; what is returned must be a value."""
@@ -392,6 +411,7 @@ class RobotRuntime:
         self,
         call: Call,
         deadline_at: float,
+        principal: Principal,
         *,
         listener: Listener | None = None,
         turn: PendingCall | None = None,
@@ -403,6 +423,7 @@ class RobotRuntime:
         Args:
             call: as it came.
             deadline_at: [s] on the runner's clock.
+            principal: who calls.
             listener: told how it fares.
             turn: see `post`.
             accepted: see `post`.
@@ -419,7 +440,8 @@ class RobotRuntime:
             spec = self.spec(call.command)
             arguments = check_arguments(spec, call.arguments, robot=self.robot.name)
         except (VrError, NotDescribed):
-            self.core.state.lease.check(call.epoch, self._runner.now())  # a stranger is told that first
+            # a stranger is told that first
+            self.core.state.lease.check(call.epoch, self._runner.now(), principal)
             raise
         self.post(
             on.Invoke(
@@ -429,6 +451,7 @@ class RobotRuntime:
                 reads=spec.effect == "read" or spec.beside,
                 stops_seen=stops,
                 alone=call.command in self.robot.one_at_a_time,
+                principal=principal,
             ),
             listener=listener,
             turn=turn,
@@ -440,13 +463,13 @@ class RobotRuntime:
         """The robot's name."""
         return self.robot.name
 
-    def cancel(self, key: str, reason: str, *, final: bool = False) -> None:
-        """End a call in the name of its caller."""
-        self.post(on.CancelAsked(key=key, reason=reason, entitled=True, final=final))
+    def cancel(self, key: str, reason: str, *, final: bool = False, principal: Principal = ITSELF) -> None:
+        """End a call; the principal is its caller, or the robot itself."""
+        self.post(on.CancelAsked(key=key, reason=reason, final=final, principal=principal))
 
-    def detach(self, key: str) -> None:
-        """Let a call go on without the command that has made it, in the name of its caller."""
-        self.post(on.DetachAsked(key=key, entitled=True))
+    def detach(self, key: str, *, principal: Principal = ITSELF) -> None:
+        """Let a call go on without the command that has made it; the principal is its caller."""
+        self.post(on.DetachAsked(key=key, principal=principal))
 
     # -- callers with whom calls end --------------------------------------------------------------
 
@@ -585,7 +608,7 @@ class RobotRuntime:
 
     def _keep(self, values: dict[str, Any]) -> None:
         """Keep what the robot's own code, or one who may, has set."""
-        self.post(on.Set(values=values, entitled=True))
+        self.post(on.Set(values=values))
 
     def _exposed_spec(self, name: str, exposed: Exposed) -> CommandSpec:
         through = f"{exposed.child.name}.{exposed.command}"
@@ -736,13 +759,14 @@ class RobotRuntime:
         if pending.limit is not None:
             deadline_at = min(deadline_at, self._runner.now() + pending.limit.seconds)
         if not call.oneway:
-            pending.withdraw = partial(child.cancel, pending.key)
-            pending.detach_at_child = partial(child.detach, pending.key)
+            pending.withdraw = partial(child.cancel, pending.key, principal=self.principal)
+            pending.detach_at_child = partial(child.detach, pending.key, principal=self.principal)
         while True:
             try:
                 child.admit(
                     call,
                     deadline_at,
+                    self.principal,
                     listener=listener,
                     turn=pending if may_run_here and listener is not None else None,
                 )
@@ -789,19 +813,31 @@ class RobotRuntime:
             self._calling.get(pending.slot, {}).pop(pending, None)
 
         pending.ended = ended
-        sealed = seal(call, now=now, within=PATIENCE, sender=self.key)
-        self._transport.ask(key, sealed.body, void_at=sealed.void_at, on_reply=pending.take_reply)
+        self.ask(key, call, pending.take_reply, now=now)
 
     def _withdraw(self, key: str, call: str, epoch: int | None, reason: str) -> None:
         """Tell a child in another process that nobody wants a call any more."""
-        cancel = Cancel(key=call, epoch=epoch, reason=reason)
-        sealed = seal(cancel, now=self._runner.now(), within=PATIENCE, sender=self.key)
-        self._transport.ask(key, sealed.body, on_reply=lambda _: None, urgent=True)
+        self.ask(key, Cancel(key=call, epoch=epoch, reason=reason), _ignore, urgent=True)
 
     def _detach(self, key: str, call: str, epoch: int | None) -> None:
         """Tell a child in another process that a call goes on without the command that has made it."""
-        sealed = seal(Detach(key=call, epoch=epoch), now=self._runner.now(), within=PATIENCE, sender=self.key)
-        self._transport.ask(key, sealed.body, on_reply=lambda _: None)
+        self.ask(key, Detach(key=call, epoch=epoch), _ignore)
+
+    def ask(
+        self,
+        key: str,
+        request: AnyRequest,
+        on_reply: OnReply,
+        *,
+        now: float | None = None,
+        within: float = PATIENCE,
+        urgent: bool = False,
+    ) -> None:
+        """Ask another agent in the name of this robot, without waiting; see `send_request`."""
+        now = self._runner.now() if now is None else now
+        send_request(
+            self._transport, key, request, on_reply, now=now, within=within, sender=self.key, urgent=urgent
+        )
 
     def _end_calls_of(self, slot: str) -> None:
         """A child is gone: nobody waits for its answers any longer."""
@@ -856,6 +892,10 @@ def _begins(effect: CoreEffect, key: str) -> bool:
 
 def _nothing() -> None:
     """Nothing is planned."""
+
+
+def _ignore(_: Reply | None) -> None:
+    """The reply does not matter."""
 
 
 def _check_again(command: Command, robot: Robot, sent: Arguments) -> Any:

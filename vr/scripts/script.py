@@ -15,8 +15,8 @@ from robotree.vr.author.child import Child
 from robotree.vr.author.command import command
 from robotree.vr.author.context import running
 from robotree.vr.author.virtual_robot import VirtualRobot
-from robotree.vr.base.envelope import is_person
 from robotree.vr.base.errors import CommandFailed, NoRoles, NoSuchFile, VrError
+from robotree.vr.base.principal import is_person
 from robotree.vr.base.units import Range, Unit
 from robotree.vr.base.written import Scalar
 from robotree.vr.scripts import explain

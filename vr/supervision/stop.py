@@ -20,7 +20,8 @@ from robotree.vr.base.presence import Held
 from robotree.vr.base.requests import SafeStop
 from robotree.vr.base.transport import Transport
 from robotree.vr.core.confirmation import LEAST, Confirmations, unmeasured
-from robotree.vr.exchange.client import RobotClient, fresh_key
+from robotree.vr.exchange.asking import fresh_key
+from robotree.vr.exchange.client import RobotClient
 from robotree.vr.lookup.directory import Directory
 
 CONFIRM = 3.0

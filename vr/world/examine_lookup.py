@@ -23,7 +23,7 @@ from robotree.vr.base.requests import (
     decode_event,
 )
 from robotree.vr.base.transport import Transport
-from robotree.vr.exchange.client import ask
+from robotree.vr.exchange.asking import ask
 from robotree.vr.lookup.service import NEWS_PATTERN
 from robotree.vr.world.promises import Join, promise, until
 

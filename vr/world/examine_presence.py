@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Awaitable, Callable
 
 from robotree.vr.base.errors import TransportClosed, VrError
-from robotree.vr.base.transport import Occupied, Registration, Respond, Transport
+from robotree.vr.base.transport import Occupied, Registration, Respond, Transport, on_loop
 from robotree.vr.world.promises import (
     PATIENCE,
     Join,
@@ -115,7 +115,7 @@ async def who_is_seen_can_be_asked(join: Join) -> None:
 
     caller.presence.watch("robot/*/*", greet)
     for number in range(20):
-        await server.serve(f"robot/a/{number}", handler)
+        await server.serve(f"robot/a/{number}", on_loop(handler))
         await server.announce(f"robot/a/{number}")
     await until(lambda: len(answers) == 20, "all arrivals are seen")
     results = await asyncio.gather(*answers)
@@ -199,7 +199,7 @@ async def a_closed_transport_says_so(join: Join) -> None:
     await registration.close()
     await token.close()
     attempts: tuple[Callable[[], Awaitable[object]], ...] = (
-        lambda: server.serve("robot/a/1", handler),
+        lambda: server.serve("robot/a/1", on_loop(handler)),
         lambda: replies_of(server.request("robot/a/1", b"", timeout=1)),
         lambda: server.subscribe("robot/a", lambda _key, _body: None),
         lambda: server.announce("robot/a/1"),

@@ -20,6 +20,7 @@ import functools
 import heapq
 import itertools
 import math
+import os
 import threading
 from collections import Counter
 from collections.abc import AsyncIterator, Callable, Sequence
@@ -31,16 +32,18 @@ import msgspec
 from robotree.vr.base.errors import TransportClosed
 from robotree.vr.base.pattern import matches
 from robotree.vr.base.presence import Held, Presence
+from robotree.vr.base.principal import Credentials
 from robotree.vr.base.transport import (
     CutOffHandler,
-    DirectHandler,
     End,
+    Incoming,
     Occupied,
     OnReply,
     Registration,
     RequestHandler,
     Respond,
     SampleHandler,
+    TakeRequest,
 )
 from robotree.vr.network.on_loop import Replies, answered
 from robotree.vr.world.virtual_loop import VirtualLoop
@@ -237,6 +240,8 @@ class MemoryNetwork:
         self.on_message: OnMessage = _ignore
         self.unlisted: set[MemoryTransport] = set()
         """Those that nobody who comes from now on can reach: see `unlist`."""
+        self.processes = itertools.count(1)
+        """The numbers of its processes."""
         self._loop = loop
         if agenda is not None:
             self.agenda = agenda
@@ -461,8 +466,8 @@ class MemoryTransport:
         self._take = self.loop.take if isinstance(self.loop, VirtualLoop) else self._soon
         """Does what has arrived; nothing may be done after it."""
         self.closed = self.paused = False
-        self.served: dict[str, RequestHandler] = {}
-        self._direct: dict[str, DirectHandler] = {}
+        self.identity = Credentials(next(network.processes), os.geteuid())
+        self.served: dict[str, TakeRequest] = {}
         self.tokens: Counter[str] = Counter()
         """How often it announces each key."""
         self.exchanges: dict[MemoryTransport, dict[_Exchange, None]] = {}
@@ -484,16 +489,12 @@ class MemoryTransport:
 
     # -- requests ---------------------------------------------------------------------------------
 
-    async def serve(
-        self, key: str, handler: RequestHandler, *, direct: DirectHandler | None = None
-    ) -> Registration:
+    async def serve(self, key: str, take: TakeRequest) -> Registration:
         """See `Transport.serve`."""
         self._check(key)
         if key in self.served:
             raise ValueError(f"{key} is served already")
-        self.served[key] = handler
-        if direct is not None:
-            self._direct[key] = direct
+        self.served[key] = take
         self._let_know(lambda other: other.learn_server(self, key, there=True))
         return _Entry(partial(self._end_serving, key))
 
@@ -591,15 +592,15 @@ class MemoryTransport:
                 arrive = partial(asker.ended, self, exchange, last)
                 network.inside(lambda: send(arrive))
 
-        handler, direct = self.served.get(key), self._direct.get(key)
-        if handler is None:
-            end(None)
-        elif direct is None or not self._directly(direct, body, respond, end):
+        def on_loop(handler: RequestHandler) -> None:
             self._take(self._answer, handler, key, body, respond, end)
 
-    def _directly(self, direct: DirectHandler, body: bytes, respond: Respond, end: End) -> bool:
-        self.network.agenda.outside()
-        return direct(body, respond, end)
+        take = self.served.get(key)
+        if take is None:
+            end(None)
+        else:
+            network.agenda.outside()
+            take(Incoming(body, asker.identity, respond, end, on_loop))
 
     def ended(self, server: MemoryTransport, exchange: _Exchange, last: bytes | None) -> None:
         """Take the end of the replies, and the last of them."""
@@ -619,7 +620,6 @@ class MemoryTransport:
             task.add_done_callback(self._tasks.pop)
 
     def _end_serving(self, key: str) -> None:
-        self._direct.pop(key, None)
         if self.served.pop(key, None) is not None:
             self._let_know(lambda other: other.learn_server(self, key, there=False))
 

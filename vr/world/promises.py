@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
 
 from robotree.vr.base.errors import VrError
-from robotree.vr.base.transport import Registration, RequestHandler, Transport
+from robotree.vr.base.transport import Registration, RequestHandler, Transport, on_loop
 
 Join = Callable[[], Awaitable[Transport]]
 """Enters one more member into the network under examination."""
@@ -50,7 +50,7 @@ async def replies_of(asking: AsyncIterator[bytes]) -> tuple[list[bytes], VrError
 
 async def served(server: Transport, caller: Transport, handler: RequestHandler) -> Registration:
     """Serve, and wait until the caller can know of it."""
-    registration = await server.serve("robot/a/1", handler)
+    registration = await server.serve("robot/a/1", on_loop(handler))
     token = await server.announce("served")
     await until_present(caller, "served", ["served"])
     await token.close()

@@ -24,7 +24,8 @@ from robotree.vr.base.errors import (
 )
 from robotree.vr.base.requests import DescribeHost, Raised, decode_reply
 from robotree.vr.core.machine import LONGEST_QUEUE, MOST_READERS
-from robotree.vr.exchange.client import RobotClient, fresh_key
+from robotree.vr.exchange.asking import fresh_key
+from robotree.vr.exchange.client import RobotClient
 from tests.vr.core.crew import Where
 
 

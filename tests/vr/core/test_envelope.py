@@ -15,6 +15,7 @@ from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.base import envelope
 from robotree.vr.base.envelope import BEGINS, ENDS, FRESH, on_clock, opened, seal
 from robotree.vr.base.errors import Garbled, NoAnswer, Unreachable, VrError
+from robotree.vr.base.principal import this_process
 from robotree.vr.base.requests import (
     AnyRequest,
     Call,
@@ -36,6 +37,7 @@ from robotree.vr.base.requests import (
     decode_reply,
 )
 from robotree.vr.exchange.client import RobotClient
+from robotree.vr.network.on_loop import handled
 from tests.vr.recorder import Recorder
 
 ASKS_OR_PROLONGS = {
@@ -43,6 +45,8 @@ ASKS_OR_PROLONGS = {
     DescribeView,
 }  # fmt: skip
 """Requests that are void when their caller no longer waits."""
+
+ME = this_process()
 
 LEASE = 2.0
 """[s] of silence after which the network lets a member go."""
@@ -84,18 +88,18 @@ def test_of_each_request_it_is_decided_how_late_it_may_come() -> None:
     assert set[Any]().union(*kinds) == set(get_args(AnyRequest))
     assert sum(map(len, kinds)) == len(get_args(AnyRequest)), "each is of one kind"
     sealed = seal(Detach(key="k"), now=100.0, within=5.0)
-    assert opened(sealed.body, "a robot", 104.9).request == Detach(key="k")
+    assert opened(sealed.body, ME, "a robot", 104.9).request == Detach(key="k")
     with pytest.raises(NoAnswer):
-        opened(sealed.body, "a robot", 105.1)
+        opened(sealed.body, ME, "a robot", 105.1)
 
 
 async def read(agent: RobotAgent, body: bytes) -> list[Reply]:
     """Let an agent find a request in its socket."""
     transport: Any = agent.transport
     answers: list[bytes] = []
-    takes_time = transport.served[agent.address.key](body, answers.append)
-    if takes_time is not None:
-        await takes_time
+    answered = handled(transport.served[agent.address.key], ME)(body, answers.append)
+    assert answered is not None
+    await answered
     return [decode_reply(answer, key="it") for answer in answers]
 
 
@@ -161,41 +165,41 @@ def sealed_at(asked: float, within: float = 5.0) -> bytes:
 def test_on_another_machine_a_request_is_as_new_as_its_arrival() -> None:
     with on_clock("one machine"):
         body = sealed_at(100.0)
-        assert opened(body, "rover", 100.0 + FRESH - 0.1).asked == 100.0
+        assert opened(body, ME, "rover", 100.0 + FRESH - 0.1).asked == 100.0
         with pytest.raises(NoAnswer):
-            opened(body, "rover", 100.0 + FRESH)
+            opened(body, ME, "rover", 100.0 + FRESH)
     with on_clock("another machine"):
-        assert opened(body, "rover", 7000.0).asked == 7000.0
+        assert opened(body, ME, "rover", 7000.0).asked == 7000.0
 
 
 def test_a_system_that_does_not_name_its_clock_counts_from_the_arrival(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(envelope, "this_clock", lambda: "")
-    assert opened(sealed_at(100.0), "rover", 7000.0).asked == 7000.0
+    assert opened(sealed_at(100.0), ME, "rover", 7000.0).asked == 7000.0
 
 
 @pytest.mark.parametrize("asked", [math.nan, math.inf, 1e300])
 def test_a_moment_that_has_not_come_yet_counts_as_now(asked: float) -> None:
-    assert opened(sealed_at(asked), "rover", 100.0).asked == 100.0
+    assert opened(sealed_at(asked), ME, "rover", 100.0).asked == 100.0
 
 
 def test_only_what_ends_something_holds_for_ever() -> None:
     for request in (SafeStop(), Cancel()):
-        assert opened(seal(request, now=0.0, within=1.0).body, "rover", 1e6).request == request
+        assert opened(seal(request, now=0.0, within=1.0).body, ME, "rover", 1e6).request == request
     with pytest.raises(NoAnswer):
-        opened(seal(Describe(), now=0.0, within=1.0).body, "rover", 1.0)
+        opened(seal(Describe(), now=0.0, within=1.0).body, ME, "rover", 1.0)
 
 
 def test_the_envelope_says_who_asks() -> None:
     body = seal(Describe(), now=0.0, within=1.0, sender="robot/parent/1").body
-    assert opened(body, "rover", 0.5).sender == "robot/parent/1"
+    assert opened(body, ME, "rover", 0.5).principal.agent == "robot/parent/1"
 
 
 @given(st.binary(max_size=200))
 def test_what_is_no_envelope_is_garbled(body: bytes) -> None:
     with pytest.raises((Garbled, NoAnswer)):
-        opened(body, "rover", 0.0)
+        opened(body, ME, "rover", 0.0)
 
 
 async def test_a_deadline_does_not_grow_by_the_way(realm: Any) -> None:

@@ -31,7 +31,7 @@ class Forgetful(MemoryTransport):
         self, key: str, body: bytes, *, timeout: float, urgent: bool = False, void_at: float = 0.0
     ) -> AsyncIterator[bytes]:
         replies = super().request(key, body, timeout=timeout, urgent=urgent, void_at=void_at)
-        asked = opened(body, "it", self.loop.time()).request
+        asked = opened(body, self.identity, "it", self.loop.time()).request
         return self._lose(key, replies, timeout) if isinstance(asked, Petition) else replies
 
     async def _lose(self, key: str, replies: AsyncIterator[bytes], timeout: float) -> AsyncIterator[bytes]:

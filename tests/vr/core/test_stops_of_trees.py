@@ -11,6 +11,7 @@ import pytest
 from robotree.vr import Child, CommandCancelled, VirtualRobot, VrError
 from robotree.vr.base.errors import NotConfirmed, NotInControl, Stopped
 from robotree.vr.core.machine import LONGEST_QUEUE
+from robotree.vr.exchange.client import RobotClient
 from robotree.vr.supervision.fleet import Fleet
 from tests.vr.core.crew import Driver, Rover, crew
 from tests.vr.core.gate import Gate
@@ -37,11 +38,10 @@ async def test_a_stopped_robot_refuses_commands_until_it_is_released(realm: Any)
     driver, rover = await crew(realm)
     client = realm.client(driver)
     await client.safe_stop("a hand")
-    for agent, commander in ((driver, "driver"), (rover, "driver")):
-        epoch = None if agent is driver else agent.description().epoch
-        name = "drive" if agent is driver else "move"
-        with pytest.raises(Stopped, match=rf"is stopped \(a hand\); .*`robotree resume {commander}`"):
-            await realm.client(agent).call(name, {"x": 1}, epoch=epoch)
+    parent = RobotClient(driver.transport, rover.address, sender=driver.address.key)
+    for asker, name, epoch in ((client, "drive", None), (parent, "move", rover.description().epoch)):
+        with pytest.raises(Stopped, match=r"is stopped \(a hand\); .*`robotree resume driver`"):
+            await asker.call(name, {"x": 1}, epoch=epoch)
     assert (await client.call("get_info", {}))["moves"] == 0  # what only reads is no danger
     with pytest.raises(NotInControl):
         await realm.client(rover).resume()

@@ -15,8 +15,8 @@ from robotree.vr import Robot, command
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.run import run_host, run_lookup
 from robotree.vr.base.requests import AnyRequest, Done, Reply
-from robotree.vr.base.transport import Respond
-from robotree.vr.exchange.answering import answering
+from robotree.vr.base.transport import Respond, on_loop
+from robotree.vr.exchange.dispatcher import Dispatcher
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.network.local import LocalTransport, join
 
@@ -42,7 +42,7 @@ async def until_the_end() -> None:
 
 async def serve(transport: LocalTransport, name: str) -> None:
     """Serve and announce one robot."""
-    await transport.serve(f"robot/{name}/1", echo)
+    await transport.serve(f"robot/{name}/1", on_loop(echo))
     await transport.announce(f"robot/{name}/1")
     say("ready")
     await until_the_end()
@@ -56,7 +56,9 @@ async def count(transport: LocalTransport, name: str) -> None:
     async def answer(_: AnyRequest) -> Reply:
         return Done(note=str(next(numbers)))
 
-    await transport.serve(f"robot/{name}/1", answering(answer, name))
+    now = asyncio.get_running_loop().time
+    dispatcher = Dispatcher(name, lambda received, _: answer(received.request), now=now)
+    await transport.serve(f"robot/{name}/1", dispatcher.take)
     await transport.announce(f"robot/{name}/1")
     say("ready")
     await until_the_end()
@@ -66,7 +68,7 @@ async def count(transport: LocalTransport, name: str) -> None:
 async def leave_open(transport: LocalTransport, name: str) -> None:
     """End without closing anything, in the middle of traffic."""
     await transport.subscribe("**", lambda _key, _body: None)
-    await transport.serve(f"robot/{name}/1", echo)
+    await transport.serve(f"robot/{name}/1", on_loop(echo))
     await transport.announce(f"robot/{name}/1")
     say("ready")
     for _ in range(200):

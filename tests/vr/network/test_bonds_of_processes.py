@@ -22,7 +22,8 @@ from robotree.vr.base.envelope import seal
 from robotree.vr.base.errors import Hanging, NoSuchRobot, SlotEmpty, StaleEpoch, TransportError, VrError
 from robotree.vr.base.requests import Call, Describe, Described
 from robotree.vr.core.bonds import DEFAULT_TERM
-from robotree.vr.exchange.client import RobotClient, ask
+from robotree.vr.exchange.asking import ask
+from robotree.vr.exchange.client import RobotClient
 from robotree.vr.network.local import LocalTransport
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.world.testing import until

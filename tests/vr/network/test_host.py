@@ -24,7 +24,8 @@ from robotree.vr.base.errors import (
 from robotree.vr.base.requests import DescribeView, ViewDescribed
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.loader import LIMIT
-from robotree.vr.exchange.client import HostClient, RobotClient, ask
+from robotree.vr.exchange.asking import ask
+from robotree.vr.exchange.client import HostClient, RobotClient
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService

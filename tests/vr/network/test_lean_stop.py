@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 
 from robotree.tui.errors import SupervisorError
 from robotree.tui.line import manual
-from robotree.vr.base.envelope import SCRIPT, seal, sitting_at, this_terminal
+from robotree.vr.base.envelope import seal, sitting_at, this_terminal
 from robotree.vr.base.errors import VrError
+from robotree.vr.base.principal import SCRIPT
 from robotree.vr.base.requests import SafeStop
 from robotree.vr.core.confirmation import unmeasured
 from robotree.vr.network import lean_stop, realms

@@ -12,8 +12,8 @@ from robotree.vr.base.description import Listing, Template
 from robotree.vr.base.errors import NoSuchHost, NoSuchRobot, NoSuchView
 from robotree.vr.base.requests import Register, Registered
 from robotree.vr.base.transport import Registration, Respond
+from robotree.vr.exchange.asking import ask
 from robotree.vr.exchange.claim import new_address
-from robotree.vr.exchange.client import ask
 from robotree.vr.lookup import registrar
 from robotree.vr.lookup.directory import FIRST_LOOK, SYNCHRONISE, Directory
 from robotree.vr.lookup.registrar import TERM, Registrar

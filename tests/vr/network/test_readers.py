@@ -13,6 +13,7 @@ import pytest
 from robotree.vr import Robot, command
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.base.errors import CommandCancelled
+from robotree.vr.base.principal import Credentials
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.network.mesh import Mesh
 from robotree.vr.network.readers import READERS
@@ -40,6 +41,7 @@ class Server:
     def answer(
         self,
         body: bytes,
+        _credentials: Credentials,
         urgent: bool,  # noqa: FBT001 # a `mesh.Answer`
         _: Callable[[bytes], None],
         end: Callable[[bytes | None], None],

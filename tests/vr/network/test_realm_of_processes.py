@@ -13,7 +13,7 @@ import pytest
 
 from robotree.vr.base.errors import NoAnswer, Unreachable
 from robotree.vr.base.requests import AnyRequest, Delete, Describe, Done, SafeStop
-from robotree.vr.exchange.client import ask
+from robotree.vr.exchange.asking import ask
 from robotree.vr.network.local import LocalTransport
 from robotree.vr.network.mesh import HANGS, TICK
 from robotree.vr.world.promises import replies_of, until

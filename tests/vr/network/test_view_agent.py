@@ -14,7 +14,8 @@ from robotree.vr.base.description import Template
 from robotree.vr.base.errors import BadArgument, DuplicateName, VrError
 from robotree.vr.base.requests import DescribeHost, HostDescribed
 from robotree.vr.base.transport import Transport
-from robotree.vr.exchange.client import ViewClient, ask
+from robotree.vr.exchange.asking import ask
+from robotree.vr.exchange.client import ViewClient
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.world.network import MemoryNetwork

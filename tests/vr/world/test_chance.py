@@ -5,8 +5,8 @@ from __future__ import annotations
 import random
 
 from robotree.vr.base import chance
+from robotree.vr.exchange.asking import fresh_key
 from robotree.vr.exchange.claim import new_address
-from robotree.vr.exchange.client import fresh_key
 
 
 def test_nobody_draws_the_same_key_twice() -> None:

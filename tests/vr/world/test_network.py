@@ -9,7 +9,7 @@ import random
 import pytest
 
 from robotree.vr.base.errors import NoAnswer, Unreachable
-from robotree.vr.base.transport import End, Respond
+from robotree.vr.base.transport import Incoming, Respond, on_loop
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
 from robotree.vr.world.promises import replies_of
 from robotree.vr.world.testing import in_virtual_time
@@ -25,7 +25,7 @@ class Echo:
         self.asked: list[bytes] = []
 
     async def open(self) -> None:
-        await self.transport.serve(KEY, self._answer)
+        await self.transport.serve(KEY, on_loop(self._answer))
         await self.transport.announce(KEY)
 
     async def _answer(self, body: bytes, respond: Respond) -> None:
@@ -199,14 +199,14 @@ async def test_a_request_without_waiting_is_taken_directly_or_by_the_handler() -
     async def slowly(body: bytes, respond: Respond) -> None:
         respond(b"slow " + body)
 
-    def directly(body: bytes, respond: Respond, end: End) -> bool:
-        if not body.startswith(b"d"):
-            return False
-        respond(b"direct " + body)
-        end(b"last")
-        return True
+    def take(incoming: Incoming) -> None:
+        if not incoming.body.startswith(b"d"):
+            incoming.answer_on_loop(slowly)
+            return
+        incoming.reply(b"direct " + incoming.body)
+        incoming.end(b"last")
 
-    await server.serve(KEY, slowly, direct=directly)
+    await server.serve(KEY, take)
     await asyncio.sleep(0.1)
     for body in (b"d", b"s"):
         caller.ask(KEY, body, on_reply=heard.append)
@@ -222,7 +222,7 @@ async def test_an_asker_hears_the_end_when_its_server_dies() -> None:
     network = MemoryNetwork(delay=0.01)
     server, caller = network.join("server"), network.join("caller")
     heard: list[bytes | None] = []
-    await server.serve(KEY, lambda _body, _respond: asyncio.sleep(100.0), direct=lambda *_: True)
+    await server.serve(KEY, lambda _: None)
     await asyncio.sleep(0.1)
     caller.ask(KEY, b"", on_reply=heard.append)
     await asyncio.sleep(0.1)

@@ -20,17 +20,18 @@ import zenoh
 
 from robotree.vr.base.errors import TransportClosed
 from robotree.vr.base.presence import Presence
+from robotree.vr.base.principal import this_process
 from robotree.vr.base.transport import (
     CutOffHandler,
-    DirectHandler,
     Occupied,
     OnReply,
     Registration,
     RequestHandler,
     Respond,
     SampleHandler,
+    TakeRequest,
 )
-from robotree.vr.network.on_loop import FOREVER, LoopTurns, Replies, SampleInbox, directly, relay
+from robotree.vr.network.on_loop import FOREVER, LoopTurns, Replies, SampleInbox, handled, relay
 from robotree.vr.network.zenoh.declaring import made
 from robotree.vr.network.zenoh.session import LEASE, Session
 from robotree.vr.network.zenoh.settling import Settling
@@ -72,6 +73,7 @@ class ZenohTransport:
     def __init__(self, session: Session) -> None:
         """Made by `connect`."""
         self.session = session
+        self.identity = this_process()
         self._loop = asyncio.get_running_loop()
         # threads of our own: a virtual robot that blocks the loop's default ones must not block renewals
         self._pool = ThreadPoolExecutor(4, thread_name_prefix="zenoh")
@@ -104,16 +106,14 @@ class ZenohTransport:
         """Whether it is closed or about to be."""
         return self._closing is not None
 
-    async def serve(
-        self, key: str, handler: RequestHandler, *, direct: DirectHandler | None = None
-    ) -> Registration:
+    async def serve(self, key: str, take: TakeRequest) -> Registration:
         """See `Transport.serve`: here every request goes by the event loop."""
         session = self._open(key)
         if key in self._served:
             raise ValueError(f"{key} is served already")
-        self._served[key] = handler if direct is None else directly(direct, handler)
+        self._served[key] = handled(take, self.identity)
 
-        def take(query: zenoh.Query) -> None:
+        def take_query(query: zenoh.Query) -> None:
             payload = query.payload
             body = payload.to_bytes() if payload is not None else b""
             urgent = query.attachment is not None
@@ -125,7 +125,7 @@ class ZenohTransport:
 
         # never complete=True: after one of two is undeclared, callers get nothing for ever (zenoh pull 2660)
         return await self._declare(
-            lambda: session.declare_queryable(key, _direct(take)), zenoh.Queryable.undeclare, undo
+            lambda: session.declare_queryable(key, _direct(take_query)), zenoh.Queryable.undeclare, undo
         )
 
     def request(

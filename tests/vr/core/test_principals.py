@@ -1,0 +1,191 @@
+"""Who asks: no request has the rights of another program, of another robot, or of the robot itself."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from robotree.vr import Child, Robot, VirtualRobot, command
+from robotree.vr.base.address import Address
+from robotree.vr.base.errors import NotAllowed, NotInControl, VrError
+from robotree.vr.base.principal import ITSELF, SCRIPT, Credentials, Principal, principal_of, this_process
+from robotree.vr.base.requests import (
+    Cancel,
+    Describe,
+    Detach,
+    Done,
+    Granted,
+    Petition,
+    Release,
+    Renew,
+    Retract,
+    SafeStop,
+)
+from robotree.vr.core import events as on
+from robotree.vr.core.events import CoreEvent
+from robotree.vr.exchange.asking import ask
+from robotree.vr.exchange.authority import authorise
+from robotree.vr.exchange.client import RobotClient
+
+
+class Rover(Robot):
+    """A rover."""
+
+    @command
+    def move(self, x: float) -> None:
+        """Move for x seconds."""
+        self.sleep(x)
+
+
+class Pair(VirtualRobot):
+    """Two rovers."""
+
+    left = Child("Rover")
+
+    @command
+    def move(self, x: float) -> None:
+        """Move the left one."""
+        self.left.move(x=x)
+
+
+async def test_a_lease_belongs_to_its_holder_and_not_to_who_knows_its_number(realm: Any) -> None:
+    pair = await realm.team(Pair("pair"), left=Rover("left"))
+    rover, parent = pair.left, pair.address
+    thief = RobotClient(realm.operator, rover.address, sender=parent.key)
+    moving = asyncio.create_task(realm.client(pair).call("move", {"x": 30}))
+    await realm.until(lambda: rover.description().busy == "move")
+    epoch, state = rover.description().epoch, rover.description().stops
+    key = next(iter(rover.runtime.core.state.calls.live))
+    for theft in (
+        thief.call("move", {"x": 1}, epoch=epoch),
+        thief.cancel(key, epoch=epoch),
+        thief.cancel(epoch=epoch),
+        thief.resume(epoch=epoch),
+        thief.release(parent, epoch),
+        ask(
+            realm.operator,
+            rover.address.key,
+            Detach(key=key, epoch=epoch),
+            Done,
+            timeout=5,
+            sender=parent.key,
+        ),
+        ask(
+            realm.operator,
+            rover.address.key,
+            Renew(parent=parent, epoch=epoch, lineage=("pair",)),
+            Granted,
+            timeout=5,
+            sender=parent.key,
+        ),
+    ):
+        with pytest.raises(NotInControl):
+            await theft
+    assert rover.description().busy == "move"
+    assert rover.description().bond.parent == parent
+    assert (rover.description().epoch, rover.description().stops) == (epoch, state)
+    moving.cancel()
+
+
+async def test_nobody_goes_on_as_another_incarnation_of_a_parent_that_is_there(realm: Any) -> None:
+    pair = await realm.team(Pair("pair"), left=Rover("left"))
+    rover, other = pair.left, Address("robot", "pair", "another")
+    epoch = rover.description().epoch
+    thief = RobotClient(realm.operator, rover.address, sender=other.key)
+    with pytest.raises(NotInControl):
+        await thief.release(other, epoch)
+    renewal = Renew(parent=other, epoch=epoch, lineage=("pair",))
+    with pytest.raises(NotInControl):
+        await ask(realm.operator, rover.address.key, renewal, Granted, timeout=5, sender=other.key)
+    assert rover.description().bond.parent == pair.address
+
+
+@pytest.mark.parametrize("sender", ["", "robot/other/1", "caller/1"])
+async def test_a_parent_speaks_for_itself_alone(realm: Any, sender: str) -> None:
+    pair, rover = await realm.start(Pair("pair")), await realm.start(Rover("left"))
+    petition = Petition(parent=pair.address, slot="left", kind="Rover", lineage=("pair",), term=5.0)
+    thief = RobotClient(realm.operator, rover.address, sender=sender)
+    with pytest.raises(NotAllowed, match="it speaks for pair and is not pair"):
+        await thief.petition(petition)
+    assert rover.description().bond is None
+    for request in (
+        Retract(parent=pair.address, key="k"),
+        Release(parent=pair.address, epoch=1),
+        Renew(parent=pair.address, epoch=1, lineage=()),
+    ):
+        with pytest.raises(NotAllowed):
+            await ask(realm.operator, rover.address.key, request, Done, timeout=5, sender=sender)
+
+
+async def test_a_child_in_the_same_process_has_its_robot_as_principal(realm: Any) -> None:
+    pair = await realm.team(Pair("pair"), left=Rover("left"))
+    await realm.operator.announce("caller/7")
+    calling = asyncio.create_task(realm.client(pair, sender="caller/7").call("move", {"x": 5}))
+    await realm.until(lambda: pair.left.description().busy == "move")
+    (call,) = pair.left.runtime.look(lambda core: [one.principal for one in core.state.calls.live.values()])
+    assert call == pair.runtime.principal == pair.left.runtime.core.state.lease.current.principal
+    (own,) = pair.runtime.look(lambda core: [one.principal for one in core.state.calls.live.values()])
+    assert (own.agent, own.process) == ("caller/7", realm.operator.identity.process)
+    await calling
+
+
+async def test_each_event_that_a_request_leads_to_says_who_asked(realm: Any) -> None:
+    """An event without a principal has the rights of the robot itself, so none may be forgotten."""
+    pair, rover = await realm.start(Pair("pair")), await realm.start(Rover("left"))
+    written: dict[str, list[CoreEvent]] = {"pair": [], "left": []}
+    for agent in (pair, rover):
+        handle = agent.runtime._handle
+        agent.runtime._handle = lambda event, now, handle=handle, seen=written[agent.robot.name]: (
+            seen.append(event),
+            handle(event, now),
+        )[1]
+    await realm.operator.announce("caller/7")
+    operator, child = realm.client(pair, sender="caller/7"), realm.client(rover, sender="caller/7")
+    await operator.enslave("left", rover.address)
+    await operator.call("move", {"x": 1})
+    for epoch in (None, 7):
+        for order in (child.cancel(epoch=epoch), child.cancel("k", epoch=epoch), child.resume(epoch=epoch)):
+            with pytest.raises(VrError):
+                await order
+        detach = Detach(key="k", epoch=epoch)
+        with pytest.raises(VrError):
+            await ask(realm.operator, rover.address.key, detach, Done, timeout=5, sender="caller/7")
+    await operator.cancel()
+    await operator.safe_stop("a hand")
+    await operator.resume()
+    await operator.free("left")
+    inside = on.Tick | on.Finish | on.Renewed | on.StopAnswered | on.Halted | on.Obeyed
+    asked = {
+        name: [event for event in events if not isinstance(event, inside)] for name, events in written.items()
+    }
+    assert {type(event) for event in asked["left"]} >= {
+        on.ParentAsked, on.Invoke, on.CancelAll, on.CancelAsked, on.DetachAsked, on.StopAsked,
+        on.ReleaseAsked, on.EndLease,
+    }  # fmt: skip
+    assert {type(event) for event in asked["pair"]} >= {
+        on.Reserve, on.Bind, on.Invoke, on.CancelAll, on.StopAsked, on.ReleaseAsked, on.FreeAsked,
+    }  # fmt: skip
+    nobody = [event for events in asked.values() for event in events if event.principal == ITSELF]
+    assert nobody == []
+
+
+def test_a_request_of_another_user_is_refused() -> None:
+    mine, other = this_process(), Credentials(process=1, user=4_000_000_000)
+    authorise(principal_of(mine, "", "pts/3"), SafeStop(), None)
+    for request in (SafeStop(), Cancel(), Describe()):
+        with pytest.raises(NotAllowed, match="4000000000@pts/3 may not ask for"):
+            authorise(principal_of(other, "", "pts/3"), request, None)
+
+
+def test_no_request_is_of_the_robot_itself() -> None:
+    assert principal_of(Credentials(process=0, user=0), "", "") != ITSELF
+    assert principal_of(Credentials(process=0, user=4_000_000_000), "", "") != ITSELF
+
+
+@pytest.mark.parametrize("terminal", ["pts/3; rm", "a" * 33, "bob@pts/1"])
+def test_a_terminal_that_cannot_be_one_is_called_a_script(terminal: str) -> None:
+    person = principal_of(this_process(), "", terminal).person
+    assert person.endswith(f"@{SCRIPT}")
+    assert isinstance(principal_of(this_process(), "", terminal), Principal)

@@ -1,0 +1,84 @@
+"""Who asks: the principal of a request.
+
+The kernel names the process that has sent a request and its user (SO_PEERCRED, unix(7)); nobody can be
+somebody else. What the process says beyond that, it answers for: which of its robots or programs asks, and at
+which terminal the person sits.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from functools import cache, lru_cache
+from typing import NamedTuple
+
+import msgspec
+
+SCRIPT = "script"
+"""Instead of a terminal, where a person's program has none."""
+
+_TERMINAL = re.compile(r"[\w/.-]{1,32}")
+
+
+class Credentials(NamedTuple):
+    """A process, as the kernel names it."""
+
+    process: int
+    user: int
+
+
+class Principal(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Who asks. Two requests of the same robot, or of the same program, have equal principals."""
+
+    user: str = ""
+    """Name of the system's user; empty: the robot itself, see `ITSELF`."""
+    process: int = 0
+    """Its number on this machine."""
+    agent: str = ""
+    """Key under which the asker is present: of a robot, or of a person's program; empty: it is under none."""
+    terminal: str = ""
+    """At which the person sits for whom it is asked; empty: it is asked for no person, but for a robot."""
+
+    @property
+    def person(self) -> str:
+        """Name of the person who asks, `anna@pts/3`; empty: it is a robot."""
+        return f"{self.user}@{self.terminal}" if self.terminal else ""
+
+
+ITSELF = Principal()
+"""The robot itself: its own code, its watchdog, and what its process notices. No request has this one."""
+
+
+@lru_cache(1024)
+def principal_of(sender: Credentials, agent: str, terminal: str) -> Principal:
+    """Return the principal of a request.
+
+    Args:
+        sender: the process, as the kernel names it.
+        agent: as the process says.
+        terminal: as the process says; one that cannot be a terminal counts as `SCRIPT`.
+    """
+    if terminal and not _TERMINAL.fullmatch(terminal):
+        terminal = SCRIPT
+    return Principal(user_name(sender.user), sender.process, agent, terminal)
+
+
+@cache
+def user_name(user: int) -> str:
+    """Return the name of a user of the system; a user without a name has its number."""
+    import pwd  # only those who are asked need it
+
+    try:
+        return pwd.getpwuid(user).pw_name
+    except KeyError:
+        return str(user)
+
+
+def this_process() -> Credentials:
+    """Return what the kernel tells others of this process."""
+    return Credentials(os.getpid(), os.geteuid())
+
+
+def is_person(caller: str) -> bool:
+    """Whether the name of a caller is that of a person: no robot's name has an @."""
+    return "@" in caller

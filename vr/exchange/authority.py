@@ -1,0 +1,36 @@
+"""Who may ask for what: the one place that decides it for every request that comes from another program.
+
+Today the policy is short: everybody of this system's user may ask for everything, and a parent speaks for
+itself alone. That a lease belongs to its holder, `GrantedLease.check` decides, together with the change that
+the request makes.
+"""
+
+from __future__ import annotations
+
+import os
+
+from robotree.vr.base.errors import NotAllowed
+from robotree.vr.base.principal import Principal, user_name
+from robotree.vr.base.requests import AnyRequest, Petition, Release, Renew, Retract
+from robotree.vr.core.machine import RobotState
+
+
+def authorise(principal: Principal, request: AnyRequest, state: RobotState | None) -> None:
+    """Refuse a request that its principal may not make.
+
+    Args:
+        principal: who asks.
+        request: what is asked.
+        state: of the robot that is asked; None: another agent is asked.
+
+    Raises:
+        NotAllowed: the principal may not ask for this.
+    """
+    del state  # the policy of a realm of several users will look at it
+    if principal.user != user_name(os.geteuid()):
+        reason = f"the processes of this realm belong to {user_name(os.geteuid())}"
+        raise NotAllowed(who=principal.person or principal.user, what=type(request).__name__, reason=reason)
+    if isinstance(request, Petition | Retract | Renew | Release) and request.parent.key != principal.agent:
+        reason = f"it speaks for {request.parent.name} and is not {request.parent.name}"
+        who = principal.agent or f"process {principal.process}"
+        raise NotAllowed(who=who, what=type(request).__name__, reason=reason)
