@@ -33,7 +33,8 @@ from robotree.vr.base.arguments import named_arguments
 from robotree.vr.base.errors import BadArgument, CommandCancelled, NotThisKind
 from robotree.vr.base.extras import explained
 from robotree.vr.base.units import seconds
-from robotree.vr.exchange.client import DEFAULT_DEADLINE, OnProgress
+from robotree.vr.exchange.calling import OnProgress
+from robotree.vr.exchange.client import DEFAULT_DEADLINE
 from robotree.vr.network.rendezvous import realm_name
 
 if TYPE_CHECKING:
@@ -248,7 +249,7 @@ class AsyncCommand:
 
     def __init__(self, realm: AsyncRealm, robot: str, name: str) -> None:
         """Made by access to a robot's attribute."""
-        self._realm, self._robot, self._name = realm, robot, name
+        self._realm, self.robot, self.name = realm, robot, name
         self._spec: CommandSpec | None = None
         """As the robot described it when it was asked last; it may have another page since."""
 
@@ -267,40 +268,51 @@ class AsyncCommand:
 
     async def start(self, *values: Any, **arguments: Any) -> AsyncCall:
         """Start the command and return at once; see `__call__`."""
-        deadline, named = await self._prepared(values, arguments)
-        call = AsyncCall(self._robot, self._name)
+        await self.learn(values, arguments)
+        deadline, named = self.prepared(values, arguments)
+        call = AsyncCall(self.robot, self.name)
         call.begin(self._carry_out(named, deadline, call.note_progress))
         self._realm.keep(call)
         return call
 
     async def tell(self, *values: Any, **arguments: Any) -> None:
         """Send the command and wait only until the robot has accepted it; it may outlive the program."""
-        deadline, named = await self._prepared(values, arguments)
-        await self._realm.fleet.tell(self._robot, self._name, named, deadline=deadline)
+        await self.learn(values, arguments)
+        deadline, named = self.prepared(values, arguments)
+        await self._realm.fleet.tell(self.robot, self.name, named, deadline=deadline)
 
     async def _carry_out(self, named: dict[str, Any], deadline: float, on_progress: OnProgress) -> Any:
         fleet = self._realm.fleet
         try:
-            return await fleet.call(
-                self._robot, self._name, named, deadline=deadline, on_progress=on_progress
-            )
-        except BadArgument:  # perhaps it has other parameters by now
-            self._spec = None
+            return await fleet.call(self.robot, self.name, named, deadline=deadline, on_progress=on_progress)
+        except BadArgument:
+            self.forget()
             raise
 
-    async def _prepared(
-        self, values: tuple[Any, ...], arguments: dict[str, Any]
-    ) -> tuple[float, dict[str, Any]]:
+    def knows(self, values: tuple[Any, ...], arguments: dict[str, Any]) -> bool:
+        """Whether a call with these arguments can be prepared without asking the robot for its parameters."""
+        return self._spec is not None or not (values or WITHIN in arguments)
+
+    async def learn(self, values: tuple[Any, ...], arguments: dict[str, Any]) -> None:
+        """Ask the robot for its parameters, if a call with these arguments needs their names.
+
+        Raises:
+            VrError: the robot cannot be asked.
+        """
+        if not self.knows(values, arguments):
+            self._spec = (await self._realm.describe(self.robot)).command(self.name)
+
+    def forget(self) -> None:
+        """Ask again next time: perhaps it has other parameters by now."""
+        self._spec = None
+
+    def prepared(self, values: tuple[Any, ...], arguments: dict[str, Any]) -> tuple[float, dict[str, Any]]:
         """Return the time limit [s] of a call and its arguments by name.
 
         Raises:
             BadArgument: one cannot travel, or the limit is none.
-            VrError: the robot cannot be asked for the names of its parameters.
         """
-        label = f"{self._robot}.{self._name}"
-        if (values or WITHIN in arguments) and self._spec is None:
-            self._spec = (await self._realm.describe(self._robot)).command(self._name)
-        spec = self._spec
+        label, spec = f"{self.robot}.{self.name}", self._spec
         names = [] if spec is None else [field.name for field in spec.parameters]
         named = named_arguments(label, values, arguments, lambda: names)
         return self._deadline(label, spec, named), named

@@ -26,9 +26,10 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar, cast, overload
 
 from robotree.client.asynchronous import AsyncCall, AsyncCommand, AsyncReadings, AsyncRealm, connect_async
 from robotree.files import forks
+from robotree.vr.author.child import readable
 from robotree.vr.author.kind import Kind
 from robotree.vr.author.readings import Record
-from robotree.vr.base.errors import TransportClosed
+from robotree.vr.base.errors import BadArgument, NoAnswer, TransportClosed, Unreachable
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -86,17 +87,29 @@ class _Loop:
 
     def wait_for(self, work: Coroutine[Any, Any, _T]) -> _T:
         """Have something done on the loop, and wait for it; it is cancelled where the wait is interrupted."""
-        forks.expect_parent()  # the loop runs in the parent alone
-        loop = self._loop
-        if loop is None or loop.is_closed() or self._over.is_set():
+        try:
+            loop = self.expect_open()
+        except BaseException:
             work.close()
-            raise TransportClosed(key=self.realm.name)
+            raise
         future = asyncio.run_coroutine_threadsafe(work, loop)
         try:
             return future.result()
         except BaseException:
             future.cancel()
             raise
+
+    def expect_open(self) -> asyncio.AbstractEventLoop:
+        """Return the loop.
+
+        Raises:
+            TransportClosed: the realm was left.
+        """
+        forks.expect_parent()  # the loop runs in the parent alone
+        loop = self._loop
+        if loop is None or loop.is_closed() or self._over.is_set():
+            raise TransportClosed(key=self.realm.name)
+        return loop
 
     def close(self) -> None:
         """End the commands that still run, and leave. Twice is once."""
@@ -115,6 +128,7 @@ class Realm:
         self._loop = _Loop(realm)
         self.behind = self._loop.realm
         """The realm for asyncio, on its own event loop: use it in coroutines for `wait_for`."""
+        self._caller = ""
         self._close = weakref.finalize(self, self._loop.close)
 
     def __enter__(self) -> Self:
@@ -151,8 +165,24 @@ class Realm:
         return cast("_K", self[robot])
 
     def wait_for(self, work: Coroutine[Any, Any, _T]) -> _T:
-        """Wait for something of the realm for asyncio."""
+        """Wait for something of the realm for asyncio.
+
+        Raises:
+            TransportClosed: the realm was left.
+        """
         return self._loop.wait_for(work)
+
+    @property
+    def caller(self) -> str:
+        """Key under which this program is present from its first call on.
+
+        Raises:
+            TransportClosed: the realm was left.
+        """
+        self._loop.expect_open()
+        if not self._caller:
+            self._caller = self.wait_for(self.behind.fleet.caller())
+        return self._caller
 
     # -- who is there -----------------------------------------------------------------------------
 
@@ -257,8 +287,27 @@ class Command:
         self._realm, self._command = realm, command
 
     def __call__(self, *values: Any, **arguments: Any) -> Any:
-        """Have the command carried out, and return its result."""
-        return self._realm.wait_for(self._command(*values, **arguments))
+        """Have the command carried out, and return its result.
+
+        The calling thread itself asks and waits; the event loop behind the realm is needed only where the
+        robot has to be looked for.
+        """
+        realm, command = self._realm, self._command
+        address = realm.behind.fleet.find(command.robot)
+        if address is None or not command.knows(values, arguments):
+            return realm.wait_for(command(*values, **arguments))
+        deadline, named = command.prepared(values, arguments)
+        try:
+            value = realm.behind.fleet.call_from_thread(
+                address, command.name, named, deadline=deadline, caller=realm.caller
+            )
+        except BadArgument:
+            command.forget()
+            raise
+        except (NoAnswer, Unreachable) as error:
+            realm.wait_for(realm.behind.fleet.expect_awake(error))
+            raise
+        return readable(value)
 
     def start(self, *values: Any, **arguments: Any) -> Call:
         """Start the command and return at once; it ends with the realm's block at the latest."""

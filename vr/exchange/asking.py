@@ -1,6 +1,6 @@
 """The asking side of every agent: each request is sealed here, and its replies are read here.
 
-`send_request` may be used in any thread and waits for nothing; `Replies` and `ask` belong to an event loop.
+`send_request` may be used in any thread and waits for nothing; `ReplyStream` and `ask` belong to an event loop.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from robotree.vr.base.errors import Garbled, Unreachable, VrError
 from robotree.vr.base.requests import Accepted, AnyRequest, Raised, Reply, decode_reply
 from robotree.vr.base.transport import Transport
 
-OnReply = Callable[[Reply | None], None]
+TakeReply = Callable[[Reply | None], None]
 """Takes one reply, in any thread; None: there are no more. Must not block."""
 
 _R = TypeVar("_R", bound=Reply)
@@ -30,7 +30,7 @@ def send_request(
     transport: Transport,
     key: str,
     request: AnyRequest,
-    on_reply: OnReply,
+    on_reply: TakeReply,
     *,
     now: float,
     within: float,
@@ -63,7 +63,7 @@ def send_request(
     transport.ask(key, sealed.body, void_at=sealed.void_at, urgent=urgent, on_reply=read)
 
 
-class Replies:
+class ReplyStream:
     """The replies to a request that is sent now, on the event loop. May be abandoned at any time."""
 
     def __init__(
@@ -134,7 +134,9 @@ async def ask(
         TransportError: there is no answer, or one that cannot be read.
         VrError: the refusal of the agent asked.
     """
-    replies = Replies(transport, key, request, within=timeout, timeout=timeout, urgent=urgent, sender=sender)
+    replies = ReplyStream(
+        transport, key, request, within=timeout, timeout=timeout, urgent=urgent, sender=sender
+    )
     async for reply in replies:
         if isinstance(reply, Raised):
             raise reply.revive()

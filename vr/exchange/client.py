@@ -10,11 +10,9 @@ from typing import Any, Protocol, TypeVar
 
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import Arguments, RobotDescription
-from robotree.vr.base.errors import CommandFailed, Garbled, NoAnswer, VrError
+from robotree.vr.base.errors import NoAnswer, VrError
 from robotree.vr.base.requests import (
-    LONGEST_CLEANUP,
     PATIENCE,
-    Accepted,
     AnyRequest,
     Call,
     Cancel,
@@ -35,8 +33,6 @@ from robotree.vr.base.requests import (
     Look,
     Petition,
     Picture,
-    Progress,
-    Raised,
     ReadHistory,
     ReadLog,
     Release,
@@ -45,27 +41,22 @@ from robotree.vr.base.requests import (
     Reply,
     Resume,
     Retract,
-    Returned,
     SafeStop,
     ViewDescribed,
 )
 from robotree.vr.base.transport import Transport
 from robotree.vr.core.confirmation import unmeasured
-from robotree.vr.exchange.asking import Replies, ask, fresh_key
+from robotree.vr.exchange.asking import ReplyStream, ask, fresh_key
+from robotree.vr.exchange.calling import CallOutcome, OnProgress
 
 DEFAULT_DEADLINE = 60.0
 """[s] for a command when the caller names none."""
-MARGIN = LONGEST_CLEANUP + 5.0
-"""[s] after the deadline in which the robot may still report how its command ended."""
 LOADING = 20.0
 """[s] for a robot to be made: twice the loader's limit, for source and constructor, and the way."""
 RELOADING = 10.0
 """[s] for a running command to end before a page is reloaded."""
 
 _R = TypeVar("_R", bound=Reply)
-
-OnProgress = Callable[[float, str], None]
-"""Takes how far a command is: 0 to 1 (NaN: unknown) and a word about it."""
 
 
 class RobotClient:
@@ -151,35 +142,23 @@ class RobotClient:
             raise
 
     async def _follow(self, call: Call, sender: str, on_progress: OnProgress | None) -> Any:
-        key = self.address.key
-        seconds = max(0.0, call.deadline) + MARGIN  # NaN becomes 0; it is the robot that refuses it
-        replies = Replies(self._transport, key, call, within=self._patience, timeout=seconds, sender=sender)
+        key, outcome = self.address.key, CallOutcome(call, self.address, on_progress)
+        replies = ReplyStream(
+            self._transport, key, call, within=self._patience, timeout=outcome.longest, sender=sender
+        )
         try:
             async with asyncio.timeout(self._patience) as until_accepted:
                 async for reply in replies:
-                    match reply:
-                        case Accepted():
-                            until_accepted.reschedule(None)
-                            if call.oneway:
-                                return None
-                        case Progress(fraction=fraction, text=text):
-                            if on_progress is not None:
-                                on_progress(fraction, text)
-                        case Returned(value=value):
-                            return value
-                        case Raised() as raised:
-                            error = raised.revive()
-                            error.entered = until_accepted.when() is None
-                            raise error
-                        case other:
-                            raise Garbled(key=key, detail=f"{type(other).__name__} is no answer to a call")
+                    outcome.take(reply)
+                    if outcome.over:
+                        break
+                    if outcome.accepted:
+                        until_accepted.reschedule(None)
+                else:
+                    outcome.take(None)
         except TimeoutError:
             raise NoAnswer(key=key, seconds=self._patience) from None
-        raise CommandFailed(
-            robot=self.address.name,
-            command=call.command,
-            detail="it ended in the middle; look where the robot stands before you go on",
-        )
+        return outcome.result()
 
     def _cancel_late(self, call: Call) -> None:
         async def cancel() -> None:

@@ -21,7 +21,7 @@ from robotree.vr.exchange.authority import authorise
 SendReply = Callable[[Reply], None]
 """Sends one reply; may be called any number of times until the request is answered."""
 
-Answer = Callable[[Received, SendReply], Reply | Awaitable[Reply | None] | None]
+AnswerRequest = Callable[[Received, SendReply], Reply | Awaitable[Reply | None] | None]
 """Answers a request on the event loop: with the reply that it returns, at once or when it was awaited, after
 any number of others. A `VrError` that it raises travels to the asker."""
 
@@ -40,7 +40,7 @@ class Dispatcher:
     def __init__(
         self,
         who: str,
-        answer: Answer,
+        answer: AnswerRequest,
         *,
         now: Callable[[], float],
         at_once: Mapping[type[AnyRequest], AnswerAtOnce] | None = None,

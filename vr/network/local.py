@@ -24,7 +24,7 @@ from robotree.vr.base.transport import (
     SampleHandler,
     TakeRequest,
 )
-from robotree.vr.network.mesh import GREETING, Answer, Mesh
+from robotree.vr.network.mesh import GREETING, Mesh, TakeFrame
 from robotree.vr.network.on_loop import LoopTurns, Replies, SampleInbox, answered
 from robotree.vr.network.rendezvous import Rendezvous, realm_name
 
@@ -79,7 +79,7 @@ class LocalTransport:
         news = SampleInbox[Callable[[], object]](self._turns, lambda action: action())
         self.presence, self.identity = mesh.presence, this_process()
         self.presence.hand_on = news.put
-        self._served: dict[str, Answer] = {}
+        self._served: dict[str, TakeFrame] = {}
         self._tasks: set[asyncio.Future[None]] = set()
         self._asking: set[Replies] = set()
         self._closing: asyncio.Future[None] | None = None
@@ -99,7 +99,7 @@ class LocalTransport:
         """See `Transport.serve`."""
         self._check(key)
 
-        def take_frame(  # an `Answer`
+        def take_frame(  # an `TakeFrame`
             body: bytes,
             sender: Credentials,
             urgent: bool,  # noqa: FBT001

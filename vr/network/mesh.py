@@ -108,7 +108,7 @@ LOST_FILES: Final = (
 )
 """Why it is not known which robots a running process holds."""
 
-Answer = Callable[[bytes, Credentials, bool, Respond, End], None]
+TakeFrame = Callable[[bytes, Credentials, bool, Respond, End], None]
 """Takes a request: its body, the process that has sent it, whether it is urgent, how to reply (any number of
 times), and how to end the replies, with one more or with None."""
 OnSample = Callable[[str, bytes], None]
@@ -185,7 +185,7 @@ class Mesh:
         self._peers: dict[str, _Peer] = {}
         self._known: dict[Topic, Counter[str]] = {topic: Counter() for topic in Topic}
         """What this process lets the others know."""
-        self._servers: dict[str, Answer] = {}
+        self._servers: dict[str, TakeFrame] = {}
         self._subscribers = Handlers[OnSample]()
         self._watchers_of_itself: dict[int, Callable[[str], None]] = {}
         self._cut_off = False
@@ -317,8 +317,8 @@ class Mesh:
 
     # -- what others can ask and see
 
-    def serve(self, key: str, answer: Answer) -> None:
-        """Answer the requests to a key.
+    def serve(self, key: str, answer: TakeFrame) -> None:
+        """TakeFrame the requests to a key.
 
         Raises:
             ValueError: this process serves it already.
@@ -332,7 +332,7 @@ class Mesh:
             self._announce_change(Topic.SERVES, key, there=True)
 
     def end_serving(self, key: str) -> None:
-        """Answer no more requests to a key."""
+        """TakeFrame no more requests to a key."""
         with self._lock:
             if self._servers.pop(key, None) is not None:
                 self._announce_change(Topic.SERVES, key, there=False)

@@ -46,7 +46,7 @@ from robotree.vr.base.transport import Transport
 from robotree.vr.core import events as on
 from robotree.vr.core.events import Begin, CoreEffect, CoreEvent, Interrupt, Settled
 from robotree.vr.core.machine import RobotCore
-from robotree.vr.exchange.asking import OnReply, send_request
+from robotree.vr.exchange.asking import TakeReply, send_request
 from robotree.vr.exchange.authority import authorise
 from robotree.vr.running.feed import Feed
 from robotree.vr.running.frame import DEEPEST, CallManner, Frame, PendingCall
@@ -145,9 +145,7 @@ class RobotRuntime:
         self._on_effect = on_effect
         self.on_news: Callable[[], None] = _nothing
         """Called when `has_news` becomes true. In any thread."""
-        self._journal = process.journal
-        self._runner = process.runner
-        self._lock = process.runner.lock()
+        self._journal, self._runner, self._lock = process.journal, process.runner, process.runner.lock()
         self._commands = commands_of(type(robot))
         self._exposures = exposures_of(type(robot))
         self.log = Log(self._runner.now, self._runner.unix, self._runner.lock())
@@ -827,7 +825,7 @@ class RobotRuntime:
         self,
         key: str,
         request: AnyRequest,
-        on_reply: OnReply,
+        on_reply: TakeReply,
         *,
         now: float | None = None,
         within: float = PATIENCE,

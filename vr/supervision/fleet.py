@@ -16,6 +16,7 @@ from robotree.vr.base.description import Listing, RobotDescription, Template
 from robotree.vr.base.errors import HostReserved, NoAnswer, NoHost, NoPage, NotVirtual, Unreachable, VrError
 from robotree.vr.base.presence import Held
 from robotree.vr.base.requests import (
+    Call,
     HostDescribed,
     LoggedLine,
     LogLines,
@@ -27,11 +28,12 @@ from robotree.vr.base.requests import (
     decode_event,
 )
 from robotree.vr.base.transport import Registration, Transport
+from robotree.vr.exchange.asking import fresh_key
+from robotree.vr.exchange.calling import CallOutcome, OnProgress, call_and_wait
 from robotree.vr.exchange.client import (
     DEFAULT_DEADLINE,
     RELOADING,
     HostClient,
-    OnProgress,
     RobotClient,
     ViewClient,
     read_history,
@@ -256,7 +258,7 @@ class Fleet:
             deadline: [s] within which it must be done.
             on_progress: told how far it is.
         """
-        caller = await self._caller.key()
+        caller = await self.caller()
         return await self._ask(
             name,
             lambda robot: robot.call(
@@ -268,6 +270,48 @@ class Fleet:
                 on_progress=on_progress,
             ),
         )
+
+    async def caller(self) -> str:
+        """Return the key under which this program is present: its calls end when that goes."""
+        return await self._caller.key()
+
+    def call_from_thread(
+        self,
+        robot: Address,
+        command: str,
+        arguments: Mapping[str, Any],
+        *,
+        deadline: float,
+        caller: str,
+        on_progress: OnProgress | None = None,
+    ) -> Any:
+        """Do as `call`, from a thread that waits itself: not that of the event loop.
+
+        Args:
+            robot: which incarnation; see `find`.
+            command: its name.
+            arguments: numbers in the declared units, or text with units.
+            deadline: [s] within which it must be done.
+            caller: see the method of this name.
+            on_progress: takes how far it is, in another thread.
+        """
+        call = Call(
+            key=fresh_key(), command=command, arguments=dict(arguments), caller=CALLER, deadline=deadline
+        )
+        return call_and_wait(self._transport, CallOutcome(call, robot, on_progress), sender=caller)
+
+    def find(self, name: str) -> Address | None:
+        """Return the one robot of a name that is present; None: look closer. From any thread."""
+        found = self.directory.present("robot", name)
+        return found[0] if len(found) == 1 else None
+
+    async def expect_awake(self, error: NoAnswer | Unreachable) -> None:
+        """Check that no process hangs which a failed request has named.
+
+        Raises:
+            Hanging: it does.
+        """
+        await self.directory.expect_awake(str(error.data["key"]))
 
     async def tell(
         self, name: str, command: str, arguments: Mapping[str, Any], *, deadline: float = DEFAULT_DEADLINE
@@ -445,7 +489,7 @@ class Fleet:
         try:
             return await answer
         except (NoAnswer, Unreachable) as error:  # of the one that was asked, or of one that it asked
-            await self.directory.expect_awake(str(error.data["key"]))
+            await self.expect_awake(error)
             raise
 
     async def _hosts(self, name: str) -> Sequence[Address]:

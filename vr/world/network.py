@@ -743,8 +743,9 @@ class MemoryTransport:
     def read_on(self) -> None:
         """Read what has arrived during a pause."""
         inbox, self._inbox = self._inbox, []
+        agenda = self.network.agenda
         for action in inbox:
-            self.take(action)
+            agenda.at(agenda.now(), partial(self.take, action))
 
     def meet(self, other: MemoryTransport, served: frozenset[str], tokens: frozenset[str]) -> None:
         """Hear all that another one serves and holds; it is seen from now on."""

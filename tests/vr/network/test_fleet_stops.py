@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
 from typing import Any
 
 import pytest
 
 from robotree.vr.base.errors import NotConfirmed, Stopped
+from robotree.vr.base.transport import Incoming
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.supervision.stop import CONFIRM
 from robotree.vr.world.testing import until
@@ -126,10 +126,11 @@ async def test_who_comes_to_sight_while_an_answer_is_awaited_is_told(world: Worl
     served: dict[str, Any] = world.agents["r1"].transport.served  # type: ignore[attr-defined]
     ((key, answer),) = served.items()
     at_last = asyncio.Event()
+    late: list[asyncio.Task[bool]] = []
 
-    async def answer_late(body: bytes, respond: Callable[[bytes], None]) -> None:
-        await at_last.wait()
-        await answer(body, respond)
+    def answer_late(incoming: Incoming) -> None:
+        late.append(asyncio.create_task(at_last.wait()))
+        late[0].add_done_callback(lambda _: answer(incoming))
 
     served[key] = answer_late
     stopping = asyncio.create_task(world.fleet.stop(None))

@@ -11,7 +11,7 @@ from robotree.vr.base.address import Address
 from robotree.vr.base.description import Listing, Template
 from robotree.vr.base.errors import NoSuchHost, NoSuchRobot, NoSuchView
 from robotree.vr.base.requests import Register, Registered
-from robotree.vr.base.transport import Registration, Respond
+from robotree.vr.base.transport import Incoming, Registration
 from robotree.vr.exchange.asking import ask
 from robotree.vr.exchange.claim import new_address
 from robotree.vr.lookup import registrar
@@ -225,9 +225,11 @@ async def test_a_registration_that_failed_is_repeated() -> None:
     handler = transport.served[service.address.key]
     failures = iter(range(3))
 
-    async def fail_at_first(body: bytes, respond: Respond) -> None:
+    def fail_at_first(incoming: Incoming) -> None:
         if next(failures, None) is None:
-            await handler(body, respond)
+            handler(incoming)
+        else:
+            incoming.end(None)
 
     transport.served[service.address.key] = fail_at_first
     await Agent(network, "arm").start()
@@ -242,13 +244,14 @@ async def test_a_service_that_heard_nothing_for_longer_than_the_lease_learns_eve
     service, transport = await open_lookup(network, "lookup-1")
     handler, heard = transport.served[service.address.key], 0
 
-    async def count(body: bytes, respond: Respond) -> None:
+    def count(incoming: Incoming) -> None:
         nonlocal heard
         heard += 1
-        await handler(body, respond)
+        handler(incoming)
 
-    async def lose(_body: bytes, _respond: Respond) -> None:
+    def lose(incoming: Incoming) -> None:
         """Lose what comes, and the answer too."""
+        incoming.end(None)
 
     arm, rover = await Agent(network, "arm").start(), await Agent(network, "rover").start()
     spare = Agent(network, "spare")

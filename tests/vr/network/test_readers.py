@@ -42,7 +42,7 @@ class Server:
         self,
         body: bytes,
         _credentials: Credentials,
-        urgent: bool,  # noqa: FBT001 # a `mesh.Answer`
+        urgent: bool,  # noqa: FBT001 # a `mesh.TakeFrame`
         _: Callable[[bytes], None],
         end: Callable[[bytes | None], None],
     ) -> None:

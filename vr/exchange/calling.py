@@ -1,0 +1,155 @@
+"""One call of a command, from the side of a program that waits for it: what its replies mean.
+
+The replies may come in any thread. `RobotClient` waits for them on an event loop, `call_and_wait` in the
+thread that calls.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from robotree.vr.base.address import Address
+from robotree.vr.base.errors import CommandFailed, Garbled, NoAnswer, Unreachable, VrError
+from robotree.vr.base.requests import (
+    LONGEST_CLEANUP,
+    PATIENCE,
+    Accepted,
+    Call,
+    Cancel,
+    Progress,
+    Raised,
+    Reply,
+    Returned,
+)
+from robotree.vr.base.transport import Transport
+from robotree.vr.exchange.asking import send_request
+
+MARGIN = LONGEST_CLEANUP + 5.0
+"""[s] after the deadline in which the robot may still report how its command ended."""
+
+OnProgress = Callable[[float, str], None]
+"""Takes how far a command is: 0 to 1 (NaN: unknown) and a word about it."""
+
+
+class CallOutcome:
+    """What is known of one call: whether it was accepted, and how it ended."""
+
+    def __init__(self, call: Call, robot: Address, on_progress: OnProgress | None = None) -> None:
+        """Nothing is known yet."""
+        self.call, self.robot, self._on_progress = call, robot, on_progress
+        self.accepted = False
+        self.over = False
+        self._value: Any = None
+        self._error: VrError | None = None
+
+    def take(self, reply: Reply | None) -> None:
+        """Take one reply; None: there are no more."""
+        if self.over:
+            return
+        match reply:
+            case Accepted():
+                self.accepted = True
+                self.over = self.call.oneway
+            case Progress(fraction=fraction, text=text):
+                if self._on_progress is not None:
+                    self._on_progress(fraction, text)
+            case Returned(value=value):
+                self._value, self.over = value, True
+            case Raised() as raised:
+                error = raised.revive()
+                error.entered = self.accepted
+                self.fail(error)
+            case None if self.accepted:
+                self.fail(
+                    CommandFailed(
+                        robot=self.robot.name,
+                        command=self.call.command,
+                        detail="it ended in the middle; look where the robot stands before you go on",
+                    )
+                )
+            case None:
+                self.fail(Unreachable(key=self.robot.key))
+            case other:
+                answer = f"{type(other).__name__} is no answer to a call"
+                self.fail(Garbled(key=self.robot.key, detail=answer))
+
+    def fail(self, error: VrError) -> None:
+        """Note that it has failed."""
+        self._error, self.over = error, True
+
+    @property
+    def longest(self) -> float:
+        """[s] from now on in which the robot reports how it ended."""
+        return max(0.0, self.call.deadline) + MARGIN  # NaN becomes 0; it is the robot that refuses it
+
+    def result(self) -> Any:
+        """Return the result of a call that is over.
+
+        Raises:
+            VrError: it was refused or did not succeed.
+        """
+        if self._error is not None:
+            raise self._error
+        return self._value
+
+
+def call_and_wait(
+    transport: Transport,
+    outcome: CallOutcome,
+    *,
+    sender: str,
+    patience: float = PATIENCE,
+) -> Any:
+    """Have a command carried out and wait for its result in this thread, which must be no event loop's.
+
+    The command ends if this is interrupted (Ctrl-C).
+
+    Args:
+        transport: the way there.
+        outcome: of the call.
+        sender: key under which the caller is present.
+        patience: [s] to wait until it is accepted.
+
+    Raises:
+        VrError: it was refused, did not succeed, or the robot does not answer.
+    """
+    call, key = outcome.call, outcome.robot.key
+    news = threading.Lock()  # held while there is nothing new; the cheapest thing that a thread can wait for
+    news.acquire()
+
+    def take(reply: Reply | None) -> None:
+        outcome.take(reply)
+        if outcome.over and news.locked():
+            news.release()
+
+    now = time.monotonic()
+    latest = now + outcome.longest
+    try:
+        send_request(transport, key, call, take, now=now, within=patience, sender=sender)
+        if not news.acquire(timeout=patience):
+            left = min(latest - time.monotonic(), threading.TIMEOUT_MAX) if outcome.accepted else 0.0
+            if not news.acquire(timeout=max(0.0, left)):
+                outcome.fail(NoAnswer(key=key, seconds=latest - now if outcome.accepted else patience))
+                _call_off(transport, outcome, sender)
+    except BaseException:
+        _call_off(transport, outcome, sender)
+        raise
+    return outcome.result()
+
+
+def _call_off(transport: Transport, outcome: CallOutcome, sender: str) -> None:
+    """End a call for which nobody waits any longer; it may still be on its way."""
+    cancel = Cancel(key=outcome.call.key, epoch=outcome.call.epoch, reason="the caller gave up")
+    send_request(
+        transport,
+        outcome.robot.key,
+        cancel,
+        lambda _: None,
+        now=time.monotonic(),
+        within=PATIENCE,
+        sender=sender,
+        urgent=True,
+    )
