@@ -18,7 +18,7 @@ from types import ModuleType
 from typing import Any
 
 from robotree.vr.base.errors import VrError
-from robotree.vr.base.transport import Occupied, Respond
+from robotree.vr.base.transport import Occupied, Respond, on_loop
 from robotree.vr.network.door import RESERVE
 from robotree.vr.network.link import Topic
 from robotree.vr.world.kernel import MOST_DESCRIPTORS, STANDARD, Trouble
@@ -57,7 +57,7 @@ class Member:
     async def main(self, process: SimulatedProcess) -> None:
         assert isinstance(process, MachineProcess)
         transport = self.transport = process.transport
-        await transport.serve(self.key, self.answer)
+        await transport.serve(self.key, on_loop(self.answer))
         await transport.subscribe("robot/*/*/state", self.hear)
         transport.presence.watch("**", self.see)
         await transport.announce(self.key)

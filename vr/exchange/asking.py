@@ -1,6 +1,7 @@
 """The asking side of every agent: each request is sealed here, and its replies are read here.
 
-`send_request` may be used in any thread and waits for nothing; `ReplyStream` and `ask` belong to an event loop.
+`send_request` may be used in any thread and waits for nothing; `ReplyStream` and `ask` belong to an event
+loop.
 """
 
 from __future__ import annotations

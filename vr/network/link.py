@@ -15,8 +15,8 @@ from typing import Annotated, ClassVar
 
 import msgspec
 
-from robotree.vr.base.principal import Credentials
 from robotree.vr.base.os_files import AT_ONCE
+from robotree.vr.base.principal import Credentials
 from robotree.vr.base.system import THIS_SYSTEM, Socket, System
 from robotree.vr.network.refusals import RefusalKind
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from robotree.files.forks import expect_parent
 from robotree.vr.base.errors import TransportClosed
-from robotree.vr.base.principal import Credentials, this_process
+from robotree.vr.base.principal import Credentials
 from robotree.vr.base.system import system_of
 from robotree.vr.base.transport import (
     CutOffHandler,
@@ -77,7 +77,7 @@ class LocalTransport:
         self._system.owns(self)
         self._turns = LoopTurns()
         news = SampleInbox[Callable[[], object]](self._turns, lambda action: action())
-        self.presence, self.identity = mesh.presence, this_process()
+        self.presence, self.identity = mesh.presence, Credentials(self._system.pid(), self._system.user())
         self.presence.hand_on = news.put
         self._served: dict[str, TakeFrame] = {}
         self._tasks: set[asyncio.Future[None]] = set()
