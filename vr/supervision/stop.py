@@ -14,13 +14,12 @@ from functools import partial
 import msgspec
 
 from robotree.vr.base.address import Address, check_name, everyone
-from robotree.vr.base.envelope import seal
 from robotree.vr.base.errors import NoAnswer, NoSuchRobot, Unreachable, VrError
 from robotree.vr.base.presence import Held
 from robotree.vr.base.requests import SafeStop
 from robotree.vr.base.transport import Transport
 from robotree.vr.core.confirmation import LEAST, Confirmations, unmeasured
-from robotree.vr.exchange.asking import fresh_key
+from robotree.vr.exchange.asking import fresh_key, send_request
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.lookup.directory import Directory
 
@@ -179,9 +178,14 @@ class StopOrder:
     def _leave_for_unlisted(self) -> None:
         """Leave the stop with processes whose robots nobody knows: who is frozen reads it when it wakes."""
         stop = SafeStop(reason=self._reason, order=self._order, within=unmeasured(CONFIRM))
-        sealed = seal(stop, now=_now(), within=CONFIRM)
-        self._transport.ask(
-            self._pattern, sealed.body, void_at=sealed.void_at, urgent=True, on_reply=lambda _: None
+        send_request(
+            self._transport,
+            self._pattern,
+            stop,
+            lambda _: None,
+            now=_now(),
+            within=CONFIRM,
+            urgent=True,
         )
 
     # -- judging ----------------------------------------------------------------------------------
