@@ -29,6 +29,7 @@ from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.world.machine_world import MachineWorld
 from robotree.vr.world.world import SimulatedProcess, TracedCore
 from tests.world import pages
+from tests.world.laws import network_is_whole
 from tests.world.pages import DETACHED, SOURCE
 from tests.world.points import at_every_statement
 
@@ -391,14 +392,15 @@ class HostStory:
         self.broken += [f"logged: {one}" for one in self.world.logged if "abandoned" not in one]
         if not self.whole:
             self.complain("the realm is not whole again")
+        self.broken += network_is_whole(self.processes.values())  # type: ignore[arg-type] # of a machine
         for core in self.cores:
             self._check_journal(core)
         for name, agent in self.host.agents.items():
             calls = agent.runtime.core.state.calls
             if calls.running or calls.waiting:
                 self.complain(f"{name} still has {calls.running} and {list(calls.waiting)}")
-            if agent.runtime.frames:
-                self.complain(f"{name} still has frames {list(agent.runtime.frames)}")
+            if agent.runtime.runs:
+                self.complain(f"{name} still has runs {list(agent.runtime.runs)}")
 
     def _check_journal(self, core: KeepingCore) -> None:
         """What is written is what has happened, in its order."""

@@ -1,0 +1,153 @@
+"""The stories of a whole realm (`story.py`) over the real network on one machine; for `make soak`."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Awaitable, Callable
+from types import ModuleType
+from typing import Any
+
+from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.world.kernel import Trouble
+from robotree.vr.world.machine_sockets import SimulatedSocket
+from robotree.vr.world.machine_world import REALM, ROOT, MachineProcess, MachineWorld
+from tests.world.laws import network_is_whole
+from tests.world.points import at_every_statement
+from tests.world.story import CALM, LENGTH, Story
+
+ENTERED = 0.5
+"""[s] until an operator looks again whether its program has entered the realm."""
+
+
+class WholeStory(Story):
+    """A whole realm on one machine."""
+
+    world: MachineWorld
+
+    def begin(self) -> None:
+        """Have the seed take the processor from threads, until the calm, and let it all happen."""
+        chance, preemption = random.Random(f"{self.world.seed} whole"), self.world.runner.preemption
+        preemption.share = chance.choice([0.0, 0.01, 0.1])
+        preemption.starve = chance.choice([0.0, 0.01, 0.1])
+        self.world.machine.trouble = Trouble(
+            split=chance.choice([0.0, 0.1, 0.5]),
+            small=chance.choice([0.0, 0.0, 0.3]),
+            late_accept=chance.choice([0.0, 0.01]),
+            late_wake=chance.choice([0.0, 0.002]),
+            slow_death=chance.choice([0.0, 0.001]),
+        )
+        self.world.runner.at(CALM, self._calm)
+        self.world.runner.at(LENGTH - 0.5, self._look_at_network)
+        self.tell()
+        for line in self.world.logged:
+            self.judge.complain(f"logged: {line}")
+
+    def _calm(self) -> None:
+        self.world.runner.preemption.share = 0.0
+        self.world.machine.trouble = Trouble()
+
+    def _look_at_network(self) -> None:
+        for wrong in network_is_whole(self._machines()):
+            self.judge.complain(f"network: {wrong}")
+
+    def _machines(self) -> list[MachineProcess]:
+        return [one for one in self.realm.processes.values() if isinstance(one, MachineProcess)]
+
+    def _as_operator(
+        self,
+        when: float,
+        work: Callable[[Fleet], Awaitable[object]],
+        what: str = "",
+        *,
+        operator: str = "operator-1",
+    ) -> None:
+        if work != self._keep_whole or operator in self.realm.fleets:
+            super()._as_operator(when, work, what, operator=operator)
+        else:
+            later = self.world.runner.now() + ENTERED
+            self.world.runner.at(later, lambda: self._as_operator(later, work, what, operator=operator))
+
+    # -- what goes wrong on one machine -----------------------------------------------------------
+
+    def _links(self, names: list[str]) -> list[SimulatedSocket]:
+        one, other = (self.realm.processes[name].runner for name in names)
+        return self.world.machine.links_between(one, other)
+
+    def _reset(self) -> None:
+        names = self._two()
+        self.world.note(names[0], f"is reset with {names[1]}")
+        for end in self._links(names)[:: self.chance.choice([1, 3])]:
+            end.reset()
+
+    def _cut(self) -> None:
+        names = self._two()
+        self.world.note(names[0], f"is cut off from {names[1]}")
+        ends = self._links(names)
+        self._stall([end for end in ends if end.system.process.name == names[0]] or ends)
+
+    def _stall(self, ends: list[SimulatedSocket], seconds: float | None = None) -> None:
+        for end in ends:
+            end.stalled = True
+            self._for(self.chance.uniform(0.5, 6.0) if seconds is None else seconds, end.go_on)
+
+    def _weather(self, until: float = 0.0) -> None:
+        self.world.note("machine", "bad weather")
+        self.world.machine.trouble.jitter = self.chance.uniform(0.0, 0.3)
+        self._for(until or self.chance.uniform(2.0, 10.0), self._clear_up)
+
+    def _clear_up(self) -> None:
+        self.world.machine.trouble.jitter = 0.0
+
+    def _go_wrong(self) -> None:
+        if self.chance.random() < 0.7:
+            super()._go_wrong()
+            return
+        self.faults += 1
+        machine, folder = self.world.machine, ROOT / REALM
+        match self.chance.randrange(3):
+            case 0:
+                self.world.note("machine", "the folder is gone")
+                machine.lose_folder(folder)
+            case 1:
+                self.world.note("machine", "the disk is full")
+                machine.disk_full = True
+                self._for(self.chance.uniform(0.2, 3.0), lambda: setattr(machine, "disk_full", False))
+            case _:
+                names: dict[str, Any] = machine.folders.get(str(folder), {})
+                if names:
+                    del names[self.chance.choice(sorted(names))]
+
+    def _a_stop_crosses_a_release(self) -> None:
+        """The release of one operator is held up on its way while the other one stops the cart again."""
+        chance, now = random.Random(f"{self.world.seed} crossing"), self.world.runner.now()
+        for begin in (now, now + 3.0):
+            self._order_stop(begin, "cart-3")
+            self._order_resume(begin + 0.8, "cart-3", "operator-2")
+            self.world.runner.at(begin + 0.8001, self._hold_up)
+            self._order_stop(begin + chance.uniform(1.06, 1.1), "cart-3")
+            for later in (1.8, 2.2):
+                self.world.runner.at(begin + later, lambda: self._drive_long("cart-3", 0.3, 2.0))
+        self._order_resume(now + 6.0, "cart-3")
+
+    def _hold_up(self) -> None:
+        ends = self._links(["operator-2", "cart-3"])
+        self._stall([end for end in ends if end.system.process.name == "cart-3"], 0.7)
+
+
+def play(seed: int, among: tuple[ModuleType, ...] = ()) -> tuple[str, WholeStory]:
+    """Play one seed to its end.
+
+    Args:
+        seed: of everything.
+        among: modules in which a thread can lose the processor before every statement.
+
+    Returns:
+        The digest of its trace, and the story.
+    """
+    with MachineWorld(seed) as world, at_every_statement(among, world.runner.point):
+        story = WholeStory(seed, world)
+        try:
+            story.begin()
+        except Exception as error:  # noqa: BLE001 # a fault of the program, which the seed has found
+            story.judge.complain(f"raised: {type(error).__name__}: {error}")
+        return world.digest, story
