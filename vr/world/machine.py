@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import errno
 import itertools
+import os
 import stat
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
@@ -21,8 +22,8 @@ from robotree.vr.world.kernel import Descriptors, Kernel, fail
 from robotree.vr.world.machine_sockets import CAPACITY, SimulatedEpoll, SimulatedSocket
 from robotree.vr.world.virtual_runner import VirtualLock, VirtualProcess, VirtualRunner
 
-USER = 1000
-"""Of all processes."""
+USER = os.geteuid()
+"""Of all processes: the one that owns this realm."""
 
 _UNIX_SOCKETS = Path("/proc/net/unix")
 
