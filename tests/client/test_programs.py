@@ -68,6 +68,9 @@ class Leader(VirtualRobot):
     walk = walker.exposed()
 """
 
+SOON = 10.0
+"""[s] for news to arrive."""
+
 
 class Walker(Kind):
     """What the page promises."""
@@ -219,6 +222,9 @@ def test_robots_are_put_on_top_of_robots_and_taken_apart(realm: Realm, realm_of_
         realm["ann"].walk(x=0)
     realm.release("leader.walker")
     assert realm["ann"].walk(x=0) == 0.0
+    latest = time.monotonic() + SOON  # the lookup services hear of it a moment later
+    while len(realm.ls()) < 2 and time.monotonic() < latest:
+        time.sleep(0.01)
     assert sorted(robot.name for robot in realm.ls()) == ["ann", "leader"]
     assert realm.delete("leader") == ""
     brisk = realm.create(str(realm_of_processes), "brisk", wanted="Walker", stride="1.5 m")

@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -452,7 +452,7 @@ class RobotAgent:
 
     def _petition(self, request: Petition, asker: Principal) -> Reply:
         self._expect_to_fit(request)
-        self.runtime.post(
+        effects = self.runtime.post(
             on.ParentAsked(
                 principal=asker,
                 parent=request.parent,
@@ -468,7 +468,7 @@ class RobotAgent:
         self._watch(request.parent)
         description = self.description()
         self._known_to_parent = description.commands
-        return self._granted(description)
+        return _granted(effects, description)
 
     def _expect_to_fit(self, request: Petition) -> None:
         """Refuse a slot for which this robot is not made.
@@ -493,7 +493,7 @@ class RobotAgent:
         )
         lease = self.runtime.core.state.lease.current
         try:
-            self.runtime.post(renewal)
+            effects = self.runtime.post(renewal)
         except CycleOfBonds as error:
             self._end_lease(request, str(error), asker)
             raise
@@ -501,20 +501,10 @@ class RobotAgent:
             self._watch(request.parent)
         commands: tuple[CommandSpec, ...] = self.runtime.look(lambda _: self.runtime.specs())
         if commands == self._known_to_parent:
-            return self._granted(None)
+            return _granted(effects, None)
         description = self.description()
         self._known_to_parent = description.commands
-        return self._granted(description)
-
-    def _granted(self, news: RobotDescription | None) -> Granted:
-        lease, slots = self.runtime.core.state.lease, self.runtime.core.state.slots
-        return Granted(
-            epoch=lease.epoch,
-            term=lease.term_granted,
-            robot=news,
-            depth=slots.depth,
-            ways=slots.ways,
-        )
+        return _granted(effects, description)
 
     def _retract(self, request: Retract, asker: Principal) -> Reply:
         parent = request.parent
@@ -625,6 +615,11 @@ class RobotAgent:
         task = asyncio.ensure_future(work)
         self._asides.add(task)
         task.add_done_callback(self._asides.discard)
+
+
+def _granted(effects: Sequence[CoreEffect], news: RobotDescription | None) -> Granted:
+    lease = next(effect for effect in effects if isinstance(effect, on.LeaseGranted))
+    return Granted(epoch=lease.epoch, term=lease.term, robot=news, depth=lease.depth, ways=lease.ways)
 
 
 def _settle(turned: asyncio.Future[list[str]], outcome: VrError | list[str] | None) -> None:

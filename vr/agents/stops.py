@@ -56,18 +56,17 @@ class Stops:
         Raises:
             NotConfirmed: not everything below has confirmed it.
         """
-        runtime, known = self._runtime, self._stop.known(request.order)
         reason, order, within = request.reason or "protective stop", request.order, request.within
-        runtime.post(on.StopAsked(reason=reason, order=order, within=within, principal=asker))
-        generation = known or max(self._stop.parts)
-        if not known:
-            runtime.changed()
-        reply = self._stop.reply(generation)
+        effects = self._runtime.post(on.StopAsked(reason=reason, order=order, within=within, principal=asker))
+        taken = next(effect for effect in effects if isinstance(effect, on.StopTaken))
+        generation, reply = taken.generation, taken.reply
+        if taken.fresh:
+            self._runtime.changed()
         if reply is None:
             if (settled := self._settling.get(generation)) is None:
                 settled = self._settling[generation] = asyncio.get_running_loop().create_future()
             patience = self._budget(within).within
-            await asyncio.wait([settled], timeout=patience if known else None)
+            await asyncio.wait([settled], timeout=None if taken.fresh else patience)
             if not settled.done():  # the copy before this one has more time
                 raise NoAnswer(key=self._key, seconds=patience)
             reply = settled.result()

@@ -316,6 +316,29 @@ class Settled(_Value, frozen=True, kw_only=True):
     """None: it had ended before, and is asked again."""
 
 
+class LeaseGranted(_Value, frozen=True, kw_only=True):
+    """The parent that has asked holds the lease from now on, or still."""
+
+    epoch: int
+    term: float
+    """[s]"""
+    depth: int
+    """Levels of robots below this one."""
+    ways: float
+    """[s] that the ways down through these levels and back take together, as measured."""
+
+
+class StopTaken(_Value, frozen=True, kw_only=True):
+    """A stop is in force."""
+
+    generation: int
+    """Its number: how many stops there are with it."""
+    fresh: bool
+    """Whether it is a new one; else a copy of an order that came before."""
+    reply: Done | Raised | None
+    """The answer, if all parts have answered already."""
+
+
 class LeaseChanged(_Value, frozen=True, kw_only=True):
     """Somebody else commands the robot, or the lease has other ancestors."""
 
@@ -372,6 +395,6 @@ class FieldsChanged(_Value, frozen=True, kw_only=True):
 
 
 CoreEffect = (
-    Begin | Interrupt | Settled | LeaseChanged | LeaseEnded | RenewLease | ChildGone | FieldsChanged
-    | AskPart | StopSettled
+    Begin | Interrupt | Settled | LeaseGranted | LeaseChanged | LeaseEnded | RenewLease | ChildGone
+    | FieldsChanged | AskPart | StopTaken | StopSettled
 )  # fmt: skip

@@ -46,9 +46,11 @@ from robotree.vr.core.events import (
     Interrupt,
     LeaseChanged,
     LeaseEnded,
+    LeaseGranted,
     RenewLease,
     Settled,
     StopSettled,
+    StopTaken,
 )
 from robotree.vr.core.stop import HARDWARE, Stop
 
@@ -522,6 +524,7 @@ class RobotCore:
             principal=event.principal,
         )
         return [
+            self._granted(),
             LeaseChanged(),
             *self._keep_bonds(now, all_of_them=True),
             *self._end_all(f"{parent.name} has enslaved {self.name}", now, but_readers=True),
@@ -533,7 +536,12 @@ class RobotCore:
             event.parent, event.epoch, event.lineage, now=now, principal=event.principal
         )
         changed = before is None or (before.parent, before.lineage) != (lease.parent, lease.lineage)
-        return [LeaseChanged(), *self._keep_bonds(now, all_of_them=True)] if changed else []
+        news = [LeaseChanged(), *self._keep_bonds(now, all_of_them=True)] if changed else []
+        return [self._granted(), *news]
+
+    def _granted(self) -> LeaseGranted:
+        lease, slots = self.state.lease, self.state.slots
+        return LeaseGranted(epoch=lease.epoch, term=lease.term_granted, depth=slots.depth, ways=slots.ways)
 
     def _end_lease(self, event: on.EndLease, now: float) -> Effects:
         lease = self.state.lease
@@ -643,10 +651,12 @@ class RobotCore:
     def _safe_stop(self, event: on.StopAsked, now: float) -> Effects:
         stop = self.state.stop
         if generation := stop.known(event.order):
-            return self._ask_parts(generation, event)
+            taken = StopTaken(generation=generation, fresh=False, reply=stop.reply(generation))
+            return [taken, *self._ask_parts(generation, event)]
         children = {slot: bond.child.name for slot, bond in self.state.slots.bonds().items()}
         generation = stop.begin(event.reason, event.order, {HARDWARE: self.name, **children}, now)
-        return [*self._end_all(event.reason, now), *self._ask_parts(generation, event)]
+        taken = StopTaken(generation=generation, fresh=True, reply=stop.reply(generation))
+        return [taken, *self._end_all(event.reason, now), *self._ask_parts(generation, event)]
 
     def _ask_parts(self, generation: int, order: on.StopAsked) -> Effects:
         """Ask those that have not answered a stop."""

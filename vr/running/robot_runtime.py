@@ -10,7 +10,7 @@ from __future__ import annotations
 import inspect
 import logging
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from types import FrameType
 from typing import Any, TypeVar
@@ -62,6 +62,9 @@ LONGEST_NOTE = 80
 
 LATE = 0.001
 """[s] that a deadline may be noticed late, so that deadlines which differ by rounding share one timer."""
+
+INVISIBLE = Begin | Settled | on.RenewLease | on.AskPart | on.LeaseGranted | on.StopTaken
+"""Effects that others do not see: a call that only reads, a renewal, a copy of a stop."""
 
 _T = TypeVar("_T")
 _log = logging.getLogger(__name__)
@@ -165,7 +168,7 @@ class RobotRuntime:
         listener: Listener | None = None,
         turn: PendingCall | None = None,
         accepted: Callable[[], None] | None = None,
-    ) -> None:
+    ) -> Sequence[CoreEffect]:
         """Let an event change the state, write it down, then carry out what follows.
 
         Args:
@@ -173,6 +176,9 @@ class RobotRuntime:
             listener: told how the call of an `Invoke` fares.
             turn: the same, if its worker may carry the command out when it is its turn.
             accepted: called when the event is written down and before anything begins.
+
+        Returns:
+            What followed; the answer to the asker is among it, for the state may be another one by now.
 
         Raises:
             VrError: the event is refused; nothing has changed.
@@ -205,6 +211,7 @@ class RobotRuntime:
         self._carry_out(effects)  # last, for this wakes other threads, which wait for the interpreter then
         if refusal is not None:
             raise refusal
+        return effects
 
     def reload(self, robot: VirtualRobot, done: Callable[[VrError | list[str] | None], None]) -> None:
         """Go on with another page as soon as no command that moves is running.
@@ -333,9 +340,7 @@ class RobotRuntime:
         """Whether others can see it: a call that only reads, and a renewal, show nowhere. Under the lock."""
         calls = self.core.state.calls
         before, self._at_work = self._at_work, (calls.running, len(calls.waiting))
-        return before != self._at_work or any(
-            not isinstance(one, Begin | Settled | on.RenewLease | on.AskPart) for one in effects
-        )
+        return before != self._at_work or any(not isinstance(one, INVISIBLE) for one in effects)
 
     def _show_change(self) -> None:
         """Let others see a change, and tell people whose commands wait which one is first."""
