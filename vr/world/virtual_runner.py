@@ -13,11 +13,12 @@ paused (as by SIGSTOP) and ended (as by SIGKILL).
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import itertools
 import random
 import threading
-from asyncio import events
+from asyncio import events, tasks
 from collections import deque
 from collections.abc import Callable, Generator
 from contextlib import AbstractContextManager
@@ -33,6 +34,7 @@ BEGINNING = 1_000_000_000.0
 """[s] since 1970, at which virtual time begins."""
 
 _set_running_loop = events._set_running_loop  # noqa: SLF001 # asyncio offers no other way
+_enter_task, _leave_task = tasks._enter_task, tasks._leave_task  # noqa: SLF001 # as above
 
 STARVED = 0.3
 """Share of the threads that lose the processor and wait for some time."""
@@ -365,11 +367,16 @@ class VirtualRunner:
         self._all[me] = None
         # one that has done this task before: a new one would begin as deep as this stack is
         self._hub = self._hubs.pop() if self._hubs else _Fiber(self._schedule, self._main)
+        task = None if loop is None else asyncio.current_task(loop)
+        if task is not None:  # from Python 3.14 on a thread has one current task, before each loop had one
+            _leave_task(loop, task)
         self.outside()
         try:
             self._hub.switch()
         finally:
             self.enter(loop)
+            if task is not None:
+                _enter_task(loop, task)
 
     def _schedule(self) -> None:
         """Choose who runs, and let time pass, for ever; what an action raises goes to the main greenlet."""
