@@ -174,15 +174,17 @@ async def test_who_is_cancelled_twice_while_it_opens_a_port_leaves_none_open() -
 
 
 async def test_who_is_cancelled_as_a_port_has_just_been_opened_leaves_none_open() -> None:
-    threads, now_open = ThreadPoolExecutor(1), list[str]()
+    threads, now_open, asked = ThreadPoolExecutor(1), list[str](), threading.Event()
     asyncio.get_running_loop().set_default_executor(threads)
 
     def open_it() -> str:
+        asked.wait()
         now_open.append("port")
         return "port"
 
     task = asyncio.ensure_future(opened(open_it, now_open.remove))
     await asyncio.sleep(0)
+    asked.set()
     threads.submit(lambda: None).result()  # the one thread is through with it, and the loop has not heard so
     assert now_open == ["port"]
     task.cancel()
