@@ -22,7 +22,7 @@ from robotree.vr.exchange.client import RobotClient
 from robotree.vr.world.network import MemoryNetwork
 from robotree.vr.world.testing import until
 from tests.examples import node
-from tests.examples.controllers import COMPILER, compiled, generated
+from tests.examples.controllers import COMPILER, compiled, generated, made_once
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 HURRY = 6.0
@@ -91,16 +91,16 @@ def controller_c(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The program of the controller in C."""
     if COMPILER is None or shutil.which("make") is None:
         pytest.skip("there is no C compiler or no make here")
-    return compiled(tmp_path_factory.mktemp("controller_c"))
+    return Path(*made_once(tmp_path_factory, "controller_c", compiled))
 
 
 @pytest.fixture(scope="session")
 def controller_py(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """How the controller in Python is started."""
-    return generated(tmp_path_factory.mktemp("controller_py"))
+    return made_once(tmp_path_factory, "controller_py", generated)
 
 
 @pytest.fixture(scope="session")
 def controller_js(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """How the controller in JavaScript is started."""
-    return node.made(tmp_path_factory.mktemp("controller_js"))
+    return made_once(tmp_path_factory, "controller_js", node.made)

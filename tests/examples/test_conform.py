@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
+from contextlib import AsyncExitStack
 from pathlib import Path
 
 import pytest
@@ -14,22 +16,18 @@ from robotree.protocol.errors import LinkError
 from robotree.protocol.links.keyring import Keyring, create
 from robotree.protocol.links.security import Security
 from robotree.protocol.messages import Claim, ClaimWish
-from robotree.protocol.tools.conform import KINDS, RULES, Level, Outcome, Result, examine
+from robotree.protocol.tools.conform import KINDS, RULES, Level, Outcome, Result
 from robotree.protocol.tools.conform.examine import NotExaminable
 from robotree.sim.serving.server import serving
 from robotree.tui import exit_codes
 from tests.command_line import ROBOTREE
-from tests.examples.controllers import started
+from tests.examples.controllers import AT_ONCE, not_kept, started, tried, tried_alike, tried_at
 from tests.station import Station
 
 pytestmark = pytest.mark.e2e
 ROOT = Path(__file__).parents[2]
 GUIDE = ROOT / "docs" / "bring-your-own-robot.md"
 COMPANION = {"base": 1, "limb": 25, "head": 27}
-
-
-async def tried(url: str, **options: object) -> list[Result]:
-    return [result async for result in examine(url, **options)]  # type: ignore[arg-type]
 
 
 def broken(results: list[Result], level: Level = Level.MUST) -> dict[str, str]:
@@ -47,28 +45,42 @@ def test_the_guide_has_each_rule_with_its_id_and_its_level() -> None:
     assert rows == [f"| `{rule.id}` | {rule.level} | {rule.text} |" for rule in RULES.values()]
 
 
-async def test_simulated_python_and_javascript_controllers_keep_the_rules(
-    controller_py: list[str], controller_js: list[str]
-) -> None:
-    """The one in C has its own test. All at the same time: most rules wait."""
-    with started([*controller_py, "0"]) as in_python, started([*controller_js, "0"]) as in_javascript:
-        async with serving("rover", "tcp:127.0.0.1:0") as server:
-            simulated, python, javascript = await asyncio.gather(
-                *map(tried, (server.address, in_python.url, in_javascript.url))
-            )
-    assert [each.rule.id for each in simulated] == [*RULES]
-    for results in (simulated, javascript):
-        assert {each.rule.id: each.detail for each in results if each.outcome is not Outcome.KEPT} == {}
-    assert broken(python) == {}
-    assert set(broken(python, Level.SHOULD)) == {"life", "several-clients", "sentence"}
+async def test_the_controller_in_c_keeps_all_rules(controller_c: Path) -> None:
+    assert not_kept(await tried_alike([str(controller_c), "0"], kind="rover")) == {}
 
 
-@pytest.mark.parametrize("kind", sorted(KINDS.keys() - {"rover"}))
-async def test_each_simulated_kind_is_moved_and_holds_as_the_rules_say(kind: str) -> None:
+async def test_the_controller_in_javascript_keeps_all_rules(controller_js: list[str]) -> None:
+    assert not_kept(await tried_alike([*controller_js, "0"], kind="arm")) == {}
+
+
+async def test_the_controller_in_python_keeps_all_rules_that_it_must(controller_py: list[str]) -> None:
+    results = await tried_alike([*controller_py, "0"], kind="rover")
+    assert broken(results) == {}
+    assert set(broken(results, Level.SHOULD)) == {"life", "several-clients", "sentence"}
+
+
+async def test_the_simulated_controller_keeps_all_rules() -> None:
+    async with AsyncExitStack() as stack:
+        serves = [serving("rover", "tcp:127.0.0.1:0") for _ in range(AT_ONCE)]
+        urls = [(await stack.enter_async_context(each)).address for each in serves]
+        results = await tried_at(urls)
+    assert [each.rule.id for each in results] == [*RULES]
+    assert not_kept(results) == {}
+
+
+async def test_each_simulated_kind_is_moved_and_holds_as_the_rules_say() -> None:
     rules = ("reaches", "cancel", "hold", "time-to-live", "stop")
-    async with serving("companion" if kind in COMPANION else kind, "tcp:127.0.0.1:0") as server:
-        results = await tried(server.address, kind=kind, controller=(1, COMPANION.get(kind, 1)), rules=rules)
-    assert {each.rule.id: each.detail for each in results if each.outcome is not Outcome.KEPT} == {}
+    kinds = sorted(KINDS.keys() - {"rover"})
+    async with AsyncExitStack() as stack:
+        serves = [serving("companion" if kind in COMPANION else kind, "tcp:127.0.0.1:0") for kind in kinds]
+        urls = [(await stack.enter_async_context(each)).address for each in serves]
+        results = await asyncio.gather(
+            *(
+                tried(url, kind=kind, controller=(1, COMPANION.get(kind, 1)), rules=rules)
+                for kind, url in zip(kinds, urls, strict=True)
+            )
+        )
+    assert dict(zip(kinds, map(not_kept, results), strict=True)) == {kind: {} for kind in kinds}
 
 
 @pytest.mark.soak
@@ -77,7 +89,7 @@ async def test_each_simulated_kind_is_moved_and_holds_as_the_rules_say(kind: str
 async def test_each_simulated_kind_keeps_all_rules(kind: str) -> None:
     async with serving("companion" if kind in COMPANION else kind, "tcp:127.0.0.1:0") as server:
         results = await tried(server.address, kind=kind, controller=(1, COMPANION.get(kind, 1)))
-    assert {each.rule.id: each.detail for each in results if each.outcome is not Outcome.KEPT} == {}
+    assert not_kept(results) == {}
 
 
 @pytest.fixture(params=["sim", "c", "python"])
@@ -109,19 +121,21 @@ async def test_a_controller_with_a_key_is_examined_by_who_has_the_key_and_by_nob
     keyed: str, tmp_path: Path
 ) -> None:
     rules = ("introduction", "reaches", "stop", "key-of-sender", "link-other", "epoch-told")
-    words = [*ROBOTREE, "wire", "conform", "--connect", keyed]
+    words = [*ROBOTREE, "wire", "conform", "--connect", keyed, "--kind", "rover"]
 
     async def conform(*options: str) -> tuple[int, str]:
         done = await asyncio.to_thread(
-            subprocess.run, [*words, *options, *rules], capture_output=True, text=True, check=False
+            subprocess.run, [*words, *options], capture_output=True, text=True, check=False
         )
         return done.returncode, done.stdout + done.stderr
 
-    code, said = await conform("--key", str(tmp_path / "cell.key"))
+    code, said = await conform("--key", str(tmp_path / "cell.key"), *rules)
     assert code == exit_codes.DONE, said
     assert "it conforms.  MUST: 6 kept" in said or "it conforms.  MUST: 5 kept, 0 broken, 1 not" in said, said
     create(tmp_path / "other.key")
-    for code, said in await asyncio.gather(conform("--key", str(tmp_path / "other.key")), conform()):
+    moves = rules[1]
+    others = conform("--key", str(tmp_path / "other.key"), moves), conform(moves)
+    for code, said in await asyncio.gather(*others):
         assert code != exit_codes.DONE, said
 
 
@@ -140,10 +154,11 @@ async def test_a_controller_that_somebody_commands_is_left_alone() -> None:
         proxy.say(Claim(5, 9, 30_000, 0, 1, 1, ClaimWish.KEEP, "rover-1, pid 812"))
         await proxy.ping()
         with pytest.raises(NotExaminable, match="rover-1, pid 812 holds this controller; end it first"):
-            await tried(server.address)
+            await tried(server.address, kind="rover")
 
 
-async def test_nobody_there_is_told_in_one_sentence() -> None:
+async def test_nobody_there_is_told_in_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys.modules[NotExaminable.__module__], "OBSERVED", 0.3)
     with pytest.raises(LinkError, match=r"tcp:127\.0\.0\.1:1 cannot be opened"):
         await tried("tcp:127.0.0.1:1")
 

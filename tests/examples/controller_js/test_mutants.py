@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import asyncio
 from collections import Counter
-from contextlib import ExitStack, aclosing, suppress
-from itertools import groupby
+from collections.abc import Sequence
+from contextlib import aclosing, suppress
 from pathlib import Path
 
 import pytest
@@ -20,6 +20,14 @@ pytestmark = pytest.mark.e2e
 
 WITH_LONG_SILENCE = {"claim-term"}
 """Rules about a time that must end before the silence does."""
+SEVERAL = Path(__file__).with_name("several.js")
+AT_ONCE = 48
+"""Mutants in one process."""
+
+
+def intact(rule: str) -> Mutant:
+    """Return the controller as it is, for a rule."""
+    return Mutant(rule, "intact", ())
 
 
 def test_there_is_a_mutant_for_each_rule() -> None:
@@ -27,13 +35,14 @@ def test_there_is_a_mutant_for_each_rule() -> None:
     assert Counter((each.rule, each.does) for each in MUTANTS).most_common(1)[0][1] == 1
 
 
-def made(mutant: Mutant, controller_js: list[str], folder: Path) -> list[str | Path]:
-    """Write a mutant; returns how it is started."""
+def written(mutant: Mutant, controller_js: list[str], folder: Path) -> Path:
+    """Write a mutant into a folder that is made."""
     folder.mkdir()
     for name in ("node_modules", "robotree.js"):
         (folder / name).symlink_to(Path(controller_js[-1]).parent / name)
-    mutant.write(node.SOURCE, folder)
-    return [controller_js[0], folder / "controller.js", "0"]
+    quick = () if mutant.rule in WITH_LONG_SILENCE else (QUICK,)
+    mutant._replace(changes=(*mutant.changes, *quick)).write(node.SOURCE, folder)
+    return folder
 
 
 async def outcome(mutant: Mutant, url: str) -> str:
@@ -46,20 +55,34 @@ async def outcome(mutant: Mutant, url: str) -> str:
     return " ".join(f"{mutant.rule}, {mutant.does}: {each.outcome} {each.detail}" for each in results)
 
 
-@pytest.mark.parametrize(
-    "mutants", [pytest.param([*each], id=rule) for rule, each in groupby(MUTANTS, lambda each: each.rule)]
-)
-async def test_each_mutant_is_caught_by_its_rule(
-    mutants: list[Mutant], controller_js: list[str], tmp_path: Path
-) -> None:
-    intact = Mutant(mutants[0].rule, "intact", ())
-    quick = () if intact.rule in WITH_LONG_SILENCE else (QUICK,)
-    tried = [each._replace(changes=(*each.changes, *quick)) for each in (intact, *mutants)]
-    with ExitStack() as stack:
-        urls = [
-            stack.enter_context(started(made(each, controller_js, tmp_path / str(i)))).url
-            for i, each in enumerate(tried)
-        ]
-        kept, *caught = await asyncio.gather(*map(outcome, tried, urls))
-    assert f": {Outcome.KEPT}" in kept
+async def outcomes(mutants: Sequence[Mutant], controller_js: list[str], folder: Path) -> list[str]:
+    """What their rules say of mutants that one process runs, at the same time: most rules only wait."""
+    folders = [written(each, controller_js, folder / str(i)) for i, each in enumerate(mutants)]
+    with started([controller_js[0], SEVERAL, *folders]) as running:
+        assert running.process.stdout is not None
+        lines = [running.process.stdout.readline() for _ in folders[1:]]
+        urls = [running.url, *(line.split()[1] for line in lines)]
+        return await asyncio.gather(*map(outcome, mutants, urls))
+
+
+@pytest.fixture(scope="module")
+def tried(
+    request: pytest.FixtureRequest, controller_js: list[str], tmp_path_factory: pytest.TempPathFactory
+) -> dict[Mutant, str]:
+    """What its rule says of each mutant that the chosen tests are about, and of the intact controller."""
+    tests = [item for item in request.session.items if item.path == request.path]
+    chosen = {test.callspec.params["rule"] for test in tests if hasattr(test, "callspec")}
+    todo = [each for each in (*map(intact, RULES), *MUTANTS) if each.rule in chosen]
+    found = dict[Mutant, str]()
+    for first in range(0, len(todo), AT_ONCE):
+        part = todo[first : first + AT_ONCE]
+        folder = tmp_path_factory.mktemp("mutants")
+        found |= zip(part, asyncio.run(outcomes(part, controller_js, folder)), strict=True)
+    return found
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_each_mutant_is_caught_by_its_rule(rule: str, tried: dict[Mutant, str]) -> None:
+    assert f": {Outcome.KEPT}" in tried[intact(rule)]
+    caught = [tried[each] for each in MUTANTS if each.rule == rule]
     assert [each for each in caught if f": {Outcome.BROKEN}" not in each] == []
