@@ -52,6 +52,6 @@ def _watch(runner: VirtualRunner, thread: int, done: threading.Event) -> None:
         now = runner.switches, runner.now()
         if now != seen:
             seen, since = now, time.monotonic()
-        elif time.monotonic() - since > LIMIT and not runner.held:  # else a lock would stay held
+        elif time.monotonic() - since > LIMIT and not runner.holding:  # else a lock would stay held
             strike(ident, error)
             since = time.monotonic()

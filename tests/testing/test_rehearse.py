@@ -298,7 +298,7 @@ def test_code_that_holds_a_lock_is_interrupted_when_it_has_left_it(monkeypatch: 
             compute(0.3)
         with pytest.raises(watch.Endless):
             compute(60.0)
-    assert not runner.held
+    assert not runner.holding
 
 
 def test_the_same_seed_gives_the_same_story() -> None:
