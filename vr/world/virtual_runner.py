@@ -334,14 +334,8 @@ class VirtualRunner:
             self._leave()
         if getcurrent() is self._hub:
             self._wait_in_a_turn()
-        elif (loop := self.entered) is not None:  # a turn that has waited before waits again
-            self.outside()
-            try:
-                self._hub.switch()
-            finally:
-                self.enter(loop)
-        else:
-            self._hub.switch()
+        else:  # also a turn that has waited before
+            self._leave_to_hub()
         if self._error is not None and getcurrent() is self._main:
             error, self._error = self._error, None
             raise error
@@ -362,12 +356,20 @@ class VirtualRunner:
 
     def _wait_in_a_turn(self) -> None:
         """A callback of an event loop waits: another greenlet takes over the task of choosing."""
-        me, loop = self._hub, self.entered
+        me = self._hub
         me.process = self.turning
         self._all[me] = None
         # one that has done this task before: a new one would begin as deep as this stack is
         self._hub = self._hubs.pop() if self._hubs else _Fiber(self._schedule, self._main)
-        task = None if loop is None else asyncio.current_task(loop)
+        self._leave_to_hub()
+
+    def _leave_to_hub(self) -> None:
+        """Let others run; what asyncio takes for running is the same when this goes on."""
+        loop = self.entered
+        if loop is None:
+            self._hub.switch()
+            return
+        task = asyncio.current_task(loop)
         if task is not None:  # from Python 3.14 on a thread has one current task, before each loop had one
             _leave_task(loop, task)
         self.outside()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from functools import partial
 
 import pytest
 
@@ -13,6 +14,7 @@ from robotree.vr.world.virtual_runner import (
     BEGINNING,
     VirtualProcess,
     VirtualRunner,
+    VirtualWaiter,
     virtual_runner,
 )
 
@@ -184,6 +186,28 @@ def test_several_loops_run_beside_each_other_and_know_which_is_theirs() -> None:
         assert sorted(told) == [(1.0, "a"), (1.5, "b"), (2.0, "a"), (3.0, "a"), (3.0, "b"), (4.5, "b")]
         for loop in loops:
             loop.close()
+
+
+def test_a_task_that_waits_in_its_turn_twice_is_the_current_one_each_time_it_goes_on() -> None:
+    current: list[tuple[str, bool]] = []
+    with virtual_runner() as runner:
+
+        async def work(waiter: VirtualWaiter, name: str) -> None:
+            task = asyncio.current_task()
+            await asyncio.sleep(0.1)
+            for _ in range(3):
+                waiter.wait(1.0)  # not awaited: the loop of the task stands still, the others turn
+                current.append((name, asyncio.current_task() is task))
+
+        def live(process: VirtualProcess, name: str) -> None:
+            loop = VirtualLoop(process)
+            loop.run_until_complete(work(process.waiter(), name))
+            loop.close()
+
+        for name in "abc":
+            runner.spawn(partial(live, VirtualProcess(runner, name), name), name)
+        runner.run(10.0)
+    assert sorted(current) == [(name, True) for name in "abc" for _ in range(3)]
 
 
 def test_a_dropped_loop_leaves_nothing_behind() -> None:
