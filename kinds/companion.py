@@ -249,7 +249,7 @@ class Companion(Kind):
         *,
         within: Within = None,
     ) -> None:
-        """Put what a hand holds down on the table."""
+        """Put what a hand holds down on the table, away from all that stands there."""
         raise NotImplementedError
 
     @promised(effect="read")
