@@ -8,7 +8,7 @@ from collections.abc import Generator
 from dataclasses import dataclass
 from typing import Any
 
-import robotree.vr.running.robot_runtime
+import robotree.vr.running.child_call
 from robotree.protocol.messages import Goal, GoalCancel, SetMode, Verb
 from robotree.protocol.services.claim_server import ClaimServer
 from robotree.protocol.services.fence import Fence
@@ -80,7 +80,7 @@ SAFEGUARDS = {
     "a call that its caller has given up is never begun": (Safeguard(Calls, "late", lambda *_: False),),
     "a cancel that comes before its call is remembered": (Safeguard(Calls, "refuse", lambda *_: None),),
     "a child's command ends by the deadline of its parent's": (
-        Safeguard(robotree.vr.running.robot_runtime, "Call", _deadline_of_its_own),
+        Safeguard(robotree.vr.running.child_call, "Call", _deadline_of_its_own),
     ),
     "a release names the stop that it ends": (
         Safeguard(Stops, "_stops_seen", lambda self, _: self._runtime.stops),

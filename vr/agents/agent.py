@@ -74,7 +74,9 @@ from robotree.vr.core.stop import Stop
 from robotree.vr.exchange.claim import claim, new_address
 from robotree.vr.exchange.dispatcher import Dispatcher, SendReply, not_for
 from robotree.vr.lookup.registrar import Registrar
-from robotree.vr.running.process import LONGEST_END, Process
+from robotree.vr.running.activity import execute
+from robotree.vr.running.frame import LONGEST_END
+from robotree.vr.running.process import Process
 from robotree.vr.running.robot_runtime import NotDescribed, OnDescribed, RobotRuntime
 from robotree.vr.running.runner import runner_of
 
@@ -137,6 +139,7 @@ class RobotAgent:
             robot,
             self._process.core(_new_state(robot, self.address, self._shared.host, granted)),
             self._process,
+            execute=execute,
             transport=transport,
             describe_child=self._describe_child,
             follow_child=self._follow_child,

@@ -21,9 +21,9 @@ from typing import TypeVar
 from robotree.files import forks
 from robotree.vr.author.robot import Robot
 from robotree.vr.author.virtual_robot import VirtualRobot
-from robotree.vr.base.errors import VrError
+from robotree.vr.base.errors import VrError, words_of
 from robotree.vr.running.heard import Voice, speaking
-from robotree.vr.running.page_trace import begin_of, page_lines, trace, words_of
+from robotree.vr.running.page_trace import begin_of, page_lines, trace
 from robotree.vr.running.runner import Runner
 from robotree.vr.running.serial_worker import SerialWorker
 

@@ -10,16 +10,13 @@ import math
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from contextvars import ContextVar
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
 
 import msgspec
 
 from robotree.vr.base.requests import Level, State
 
 T = TypeVar("T")
-P = ParamSpec("P")
-R = TypeVar("R")
 
 
 class CommandContext(msgspec.Struct, frozen=True, kw_only=True):
@@ -94,51 +91,6 @@ class CallFuture(Protocol[R_co]):
 
     def when_done(self, tell: Callable[[], None]) -> None:
         """Call back once it has ended, from any thread; at once if it has."""
-        ...
-
-
-class Parts(Protocol):
-    """A block in which several parts of a command run at once."""
-
-    def __enter__(self) -> Self: ...
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
-
-    def start(self, work: Callable[P, R], /, *values: P.args, **arguments: P.kwargs) -> CallFuture[R]:
-        """Start a child's command, or a function of the page that calls children one after the other.
-
-        Args:
-            work: `self.left.go_to`, or a function.
-            *values: of its arguments, in their order.
-            **arguments: by name.
-
-        Returns:
-            Its future; inside the block one can wait for it alone.
-        """
-        ...
-
-
-class Together(Parts, Protocol):
-    """Several parts of a command at once: see `Robot.together`."""
-
-    @property
-    def results(self) -> list[Any]:
-        """The results of all, in the order in which they were started; after the block."""
-        ...
-
-
-class Race(Parts, Protocol):
-    """Several ways to do the same: see `Robot.first`."""
-
-    @property
-    def result(self) -> Any:
-        """The result of the first that succeeded; after the block."""
-        ...
-
-    @property
-    def winner(self) -> int:
-        """Which one that was, counted from 0 in the order of the starts; after the block."""
         ...
 
 
@@ -251,6 +203,28 @@ class Activity(Protocol):
 
     def together(self, *, first: bool) -> Any:
         """Return a `Together`, or a `Race` in which the first success decides."""
+        ...
+
+    def open_group(self, group: Any, /) -> None:
+        """Have what is started from now on belong to a `together.Group`."""
+        ...
+
+    def close_group(self, group: Any, error: BaseException | None, /) -> None:
+        """Wait until a group is over, unless its block has raised an error; end what still runs of it."""
+        ...
+
+    def start_part(
+        self, group: Any, work: Callable[..., Any], values: tuple[Any, ...], arguments: dict[str, Any], /
+    ) -> CallFuture:
+        """Start a child's command, or a function of the page on another worker, as a part of a group."""
+        ...
+
+    def result_of(self, part: Any, timeout: float, /) -> Any:
+        """Wait for a `together.Started`, `timeout` [s] at most, and return its result."""
+        ...
+
+    def let_go_on(self, part: Any, /) -> None:
+        """Let a part go on after the command, as soon as the child has accepted it."""
         ...
 
     def cleanup(self, within: float) -> AbstractContextManager[None]:

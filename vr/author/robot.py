@@ -7,7 +7,8 @@ from collections.abc import Awaitable, Callable, Mapping
 from contextlib import AbstractContextManager
 from typing import Any, ClassVar
 
-from robotree.vr.author.context import CallLimit, CommandContext, Race, Together, running
+from robotree.vr.author.context import CallLimit, CommandContext, running
+from robotree.vr.author.together import Race, Together
 from robotree.vr.base.address import check_name
 from robotree.vr.base.units import seconds as seconds_of
 

@@ -21,6 +21,7 @@ that a caller on the far side of the network catches the same class with the sam
 
 from __future__ import annotations
 
+import re
 import string
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -640,3 +641,23 @@ class TooWide(RoleError):
     sentence = (
         "role {role}: {limit} {asked:g} is wider than the {own:g} of {whose}; a role can only narrow a limit"
     )
+
+
+# -- in words --------------------------------------------------------------------------------------
+
+PRIVATE_MODULE, PRIVATE_FOLDER = "robotree_bundle_", "robotree-page-"
+"""What the names of modules of pages, and of the folders of what lies beside them, begin with."""
+_PRIVATE = re.compile(rf"{PRIVATE_MODULE}\w+\.|[^\s'\"(]*/{PRIVATE_FOLDER}\w+/")
+
+
+def words_of(error: BaseException) -> str:
+    """Return kind and text of an error; if its text cannot be written, only its kind.
+
+    Names of private modules and folders are left out: an author knows `helper`, and `map.json` beside it.
+    """
+    kind = type(error).__name__
+    try:
+        text = str(error)
+    except Exception:  # noqa: BLE001 # the author's own __str__
+        return kind
+    return f"{kind}: {_PRIVATE.sub('', text)}" if text else kind

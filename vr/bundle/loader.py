@@ -28,13 +28,13 @@ from typing import Any, TypeVar, cast
 from robotree.vr.author.child import Slotted
 from robotree.vr.author.robot import Robot
 from robotree.vr.author.virtual_robot import RESERVED, VirtualRobot
-from robotree.vr.base.errors import BadName, BrokenSource
+from robotree.vr.base.errors import BadName, BrokenSource, words_of
 from robotree.vr.base.extras import lack_of
 from robotree.vr.bundle.package import PREFIX, Package, package_of
 from robotree.vr.bundle.refused import mistakes
 from robotree.vr.bundle.syntax import TOO_DEEP, line_of, slots_at
 from robotree.vr.running.interruptible import Interrupted, InterruptibleThread
-from robotree.vr.running.page_trace import authors_file, file_in_tracebacks, words_of
+from robotree.vr.running.page_trace import authors_file, file_in_tracebacks
 
 LIMIT = 5.0
 """[s] for a source to run."""

@@ -24,8 +24,8 @@ from types import ModuleType
 from typing import Any
 
 from robotree.files import overwrite
-from robotree.vr.base.errors import BrokenSource
-from robotree.vr.running.page_trace import PRIVATE_FOLDER, PRIVATE_MODULE, file_in_tracebacks
+from robotree.vr.base.errors import PRIVATE_FOLDER, PRIVATE_MODULE, BrokenSource
+from robotree.vr.running.page_trace import file_in_tracebacks
 
 PREFIX = PRIVATE_MODULE
 """Names of private modules begin with it."""

@@ -1,12 +1,18 @@
-"""The readings of a child as it publishes them, for one running command."""
+"""The readings of children as one running command follows them: it waits for new ones, or for a condition."""
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable
+from functools import partial
+from typing import Any
 
+from robotree.vr.author.context import CallLimit
 from robotree.vr.author.readings import Record
+from robotree.vr.base.errors import VrError
 from robotree.vr.base.requests import State
+from robotree.vr.running.frame import Frame
 
 _numbers = itertools.count(1)
 
@@ -27,14 +33,25 @@ class Feed:
     state: State | None = None
     """The latest state, of which they are a part; None: there was none."""
 
-    def __init__(self, wake: Callable[[], None]) -> None:
-        """Take how to tell the command that there is news."""
-        self._wake = wake
-        self.close: Callable[[], None] = _nothing
-        """Has nothing more taken."""
+    def __init__(self, frame: Frame, slot: str) -> None:
+        """Follow the child that is in a slot now, for a command.
 
-    def take(self, state: State) -> None:
-        """Take what was published."""
+        Raises:
+            SlotEmpty: there is none.
+        """
+        runtime = frame.runtime
+        child, epoch = runtime.child_in(slot)
+        self._wake = frame.wake
+        self._forget = runtime.when_gone(slot, self._end)
+        self._unfollow = runtime.follow_child(child, self._take)
+        try:
+            gone = runtime.child_in(slot) != (child, epoch)
+        except VrError:
+            gone = True
+        if gone:  # it has left before it was followed
+            self._end(None)
+
+    def _take(self, state: State) -> None:
         self.state, self.latest = state, Record(state.readings)
         self.number = next(_numbers)
         self._wake()
@@ -43,11 +60,88 @@ class Feed:
         """Whether there is news that is newer than the one numbered `after`."""
         return self.number > after
 
-    def end(self) -> None:
-        """The child has left the slot."""
+    def _end(self, _: VrError | None) -> None:
+        """Take note that the child has left the slot."""
         self.over, self.number = True, next(_numbers)
         self._wake()
 
+    def close(self) -> None:
+        """Follow the child no more."""
+        self._forget()
+        self._unfollow()
 
-def _nothing() -> None:
-    """Nothing is taken yet."""
+
+class Feeds:
+    """The readings of children that one command follows."""
+
+    def __init__(self, frame: Frame) -> None:
+        """Follow nobody yet; `frame` is that of the command."""
+        self._frame = frame
+        self._by_slot: dict[str, Feed] = {}
+
+    def of(self, slot: str) -> Feed:
+        """Return what the child that is now in a slot publishes.
+
+        Raises:
+            SlotEmpty: there is none.
+        """
+        feed = self._by_slot.get(slot)
+        if feed is None or feed.over:
+            if feed is not None:
+                feed.close()
+            feed = self._by_slot[slot] = Feed(self._frame, slot)
+        return feed
+
+    def next_reading(self, slot: str, after: int) -> tuple[int, Any]:
+        """Wait for a reading that is newer than the one numbered `after`; return its number, too."""
+        feed = self.of(slot)
+        while feed.over or feed.number <= after:
+            self._frame.wait(partial(feed.has_news, after))
+            feed = self.of(slot)
+        return feed.number, feed.latest
+
+    def wait_until(self, condition: Callable[[], object], limit: CallLimit | None) -> None:
+        """Wait until a condition of the page is true; look at it again whenever a child publishes.
+
+        Raises:
+            TimeoutError: it was not true in time.
+            RuntimeError: it reads nothing of a child.
+        """
+        frame = self._frame
+        end = math.inf if limit is None else frame.worker.now() + limit.seconds
+        frame.looks = True
+        try:
+            while True:
+                newest = self._newest()
+                if self._holds(condition):
+                    return
+                if not self._by_slot:
+                    raise RuntimeError(
+                        "the condition of wait_until has read no readings of a child, so nothing tells when "
+                        "to look again; read them as in self.arm.readings.z"
+                    )
+                if not frame.wait(partial(self._has_news, newest), end - frame.worker.now()):
+                    raise TimeoutError(f"the condition was not true within {limit.text if limit else ''}")
+        finally:
+            frame.looks = False
+
+    def _holds(self, condition: Callable[[], object]) -> bool:
+        worker = self._frame.worker
+        worker.arm(self._frame)
+        try:
+            return bool(condition())
+        except NoReadingYet:
+            return False
+        finally:
+            worker.disarm()
+
+    def _newest(self) -> int:
+        return max((feed.number for feed in self._by_slot.values()), default=0)
+
+    def _has_news(self, after: int) -> bool:
+        return self._newest() > after
+
+    def close(self) -> None:
+        """Follow nobody any more."""
+        for feed in self._by_slot.values():
+            feed.close()

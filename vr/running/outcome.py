@@ -5,10 +5,18 @@ from __future__ import annotations
 import logging
 
 from robotree.vr.author.context import CommandContext
-from robotree.vr.base.errors import BadArgument, CommandError, CommandFailed, Failed, NoSuchCommand, VrError
+from robotree.vr.base.errors import (
+    BadArgument,
+    CommandError,
+    CommandFailed,
+    Failed,
+    NoSuchCommand,
+    VrError,
+    words_of,
+)
 from robotree.vr.base.requests import Raised
 from robotree.vr.running.own_errors import own_class_of, travelling
-from robotree.vr.running.page_trace import PageLine, page_lines, trace_of, words_of
+from robotree.vr.running.page_trace import PageLine, page_lines, trace_of
 
 _log = logging.getLogger(__name__)
 

@@ -14,11 +14,10 @@ from collections.abc import Iterator
 from types import ModuleType
 from typing import Any
 
-from robotree.vr.base.errors import CommandFailed, VrError
+from robotree.vr.base.errors import PRIVATE_MODULE, CommandFailed, VrError
 from robotree.vr.base.own_class import OwnClass
 from robotree.vr.base.plain import to_plain
 from robotree.vr.base.units import shorten
-from robotree.vr.running.page_trace import PRIVATE_MODULE
 
 _INSTALLED = tuple({sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")})
 """Folders of Python and of its packages: their classes belong to no page."""

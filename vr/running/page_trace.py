@@ -21,7 +21,7 @@ from pathlib import Path
 from types import FrameType
 from typing import NamedTuple
 
-from robotree.vr.base.errors import VrError
+from robotree.vr.base.errors import VrError, words_of
 
 MOST_LINES = 60
 """Lines of a trace: a recursion without end must not fill a message."""
@@ -29,9 +29,6 @@ MOST_CAUSES = 8
 LONGEST_LINE = 160
 """Characters of a line of a page."""
 _VERSION = re.compile(r"@[0-9a-f]{8}\Z")
-PRIVATE_MODULE, PRIVATE_FOLDER = "robotree_bundle_", "robotree-page-"
-"""What the names of modules of pages, and of the folders of what lies beside them, begin with."""
-_PRIVATE = re.compile(rf"{PRIVATE_MODULE}\w+\.|[^\s'\"(]*/{PRIVATE_FOLDER}\w+/")
 
 
 def file_in_tracebacks(path: str, digest: str) -> str:
@@ -64,19 +61,6 @@ def trace(error: BaseException) -> str:
             frame.colno = None
         todo += [other for other in (one.__cause__, one.__context__, *(one.exceptions or ())) if other]
     return "".join(told.format())
-
-
-def words_of(error: BaseException) -> str:
-    """Return kind and text of an error; if its text cannot be written, only its kind.
-
-    Names of private modules and folders are left out: an author knows `helper`, and `map.json` beside it.
-    """
-    kind = type(error).__name__
-    try:
-        text = str(error)
-    except Exception:  # noqa: BLE001 # the author's own __str__
-        return kind
-    return f"{kind}: {_PRIVATE.sub('', text)}" if text else kind
 
 
 class PageLine(NamedTuple):

@@ -2,10 +2,8 @@
 
 A worker has a stack of frames, one for each robot's command (`running/frame.py`).
 
-Code that does not listen to a cancel is interrupted: an exception is raised in its thread. That is only done
-while the author's code of the topmost frame is at work (`arm`): every way from that code into this project
-disarms first, so an interruption never strikes our own code. What is not interrupted in the end is abandoned,
-with all frames of its worker: those frames reach no child any more.
+An interruption, an exception in a thread, is only raised while the author's code of the topmost frame is at
+work (`arm`): every way from that code into this project disarms first, so it never strikes our own code.
 
 A thread is made when it is needed and ends when it has had nothing to do for a while; there is no limit to
 their number, for a limit would let robots that wait for each other wait for ever (the queues of the robots
@@ -18,59 +16,39 @@ import functools
 import heapq
 import itertools
 from collections.abc import Callable, Iterable
-from types import FrameType
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from robotree.files import forks
 from robotree.vr.author import context
 from robotree.vr.base.address import Address
-from robotree.vr.base.errors import VrError
 from robotree.vr.core.events import CoreEvent
 from robotree.vr.core.machine import RobotCore, RobotState
 from robotree.vr.running.interruptible import Interrupted
 from robotree.vr.running.pools import hand_on
 from robotree.vr.running.runner import Runner, Threads
 
-GRACE = 1.0
-"""[s] between a cancel and the interruption of code that does not listen, and between two interruptions."""
-ATTEMPTS = 3
-"""Interruptions before the code is abandoned."""
-LONGEST_END = GRACE * (ATTEMPTS + 1)
-"""[s] from a cancel to the moment when its command has ended or is known not to end."""
 IDLE = 2.0
 """[s] after which a thread ends that has nothing to do."""
 
+if TYPE_CHECKING:
+    import typing_extensions
 
-class OnWorker(Protocol):
-    """What a worker carries out for one robot: a `Frame`."""
-
-    worker: Worker
-    cause: VrError | None
-    shield: float
-
-    def cancel(self, cause: VrError, *, final: bool = False) -> None:
-        """Ask it to end. From any thread."""
-        ...
-
-    def end_with_caller(self, *, final: bool) -> None:
-        """Have its robot end it, for the frame below it on the worker has ended. From any thread."""
-        ...
-
-    def abandon(self, at: FrameType | None) -> None:
-        """Note that its code is abandoned; `at` is the line that its thread carries out."""
-        ...
+    R = typing_extensions.TypeVar("R", default=Any)
+    """The robots of a process, as their runtimes know each other."""
+else:
+    R = TypeVar("R")
 
 
 class Worker:
     """One pooled thread."""
 
-    def __init__(self, process: Process) -> None:
+    def __init__(self, process: Process[Any]) -> None:
         """Made by the process; `main` runs in the thread."""
         runner = process.runner
         self.process = process
         self.waiter = runner.waiter()
-        self.stack: list[OnWorker] = []
-        """What it carries out, each begun by the one before."""
+        self.top: object = None
+        """The innermost frame that it carries out; None: there is none."""
         self.jobs: list[Callable[[Worker], None]] = []
         self.thread = 0
         self.dead = False
@@ -78,9 +56,11 @@ class Worker:
         self.now, self.here = runner.now, runner.here
         self.guard = runner.lock()
         """Orders interruptions with `arm` and `disarm`."""
-        self._armed: OnWorker | None = None
+        self._armed: object = None
         self._struck = False
         self.interrupt_next = False
+        self.watched = False
+        """Whether code of it that is to end is watched: see `Frame.watch`."""
 
     def main(self) -> None:
         """Carry out what is given, until the process closes or nothing has come for a while."""
@@ -90,9 +70,14 @@ class Worker:
             if self.dead:
                 return
 
+    def wake(self) -> None:
+        """Have it look again at what it waits for. From any thread."""
+        if self.here() != self.thread:  # else it does not wait
+            self.waiter.wake()
+
     # -- interruptions ----------------------------------------------------------------------------
 
-    def arm(self, frame: OnWorker) -> None:
+    def arm(self, frame: object) -> None:
         """The author's code of a frame is at work from now on."""
         self._armed = frame
 
@@ -119,7 +104,7 @@ class Worker:
     def interrupt(self) -> None:
         """Interrupt the author's code of the topmost frame, now or when it next asks us. From any thread."""
         with self.guard:
-            if self._armed is not None and self.stack and self._armed is self.stack[-1]:
+            if self._armed is not None and self._armed is self.top:
                 self._struck = self.process.runner.interrupt(self.thread, Interrupted)
             else:
                 self.interrupt_next = True
@@ -147,7 +132,7 @@ class Journal(Protocol):
         ...
 
 
-class Process:
+class Process(Generic[R]):
     """See the module. Every method may be called from any thread."""
 
     def __init__(
@@ -168,8 +153,8 @@ class Process:
         self.runner: Runner = Threads() if runner is None else runner
         self.core = core
         self.journal = journal
-        self.robots: dict[Address, Any] = {}
-        """The robots that live here (`RobotRuntime`)."""
+        self.robots: dict[Address, R] = {}
+        """The robots that live here."""
         self.on_raise: Callable[[str, BaseException], None] = lambda _robot, _error: None
         """Told what the commands of each robot raise, as it was raised: over the wire go only words."""
         self.closed = False
@@ -181,7 +166,6 @@ class Process:
         self._timers: list[_Timer] = []
         self._bell = self.runner.waiter()
         self._watching = False
-        self._watched: set[Worker] = set()
 
     def in_child(self) -> Iterable[int]:
         """See `forks.Owner`: in a child no command runs."""
@@ -257,37 +241,6 @@ class Process:
         elif earliest:
             self._bell.wake()
         return timer.cancel
-
-    def watch(self, frame: OnWorker) -> None:
-        """Interrupt the worker of a cancelled frame if the frame does not end, and abandon it in the end."""
-        worker = frame.worker
-        if worker not in self._watched:
-            self._watched.add(worker)
-            self.at(self.runner.now() + GRACE, lambda: self._insist(frame, ATTEMPTS))
-
-    def _insist(self, frame: OnWorker, attempts: int) -> None:
-        worker = frame.worker
-        if frame not in worker.stack or worker.dead:
-            self._watched.discard(worker)
-            for other in worker.stack:
-                if other.cause is not None:
-                    self.watch(other)
-                    break
-            return
-        if any(shielded.shield > self.runner.now() for shielded in worker.stack):
-            self.at(
-                self.runner.now() + GRACE, lambda: self._insist(frame, attempts)
-            )  # a clean-up has its time
-            return
-        if attempts:
-            worker.interrupt()
-            self.at(self.runner.now() + GRACE, lambda: self._insist(frame, attempts - 1))
-            return
-        worker.dead = True
-        at = self.runner.stack_of(worker.thread)
-        for lost in reversed(list(worker.stack)):
-            lost.abandon(at)
-        worker.waiter.wake()
 
     def _watch(self) -> None:
         idle_until = self.runner.now() + IDLE

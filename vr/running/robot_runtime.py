@@ -10,7 +10,7 @@ from __future__ import annotations
 import inspect
 import logging
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from types import FrameType
 from typing import Any, TypeVar
@@ -20,7 +20,7 @@ import msgspec
 from robotree.files import forks
 from robotree.vr.author.child import Exposed
 from robotree.vr.author.command import commands_of
-from robotree.vr.author.context import CallLimit, CommandContext
+from robotree.vr.author.context import CommandContext
 from robotree.vr.author.fields import SET
 from robotree.vr.author.robot import Robot
 from robotree.vr.author.signature import Command
@@ -28,32 +28,18 @@ from robotree.vr.author.virtual_robot import VirtualRobot, exposures_of, slot_sp
 from robotree.vr.base.address import Address
 from robotree.vr.base.arguments import check_arguments
 from robotree.vr.base.description import Arguments, CommandSpec, offered
-from robotree.vr.base.errors import BadArgument, CommandCancelled, CommandFailed, NoSuchCommand, VrError
+from robotree.vr.base.errors import BadArgument, NoSuchCommand, VrError
 from robotree.vr.base.principal import ITSELF, Principal, is_person, principal_of
-from robotree.vr.base.requests import (
-    PATIENCE,
-    AnyRequest,
-    Call,
-    Cancel,
-    Detach,
-    Level,
-    Raised,
-    Reply,
-    Returned,
-    State,
-)
+from robotree.vr.base.requests import PATIENCE, AnyRequest, Call, Level, State
 from robotree.vr.base.transport import Transport
 from robotree.vr.core import events as on
 from robotree.vr.core.events import Begin, CoreEffect, CoreEvent, Interrupt, Settled
 from robotree.vr.core.machine import RobotCore
 from robotree.vr.exchange.asking import TakeReply, send_request
 from robotree.vr.exchange.authority import authorise
-from robotree.vr.running.feed import Feed
-from robotree.vr.running.frame import DEEPEST, CallManner, Frame, PendingCall
 from robotree.vr.running.log import Log, waits
-from robotree.vr.running.outcome import raised
 from robotree.vr.running.own_errors import as_itself
-from robotree.vr.running.page_trace import begin_of, line_at_work, words_of
+from robotree.vr.running.page_trace import line_at_work
 from robotree.vr.running.process import Process, Worker
 from robotree.vr.running.run import NO_PROGRESS, Listener, Run
 
@@ -79,16 +65,19 @@ class NotDescribed(Exception):
         self.slot, self.command = slot, command
 
 
+OfferedTurn = Callable[[Callable[[Worker], None]], bool]
+"""Has the worker of a caller, which waits, carry a command out; returns whether it still waits."""
+
 OnDescribed = Callable[[VrError | None], None]
 """Called when a child was asked for a command: with None, or with why it was in vain."""
 
 
 class RobotRuntime:
-    """See the module."""
+    """One robot at work; see the module."""
 
     page: str = ""
     """Where its author keeps its page, for a reload; empty: nobody knows."""
-    _turned: bool = False
+    turned: bool = False
     """Whether accepted calls may have been checked for another page."""
     _coming: tuple[VirtualRobot, Callable[[VrError | list[str] | None], None]] | None = None
     """The page that waits for a boundary between commands."""
@@ -105,12 +94,13 @@ class RobotRuntime:
     _at_work = ("", 0)
     """The call that runs and how many wait, as it was last published."""
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 # what it runs on, and its ways to the others
         self,
         robot: Robot,
         core: RobotCore,
-        process: Process,
+        process: Process[RobotRuntime],
         *,
+        execute: Callable[[RobotRuntime, str, Run, Worker], None],
         transport: Transport,
         describe_child: Callable[[NotDescribed, OnDescribed], None],
         follow_child: Callable[[Address, Callable[[State], None]], Callable[[], None]],
@@ -123,6 +113,7 @@ class RobotRuntime:
             robot: with the author's code.
             core: its state.
             process: whose threads carry it out.
+            execute: carries out the code of a call on a worker; see `activity.execute`.
             transport: the way to children in other processes.
             describe_child: asks the child in a slot anew who it is, from any thread, without waiting.
             follow_child: hands on the states that a child publishes, from any thread, without waiting;
@@ -134,7 +125,7 @@ class RobotRuntime:
         Raises:
             TypeError: the robot's class declares a command in a way that cannot be called from afar.
         """
-        self.robot, self.core, self.process = robot, core, process
+        self.robot, self.core, self.process, self.name = robot, core, process, robot.name
         self.key = core.state.address.key
         self.principal = principal_of(transport.identity, self.key, "")
         """The robot where it asks for something."""
@@ -143,8 +134,8 @@ class RobotRuntime:
             self._give_state(robot)
         self.runs: dict[str, Run] = {}
         """Its calls that have not ended, by key."""
-        self.describe_child = describe_child
-        self._transport, self._obeyed, self._follow_child = transport, obeyed, follow_child
+        self.describe_child, self.follow_child = describe_child, follow_child
+        self._execute, self._transport, self._obeyed = execute, transport, obeyed
         self._on_effect = on_effect
         self.on_news: Callable[[], None] = _nothing
         """Called when `has_news` becomes true. In any thread."""
@@ -153,10 +144,11 @@ class RobotRuntime:
         self._exposures = exposures_of(type(robot))
         self.log = Log(self._runner.now, self._runner.unix, self._runner.lock())
         """What its code says, and how its commands ended."""
-        self._calling: dict[str, dict[PendingCall, None]] = {}  # by slot; they end in their order
-        self._feeds: dict[str, dict[Feed, None]] = {}  # who follows the readings of a child, by slot
+        self._bereft: dict[str, dict[Callable[[VrError], None], None]] = {}
+        """Those who are told when the child in a slot is gone, by slot, in their order."""
         self._unremind: Callable[[], None] = _nothing
-        self._neighbours: dict[Address, RobotRuntime] = process.robots
+        self.neighbours = process.robots
+        """The robots in this process."""
         self._ledgers: dict[str, _Ledger] = {}  # the numbered calls of each distant child: parent/slot/epoch
 
     # -- the one door -----------------------------------------------------------------------------
@@ -166,7 +158,7 @@ class RobotRuntime:
         event: CoreEvent,
         *,
         listener: Listener | None = None,
-        turn: PendingCall | None = None,
+        turn: OfferedTurn | None = None,
         accepted: Callable[[], None] | None = None,
     ) -> Sequence[CoreEffect]:
         """Let an event change the state, write it down, then carry out what follows.
@@ -174,7 +166,7 @@ class RobotRuntime:
         Args:
             event: what happened.
             listener: told how the call of an `Invoke` fares.
-            turn: the same, if its worker may carry the command out when it is its turn.
+            turn: has the caller's worker carry the command out when it is its turn; see `Run.turn`.
             accepted: called when the event is written down and before anything begins.
 
         Returns:
@@ -255,7 +247,7 @@ class RobotRuntime:
         notes = [f"the slot {name} is gone" for name in gone] + notes
         self._give_state(robot)
         self.robot, self._commands = robot, commands_of(type(robot))
-        self._exposures, self._turned = exposures_of(type(robot)), True
+        self._exposures, self.turned = exposures_of(type(robot)), True
         return partial(done, notes)
 
     def _give_state(self, robot: VirtualRobot) -> None:
@@ -276,12 +268,11 @@ class RobotRuntime:
         with self._lock:
             return query(self.core)
 
-    def _attend(self, key: str, listener: Listener | None, turn: PendingCall | None) -> None:
+    def _attend(self, key: str, listener: Listener | None, turn: OfferedTurn | None) -> None:
         run = self._run_of(key)
+        run.turn = run.turn or turn
         if listener is not None:
             run.listeners.append(listener)
-        if turn is not None:
-            run.turn = turn.give_turn
 
     def _run_of(self, key: str) -> Run:
         """Return what is known of a live call; nothing, if the state was decoded."""
@@ -298,7 +289,7 @@ class RobotRuntime:
         return effects
 
     def _remind_at(self, due: float) -> None:
-        """Have the watchdog look when something is due; a later time than the one it knows waits for that.
+        """Have the watchdog look when something is due, if that is earlier than it will look.
 
         So calls that end before their deadlines, one after the other, share one timer.
         """
@@ -316,10 +307,10 @@ class RobotRuntime:
     def _carry_out(self, effects: list[CoreEffect]) -> None:
         for effect in effects:
             if isinstance(effect, Begin):
-                run = self._run_of(effect.key)
+                run = self.runs.get(effect.key) or self._run_of(effect.key)
                 if run.waited:
                     self._tell_turn(effect.key, run)
-                job = partial(self._run, effect.key, run)
+                job = partial(self._execute, self, effect.key, run)
                 if run.turn is not None and run.turn(job):
                     continue
                 if not self._transport.after_reading(partial(self.process.carry_out, job)):
@@ -380,11 +371,10 @@ class RobotRuntime:
 
     def _carry_out_other(self, effect: CoreEffect) -> None:
         if isinstance(effect, Interrupt):
-            if (run := self.runs.get(effect.key)) and (frame := run.frame):
-                frame.cancel(effect.cause.revive(), final=effect.final)
+            self._run_of(effect.key).end(effect.cause.revive(), final=effect.final)
         else:
             if isinstance(effect, on.ChildGone):
-                self._end_calls_of(effect.slot)
+                self._tell_gone(effect.slot)
             self._on_effect(effect)
 
     # -- calls that come in -----------------------------------------------------------------------
@@ -417,7 +407,7 @@ class RobotRuntime:
         principal: Principal,
         *,
         listener: Listener | None = None,
-        turn: PendingCall | None = None,
+        turn: OfferedTurn | None = None,
         accepted: Callable[[], None] | None = None,
         stops: int = -1,
     ) -> None:
@@ -461,11 +451,6 @@ class RobotRuntime:
             accepted=accepted,
         )
 
-    @property
-    def name(self) -> str:
-        """The robot's name."""
-        return self.robot.name
-
     def cancel(self, key: str, reason: str, *, final: bool = False, principal: Principal = ITSELF) -> None:
         """End a call; the principal is its caller, or the robot itself."""
         self.post(on.CancelAsked(key=key, reason=reason, final=final, principal=principal))
@@ -500,9 +485,8 @@ class RobotRuntime:
         """Give up code that ignores every interruption; `at` is what its thread carries out."""
         self.isolated = True  # what happened once may happen again, and must not take its caller with it
         call, where = self.core.state.calls.live.get(key), ""
-        frame = self.runs[key].frame if key in self.runs else None
         if call is not None:
-            line = line_at_work(at, self._source_of(call.command))
+            line = line_at_work(at, self.source_of(call.command))
             where = "" if line is None else f"{line.place}: {line.text}"
             _log.error(
                 "%s.%s is abandoned: it ignores every cancel and still runs%s, though it can reach no child "
@@ -512,9 +496,6 @@ class RobotRuntime:
         self.post(on.Abandon(key=key, where=where))
         if call is not None:
             self.log.say("warning", f"{call.command} has ended and its code still runs: {where or '?'}")
-        if frame is not None and call is not None and not frame.worker.dead:  # a part of it was abandoned
-            reason = "a part of it was abandoned, because it ignores every cancel"
-            frame.cancel(CommandCancelled(robot=self.name, command=call.command, reason=reason), final=True)
 
     def gone(self, key: str) -> None:
         """Abandoned code has ended after all."""
@@ -624,207 +605,81 @@ class RobotRuntime:
         except ValueError as error:
             return CommandSpec(name=name, through=through, available=False, doc=f"Cannot be used: {error}.")
 
-    # -- carrying out -----------------------------------------------------------------------------
+    # -- for the code of a call -------------------------------------------------------------------
 
-    def _run(self, key: str, run: Run, worker: Worker) -> None:
-        """Carry out a call whose turn it is, on a worker, on top of what is there."""
-        call = self.core.state.calls.live[key]
-        context = CommandContext(
-            key=key,
-            command=call.command,
-            caller=call.caller,
-            epoch=call.epoch,
-            deadline_at=call.deadline_at,
-        )
-        frame = run.frame = Frame(self, context, worker)
-        if call.cause is not None:
-            frame.cause, frame.final = call.cause.revive(), call.final
+    def turn_of(self, key: str) -> tuple[CommandContext, Robot, Command | None, Arguments, Exposed | None]:
+        """Return what the code of a call needs whose turn it is.
+
+        Returns:
+            The call; the robot, made of the page in force; its command of this name, if there is one; the
+            arguments, as checked, or as they came if that may have been for another page (`turned`); the
+            command of a child, if that is what the robot has under this name.
+        """
         with self._lock:  # the page may be another one in a moment, for a command that only reads
-            robot, command = self.robot, self._commands.get(call.command)
-            exposed = self._exposures.get(call.command)
-        work: Callable[[], Any]
-        if command is not None:
-            work = partial(command.run, robot, call.arguments)
-            if self._turned:  # they were checked for another page, perhaps
-                work = partial(_check_again, command, robot, call.sent)
-        elif exposed is not None:
-            work = partial(self._pass_on, frame, exposed, call.arguments)
-        else:  # it was accepted while another page was in force
-            work = partial(self.spec, call.command)
-        if not worker.stack:
-            self._runner.name_thread(f"{self.robot.name}.{call.command}")
-        value, error = frame.run(work)
-        run.frame = None
-        frame.over = True  # from now on a thread that works for it reaches no child
-        if frame.started or frame.guests or frame.feeds:
-            frame.end()
-        if isinstance(robot, VirtualRobot) and not worker.dead:
-            try:
-                robot.field_values.settle(key)
-            except TypeError as refusal:
-                error = error or refusal
-        reply = self._reply(context, command, value, error)
-        if worker.dead:
-            self.gone(key)
-        else:
-            self.post(on.Finish(key=key, reply=reply))
+            call = self.core.state.calls.live[key]
+            name = call.command
+            context = CommandContext(
+                key=key, command=name, caller=call.caller, epoch=call.epoch, deadline_at=call.deadline_at
+            )
+            arguments = call.sent if self.turned else call.arguments
+            return context, self.robot, self._commands.get(name), arguments, self._exposures.get(name)
 
-    def _pass_on(self, frame: Frame, exposed: Exposed, arguments: Arguments) -> Any:
-        """Carry out an exposed command, in the units of its callers."""
-        slot, command = exposed.child.name, exposed.command
-        if not exposed.units:
-            return frame.pass_on(slot, command, arguments)
-        spec = self.core.state.slots.require(slot).description.command(command)
-        if spec is None:
-            raise NoSuchCommand(robot=str(slot), command=command, known="none")
-        return exposed.for_caller(spec, frame.pass_on(slot, command, exposed.for_child(spec, arguments)))
-
-    def _reply(
-        self, context: CommandContext, command: Command | None, value: Any, error: BaseException | None
-    ) -> Returned | Raised:
-        try:
-            if error is None:
-                if command is not None:
-                    value = command.plain_result(value, robot=self.robot.name, name=context.command)
-                return Returned(key=context.key, value=value)
-        except Exception as refusal:  # noqa: BLE001 # the author's value may raise anything
-            told = refusal.data["detail"] if isinstance(refusal, CommandFailed) else words_of(refusal)
-            place = "" if command is None else f" ({begin_of(command.function)})"
-            error = CommandFailed(robot=self.robot.name, command=context.command, detail=f"{told}{place}")
-        self.process.on_raise(self.robot.name, error)
-        return raised(self.robot.name, context, error, source=self._source_of(context.command))
-
-    def _source_of(self, command: str) -> str:
+    def source_of(self, command: str) -> str:
         """Return the file of a command's page, as tracebacks call it; empty: it has none."""
         found = self._commands.get(command)
         return "" if found is None else inspect.unwrap(found.function).__code__.co_filename
 
-    # -- calls that go out ------------------------------------------------------------------------
+    # -- its children -----------------------------------------------------------------------------
 
-    def call_child(
-        self,
-        frame: Frame,
-        slot: str,
-        command: str,
-        arguments: Mapping[str, Any],
-        manner: CallManner,
-        *,
-        instead: str = "",
-        limit: CallLimit | None = None,
-    ) -> PendingCall:
-        """Call the child in a slot, as one step of a running command, within that command's deadline.
-
-        Args:
-            frame: of the running command.
-            slot: of the child.
-            command: of the child.
-            arguments: by name.
-            manner: whether the caller waits for it, and for what.
-            instead: why it is not to begin any more: it ends at once; empty: it is.
-            limit: the time that it may take; None: as long as the command.
+    def child_in(self, slot: str) -> tuple[Address, int]:
+        """Return the child in a slot, and the epoch of the lease on it.
 
         Raises:
-            VrError: the slot is empty, or the child refuses.
+            SlotEmpty: there is none.
         """
-        if not isinstance(self.robot, VirtualRobot):
-            raise TypeError(f"{self.robot.name} has no children")
-        bond = self.core.state.slots.require(slot)
-        pending = PendingCall(
-            frame, slot, frame.step(), bond.child.name, command, passes_on=manner == "passed on"
-        )
-        call = Call(
-            key=pending.key,
-            command=command,
-            arguments=dict(arguments),
-            epoch=bond.lease.epoch,
-            caller=self.robot.name,
-            deadline=min(frame.deadline_at - self._runner.now(), limit.seconds if limit else math.inf),
-            oneway=manner == "told",
-        )
-        pending.limit = limit
-        child = self._neighbours.get(bond.child)
-        if instead:
-            pending.fail(CommandCancelled(robot=bond.child.name, command=command, reason=instead))
-        elif child is None:
-            self._call_afar(pending, bond.child.key, call)
-        else:
-            self._call_here(pending, child, call, nested=manner in {"awaited", "passed on"})
-        if limit is not None:
-            pending.watch_limit(limit.seconds)
-        return pending
+        with self._lock:
+            bond = self.core.state.slots.require(slot)
+            return bond.child, bond.lease.epoch
 
-    def _call_here(self, pending: PendingCall, child: RobotRuntime, call: Call, *, nested: bool) -> None:
-        """Call a child in this process."""
-        frame = pending.frame
-        may_run_here = nested and not child.isolated and len(frame.worker.stack) < DEEPEST
-        listener = None if call.oneway else pending
-        deadline_at = frame.deadline_at
-        if pending.limit is not None:
-            deadline_at = min(deadline_at, self._runner.now() + pending.limit.seconds)
-        if not call.oneway:
-            pending.withdraw = partial(child.cancel, pending.key, principal=self.principal)
-            pending.detach_at_child = partial(child.detach, pending.key, principal=self.principal)
-        while True:
-            try:
-                child.admit(
-                    call,
-                    deadline_at,
-                    self.principal,
-                    listener=listener,
-                    turn=pending if may_run_here and listener is not None else None,
-                )
-            except NotDescribed as unknown:
-                self._describe(child, unknown, frame)
-            else:
-                break
-        pending.accepted = True
-
-    def _describe(self, child: RobotRuntime, unknown: NotDescribed, frame: Frame) -> None:
-        """Wait until a child has asked its own child for a command.
+    def child_spec(self, slot: str, command: str) -> CommandSpec | None:
+        """Return a command as the child in a slot describes it; None: it has none of this name.
 
         Raises:
-            VrError: that one does not answer, or lacks the command; or the waiting command is to end.
+            SlotEmpty: there is no child.
         """
-        outcome: list[VrError | None] = []
+        return self.look(lambda core: core.state.slots.require(slot).description.command(command))
 
-        def described(error: VrError | None) -> None:
-            outcome.append(error)
-            frame.wake()
+    def translate_child_error(self, slot: str, error: VrError) -> Exception:
+        """Return the error of a call as its caller sees it: the child is gone, or a class of the page."""
+        with self._lock:
+            slots = self.core.state.slots
+            if slots[slot].bond is None:
+                return slots.emptiness(slot)
+        return as_itself(type(self.robot), error)
 
-        child.describe_child(unknown, described)
-        frame.wait(lambda: bool(outcome))
-        if (error := outcome[0]) is not None:
-            raise error
+    def when_gone(self, slot: str, tell: Callable[[VrError], None]) -> Callable[[], None]:
+        """Call back, with the error for an empty slot, when the child in a slot is gone.
 
-    def _call_afar(self, pending: PendingCall, key: str, call: Call) -> None:
-        """Call a child in another process, where it answers under a key."""
-        now, epoch = self._runner.now(), call.epoch
-        source = f"{self.key}/{pending.slot}/{epoch}"
+        Returns:
+            How to end that.
+        """
+        waiting = self._bereft.setdefault(slot, {})
+        waiting[tell] = None
+        return lambda: waiting.pop(tell, None)
+
+    def _tell_gone(self, slot: str) -> None:
+        """Tell those whose calls or readings end with the child that was in a slot."""
+        for tell in tuple(self._bereft.get(slot, ())):
+            tell(self.look(lambda core: core.state.slots.emptiness(slot)))
+
+    def numbered(self, call: Call, slot: str) -> tuple[Call, Callable[[], None]]:
+        """Return a call of a child in another process with its number, and how to say that it has ended."""
+        source = f"{self.key}/{slot}/{call.epoch}"
         with self._lock:
             ledger = self._ledgers.setdefault(source, _Ledger())
             number, lowest = ledger.open()
         call = msgspec.structs.replace(call, source=source, number=number, lowest=lowest)
-        pending.key_of_child, pending.accept_by = key, now + PATIENCE
-        pending.withdraw = partial(self._withdraw, key, pending.key, epoch)
-        pending.detach_at_child = partial(self._detach, key, pending.key, epoch)
-        pending.oneway = call.oneway
-        if not call.oneway:
-            self._calling.setdefault(pending.slot, {})[pending] = None
-
-        def ended() -> None:
-            ledger.numbers.discard(number)
-            self._calling.get(pending.slot, {}).pop(pending, None)
-
-        pending.ended = ended
-        self.ask(key, call, pending.take_reply, now=now)
-
-    def _withdraw(self, key: str, call: str, epoch: int | None, reason: str) -> None:
-        """Tell a child in another process that nobody wants a call any more."""
-        self.ask(key, Cancel(key=call, epoch=epoch, reason=reason), _ignore, urgent=True)
-
-    def _detach(self, key: str, call: str, epoch: int | None) -> None:
-        """Tell a child in another process that a call goes on without the command that has made it."""
-        self.ask(key, Detach(key=call, epoch=epoch), _ignore)
+        return call, partial(ledger.numbers.discard, number)
 
     def ask(
         self,
@@ -841,38 +696,6 @@ class RobotRuntime:
         send_request(
             self._transport, key, request, on_reply, now=now, within=within, sender=self.key, urgent=urgent
         )
-
-    def _end_calls_of(self, slot: str) -> None:
-        """A child is gone: nobody waits for its answers any longer."""
-        for pending in tuple(self._calling.get(slot, ())):
-            pending.fail(self.core.state.slots.emptiness(slot))
-        for feed in tuple(self._feeds.get(slot, ())):
-            feed.end()
-
-    def feed_of(self, slot: str, wake: Callable[[], None]) -> Feed:
-        """Have the readings of the child in a slot taken from now on, until the feed is closed.
-
-        Raises:
-            SlotEmpty: there is no child.
-        """
-        child, feed = self.core.state.slots.require(slot).child, Feed(wake)
-        self._feeds.setdefault(slot, {})[feed] = None
-        unfollow = self._follow_child(child, feed.take)
-
-        def close() -> None:
-            self._feeds[slot].pop(feed, None)
-            unfollow()
-
-        feed.close = close
-        bond = self.core.state.slots[slot].bond
-        if bond is None or bond.child != child:  # it has left before it was followed
-            feed.end()
-        return feed
-
-    def meant(self, slot: str, error: VrError) -> Exception:
-        """Return the error of a call as its caller sees it: the child is gone, or a class of the page."""
-        slots = self.core.state.slots
-        return slots.emptiness(slot) if slots[slot].bond is None else as_itself(type(self.robot), error)
 
 
 class _Ledger:
@@ -895,11 +718,3 @@ def _begins(effect: CoreEffect, key: str) -> bool:
 
 def _nothing() -> None:
     """Nothing is planned."""
-
-
-def _ignore(_: Reply | None) -> None:
-    """The reply does not matter."""
-
-
-def _check_again(command: Command, robot: Robot, sent: Arguments) -> Any:
-    return command.run(robot, check_arguments(command.spec, sent, robot=robot.name))

@@ -1,4 +1,4 @@
-"""One call of a robot in its process: who waits for it, how far it is, and its code while that is at work."""
+"""One call of a robot in its process: who waits for it, how far it is, why it is to end, and its code."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import math
 from collections.abc import Callable
 from typing import Protocol
 
+from robotree.vr.base.errors import VrError
 from robotree.vr.base.requests import Raised, Returned
-from robotree.vr.running.process import OnWorker, Worker
+from robotree.vr.running.process import Worker
 
 NO_PROGRESS = (math.nan, "")
 """How far a command is that has not said so: progress from 0 to 1, here unknown, and a text."""
@@ -31,10 +32,14 @@ class Run:
     The runtime of the robot makes it when the call is accepted, and forgets it when the call has ended.
     """
 
-    frame: OnWorker | None = None
-    """Its code on a worker; None: its turn has not come, or its code has ended."""
     turn: Callable[[Callable[[Worker], None]], bool] | None = None
-    """Has the worker of its caller, which waits for it, carry it out; see `PendingCall.give_turn`."""
+    """Has the worker of its caller, which waits for it, carry it out; see `ChildCall.give_turn`."""
+    cause: VrError | None = None
+    """Why its code was asked to end."""
+    final: bool = False
+    """Whether not even a clean-up may command children any more: see `core.machine.AcceptedCall.final`."""
+    interrupt: Callable[[], None] | None = None
+    """Has its code take note of `cause`; None: its turn has not come, or its code has ended."""
     shown = NO_PROGRESS
     """How far it is, as others see it."""
     own = NO_PROGRESS
@@ -53,3 +58,9 @@ class Run:
         """Tell those who listen how far it is."""
         for listener in self.listeners:
             listener.note(fraction, text)
+
+    def end(self, cause: VrError, *, final: bool) -> None:
+        """Ask its code to end, also code that has not begun. From any thread."""
+        self.cause, self.final = cause, self.final or final
+        if self.interrupt is not None:
+            self.interrupt()

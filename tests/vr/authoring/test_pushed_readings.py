@@ -182,7 +182,7 @@ def test_nothing_is_taken_when_the_command_has_ended(team: Team) -> None:
     runtime = team._agents[""].runtime
     team.call("latest")
     team.wait(0.1)
-    assert not any(runtime._feeds.values())
+    assert not any(runtime._bereft.values())
     assert not any("state" in pattern for pattern, _ in team._processes[""].transport._subscriptions.values())
 
 

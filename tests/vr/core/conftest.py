@@ -21,7 +21,7 @@ from robotree.vr.exchange.client import RobotClient
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
-from robotree.vr.running import process as processes
+from robotree.vr.running import frame
 from robotree.vr.running.process import Process
 from robotree.vr.running.runner import Runner, Threads
 from robotree.vr.supervision.fleet import Fleet
@@ -49,7 +49,7 @@ def runner_here() -> Runner:
 def short_patience(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Have real threads interrupted soon."""
     if request.node.get_closest_marker("real_threads"):
-        monkeypatch.setattr(processes, "GRACE", REAL_GRACE)
+        monkeypatch.setattr(frame, "GRACE", REAL_GRACE)
 
 
 class Realm:

@@ -26,7 +26,8 @@ from robotree.vr.base.errors import (
     WrongKind,
 )
 from robotree.vr.exchange.client import RobotClient
-from robotree.vr.running.process import LONGEST_END, Process
+from robotree.vr.running.frame import LONGEST_END
+from robotree.vr.running.process import Process
 from robotree.vr.world.network import MemoryNetwork
 from tests.vr.core.conftest import member, runner_here
 

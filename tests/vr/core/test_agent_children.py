@@ -9,7 +9,7 @@ import pytest
 
 from robotree.vr import CallFuture, CommandCancelled, DeadlineExceeded, SlotEmpty, VrError
 from robotree.vr.base.errors import BadArgument, CommandFailed, NoSuchCommand
-from robotree.vr.running.frame import PendingCall
+from robotree.vr.running.child_call import ChildCall
 from robotree.vr.running.process import Process
 from tests.vr.core.crew import Driver, Rover, Top, crew
 
@@ -225,4 +225,4 @@ async def test_what_a_grandchild_offers_is_seen_at_the_top_soon_after_it_came(re
 
 def test_a_future_is_what_the_contract_says() -> None:
     contract = {name for name in vars(CallFuture) if not name.startswith("_")}
-    assert contract <= set(dir(PendingCall))
+    assert contract <= set(dir(ChildCall))

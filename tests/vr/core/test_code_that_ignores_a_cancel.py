@@ -14,7 +14,7 @@ import pytest
 from robotree.vr import Robot, VrError, command
 from robotree.vr.base.errors import CommandCancelled, DeadlineExceeded, StillRunning
 from robotree.vr.base.requests import State, decode_event
-from robotree.vr.running.process import ATTEMPTS
+from robotree.vr.running.frame import ATTEMPTS
 from tests.vr.core.conftest import REAL_GRACE
 
 pytestmark = pytest.mark.real_threads

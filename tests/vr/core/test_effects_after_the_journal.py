@@ -162,7 +162,7 @@ async def test_a_cancel_ends_the_wait_for_a_description_at_once(realm: Any) -> N
     realm.network.pause(mover.transport)
     key = "k" * 18
     work = asyncio.ensure_future(realm.client(boss).call("work", {}, key=key))
-    await realm.until(lambda: key in boss.runtime.runs and boss.runtime.runs[key].frame is not None)
+    await realm.until(lambda: key in boss.runtime.runs and boss.runtime.runs[key].interrupt is not None)
     asked = realm.runner.now()
     await realm.client(boss).cancel(key)
     with pytest.raises(CommandCancelled):

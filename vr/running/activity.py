@@ -1,0 +1,404 @@
+"""A running command as the code inside of it sees it, and how a robot's runtime has a call carried out."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Callable, Generator, Mapping
+from functools import partial, wraps
+from typing import Any, Concatenate, ParamSpec, TypeVar
+
+from robotree.vr.author.child import ChildCommand, Exposed
+from robotree.vr.author.context import CallFuture, CallLimit, CommandContext
+from robotree.vr.author.robot import Robot
+from robotree.vr.author.signature import Command
+from robotree.vr.author.together import Group, Race, Started, Together
+from robotree.vr.author.virtual_robot import VirtualRobot
+from robotree.vr.base.arguments import check_arguments
+from robotree.vr.base.description import Arguments
+from robotree.vr.base.errors import CommandCancelled, CommandFailed, NoSuchCommand, words_of
+from robotree.vr.base.requests import LONGEST_CLEANUP, Level, Raised, Returned, State
+from robotree.vr.core import events as on
+from robotree.vr.running.child_call import CallManner, ChildCall, call_child
+from robotree.vr.running.feed import Feeds, NoReadingYet
+from robotree.vr.running.frame import Abandoned, Branch, Frame
+from robotree.vr.running.outcome import raised
+from robotree.vr.running.page_trace import begin_of
+from robotree.vr.running.process import Worker
+from robotree.vr.running.robot_runtime import RobotRuntime
+from robotree.vr.running.run import Run
+
+P = ParamSpec("P")
+R = TypeVar("R")
+A = TypeVar("A", bound=Frame)
+
+
+def _from_author(
+    method: Callable[Concatenate[A, P], R],
+) -> Callable[Concatenate[A, P], R]:
+    """Make a method a cancellation point: the author's code is not at work while it runs."""
+
+    @wraps(method)
+    def called(self: A, /, *values: P.args, **named: P.kwargs) -> R:
+        worker = self.leave_author()
+        try:
+            return method(self, *values, **named)
+        finally:
+            worker.arm(self)
+
+    return called
+
+
+class CommandActivity(Frame):
+    """A running command, or a part of it: what `context.Activity` describes."""
+
+    _feeds: Feeds | None = None
+    """The readings of children that it follows."""
+
+    @property
+    def activity(self) -> CommandActivity:
+        """What its code sees of it."""
+        return self
+
+    @property
+    def cancelled(self) -> bool:
+        """Whether it has been asked to end."""
+        return self.cause is not None
+
+    @property
+    def simulated(self) -> bool:
+        """Whether it runs in virtual time."""
+        return self.worker.process.runner.simulated
+
+    def now(self) -> float:
+        """Return the time [s] on a monotonic clock."""
+        return self.worker.now()
+
+    def random(self) -> float:
+        """Return a number from 0 up to but not including 1."""
+        return self.worker.process.runner.random()
+
+    # -- waiting and telling ----------------------------------------------------------------------
+
+    def check(self) -> None:
+        """Raise the error that ends the command, if it has been asked to end."""
+        self.leave_author().arm(self)
+
+    def sleep(self, seconds: float) -> None:
+        """Wait [s]."""
+        if math.isnan(seconds):
+            raise ValueError("cannot sleep for NaN seconds")
+        self.wait_for(_never, seconds)
+
+    @_from_author
+    def wait_for(self, condition: Callable[[], bool], timeout: float = math.inf) -> bool:
+        """Wait until something is so, `timeout` [s] at most; returns whether it is."""
+        self.step()
+        return self.wait(condition, timeout)
+
+    @_from_author
+    def progress(self, fraction: float, text: str) -> None:
+        """Tell how far the command is."""
+        self.runtime.note(self.call_key, float(fraction), str(text))
+
+    @_from_author
+    def observe(self, look: Callable[[], Any]) -> Any:
+        """Read something that may be another thing the next time."""
+        if not self.looks:
+            self.step()
+        return look()
+
+    def keep(self, change: Callable[[], None]) -> None:
+        """Change what the robot keeps; no cancellation point."""
+        worker = self.worker
+        if worker.here() != worker.thread:  # a thread that the command was handed on to
+            change()
+            return
+        worker.disarm()
+        try:
+            if worker.dead:
+                self.expect_to_go_on()
+            change()
+        finally:
+            worker.arm(self)
+
+    def say(self, level: Level, text: str, *, piece: bool = False) -> None:
+        """Enter a text, or a piece of a line, in the robot's log; no cancellation point."""
+        self.keep(lambda: self.runtime.say(self.context.key, level, text, piece=piece))
+
+    # -- readings of children ---------------------------------------------------------------------
+
+    @property
+    def feeds(self) -> Feeds:
+        """The readings of children that it follows."""
+        if self._feeds is None:
+            self._feeds = Feeds(self)
+        return self._feeds
+
+    @_from_author
+    def next_reading(self, slot: str, after: int, at: float) -> tuple[int, Any]:
+        """Wait until `at` [s], and then for readings of a child that are newer than those of a number."""
+        self.step()
+        self.feeds.of(slot)
+        self.wait(_never, at - self.now())
+        return self.feeds.next_reading(slot, after)
+
+    @_from_author
+    def reading(self, slot: str) -> Any:
+        """Return the latest readings of a child. In a condition, nothing waits and it is no step.
+
+        Raises:
+            NoReadingYet: a condition asks before anything has been published.
+        """
+        if not self.looks:
+            self.step()
+            return self.feeds.next_reading(slot, 0)[1]
+        latest = self.feeds.of(slot).latest
+        if latest is None:
+            raise NoReadingYet
+        return latest
+
+    @_from_author
+    def published(self, slot: str) -> State | None:
+        """Return the latest state that the child in a slot has published; None: none yet."""
+        return self.feeds.of(slot).state
+
+    @_from_author
+    def wait_until(self, condition: Callable[[], object], limit: CallLimit | None) -> None:
+        """Wait until a condition on readings of children is true."""
+        self.step()
+        self.feeds.wait_until(condition, limit)
+
+    # -- calls of children ------------------------------------------------------------------------
+
+    def call(
+        self, slot: str, command: str, arguments: Mapping[str, Any], limit: CallLimit | None = None
+    ) -> Any:
+        """Call a child's command, wait for its end and return the result."""
+        worker = self.leave_author()
+        try:
+            # with a limit this worker stays free to notice that it is over
+            manner: CallManner = "started" if self.guest or limit else "awaited"
+            return call_child(self, slot, command, arguments, manner, limit=limit).get()
+        finally:
+            worker.arm(self)
+
+    @_from_author
+    def pass_on(self, slot: str, command: str, arguments: Mapping[str, Any]) -> Any:
+        """Carry out an exposed command: call the child's, and report its progress as our own."""
+        return call_child(self, slot, command, arguments, "passed on").get()
+
+    @_from_author
+    def start(
+        self, slot: str, command: str, arguments: Mapping[str, Any], limit: CallLimit | None = None
+    ) -> ChildCall:
+        """Call a child's command; it ends with the running command at the latest."""
+        decided = "" if self.group is None else self.group.decided
+        pending = call_child(self, slot, command, arguments, "started", instead=decided, limit=limit)
+        self._keep(pending)
+        return pending
+
+    @_from_author
+    def tell(self, slot: str, command: str, arguments: Mapping[str, Any]) -> None:
+        """Call a child's command and wait only until the child has accepted it; it goes on by itself."""
+        call_child(self, slot, command, arguments, "told").wait_until_accepted()
+
+    @_from_author
+    def result_of(self, part: Started, timeout: float) -> Any:
+        """Wait for a part, `timeout` [s] at most, and return its result."""
+        return part.get(timeout)
+
+    @_from_author
+    def let_go_on(self, part: Started) -> None:
+        """Let a part go on after the command, as soon as the child has accepted it."""
+        part.wait_until_accepted()
+        part.let_go()
+        with contextlib.suppress(ValueError):
+            self.started.remove(part)
+        if self.group is not None:
+            self.group.leave(part)
+
+    # -- several at once --------------------------------------------------------------------------
+
+    def together(self, *, first: bool) -> Group:
+        """Return a `Together`, or a `Race` in which the first success decides."""
+        return Race(self) if first else Together(self)
+
+    @_from_author
+    def open_group(self, group: Group) -> None:
+        """Have what is started from now on belong to a group."""
+        group.outer, self.group = self.group, group
+
+    def start_part(
+        self, group: Group, work: Callable[..., Any], values: tuple[Any, ...], arguments: dict[str, Any]
+    ) -> CallFuture:
+        """Start a child's command, or a function of the page on another worker, as a part of a group."""
+        inner, self.group = self.group, group
+        try:
+            if isinstance(work, ChildCommand):
+                return work.start(*values, **arguments)
+            return self._branch(group, partial(work, *values, **arguments))
+        finally:
+            self.group = inner
+
+    @_from_author
+    def _branch(self, group: Group, work: Callable[[], Any]) -> Branch:
+        self.steps += 1
+        branch = Branch(self, str(self.steps), work)
+        if group.decided:
+            branch.drop(group.decided)
+            branch.at_rest = True
+        else:
+            self.worker.process.work(branch.run)
+        self._keep(branch)
+        return branch
+
+    def _keep(self, part: Started) -> None:
+        self.started.append(part)
+        if self.group is not None:
+            self.group.add(part)
+        if self.over:  # it was the last act of a thread that worked for the command
+            part.drop("the command that started it has ended")
+
+    def close_group(self, group: Group, error: BaseException | None) -> None:
+        """Wait until all of a group have ended, or it is decided; end what still runs.
+
+        Raises:
+            VrError: the first failure of the group, or the one that has ended the command.
+        """
+        worker = self.worker
+        worker.disarm()
+        try:
+            if error is None:
+                self.wait(group.is_over)
+                group.take_results()
+        finally:
+            self.group = group.outer
+            for part in group.parts:
+                part.drop("the others were ended with it")
+            while not all(part.at_rest for part in group.parts):
+                worker.waiter.wait(None)
+            worker.arm(self)
+
+    # -- clean-up ---------------------------------------------------------------------------------
+
+    @contextlib.contextmanager
+    def cleanup(self, within: float) -> Generator[None]:
+        """Let the code inside the block command children though the command has been asked to end."""
+        if not 0 < within <= LONGEST_CLEANUP:
+            raise ValueError(
+                f"a clean-up takes more than 0 and at most {LONGEST_CLEANUP:g} s, not {within} s"
+            )
+        worker, before = self.worker, (self.shield, self.deadline_at, self.group)
+        worker.disarm()
+        try:
+            self._begin_cleanup(within)
+        finally:
+            worker.arm(self)
+        try:
+            yield
+        finally:
+            worker.disarm()
+            shield, self.deadline_at, self.group = before
+            self.shield = -math.inf if self.final else shield
+            worker.arm(self)
+
+    def _begin_cleanup(self, within: float) -> None:
+        """End what the command has started; let nothing but a final order end it for a while.
+
+        Raises:
+            CommandCancelled: it was ended so that no clean-up is allowed.
+        """
+        if self.worker.dead:
+            raise Abandoned
+        if self.final and (cause := self.cause) is not None:
+            reason = f"{cause.data.get('reason', cause)}; after that no clean-up may move anything"
+            raise CommandCancelled(robot=self.runtime.name, command=self.context.command, reason=reason)
+        for part in tuple(self.started):
+            part.drop("the clean-up of the command that started it has begun")
+        until = self.now() + within
+        self.shield = min(until, self.shield) if self.shield > -math.inf else until
+        self.deadline_at, self.group = self.shield, None
+
+    def end(self) -> None:
+        """End what its code, which has ended, has started and not detached."""
+        super().end()
+        if self._feeds is not None:
+            self._feeds.close()
+
+
+# -- how a call is carried out ---------------------------------------------------------------------
+
+
+def execute(runtime: RobotRuntime, key: str, run: Run, worker: Worker) -> None:
+    """Carry out a call whose turn it is, on a worker, on top of what is there."""
+    context, robot, command, arguments, exposed = runtime.turn_of(key)
+    activity = CommandActivity(runtime, run, context, worker)
+    run.interrupt = activity.interrupt
+    work: Callable[[], Any]
+    if command is not None:
+        work = partial(command.run, robot, arguments)
+        if runtime.turned:
+            work = partial(_check_again, command, robot, arguments)
+    elif exposed is not None:
+        work = partial(_pass_on, activity, exposed, arguments)
+    else:  # it was accepted while another page was in force
+        work = partial(runtime.spec, context.command)
+    if worker.top is None:
+        worker.process.runner.name_thread(f"{robot.name}.{context.command}")
+    value, error = activity.carry_out(work)
+    run.interrupt = None
+    activity.over = True  # from now on a thread that works for it reaches no child
+    if activity.started or activity.guests or activity._feeds is not None:  # noqa: SLF001 # its own
+        activity.end()
+    if isinstance(robot, VirtualRobot) and not worker.dead:
+        try:
+            robot.field_values.settle(key)
+        except TypeError as refusal:
+            error = error or refusal
+    reply = _reply(runtime, context, command, value, error)
+    if worker.dead:
+        runtime.gone(key)
+    else:
+        runtime.post(on.Finish(key=key, reply=reply))
+
+
+def _check_again(command: Command, robot: Robot, sent: Arguments) -> Any:
+    """Carry a command out whose arguments may have been checked for another page."""
+    return command.run(robot, check_arguments(command.spec, sent, robot=robot.name))
+
+
+def _pass_on(activity: CommandActivity, exposed: Exposed, arguments: Arguments) -> Any:
+    """Carry out an exposed command, in the units of its callers."""
+    slot, command = exposed.child.name, exposed.command
+    if not exposed.units:
+        return activity.pass_on(slot, command, arguments)
+    spec = activity.runtime.child_spec(slot, command)
+    if spec is None:
+        raise NoSuchCommand(robot=str(slot), command=command, known="none")
+    return exposed.for_caller(spec, activity.pass_on(slot, command, exposed.for_child(spec, arguments)))
+
+
+def _reply(
+    runtime: RobotRuntime,
+    context: CommandContext,
+    command: Command | None,
+    value: Any,
+    error: BaseException | None,
+) -> Returned | Raised:
+    name = runtime.name
+    try:
+        if error is None:
+            if command is not None:
+                value = command.plain_result(value, robot=name, name=context.command)
+            return Returned(key=context.key, value=value)
+    except Exception as refusal:  # noqa: BLE001 # the author's value may raise anything
+        words = refusal.data["detail"] if isinstance(refusal, CommandFailed) else words_of(refusal)
+        place = "" if command is None else f" ({begin_of(command.function)})"
+        error = CommandFailed(robot=name, command=context.command, detail=f"{words}{place}")
+    runtime.process.on_raise(name, error)
+    return raised(name, context, error, source=runtime.source_of(context.command))
+
+
+def _never() -> bool:
+    return False

@@ -1,0 +1,435 @@
+"""Calls of children: a child in this process is called directly, one in another process is asked.
+
+A parent's command that calls a child in the same process carries the child's command out on its own worker,
+as one more frame, when the child is idle; else it waits for its turn or for a worker of the child's own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, Literal
+
+from robotree.vr.author.child import readable
+from robotree.vr.author.context import Activity, CallLimit
+from robotree.vr.author.together import Started
+from robotree.vr.author.virtual_robot import VirtualRobot
+from robotree.vr.base.address import Address
+from robotree.vr.base.errors import (
+    ChildCancelled,
+    ChildTimeout,
+    CommandCancelled,
+    CommandInDoubt,
+    DeadlineExceeded,
+    NoAnswer,
+    Unreachable,
+    VrError,
+)
+from robotree.vr.base.requests import (
+    PATIENCE,
+    Accepted,
+    Call,
+    Cancel,
+    Detach,
+    Progress,
+    Raised,
+    Reply,
+    Returned,
+)
+from robotree.vr.running.frame import Frame
+from robotree.vr.running.process import Worker
+from robotree.vr.running.robot_runtime import NotDescribed, RobotRuntime
+
+DEEPEST = 32
+"""Frames on one worker; a call below that is handed to another one."""
+
+CallManner = Literal["awaited", "started", "told", "passed on"]
+"""How a command calls a child. awaited: it waits for the end, so its worker may carry the child's command
+out. started: it goes on meanwhile. told: it waits until the child has accepted it. passed on: it waits, and
+the progress of the child is its own."""
+
+
+def call_child(  # who calls whom, how, and for how long
+    frame: Frame,
+    slot: str,
+    command: str,
+    arguments: Mapping[str, Any],
+    manner: CallManner,
+    *,
+    instead: str = "",
+    limit: CallLimit | None = None,
+) -> ChildCall:
+    """Call the child in a slot, as one step of a running command, within that command's deadline.
+
+    Args:
+        frame: of the running command.
+        slot: of the child.
+        command: of the child.
+        arguments: by name.
+        manner: whether the caller waits for it, and for what.
+        instead: why it is not to begin any more: it ends at once; empty: it is.
+        limit: the time that it may take; None: as long as the command.
+
+    Raises:
+        VrError: the slot is empty, or the child refuses.
+    """
+    runtime = frame.runtime
+    if not isinstance(runtime.robot, VirtualRobot):
+        raise TypeError(f"{runtime.name} has no children")
+    child, epoch = runtime.child_in(slot)
+    pending = ChildCall(frame, slot, child, command, limit, passes_on=manner == "passed on")
+    now, deadline_at = frame.worker.now(), frame.deadline_at
+    if limit is not None:
+        deadline_at = min(deadline_at, now + limit.seconds)
+    call = Call(
+        key=pending.key,
+        command=command,
+        arguments=dict(arguments),
+        epoch=epoch,
+        caller=runtime.name,
+        deadline=deadline_at - now,
+        oneway=manner == "told",
+    )
+    neighbour = runtime.neighbours.get(child)
+    if instead:
+        pending.fail(CommandCancelled(robot=child.name, command=command, reason=instead))
+    elif neighbour is None:
+        pending.ask(call)
+    else:
+        pending.enter(neighbour, call, deadline_at, nested=manner in {"awaited", "passed on"})
+    if limit is not None:
+        pending.watch_limit(limit.seconds)
+    return pending
+
+
+class ChildCall(Started):
+    """A child's command under way: the `CallFuture` that the author's code gets, and a `run.Listener`."""
+
+    reply: Returned | Raised | None = None
+    accepted: bool = False
+    accept_by: float = math.inf
+    """[s] when the child must have accepted it."""
+    run_here: Callable[[Worker], None] | None = None
+    """Carries the command out on the worker that waits for it: set when it is its turn."""
+    _neighbour: RobotRuntime | None = None
+    """The child, if it lives in this process."""
+    _sent: Call | None = None
+    """The call, if a child in another process was asked."""
+    _leave: Callable[[], None] | None = None
+    """Called once it has ended; None: nobody is to be told."""
+    _unlimit: Callable[[], None] | None = None
+    """Has the end of its time not noticed."""
+    _fraction: float = math.nan
+    _awaited: bool = False
+    """Whether the caller waits until the child has accepted it."""
+    _dropped: bool = False
+    """Whether nobody waits for it any more."""
+    _error: Exception | None = None
+
+    def __init__(
+        self,
+        frame: Frame,
+        slot: str,
+        child: Address,
+        command: str,
+        limit: CallLimit | None,
+        *,
+        passes_on: bool,
+    ) -> None:
+        """Take one step of the command that calls.
+
+        Args:
+            frame: of the command that calls.
+            slot: of the child.
+            child: in that slot.
+            command: of the child.
+            limit: the time that this call may take; None: as long as the command that makes it.
+            passes_on: its progress is that of the command that calls.
+        """
+        self._on_done = []
+        self.slot, self.key, self.child, self.command = slot, frame.step(), child, command
+        self.frame, self.limit, self._passes_on = frame, limit, passes_on
+        self._may_be_given = [True]
+        """Emptied by who decides whether the caller's worker carries the command out: caller or child."""
+
+    @property
+    def activity(self) -> Activity:
+        """The command, or the part of it, that has started it."""
+        return self.frame.activity
+
+    # -- to a child in this process ---------------------------------------------------------------
+
+    def enter(self, child: RobotRuntime, call: Call, deadline_at: float, *, nested: bool) -> None:
+        """Call a child in this process.
+
+        Args:
+            child: the child.
+            call: of its command.
+            deadline_at: [s] on the runner's clock.
+            nested: the caller waits, so its worker may carry the command out.
+
+        Raises:
+            VrError: it refuses.
+        """
+        if not call.oneway:
+            self._neighbour = child
+        turn = nested and not child.isolated and self.frame.depth < DEEPEST
+        while True:
+            try:
+                child.admit(
+                    call,
+                    deadline_at,
+                    self.frame.runtime.principal,
+                    listener=None if call.oneway else self,
+                    turn=self.give_turn if turn else None,
+                )
+            except NotDescribed as unknown:
+                self._describe(child, unknown)
+            else:
+                break
+        self.accepted = True
+
+    def _describe(self, child: RobotRuntime, unknown: NotDescribed) -> None:
+        """Wait until a child has asked its own child for a command.
+
+        Raises:
+            VrError: that one does not answer, or lacks the command; or the waiting command is to end.
+        """
+        outcome: list[VrError | None] = []
+
+        def described(error: VrError | None) -> None:
+            outcome.append(error)
+            self.frame.worker.wake()
+
+        child.describe_child(unknown, described)
+        self.frame.wait(lambda: bool(outcome))
+        if (error := outcome[0]) is not None:
+            raise error
+
+    # -- to a child in another process ------------------------------------------------------------
+
+    def ask(self, call: Call) -> None:
+        """Call a child in another process; its answers come to `take_reply`."""
+        runtime, now = self.frame.runtime, self.frame.worker.now()
+        self._sent, self.accept_by = call, now + PATIENCE
+        call, closed = runtime.numbered(call, self.slot)
+        forget = None if call.oneway else runtime.when_gone(self.slot, self.fail)
+
+        def leave() -> None:
+            closed()
+            if forget is not None:
+                forget()
+
+        self._leave = leave
+        runtime.ask(self.child.key, call, self.take_reply, now=now)
+
+    def take_reply(self, reply: Reply | None) -> None:
+        """Take one reply from another process; None: there are no more."""
+        if reply is None:
+            if self.reply is not None or (self._awaited and self.accepted):
+                return
+            if self.accepted:
+                detail = "it ended in the middle; look where the robot stands before you go on"
+                self.fail(CommandInDoubt(robot=self.child.name, command=self.command, detail=detail))
+            else:
+                self.fail(Unreachable(key=self.child.key))
+            return
+        if isinstance(reply, (Returned, Raised)):
+            self.settle(reply)
+        elif isinstance(reply, Progress):
+            self.note(reply.fraction, reply.text)
+        elif isinstance(reply, Accepted):
+            self.accepted, self.accept_by = True, math.inf
+            if self._sent is not None and self._sent.oneway and self._leave is not None:
+                self._leave()
+            if self._awaited:
+                self.frame.worker.wake()
+
+    # -- how it fares -----------------------------------------------------------------------------
+
+    def note(self, fraction: float, text: str) -> None:
+        """Take how far the child is. From any thread."""
+        self._fraction, frame = fraction, self.frame
+        if self._passes_on:
+            frame.runtime.note(frame.call_key, fraction, text)
+        elif text:
+            frame.runtime.note_child(frame.call_key, self.child.name, text)
+
+    def settle(self, reply: Returned | Raised) -> None:
+        """Take how it ended. From any thread."""
+        if self.reply is None:
+            self.reply = reply
+            if self._unlimit is not None:
+                self._unlimit()
+            if self._leave is not None:
+                self._leave()
+            if self._on_done:
+                self.tell_all()
+            self.frame.worker.wake()
+
+    def fail(self, error: VrError) -> None:
+        """End it with an error of our own. From any thread."""
+        self.settle(Raised.of(error))
+
+    def give_turn(self, run: Callable[[Worker], None]) -> bool:
+        """Have the caller's worker carry the command out; False: it waits no longer."""
+        try:
+            self._may_be_given.pop()
+        except IndexError:
+            return False
+        self.run_here = run
+        self.frame.worker.wake()
+        return True
+
+    # -- its time ---------------------------------------------------------------------------------
+
+    def watch_limit(self, seconds: float) -> None:
+        """End it when its time [s] is over."""
+        process = self.frame.worker.process
+        self._unlimit = process.at(process.runner.now() + seconds, self._be_late)
+        if self.reply is not None:
+            self._unlimit()
+
+    def _be_late(self) -> None:
+        if self.reply is None:
+            self.withdraw(f"its caller gave it {self._limit_text}")
+            self.fail(self._late())
+
+    @property
+    def _limit_text(self) -> str:
+        return "" if self.limit is None else self.limit.text
+
+    def _late(self) -> ChildTimeout:
+        return ChildTimeout(robot=self.child.name, command=self.command, limit=self._limit_text)
+
+    # -- for the author ---------------------------------------------------------------------------
+
+    @property
+    def done(self) -> bool:
+        """Whether it has ended, well or badly."""
+        return self.reply is not None
+
+    @property
+    def progress(self) -> float:
+        """Progress, 0 to 1; NaN before the first report."""
+        return self._fraction
+
+    def cancel(self) -> None:
+        """Ask the child to end it."""
+        if self.reply is None:
+            self.called_off = True
+            reason = "its caller has cancelled it"
+            self.withdraw(reason)
+            self.fail(CommandCancelled(robot=self.child.name, command=self.command, reason=reason))
+
+    # -- for the command that calls ---------------------------------------------------------------
+
+    def get(self, timeout: float = math.inf) -> Any:
+        """Wait for the end in the command's worker, or carry the command out there; return the result.
+
+        Raises:
+            VrError: of the child, or of the waiting command, which is to end.
+            TimeoutError: it is still under way.
+        """
+        worker = self.frame.worker
+        try:
+            while self.reply is None:
+                if self.run_here is not None:
+                    run, self.run_here = self.run_here, None
+                    run(worker)
+                else:
+                    self._wait(timeout)
+        except TimeoutError:
+            raise
+        except BaseException:
+            self.drop("its caller was ended")
+            raise
+        return self._value()
+
+    def wait_until_accepted(self) -> None:
+        """Wait until the child has accepted it.
+
+        Raises:
+            VrError: it has refused.
+        """
+        self._awaited = True
+        while not self.accepted and self.reply is None:
+            self._wait(math.inf)
+        if self.reply is not None:
+            self._value()
+
+    def drop(self, reason: str) -> None:
+        """End it, for nobody waits for it any more. From any thread."""
+        if self.reply is not None or self._dropped:
+            return
+        self._dropped = True
+        self.withdraw(reason)
+        try:
+            self._may_be_given.pop()
+        except IndexError:  # it is given to us at this moment: somebody else has to take it
+            worker = self.frame.worker
+            while self.run_here is None and self.reply is None:
+                worker.waiter.wait(None)
+            if self.run_here is not None:
+                run, self.run_here = self.run_here, None
+                worker.process.work(run)
+
+    def withdraw(self, reason: str) -> None:
+        """Tell the child that nobody wants the call any more, and why."""
+        if self._neighbour is not None:
+            self._neighbour.cancel(self.key, reason, principal=self.frame.runtime.principal)
+        elif self._sent is not None:
+            cancel = Cancel(key=self.key, epoch=self._sent.epoch, reason=reason)
+            self.frame.runtime.ask(self.child.key, cancel, _ignore, urgent=True)
+
+    def let_go(self) -> None:
+        """Have the child go on when the command that called it has ended."""
+        if self._neighbour is not None:
+            self._neighbour.detach(self.key, principal=self.frame.runtime.principal)
+        elif self._sent is not None:
+            self.frame.runtime.ask(self.child.key, Detach(key=self.key, epoch=self._sent.epoch), _ignore)
+
+    def error(self) -> Exception | None:
+        """Return with what it has failed, as its caller sees it; None: it has not, or goes on."""
+        if not isinstance(self.reply, Raised):
+            return None
+        if self._error is None:
+            error = self.frame.runtime.translate_child_error(self.slot, self.reply.revive())
+            if self.limit is not None and isinstance(error, DeadlineExceeded):
+                error = self._late()  # the child has noticed it first
+            elif isinstance(error, CommandCancelled):
+                trace, error = error.trace, ChildCancelled(**error.data)
+                error.trace = trace
+            self._error = error
+        return self._error
+
+    def end_with_command(self) -> None:
+        """Go on: it ends when the command does, or when its clean-up begins."""
+
+    def _wait(self, timeout: float) -> None:
+        frame = self.frame
+        patience = self.accept_by - frame.worker.now()
+        if not frame.wait(self._is_news, min(timeout, patience)):
+            if patience > timeout:
+                raise TimeoutError
+            if not self.accepted:
+                self.withdraw("the caller gave up")
+                self.fail(NoAnswer(key=self.child.key, seconds=PATIENCE))
+
+    def _is_news(self) -> bool:
+        # that it was accepted is looked at when the time for that is over: it wakes nobody
+        return self.reply is not None or self.run_here is not None or (self._awaited and self.accepted)
+
+    def _value(self) -> Any:
+        reply = self.reply
+        if isinstance(reply, Returned):
+            value = reply.value
+            return readable(value) if isinstance(value, (dict, list)) else value
+        self.frame.expect_to_go_on()  # if the caller itself was asked to end, that is its error
+        error = self.error()
+        assert error is not None  # noqa: S101 # it has failed
+        raise error
+
+
+def _ignore(_: object) -> None:
+    """Take a reply that does not matter."""
