@@ -147,10 +147,11 @@ def _look_afterwards(trial: Trial, team: Team, label: str) -> None:
     ended = team.now
     team.wait(AFTERWARDS)
     for path, agent in team.agents():
-        calls = agent.runtime.core.state.calls
-        if calls.abandoned:
+        if agent.abandoned:
             _broken(trial, team, label, f"{path or 'the page'} has code that cannot be ended")
-        left = [call.command for call in calls.live.values() if not call.detached]
+        left = agent.runtime.look(
+            lambda state: [call.command for call in state.calls.live.values() if not call.detached]
+        )
         if left and not team.stands_still(path):
             names = ", ".join(left)
             _broken(trial, team, label, f"{path or 'the page'} goes on with {names} after the end")

@@ -174,6 +174,22 @@ def test_no_source_is_evaluated_outside_the_bundle_loader() -> None:
     assert not guilty
 
 
+def reads_a_core(path: Path) -> bool:
+    """Whether a file reads the state of a core as an attribute: `core.state`, `agent.runtime.core.state`."""
+    return any(
+        isinstance(node, ast.Attribute)
+        and node.attr == "state"
+        and getattr(node.value, "attr", getattr(node.value, "id", "")) in {"core", "_core"}
+        for node in ast.walk(ast.parse(path.read_text()))
+    )
+
+
+def test_the_state_of_a_robot_is_read_under_its_lock() -> None:
+    """Others ask `RobotRuntime.look`, which holds the lock, and get values."""
+    readers = {relative(path) for path in SOURCES if reads_a_core(path)}
+    assert readers == {"vr/running/robot_runtime.py"}
+
+
 @pytest.mark.parametrize("room", ROOMS)
 def test_importing_a_room_is_cheap(room: str) -> None:
     """A room's front door does not pull in simulators, terminals or networks."""

@@ -220,7 +220,7 @@ class RobotAgent:
     @property
     def abandoned(self) -> tuple[str, ...]:
         """Return the commands that were ended and whose code still runs, also after the robot's own end."""
-        return self.runtime.look(lambda core: tuple(core.state.calls.abandoned.values()))
+        return self.runtime.look(lambda state: tuple(state.calls.abandoned.values()))
 
     def _begin_to_end(self, grace: float) -> asyncio.Task[None]:
         """End; several requests to end are one, and it ends also if nobody waits for it."""
@@ -260,7 +260,7 @@ class RobotAgent:
     async def _no_calls(self, within: float) -> None:
         """Wait until all commands have ended, `within` [s] at most."""
         until = self._loop.time() + within
-        while self.runtime.core.state.calls.live and self._loop.time() < until:  # noqa: ASYNC110 # any thread ends them
+        while self.runtime.look(lambda state: len(state.calls.live)) and self._loop.time() < until:  # noqa: ASYNC110 # any thread ends them
             await asyncio.sleep(0.005)
 
     async def _withdraw(self) -> None:
@@ -280,7 +280,7 @@ class RobotAgent:
             farewell: called while the way to the asker is open, with a sentence on what is left.
         """
         self._virtual("be deleted; end the process of its proxy instead")
-        lease = self.runtime.core.state.lease.current
+        lease = self.runtime.lease
         if lease is not None:
             raise StillBonded(robot=self.robot.name, holder=lease.parent.name, slot=lease.slot)
         self._farewells.append(farewell)
@@ -288,11 +288,8 @@ class RobotAgent:
         await asyncio.shield(self._gone)
 
     def _left_behind(self) -> str:
-        running = ", ".join(self.abandoned)
-        return (
-            running
-            and f"its {running} ignores every cancel and still runs; restart {self.runtime.core.state.home}"
-        )
+        running, home = ", ".join(self.abandoned), self.runtime.look(lambda state: state.home)
+        return running and f"its {running} ignores every cancel and still runs; restart {home}"
 
     async def reload(self, robot: VirtualRobot, page: str, *, now: bool, within: float) -> list[str]:
         """Go on with another page at the next boundary between commands; bonds, settings and state stay.
@@ -315,7 +312,7 @@ class RobotAgent:
         def done(outcome: VrError | list[str] | None) -> None:
             self._on_loop(partial(_settle, turned, outcome))
 
-        running = self.runtime.look(lambda core: core.state.calls.running)
+        running = self.runtime.look(lambda state: state.calls.running)
         self.runtime.reload(robot, done)
         if now and running:
             self.runtime.cancel(running, f"the page of {self.robot.name} is reloaded")
@@ -324,9 +321,10 @@ class RobotAgent:
                 notes = await asyncio.shield(turned)
         except TimeoutError:
             if self.runtime.withdraw_page(robot):
-                calls = self.runtime.core.state.calls
-                call = calls.live.get(calls.running)
-                command = "a command" if call is None else call.command
+                command = (
+                    self.runtime.look(lambda state: state.calls.command_of(state.calls.running))
+                    or "a command"
+                )
                 raise ReloadWaits(robot=robot.name, command=command, seconds=within) from None
             notes = await turned
         self._hooks.become(robot)
@@ -366,7 +364,7 @@ class RobotAgent:
 
     def _lease_changed(self) -> None:
         """Somebody else commands the robot, or nobody, or its parent has other ancestors."""
-        lease = self.runtime.core.state.lease.current
+        lease = self.runtime.lease
         if lease is None:
             self._unwatch_parent()
         self._publisher.update_listing()
@@ -494,7 +492,7 @@ class RobotAgent:
         renewal = on.Prolong(
             parent=request.parent, epoch=request.epoch, lineage=request.lineage, principal=asker
         )
-        lease = self.runtime.core.state.lease.current
+        lease = self.runtime.lease
         try:
             effects = self.runtime.post(renewal)
         except CycleOfBonds as error:
@@ -502,7 +500,7 @@ class RobotAgent:
             raise
         if lease is None or lease.parent != request.parent:  # the parent goes on as another incarnation
             self._watch(request.parent)
-        commands: tuple[CommandSpec, ...] = self.runtime.look(lambda _: self.runtime.specs())
+        commands = self.runtime.look(self.runtime.specs)
         if commands == self._known_to_parent:
             return _granted(effects, None)
         description = self.description()
@@ -542,7 +540,7 @@ class RobotAgent:
         Raises:
             NotInControl: it is.
         """
-        lease = self.runtime.look(lambda core: core.state.lease.current)
+        lease = self.runtime.lease
         if lease is None or lease.parent == parent or lease.parent.identity != parent.identity:
             return
         if self.transport.presence.there(lease.parent.key):
@@ -552,7 +550,7 @@ class RobotAgent:
         """End the lease when its parent's presence goes."""
 
         def look(_: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
-            lease = self.runtime.core.state.lease.current
+            lease = self.runtime.lease
             if not there and lease is not None and lease.parent == parent:
                 reason = f"{parent.name} has ended"
                 self.runtime.post(on.EndLease(parent=parent, unix=self._unix(), reason=reason))

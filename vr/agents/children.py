@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 from robotree.vr.author.virtual_robot import slots_of
 from robotree.vr.base.address import Address, everyone
-from robotree.vr.base.description import CommandSpec, RobotDescription, offered
+from robotree.vr.base.description import CommandSpec, RobotDescription, SlotSpec, offered
 from robotree.vr.base.errors import (
     CycleOfBonds,
     Garbled,
@@ -30,7 +30,7 @@ from robotree.vr.base.principal import ITSELF, Principal
 from robotree.vr.base.requests import Granted, Petition, Raised, Renew, Reply, Resume
 from robotree.vr.base.transport import Transport
 from robotree.vr.core import events as on
-from robotree.vr.core.bonds import DEFAULT_TERM, FRESH, RETURN, Bond, HeldLease, Slots
+from robotree.vr.core.bonds import DEFAULT_TERM, FRESH, RETURN, Bond, HeldLease
 from robotree.vr.core.confirmation import LEAST, Budget, Confirmations
 from robotree.vr.exchange.asking import fresh_key
 from robotree.vr.exchange.client import RobotClient
@@ -66,7 +66,7 @@ class ChildKeeper:
             term: [s] asked of the children.
         """
         self._runtime, self._transport, self._presence = runtime, transport, transport.presence
-        self._parent: Address = runtime.core.state.address
+        self._parent = runtime.address
         self._term = term
         self._watching: dict[str, Undo] = {}
         """The children whose presence is watched, by slot."""
@@ -75,9 +75,12 @@ class ChildKeeper:
         """Those that bind a lost child again, by slot."""
         self._closed = False
 
-    @property
-    def _slots(self) -> Slots:
-        return self._runtime.core.state.slots
+    def _bonds(self) -> dict[str, Bond]:
+        """Return copies of the bonds in force, by slot."""
+        return self._runtime.look(lambda state: state.slots.copied())
+
+    def _spec(self, slot: str) -> SlotSpec:
+        return self._runtime.look(lambda state: state.slots[slot].spec)
 
     def _client(self, bond: Bond) -> RobotClient:
         return self._client_of(bond.child)
@@ -100,11 +103,11 @@ class ChildKeeper:
             LeaseError: the child has another parent, or is an ancestor.
             TransportError: the child does not answer; the petition is taken back, should it have agreed.
         """
-        slot = self._slots.place(slot, child.name)
-        if returning := self._returning.get(slot):
+        place = self._runtime.look(lambda state: state.slots.place(slot, child.name))
+        if returning := self._returning.get(place):
             returning.cancel()
             await asyncio.wait([returning])
-        await self._bind(slot, child, None, asker)
+        await self._bind(place, child, None, asker)
 
     async def _bind(self, slot: str, child: Address, returns: int | None, asker: Principal = ITSELF) -> None:
         """Bind a child; `returns` is the epoch of a lost lease, or `FRESH`; None: it is a new bond."""
@@ -134,10 +137,11 @@ class ChildKeeper:
         Raises:
             BondError: there is no such slot, or it is empty.
         """
-        await asyncio.gather(*(self._free(each, asker) for each in self._slots.filled(slot)))
+        filled = self._runtime.look(lambda state: state.slots.filled(slot))
+        await asyncio.gather(*(self._free(each, asker) for each in filled))
 
     async def _free(self, slot: str, asker: Principal) -> None:
-        bond = self._slots.require(slot)
+        bond = self._runtime.bond_in(slot)
         self._runtime.post(on.FreeAsked(slot=slot, principal=asker))
         with contextlib.suppress(VrError):
             await self._client(bond).release(self._parent, bond.lease.epoch, timeout=FAREWELL)
@@ -147,7 +151,7 @@ class ChildKeeper:
         self._closed = True
         for task in self._returning.values():
             task.cancel()
-        await asyncio.gather(*map(self._free_if_bound, self._slots.bonds()))
+        await asyncio.gather(*map(self._free_if_bound, self._bonds()))
         if self._retracting:
             await asyncio.wait(self._retracting, timeout=FAREWELL)
             for task in list(self._retracting):  # those that are done have left it
@@ -171,7 +175,7 @@ class ChildKeeper:
 
     def gone(self, effect: on.ChildGone) -> None:
         """A slot is empty again."""
-        if effect.slot not in self._slots.bonds() and (unwatch := self._watching.pop(effect.slot, None)):
+        if effect.slot not in self._bonds() and (unwatch := self._watching.pop(effect.slot, None)):
             unwatch()
         if effect.reason:
             _log.warning("%s.%s lost its child: %s", self._parent.name, effect.slot, effect.reason)
@@ -189,7 +193,7 @@ class ChildKeeper:
         Whether the lease can return the child decides. One whose process has ended comes back as another
         incarnation, and only to a slot that states a time for that.
         """
-        stated = self._slots[lost.slot].spec.returns
+        stated = self._spec(lost.slot).returns
         latest = _now() + (stated or RETURN)
         while not self._closed and _now() < latest:
             try:
@@ -227,10 +231,10 @@ class ChildKeeper:
     # -- asking -----------------------------------------------------------------------------------
 
     async def _ask(self, client: RobotClient, slot: str, key: str, returns: int | None) -> Bond:
-        lineage, child = self._runtime.core.lineage, client.address
+        lineage, child = self._runtime.look(lambda state: state.lineage), client.address
         if child.name in lineage:
             raise CycleOfBonds(parent=self._parent.name, child=child.name, lineage=" > ".join(lineage))
-        spec = self._slots[slot].spec
+        spec = self._spec(slot)
         promises = self._promises(spec.group or slot)
         promised = {promise.name for promise in promises}
         uses = tuple(name for name in spec.commands if name not in promised)
@@ -310,7 +314,9 @@ class ChildKeeper:
             elif not isinstance(error, TransportError):  # of these the next one may get through
                 _log.warning("%s: renewal for %s: %s", self._parent.name, slot, error)
 
-        renewal = Renew(parent=self._parent, epoch=epoch, lineage=self._runtime.core.lineage)
+        renewal = Renew(
+            parent=self._parent, epoch=epoch, lineage=self._runtime.look(lambda state: state.lineage)
+        )
         self._runtime.ask(child.key, renewal, take, now=effect.sent, within=self._term, urgent=True)
 
     def _renewed(self, effect: on.RenewLease, granted: Granted) -> None:
@@ -337,7 +343,7 @@ class ChildKeeper:
             NoSuchCommand: it lacks the command.
             TransportError: it does not answer.
         """
-        bond = self._slots.require(slot)
+        bond = self._runtime.bond_in(slot)
         description = await self._client(bond).describe()
         if description.command(command) is None:
             known = offered((spec.name for spec in description.commands), command)
@@ -364,7 +370,7 @@ class ChildKeeper:
         Raises:
             VrError: not all have.
         """
-        bond = self._slots.require(slot)
+        bond = self._runtime.bond_in(slot)
         within = budget.below(bond.lease.round_trip)
         return await self._client(bond).safe_stop(reason, order=order, timeout=budget.wait, within=within)
 
@@ -386,7 +392,7 @@ class ChildKeeper:
         """
         chosen: list[Bond] = []
         seen, given, clock = order.seen, order.given, order.clock
-        for bond in self._slots.bonds().values():
+        for bond in self._bonds().values():
             if seen is None or bond.child.key in seen:
                 chosen.append(bond)
             else:

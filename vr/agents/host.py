@@ -226,7 +226,7 @@ class Host:
         notes = await agent.reload(robot, origin, now=now, within=within)
         for level, text, piece in heard:
             agent.runtime.say("", level, text, piece=piece)
-        if not agent.runtime.core.state.calls.running:
+        if not agent.runtime.look(lambda state: state.calls.running):
             await self._begin(agent)
         return Reloaded(robot=agent.description(), notes=tuple(notes))
 

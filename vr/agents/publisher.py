@@ -21,13 +21,12 @@ from robotree.vr.agents.hooks import Hooks
 from robotree.vr.agents.shared import ROUND, Shared
 from robotree.vr.author.fields import StateField
 from robotree.vr.author.virtual_robot import VirtualRobot
-from robotree.vr.base.address import Address
 from robotree.vr.base.description import BondSpec, Listing, RobotDescription
 from robotree.vr.base.errors import TransportError, VrError
 from robotree.vr.base.presence import Undo
 from robotree.vr.base.requests import LogLines, State, encode
 from robotree.vr.base.transport import Transport
-from robotree.vr.core.machine import RobotCore
+from robotree.vr.core.machine import RobotState
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.running.robot_runtime import RobotRuntime
 
@@ -68,7 +67,7 @@ class Publisher:
         """
         self._runtime, self._hooks, self._transport = runtime, hooks, transport
         self._registrar, self._host = registrar, shared.host
-        self._address: Address = runtime.core.state.address
+        self._address = runtime.address
         self._loop = asyncio.get_running_loop()
         self._shown = 0.0
         """[s] When it was last looked at whether the state is another one."""
@@ -237,13 +236,13 @@ class Publisher:
         runtime.look_at_robot()
         now = runtime.process.runner.now()
 
-        def describe(core: RobotCore) -> RobotDescription:
-            state, bond = core.state, None
+        def describe(state: RobotState) -> RobotDescription:
+            bond = None
             if lease := state.lease.current:
                 left = max(lease.expires - now, 0.0)
                 bond = BondSpec(parent=lease.parent, slot=lease.slot, epoch=lease.epoch, remaining=left)
             return RobotDescription(
-                commands=runtime.specs(),
+                commands=runtime.specs(state),
                 slots=state.slots.specs(),
                 bond=bond,
                 readings=readings,
@@ -254,7 +253,7 @@ class Publisher:
                 calls=dict(state.calls.counts),
                 doc=self._doc(),
                 **self._identity(),
-                **self._condition(core),
+                **self._condition(state),
             )
 
         return runtime.look(describe)
@@ -264,39 +263,39 @@ class Publisher:
         runtime, readings = self._runtime, self._readings()
         runtime.look_at_robot()
 
-        def describe(core: RobotCore) -> State:
-            runtime.enter_asked(core)
-            lease, calls = core.state.lease.current, core.state.calls
+        def describe(state: RobotState) -> State:
+            lease, calls = state.lease.current, state.calls
+            runtime.enter_asked(calls)
             running = calls.live.get(calls.running)
             return State(
                 caller="" if running is None else running.caller,
                 note="" if running is None else runtime.progress_of(running.key)[1],
                 bond=None if lease is None else lease.parent,
                 readings=readings,
-                **self._condition(core),
+                **self._condition(state),
             )
 
         return runtime.look(describe)
 
     def listing(self) -> Listing | None:
         """Return what a lookup service should hold of it: nothing while it is enslaved."""
-        if self._runtime.core.state.lease.current is not None:
+        if self._runtime.lease is not None:
             return None
-        specs = self._runtime.look(lambda _: self._runtime.specs())
+        specs = self._runtime.look(self._runtime.specs)
         return Listing(
             commands=tuple(spec.name for spec in specs if spec.available),
             doc=self._doc().partition("\n")[0],
             **self._identity(),
         )
 
-    def _condition(self, core: RobotCore) -> dict[str, Any]:
+    def _condition(self, state: RobotState) -> dict[str, Any]:
         """Return the fields that its description and its state share."""
-        calls, stop = core.state.calls, core.state.stop
+        calls, stop = state.calls, state.stop
         running = calls.live.get(calls.running)
         return {
             "busy": "" if running is None else running.command,
             "waiting": len(calls.waiting),
-            "epoch": core.state.lease.epoch,
+            "epoch": state.lease.epoch,
             "online": self._runtime.robot.online,
             "stopped": bool(stop.in_force),
             "stop_reason": stop.in_force,
@@ -306,7 +305,7 @@ class Publisher:
 
     def _readings(self) -> dict[str, float]:
         readings = dict(self._hooks.readings())
-        fraction = self._runtime.progress_of(self._runtime.core.state.calls.running)[0]
+        fraction = self._runtime.progress_of(self._runtime.look(lambda state: state.calls.running))[0]
         if not math.isnan(fraction):
             readings["progress"] = fraction
         return readings

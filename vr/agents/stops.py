@@ -6,7 +6,8 @@ What stands behind the robot is asked beside its children, as one more of those 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
+from typing import TypeVar
 
 import msgspec
 
@@ -21,6 +22,8 @@ from robotree.vr.core.confirmation import Budget, Confirmations
 from robotree.vr.core.stop import HARDWARE, Stop
 from robotree.vr.running.robot_runtime import RobotRuntime
 
+T = TypeVar("T")
+
 
 class Stops:
     """Stops one robot and releases it. Lives on the event loop."""
@@ -34,7 +37,7 @@ class Stops:
             children: of the robot; None: it can have none.
         """
         self._runtime, self._hooks, self._children = runtime, hooks, children
-        self._key = runtime.core.state.address.key
+        self._key = runtime.key
         self._settling: dict[int, asyncio.Future[Done | Raised]] = {}
         """What waits for the answers to stops, by generation."""
         self._asking: dict[tuple[int, str], asyncio.Task[None]] = {}
@@ -42,9 +45,8 @@ class Stops:
         self._releases = 0
         """How many resumes wait for what stands behind the robot."""
 
-    @property
-    def _stop(self) -> Stop:
-        return self._runtime.core.state.stop
+    def _look(self, query: Callable[[Stop], T]) -> T:
+        return self._runtime.look(lambda state: query(state.stop))
 
     async def safe_stop(self, request: SafeStop, asker: Principal) -> Reply:
         """Stop now; answer when everything below has confirmed it, or when the time is over.
@@ -107,15 +109,13 @@ class Stops:
         """
         runtime, name, began = self._runtime, self._runtime.robot.name, _now()
         budget = self._budget(request.within)
-        runtime.core.state.lease.check(request.epoch, runtime.process.runner.now(), asker)
+        runtime.expect_to_command(request.epoch, asker)
         confirmations, seen = Confirmations("the resume"), self._stops_seen(request)
         if seen == runtime.stops and not await self._hooks.has_stopped(budget.wait / 2):
             confirmations.deny(name, STILL_STOPPING)
         if self._children is not None and seen == runtime.stops and confirmations.complete:
             await self._children.resume(request, confirmations, budget, waited=_now() - began)
-            runtime.core.state.lease.check(
-                request.epoch, runtime.process.runner.now()
-            )  # that may have taken time
+            runtime.expect_to_command(request.epoch, asker)  # that may have taken time
         allowed = seen == runtime.stops and confirmations.complete
         doubt = await self._release_own(budget.wait - (_now() - began)) if allowed else ""
         if seen != runtime.stops:
@@ -133,8 +133,8 @@ class Stops:
     # -- inside -----------------------------------------------------------------------------------
 
     def _budget(self, within: float) -> Budget:
-        slots = self._runtime.core.state.slots
-        return Budget(within, depth=slots.depth, ways=slots.ways)
+        depth, ways = self._runtime.look(lambda state: (state.slots.depth, state.slots.ways))
+        return Budget(within, depth=depth, ways=ways)
 
     def _confirmation(self, effect: on.AskPart) -> Awaitable[Sequence[str]]:
         """Have a part stop, from now on; what is returned waits for who has confirmed it."""
@@ -155,7 +155,7 @@ class Stops:
 
     async def _release_own(self, within: float) -> str:
         """Release what stands behind the robot, within [s]; return why that is not confirmed, or nothing."""
-        if not (self._stop.in_force or self._releases):
+        if not (self._look(lambda stop: stop.in_force) or self._releases):
             return ""  # nobody has stopped it: what is offline need not confirm that
         self._releases += 1
         try:
@@ -166,10 +166,10 @@ class Stops:
     def _stops_seen(self, request: Resume) -> int:
         """How many stops the asker has seen; all, if it does not report a number or no stop is in force."""
         stops = self._runtime.stops
-        if not self._stop.in_force:
+        if not self._look(lambda stop: stop.in_force):
             return stops
         now = self._runtime.process.runner.now()
-        if same_clock(request.clock) and not self._stop.known_to(request.given, now):
+        if same_clock(request.clock) and not self._look(lambda stop: stop.known_to(request.given, now)):
             stops -= 1
         return stops if request.seen is None else min(request.seen.get(self._key, 0), stops)
 

@@ -406,6 +406,10 @@ class Bond(msgspec.Struct, kw_only=True):
     ways: float = 0.0
     """[s] for the way down through these levels and back, in its latest report."""
 
+    def copied(self) -> Bond:
+        """Return a copy, which stays as it is now."""
+        return msgspec.structs.replace(self, lease=msgspec.structs.replace(self.lease))
+
 
 class Slot(msgspec.Struct):
     """One slot. Its state follows from what is in it."""
@@ -605,6 +609,10 @@ class Slots(msgspec.Struct):
         if slot is None or slot.bond is None:
             raise self.emptiness(name)
         return slot.bond
+
+    def copied(self) -> dict[str, Bond]:
+        """Return copies of the bonds in force, by slot: they stay as they are now."""
+        return {name: bond.copied() for name, bond in self.bonds().items()}
 
     def emptiness(self, name: str) -> SlotEmpty:
         """Return the error for an empty slot, with the reason.

@@ -225,6 +225,11 @@ class Calls(msgspec.Struct, kw_only=True):
 
     # -- queries ----------------------------------------------------------------------------------
 
+    def command_of(self, key: str) -> str:
+        """Return the command of a live call; empty: there is none of this key."""
+        call = self.live.get(key)
+        return "" if call is None else call.command
+
     def of(self, command: str) -> AcceptedCall | None:
         """Return the oldest live call of a command that nobody has asked to end; None: there is none."""
         return next((one for one in self.live.values() if (one.command, one.cause) == (command, None)), None)
@@ -252,6 +257,12 @@ class RobotState(msgspec.Struct, kw_only=True):
     stop: Stop
     fields: dict[str, Any] = {}
     """Its settings and what its page has declared as state: plain values by name."""
+
+    @property
+    def lineage(self) -> tuple[str, ...]:
+        """Names from the topmost ancestor down to the robot."""
+        lease = self.lease.current
+        return (*(() if lease is None else lease.lineage), self.address.name)
 
 
 _encoder = msgspec.msgpack.Encoder()
@@ -311,12 +322,6 @@ class RobotCore:
             if call.deadline_at < due and call.cause is None:
                 due = call.deadline_at
         return due
-
-    @property
-    def lineage(self) -> tuple[str, ...]:
-        """Names from the topmost ancestor down to the robot."""
-        lease = self.state.lease.current
-        return (*(() if lease is None else lease.lineage), self.name)
 
     # -- calls ------------------------------------------------------------------------------------
 
@@ -575,9 +580,7 @@ class RobotCore:
         return []
 
     def _bind(self, event: on.Bind, _: float) -> Effects:
-        bond = event.bond  # the event stays as it is: no part of the state is known outside
-        lease = msgspec.structs.replace(bond.lease)
-        self.state.slots.bind(event.slot, msgspec.structs.replace(bond, lease=lease))
+        self.state.slots.bind(event.slot, event.bond.copied())  # no part of the state is known outside
         self._bonds_due = _bonds_due(self.state.slots)
         return []
 

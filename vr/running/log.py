@@ -15,6 +15,8 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from typing import Any
 
+import msgspec
+
 from robotree.vr.base.literal import write
 from robotree.vr.base.principal import is_person
 from robotree.vr.base.requests import Level, LoggedLine, Returned
@@ -99,7 +101,8 @@ class Log:
         if call.key not in self._open:
             self._open.add(call.key)
             words = "begins" if ahead is None else waits(ahead)
-            self._take(_asked, call, words, now=self._now(), always=True)
+            value = msgspec.structs.replace(call)  # what is written later is how it was
+            self._take(_asked, value, words, now=self._now(), always=True)
 
     def settle(self, call: Ended) -> None:
         """Take how a command went; of those that only read, failures alone."""

@@ -33,8 +33,9 @@ from robotree.vr.base.principal import ITSELF, Principal, is_person, principal_o
 from robotree.vr.base.requests import PATIENCE, AnyRequest, Call, Level, State
 from robotree.vr.base.transport import Transport
 from robotree.vr.core import events as on
+from robotree.vr.core.bonds import Bond, Lease
 from robotree.vr.core.events import Begin, CoreEffect, CoreEvent, Interrupt, Settled
-from robotree.vr.core.machine import RobotCore
+from robotree.vr.core.machine import Calls, RobotCore, RobotState
 from robotree.vr.exchange.asking import TakeReply, send_request
 from robotree.vr.exchange.authority import authorise
 from robotree.vr.running.log import Log, waits
@@ -126,7 +127,8 @@ class RobotRuntime:
             TypeError: the robot's class declares a command in a way that cannot be called from afar.
         """
         self.robot, self.core, self.process, self.name = robot, core, process, robot.name
-        self.key = core.state.address.key
+        self.address = core.state.address
+        self.key = self.address.key
         self.principal = principal_of(transport.identity, self.key, "")
         """The robot where it asks for something."""
         self.isolated = robot.isolated  # its commands always run on workers of their own
@@ -261,12 +263,30 @@ class RobotRuntime:
 
     def authorise(self, principal: Principal, request: AnyRequest) -> None:
         """Refuse a request that its principal may not make; see `authority.authorise`."""
-        self.look(lambda core: authorise(principal, request, core.state))
+        self.look(lambda state: authorise(principal, request, state))
 
-    def look(self, query: Callable[[RobotCore], _T]) -> _T:
-        """Ask the state something, while nothing changes it; what is returned must be a value."""
+    def look(self, query: Callable[[RobotState], _T]) -> _T:
+        """Ask the state something while nothing changes it.
+
+        Args:
+            query: returns a value: no part of the state that may change is known outside.
+        """
         with self._lock:
-            return query(self.core)
+            return query(self.core.state)
+
+    def expect_to_command(self, epoch: int | None, principal: Principal) -> None:
+        """Refuse a principal who may not command the robot, under the lease of an epoch or without any.
+
+        Raises:
+            LeaseError: he may not.
+        """
+        now = self._runner.now()
+        self.look(lambda state: state.lease.check(epoch, now, principal))
+
+    @property
+    def lease(self) -> Lease | None:
+        """The lease that the robot has granted; None: it is free."""
+        return self.look(lambda state: state.lease.current)
 
     def _attend(self, key: str, listener: Listener | None, turn: OfferedTurn | None) -> None:
         run = self._run_of(key)
@@ -336,7 +356,7 @@ class RobotRuntime:
     def _show_change(self) -> None:
         """Let others see a change, and tell people whose commands wait which one is first."""
         self.changed()
-        if self.core.state.calls.waiting:
+        if self._at_work[1]:
             self._tell_waiting()
 
     def _tell_waiting(self) -> None:
@@ -388,17 +408,20 @@ class RobotRuntime:
     @property
     def stops(self) -> int:
         """How many stops have begun, with the one that the robot itself has and has not reported yet."""
-        self.look_at_robot()
-        return self.core.state.stop.generation
+        return self.look_at_robot()
 
-    def look_at_robot(self) -> None:
-        """Take the report of the robot and of the controller behind it, if it has changed."""
+    def look_at_robot(self) -> int:
+        """Take the report of the robot and of the controller behind it; return how many stops have begun."""
         halted, obeyed = self.robot.halted, None if self._obeyed is None else self._obeyed()
-        if halted != self.core.state.stop.halted:
-            self.post(on.Halted(reason=halted))
+        with self._lock:
+            known, stops = self.core.state.stop.halted, self.core.state.stop.generation
         if obeyed is not None and obeyed != self._last_obeyed:
             self._last_obeyed = obeyed
             self.post(on.Obeyed(epoch=obeyed))
+        if halted != known:
+            self.post(on.Halted(reason=halted))
+            stops = self.look(lambda state: state.stop.generation)
+        return stops
 
     def admit(
         self,
@@ -426,15 +449,12 @@ class RobotRuntime:
             VrError: it is refused.
             NotDescribed: the child must be asked for the command first.
         """
-        self.look_at_robot()
-        if stops < 0:
-            stops = self.core.state.stop.generation
+        begun = self.look_at_robot()
         try:
             spec = self.spec(call.command)
             arguments = check_arguments(spec, call.arguments, robot=self.robot.name)
         except (VrError, NotDescribed):
-            # a stranger is told that first
-            self.core.state.lease.check(call.epoch, self._runner.now(), principal)
+            self.expect_to_command(call.epoch, principal)  # a stranger is told that first
             raise
         self.post(
             on.Invoke(
@@ -442,7 +462,7 @@ class RobotRuntime:
                 arguments=arguments,
                 deadline_at=deadline_at,
                 reads=spec.effect == "read" or spec.beside,
-                stops_seen=stops,
+                stops_seen=begun if stops < 0 else stops,
                 alone=call.command in self.robot.one_at_a_time,
                 principal=principal,
             ),
@@ -484,22 +504,23 @@ class RobotRuntime:
     def abandon(self, key: str, at: FrameType | None) -> None:
         """Give up code that ignores every interruption; `at` is what its thread carries out."""
         self.isolated = True  # what happened once may happen again, and must not take its caller with it
-        call, where = self.core.state.calls.live.get(key), ""
-        if call is not None:
-            line = line_at_work(at, self.source_of(call.command))
+        command, home = self.look(lambda state: (state.calls.command_of(key), state.home))
+        where = ""
+        if command:
+            line = line_at_work(at, self.source_of(command))
             where = "" if line is None else f"{line.place}: {line.text}"
             _log.error(
                 "%s.%s is abandoned: it ignores every cancel and still runs%s, though it can reach no child "
                 "any more; the robot is free again when it has ended, or after a restart of %s",
-                *(self.name, call.command, where and f" ({where})", self.core.state.home),
+                *(self.name, command, where and f" ({where})", home),
             )
         self.post(on.Abandon(key=key, where=where))
-        if call is not None:
-            self.log.say("warning", f"{call.command} has ended and its code still runs: {where or '?'}")
+        if command:
+            self.log.say("warning", f"{command} has ended and its code still runs: {where or '?'}")
 
     def gone(self, key: str) -> None:
         """Abandoned code has ended after all."""
-        command = self.core.state.calls.abandoned.get(key, "a command")
+        command = self.look(lambda state: state.calls.abandoned.get(key, "a command"))
         _log.warning("%s.%s has ended after all; the robot can be used again", self.name, command)
         self.log.say("info", f"{command} has ended after all; the robot can be used again")
         self.post(on.Gone(key=key))
@@ -534,9 +555,8 @@ class RobotRuntime:
         else:
             self.log.say(level, text)
 
-    def enter_asked(self, core: RobotCore) -> None:
+    def enter_asked(self, calls: Calls) -> None:
         """Enter in the log which commands of people go on or wait, each once. Under the lock."""
-        calls = core.state.calls
         for call in calls.live.values():
             if not call.reads and is_person(call.caller):
                 self.log.ask(call, None if call.running else calls.live.get(calls.running))
@@ -552,13 +572,12 @@ class RobotRuntime:
             NotDescribed: the child must be asked for it first.
         """
         if command := self._commands.get(name):
-            return self._present(command.spec) if command.spec.beside else command.spec
+            return self.look(partial(_present, command.spec)) if command.spec.beside else command.spec
         exposed = self._exposures.get(name)
         if exposed is None:
             known = offered((*self._commands, *self._exposures), name)
             raise NoSuchCommand(robot=self.robot.name, command=name, known=known)
-        child = self.core.state.slots.require(exposed.child.name).description
-        spec = child.command(exposed.command)
+        spec = self.child_spec(exposed.child.name, exposed.command)
         if spec is None or not spec.available:
             raise NotDescribed(exposed.child.name, exposed.command)
         try:
@@ -577,33 +596,14 @@ class RobotRuntime:
         fields = [field for name in typed if (field := command.spec.by_name.get(name))]
         return any(field.nested or field.type in {"float", "int"} for field in fields)
 
-    def specs(self) -> tuple[CommandSpec, ...]:
-        """Describe all commands as they are now."""
-        own = tuple(self._present(command.spec) for command in self._commands.values())
-        return own + tuple(self._exposed_spec(name, exposed) for name, exposed in self._exposures.items())
-
-    def _present(self, spec: CommandSpec) -> CommandSpec:
-        """Return a spec whose defaults are the present values, if it is that of the settings."""
-        if spec.name != SET or not spec.beside:
-            return spec
-        kept = self.core.state.fields
-        now = (msgspec.structs.replace(one, default=kept.get(one.name)) for one in spec.parameters)
-        return msgspec.structs.replace(spec, parameters=tuple(now))
+    def specs(self, state: RobotState) -> tuple[CommandSpec, ...]:
+        """Describe all commands in a state of the robot; for `look`."""
+        own = tuple(_present(command.spec, state) for command in self._commands.values())
+        return own + tuple(_exposed_spec(name, each, state) for name, each in self._exposures.items())
 
     def _keep(self, values: dict[str, Any]) -> None:
         """Keep what the robot's own code, or one who may, has set."""
         self.post(on.Set(values=values))
-
-    def _exposed_spec(self, name: str, exposed: Exposed) -> CommandSpec:
-        through = f"{exposed.child.name}.{exposed.command}"
-        bond = self.core.state.slots[exposed.child.name].bond
-        spec = None if bond is None else bond.description.command(exposed.command)
-        if spec is None:
-            return CommandSpec(name=name, through=through, available=False)
-        try:
-            return msgspec.structs.replace(exposed.seen(spec), name=name, through=through)
-        except ValueError as error:
-            return CommandSpec(name=name, through=through, available=False, doc=f"Cannot be used: {error}.")
 
     # -- for the code of a call -------------------------------------------------------------------
 
@@ -641,13 +641,21 @@ class RobotRuntime:
             bond = self.core.state.slots.require(slot)
             return bond.child, bond.lease.epoch
 
+    def bond_in(self, slot: str) -> Bond:
+        """Return a copy of the bond with the child in a slot.
+
+        Raises:
+            SlotEmpty: there is none.
+        """
+        return self.look(lambda state: state.slots.require(slot).copied())
+
     def child_spec(self, slot: str, command: str) -> CommandSpec | None:
         """Return a command as the child in a slot describes it; None: it has none of this name.
 
         Raises:
             SlotEmpty: there is no child.
         """
-        return self.look(lambda core: core.state.slots.require(slot).description.command(command))
+        return self.look(lambda state: state.slots.require(slot).description.command(command))
 
     def translate_child_error(self, slot: str, error: VrError) -> Exception:
         """Return the error of a call as its caller sees it: the child is gone, or a class of the page."""
@@ -670,7 +678,7 @@ class RobotRuntime:
     def _tell_gone(self, slot: str) -> None:
         """Tell those whose calls or readings end with the child that was in a slot."""
         for tell in tuple(self._bereft.get(slot, ())):
-            tell(self.look(lambda core: core.state.slots.emptiness(slot)))
+            tell(self.look(lambda state: state.slots.emptiness(slot)))
 
     def numbered(self, call: Call, slot: str) -> tuple[Call, Callable[[], None]]:
         """Return a call of a child in another process with its number, and how to say that it has ended."""
@@ -710,6 +718,29 @@ class _Ledger:
         self._last += 1
         self.numbers.add(self._last)
         return self._last, min(self.numbers)
+
+
+def _present(spec: CommandSpec, state: RobotState) -> CommandSpec:
+    """Return a spec whose defaults are the present values, if it is that of the settings."""
+    if spec.name != SET or not spec.beside:
+        return spec
+    parameters = (
+        msgspec.structs.replace(field, default=state.fields.get(field.name)) for field in spec.parameters
+    )
+    return msgspec.structs.replace(spec, parameters=tuple(parameters))
+
+
+def _exposed_spec(name: str, exposed: Exposed, state: RobotState) -> CommandSpec:
+    """Describe a command of a child under the name that it has here."""
+    through = f"{exposed.child.name}.{exposed.command}"
+    bond = state.slots[exposed.child.name].bond
+    spec = None if bond is None else bond.description.command(exposed.command)
+    if spec is None:
+        return CommandSpec(name=name, through=through, available=False)
+    try:
+        return msgspec.structs.replace(exposed.seen(spec), name=name, through=through)
+    except ValueError as error:
+        return CommandSpec(name=name, through=through, available=False, doc=f"Cannot be used: {error}.")
 
 
 def _begins(effect: CoreEffect, key: str) -> bool:

@@ -211,9 +211,7 @@ async def test_a_deadline_does_not_grow_by_the_way(realm: Any) -> None:
     began = asyncio.get_running_loop().time()
     call = asyncio.create_task(client.call("wait", {}, deadline=1.5))
     await realm.until(lambda: rover.description().busy == "wait")
-    deadline_at = rover.runtime.look(
-        lambda core: [call.deadline_at for call in core.state.calls.live.values()]
-    )
+    deadline_at = rover.runtime.look(lambda state: [call.deadline_at for call in state.calls.live.values()])
     assert deadline_at == [pytest.approx(began + 1.5, abs=0.01)]
     with pytest.raises(VrError, match="deadline"):
         await call

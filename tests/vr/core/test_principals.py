@@ -124,9 +124,9 @@ async def test_a_child_in_the_same_process_has_its_robot_as_principal(realm: Any
     await realm.operator.announce("caller/7")
     calling = asyncio.create_task(realm.client(pair, sender="caller/7").call("move", {"x": 5}))
     await realm.until(lambda: pair.left.description().busy == "move")
-    (call,) = pair.left.runtime.look(lambda core: [one.principal for one in core.state.calls.live.values()])
+    (call,) = pair.left.runtime.look(lambda state: [one.principal for one in state.calls.live.values()])
     assert call == pair.runtime.principal == pair.left.runtime.core.state.lease.current.principal
-    (own,) = pair.runtime.look(lambda core: [one.principal for one in core.state.calls.live.values()])
+    (own,) = pair.runtime.look(lambda state: [one.principal for one in state.calls.live.values()])
     assert (own.agent, own.process) == ("caller/7", realm.operator.identity.process)
     await calling
 
