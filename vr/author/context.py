@@ -278,5 +278,5 @@ def commander_here() -> Activity | None:
     return activity if activity is not None and _end_child is None and activity.is_here() else None
 
 
-enter: Callable[[Activity], object] = _running.set
+enter: Callable[[Any], object] = _running.set
 """Says which command runs in the present context."""

@@ -61,11 +61,6 @@ class CommandActivity(Frame):
         return self
 
     @property
-    def cancelled(self) -> bool:
-        """Whether it has been asked to end."""
-        return self.cause is not None
-
-    @property
     def simulated(self) -> bool:
         """Whether it runs in virtual time."""
         return self.worker.process.runner.simulated

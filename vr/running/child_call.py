@@ -13,7 +13,6 @@ from typing import Any, Literal
 from robotree.vr.author.child import readable
 from robotree.vr.author.context import Activity, CallLimit
 from robotree.vr.author.together import Started
-from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.address import Address
 from robotree.vr.base.errors import (
     ChildCancelled,
@@ -74,8 +73,6 @@ def call_child(  # who calls whom, how, and for how long
         VrError: the slot is empty, or the child refuses.
     """
     runtime = frame.runtime
-    if not isinstance(runtime.robot, VirtualRobot):
-        raise TypeError(f"{runtime.name} has no children")
     child, epoch = runtime.child_in(slot)
     pending = ChildCall(frame, slot, child, command, limit, passes_on=manner == "passed on")
     now, deadline_at = frame.worker.now(), frame.deadline_at

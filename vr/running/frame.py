@@ -96,6 +96,11 @@ class Frame:
         return self.run.cause if self.dropped is None else self.dropped
 
     @property
+    def cancelled(self) -> bool:
+        """Whether it has been asked to end."""
+        return self.run.cause is not None or self.dropped is not None
+
+    @property
     def final(self) -> bool:
         """Whether not even a clean-up may command children any more."""
         return self.run.final or self.over
@@ -136,7 +141,7 @@ class Frame:
         def run(*values: Any, **arguments: Any) -> _T:
             guest.worker.thread = guest.worker.here()
             context = contextvars.copy_context()
-            context.run(enter, guest.activity)
+            context.run(enter, guest)
             try:
                 return context.run(work, *values, **arguments)
             finally:
@@ -184,11 +189,11 @@ class Frame:
                 if outcome is None:
                     outcome = (None, Interrupted())
                     try:
-                        if (cause := self.cause) is not None and self.shield <= worker.now():
-                            outcome = (None, cause)
+                        if (self.run.cause or self.dropped) and self.shield <= worker.now():
+                            outcome = (None, self.cause)
                         else:
                             context = contextvars.Context()
-                            context.run(enter, self.activity)
+                            context.run(enter, self)
                             worker.arm(self)
                             outcome = (context.run(work), None)
                     except BaseException as error:  # noqa: BLE001 # the boundary to foreign code
@@ -258,7 +263,7 @@ class Frame:
         if self.worker.dead:
             raise self._once_more(Abandoned())
         now = self.worker.now()
-        if self.deadline_at > now and self.run.cause is None and self.dropped is None and self.group is None:
+        if self.deadline_at > now and not (self.run.cause or self.dropped or self.group):
             return
         if now >= self.shield:
             self._end(now)

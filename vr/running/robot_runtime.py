@@ -289,7 +289,7 @@ class RobotRuntime:
         return self.look(lambda state: state.lease.current)
 
     def _attend(self, key: str, listener: Listener | None, turn: OfferedTurn | None) -> None:
-        run = self._run_of(key)
+        run = self.runs.get(key) or self._run_of(key)
         run.turn = run.turn or turn
         if listener is not None:
             run.listeners.append(listener)
@@ -355,7 +355,8 @@ class RobotRuntime:
 
     def _show_change(self) -> None:
         """Let others see a change, and tell people whose commands wait which one is first."""
-        self.changed()
+        if not self.has_news:
+            self.changed()
         if self._at_work[1]:
             self._tell_waiting()
 
