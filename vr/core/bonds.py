@@ -25,6 +25,7 @@ given by the caller.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable
 from typing import Literal
@@ -583,6 +584,15 @@ class Slots(msgspec.Struct):
     def bonds(self) -> dict[str, Bond]:
         """Return the bonds in force, by slot."""
         return {name: slot.bond for name, slot in self.by_name.items() if slot.bond is not None}
+
+    @property
+    def due(self) -> float:
+        """[s] when the next lease of a child is to be renewed, or over."""
+        due = math.inf
+        for slot in self.by_name.values():
+            if slot.bond is not None:
+                due = min(due, slot.bond.lease.due, slot.bond.lease.expires)
+        return due
 
     @property
     def depth(self) -> int:

@@ -286,12 +286,11 @@ def decode_state(body: bytes) -> RobotState:
 class RobotCore:
     """One robot: its state, and what each event does to it."""
 
-    __slots__ = ("_bonds_due", "due", "state")
+    __slots__ = ("due", "state")
 
     def __init__(self, state: RobotState) -> None:
         """Take a state, new or decoded."""
         self.state = state
-        self._bonds_due = _bonds_due(state.slots)
         self.due = self._due()
         """[s] when `Tick` will change something if nothing else does before."""
 
@@ -315,7 +314,7 @@ class RobotCore:
         return self.state.address.name
 
     def _due(self) -> float:
-        due, lease = self._bonds_due, self.state.lease.current
+        due, lease = self.state.slots.due, self.state.lease.current
         if lease is not None and lease.expires < due:
             due = lease.expires
         for call in self.state.calls.live.values():
@@ -503,8 +502,7 @@ class RobotCore:
         effects: Effects = []
         if lease := self.state.lease.tick(now, event.unix):
             effects += self._freed(lease, f"{lease.parent.name} fell silent", now)
-        if self._bonds_due <= now:
-            effects += self._keep_bonds(now)
+        effects += self._keep_bonds(now)
         for call in list(self.state.calls.live.values()):
             if call.deadline_at <= now and call.key in self.state.calls.live:
                 effects += self._end(call, DeadlineExceeded(robot=self.name, command=call.command), now)
@@ -581,18 +579,15 @@ class RobotCore:
 
     def _bind(self, event: on.Bind, _: float) -> Effects:
         self.state.slots.bind(event.slot, event.bond.copied())  # no part of the state is known outside
-        self._bonds_due = _bonds_due(self.state.slots)
         return []
 
     def _free(self, event: on.FreeAsked, _: float) -> Effects:
         bond = self.state.slots.free(event.slot)
-        self._bonds_due = _bonds_due(self.state.slots)
         return [ChildGone(slot=event.slot, child=bond.child, reason="")]
 
     def _lose(self, event: on.Lose, _: float) -> Effects:
         if not self.state.slots.lose(event.slot, event.child, event.epoch, event.reason):
             return []
-        self._bonds_due = _bonds_due(self.state.slots)
         return [ChildGone(slot=event.slot, child=event.child, reason=event.reason, epoch=event.epoch)]
 
     def _keep_bonds(self, now: float, *, all_of_them: bool = False) -> Effects:
@@ -611,7 +606,6 @@ class RobotCore:
                 effects += self._lose(on.Lose(slot=slot, child=child, epoch=lease.epoch, reason=reason), now)
             elif all_of_them or lease.due <= now:
                 effects.append(_renew(slot, bond, now))
-        self._bonds_due = _bonds_due(self.state.slots)
         return effects
 
     def _renewed(self, event: on.Renewed, now: float) -> Effects:
@@ -621,7 +615,6 @@ class RobotCore:
             bond.depth, bond.ways = event.depth, event.ways
             if event.description is not None:
                 bond.description = event.description
-            self._bonds_due = _bonds_due(self.state.slots)
         return []
 
     def _described(self, event: on.ChildDescribed, now: float) -> Effects:
@@ -630,7 +623,6 @@ class RobotCore:
             return []
         bond.description = event.description
         renewal = _renew(event.slot, bond, now)  # else the child believes that its parent knows less
-        self._bonds_due = _bonds_due(self.state.slots)
         return [renewal]
 
     # -- what it keeps ----------------------------------------------------------------------------
@@ -644,7 +636,6 @@ class RobotCore:
     def _reload(self, event: on.PageReloaded, _: float) -> Effects:
         state = self.state
         state.slots.revise(event.slots)
-        self._bonds_due = _bonds_due(state.slots)
         state.fields.clear()  # the same object: running readers of the old page look into it
         state.fields.update(event.fields)
         return [FieldsChanged()]
@@ -732,9 +723,3 @@ class RobotCore:
 def _renew(slot: str, bond: Bond, now: float) -> RenewLease:
     bond.lease.asked(now)
     return RenewLease(slot=slot, child=bond.child, epoch=bond.lease.epoch, sent=now)
-
-
-def _bonds_due(slots: Slots) -> float:
-    """[s] when the next lease of a child is to be renewed, or over."""
-    leases = (bond.lease for bond in slots.bonds().values())
-    return min((min(lease.due, lease.expires) for lease in leases), default=math.inf)

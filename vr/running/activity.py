@@ -52,8 +52,8 @@ def _from_author(
 class CommandActivity(Frame):
     """A running command, or a part of it: what `context.Activity` describes."""
 
-    _feeds: Feeds | None = None
-    """The readings of children that it follows."""
+    opened: Feeds | None = None
+    """What `feeds` gives; None: nobody has asked for it."""
 
     @property
     def activity(self) -> CommandActivity:
@@ -126,9 +126,9 @@ class CommandActivity(Frame):
     @property
     def feeds(self) -> Feeds:
         """The readings of children that it follows."""
-        if self._feeds is None:
-            self._feeds = Feeds(self)
-        return self._feeds
+        if self.opened is None:
+            self.opened = Feeds(self)
+        return self.opened
 
     @_from_author
     def next_reading(self, slot: str, after: int, at: float) -> tuple[int, Any]:
@@ -318,8 +318,8 @@ class CommandActivity(Frame):
     def end(self) -> None:
         """End what its code, which has ended, has started and not detached."""
         super().end()
-        if self._feeds is not None:
-            self._feeds.close()
+        if self.opened is not None:
+            self.opened.close()
 
 
 # -- how a call is carried out ---------------------------------------------------------------------
@@ -344,7 +344,7 @@ def execute(runtime: RobotRuntime, key: str, run: Run, worker: Worker) -> None:
     value, error = activity.carry_out(work)
     run.interrupt = None
     activity.over = True  # from now on a thread that works for it reaches no child
-    if activity.started or activity.guests or activity._feeds is not None:  # noqa: SLF001 # its own
+    if activity.started or activity.guests or activity.opened is not None:
         activity.end()
     if isinstance(robot, VirtualRobot) and not worker.dead:
         try:

@@ -40,9 +40,9 @@ class Run:
     """Whether not even a clean-up may command children any more: see `core.machine.AcceptedCall.final`."""
     interrupt: Callable[[], None] | None = None
     """Has its code take note of `cause`; None: its turn has not come, or its code has ended."""
-    shown = NO_PROGRESS
+    shown: tuple[float, str] = NO_PROGRESS
     """How far it is, as others see it."""
-    own = NO_PROGRESS
+    own: tuple[float, str] = NO_PROGRESS
     """The same without the progress of its children."""
     waited: bool = False
     """Whether the person who called it was told that it waits."""
