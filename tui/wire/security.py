@@ -6,6 +6,7 @@ processes that one command starts together. Its path is all that command lines, 
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import os
 import secrets
@@ -14,6 +15,7 @@ from collections.abc import AsyncGenerator, Generator
 from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 
+from robotree.files import private_folder
 from robotree.protocol.errors import KeyFileError
 from robotree.protocol.links.heard import HeardFile
 from robotree.protocol.links.keyring import Keyring, create
@@ -21,7 +23,7 @@ from robotree.protocol.links.names import names
 from robotree.protocol.links.security import UNSIGNED, LinkSecurity, Security, persisting
 from robotree.tui.line.grammar import Line
 from robotree.tui.processes.realm import chosen, folder_of
-from robotree.vr.network.realms import places
+from robotree.vr.network.realms import common_folder, places
 
 VARIABLE = "ROBOTREE_KEY"
 NOTHING = "none"
@@ -30,6 +32,8 @@ REALM = "realm"
 """What is given instead of a file for the realm's own key."""
 REALM_KEY = "realm.key"
 """The name of its file, in the realm's folder."""
+PATIENCE, LOOK = 2.0, 0.01
+"""[s] to wait for another process that makes the realm's key, and between two looks."""
 
 
 def wanted(line: Line, otherwise: str = NOTHING) -> str:
@@ -72,8 +76,46 @@ def realm_key(realm: str) -> Path:
         KeyFileError: the file cannot be made.
     """
     folder = folder_of(realm)
-    if made := [path for place in sorted(places(folder)) if (path := place / REALM_KEY).exists()]:
-        return made[0]
+    made = _made_key(folder)
+    if made is None:
+        with _alone(common_folder(folder)):
+            made = _made_key(folder) or _make_key(folder)
+    return made
+
+
+def _made_key(folder: Path) -> Path | None:
+    """Return the realm's key, in whichever of its folders it is; None: nobody has made one."""
+    keys = (place / REALM_KEY for place in sorted(places(folder)))
+    return next((key for key in keys if key.exists()), None)
+
+
+@contextmanager
+def _alone(folder: Path) -> Generator[None]:
+    """Let one process after another make a key: two in two folders of a realm would make two.
+
+    A process that is stopped meanwhile holds others up for `PATIENCE`. Where the folder cannot be private
+    nobody waits: no process of ours uses it.
+    """
+    until = time.monotonic() + PATIENCE
+    try:
+        private_folder(folder, strict=True)
+        lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC | os.O_NOFOLLOW)
+    except OSError:
+        yield
+        return
+    try:
+        while time.monotonic() < until:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except OSError:
+                time.sleep(LOOK)
+        yield
+    finally:
+        os.close(lock)
+
+
+def _make_key(folder: Path) -> Path:
     path, draft = folder / REALM_KEY, folder / f".{secrets.token_hex(8)}.key"
     create(draft)
     try:

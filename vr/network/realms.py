@@ -87,6 +87,15 @@ def places(directory: Path, system: Files = OS_FILES) -> list[Path]:
     return [directory, other] if other and twins else [directory]
 
 
+def common_folder(directory: Path) -> Path:
+    """Return a folder that all processes of a realm know, in whichever of its two folders they are.
+
+    Args:
+        directory: of the realm; one without a twin is known to all of them.
+    """
+    return SHARED.resolve() / f"robotree-{os.geteuid()}" if _twin(directory) else directory
+
+
 def all_realms() -> list[Path]:
     """Return the folders of all realms of this user in which a process lives, by the name of the realm.
 

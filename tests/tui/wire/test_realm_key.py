@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from robotree.tui.line.action import Where
 from robotree.tui.line.actions import shapes
 from robotree.tui.line.grammar import Line, parse
 from robotree.tui.line.manual import EVERYWHERE
+from robotree.tui.wire import security
 from robotree.tui.wire.security import NOTHING, REALM, key_file, realm_key, securing, wanted
 from robotree.vr.base.errors import RealmUnusable
 from robotree.vr.network import realms
@@ -67,6 +69,66 @@ def test_processes_that_come_at_the_same_moment_find_one_key() -> None:
 
     with ThreadPoolExecutor(6) as threads:
         assert len(set(threads.map(come, range(6)))) == 1
+
+
+KEY_OF_TWO = """
+import fcntl, sys
+from pathlib import Path
+from robotree.vr.network import realms
+from robotree.tui.wire import security
+realms.LOGIN, realms.SHARED = Path(sys.argv[1]), Path(sys.argv[2])
+
+def note(module, name, word, *, pause):
+    real = getattr(module, name)
+    def noted(*arguments):
+        print(word, flush=True)
+        if pause:
+            sys.stdin.readline()
+        return real(*arguments)
+    setattr(module, name, noted)
+
+note(fcntl, "flock", "waits", pause=False)
+note(security, "create", "makes", pause=True)
+print(security.Keyring(security.realm_key("cell")).keys[0][1].fingerprint)
+"""
+"""Makes the key of a realm that may lie in two folders: says when it waits, pauses before it makes one."""
+
+
+def test_a_service_and_a_session_that_come_at_the_same_moment_make_one_key(
+    place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    login, shared = place / "user", place / "shared"
+    session = login / str(os.geteuid())
+    for folder in (session, shared):
+        folder.mkdir(mode=0o700, parents=True)
+
+    def come() -> subprocess.Popen[str]:
+        line = [sys.executable, "-c", KEY_OF_TWO, str(login), str(shared)]
+        return subprocess.Popen(line, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(session))
+    first = come()
+    assert first.stdout is not None
+    while first.stdout.readline() != "makes\n":
+        assert first.poll() is None
+    monkeypatch.delenv("XDG_RUNTIME_DIR")
+    second = come()
+    assert second.stdout is not None
+    assert second.stdout.readline() in {"waits\n", "makes\n"}
+    fingerprints = [each.communicate("\n")[0].split()[-1] for each in (first, second)]
+    assert fingerprints[0] == fingerprints[1]
+
+
+def test_who_is_stopped_while_it_makes_a_key_keeps_nobody_out(
+    place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(security, "PATIENCE", 0.05)
+    folder = place / "robotree" / "cell"
+    folder.mkdir(parents=True, mode=0o700)
+    stopped = os.open(folder, os.O_RDONLY)
+    fcntl.flock(stopped, fcntl.LOCK_EX)
+    assert fingerprint(realm_key("cell")) == fingerprint(realm_key("cell"))
+    os.close(stopped)
 
 
 def test_a_file_system_without_hard_links_is_no_obstacle(
