@@ -17,7 +17,8 @@ Errors are our own mistakes, and links or files that cannot be opened. `dialect/
         UnmatchedLink       it has keys, but none for a link that is wanted
       LinkError
         BadUrl              an address that cannot be understood
-        LinkRefused         there is no listener, or the port is taken
+        LinkRefused         the port is taken, or the device cannot be had
+          LinkUnanswered    nobody listens there, or answers
         LinkClosed          ended in order: by us, or by the far end
         LinkBroken          the transport broke
         LinkOverrun         cut by us: the far end did not read
@@ -136,6 +137,10 @@ class LinkRefused(LinkError):
     def __init__(self, address: str, cause: str) -> None:
         self.cause = cause
         super().__init__(address, f"{address} cannot be opened: {cause}")
+
+
+class LinkUnanswered(LinkRefused):
+    """Nobody listens at the far end, or answers."""
 
 
 class LinkClosed(LinkError):

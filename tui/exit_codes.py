@@ -34,7 +34,7 @@ def code_of(error: Exception) -> int:
     """Return the exit code for an error that ended a verb."""
     if isinstance(error, UsageError | ValueRefused | BadScript) or _about_an_address(error):
         return USAGE
-    if isinstance(error, NothingToAsk | OldList | SomeHang | SomeSilent):
+    if isinstance(error, NothingToAsk | OldList | SomeHang | SomeSilent) or _unanswered(error):
         return NOBODY
     from robotree.vr.base.errors import (  # a mistyped verb must not wait for the agents
         Hanging,
@@ -48,3 +48,12 @@ def _about_an_address(error: Exception) -> bool:
     """Whether an address was not understood, also where a room says so in a sentence of its own."""
     wire = sys.modules.get("robotree.protocol.errors")  # not loaded: no error comes from there
     return wire is not None and isinstance(error, wire.BadUrl) | isinstance(error.__cause__, wire.BadUrl)
+
+
+def _unanswered(error: Exception) -> bool:
+    """Whether nobody listens at an address, or speaks there."""
+    wire = sys.modules.get("robotree.protocol.errors")
+    conform = sys.modules.get("robotree.protocol.tools.conform")
+    return (wire is not None and isinstance(error, wire.LinkUnanswered)) or (
+        conform is not None and isinstance(error, conform.NotHeard)
+    )

@@ -24,15 +24,19 @@ def cause(error: OSError) -> str:
 
 
 @contextmanager
-def refusing(address: str) -> Generator[None]:
+def refusing(address: str, refusal: type[LinkRefused] = LinkRefused) -> Generator[None]:
     """Tell why the socket of an address cannot be had.
 
+    Args:
+        address: of the link.
+        refusal: what it is if the system refuses it.
+
     Raises:
-        LinkRefused: it cannot.
+        LinkRefused: it cannot be had.
     """
     try:
         yield
     except OSError as error:
-        raise LinkRefused(address, cause(error)) from error
+        raise refusal(address, cause(error)) from error
     except ValueError as error:  # of the codec of names: an empty part, a long one, a character that none has
         raise LinkRefused(address, "no machine can have that name") from error

@@ -11,7 +11,7 @@ import socket
 from typing import TYPE_CHECKING
 
 from robotree.files import forks
-from robotree.protocol.errors import LinkBroken, LinkClosed, LinkError, LinkRefused
+from robotree.protocol.errors import LinkBroken, LinkClosed, LinkError, LinkUnanswered
 from robotree.protocol.links.outbox import BOUND, Outbox
 from robotree.protocol.links.sockets import name, refusing
 from robotree.protocol.links.url import require_loopback
@@ -226,16 +226,16 @@ async def connect(host: str, port: int, accept: Accept) -> Link:
     """Open a connection.
 
     Raises:
-        LinkRefused: nobody listens there, or nobody answers.
+        LinkUnanswered: nobody listens there, or nobody answers.
     """
     address = name("tcp", (host, port))
     loop = asyncio.get_running_loop()
-    with refusing(address):
+    with refusing(address, LinkUnanswered):
         try:
             async with asyncio.timeout(CONNECT_TIMEOUT):
                 _, link = await loop.create_connection(lambda: TcpLink(accept, address=address), host, port)
         except TimeoutError as error:
-            raise LinkRefused(address, f"no answer within {CONNECT_TIMEOUT:g} s") from error
+            raise LinkUnanswered(address, f"no answer within {CONNECT_TIMEOUT:g} s") from error
     return link
 
 

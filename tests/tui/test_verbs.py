@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 from PIL import Image
 
+from robotree.tui.errors import SomeSilent
 from robotree.tui.exit_codes import NOBODY, code_of
 from robotree.tui.line import grammar
 from robotree.tui.line.action import Where
@@ -143,6 +144,42 @@ async def test_ls_says_that_a_robot_is_late_which_has_not_answered_yet(
     assert [one["state"] for one in (await do(realm, "ls")).data] == ["late", "free"]
 
 
+async def test_a_robot_that_runs_and_does_not_answer_makes_lists_incomplete_and_the_exit_code_tells(
+    realm: Realm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As in a flood of connections: its process is not late, does not hang, and has not answered in time."""
+    answering = [one for one in await realm.fleet.tree() if one.name != "arm-1"]
+
+    async def tree() -> list[RobotDescription]:
+        return answering
+
+    monkeypatch.setattr(realm.fleet, "tree", tree)
+    for verb, said in (("ls", "arm-1    Arm    does not answer"), ("tree", "arm-1  does not answer")):
+        listed = await do(realm, verb)
+        assert re.search(re.sub(" +", " +", said), listed.text), listed.text
+        assert isinstance(listed.doubt, SomeSilent)
+        assert code_of(listed.doubt) == NOBODY
+        assert "arm-1 in arm-1" in str(listed.doubt)
+
+
+async def test_tree_says_that_a_robot_is_late_which_has_not_answered_yet(
+    realm: Realm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    await made(realm)
+    robots = list(await realm.fleet.tree())
+    late = [one for one in robots if one.name in {"arm-1", "rover-1"}]
+    answering = [one for one in robots if one not in late]
+
+    async def tree() -> list[RobotDescription]:
+        return answering
+
+    monkeypatch.setattr(realm.fleet, "tree", tree)
+    monkeypatch.setattr(realm.fleet, "late", lambda: [Held(one.address.key, "", "") for one in late])
+    drawn = await do(realm, "tree")
+    assert drawn.text.splitlines()[-2:] == ["   └─ arm: arm-1 (late)", "rover-1  late"]
+    assert drawn.doubt is None
+
+
 async def test_ls_says_how_each_robot_is(realm: Realm) -> None:
     await do(realm, "stop rover-1")
     realm.arm.pace = 1.0
@@ -216,6 +253,9 @@ async def test_show_describes_commands_with_units_and_ranges(realm: Realm) -> No
     assert "go_to(x: m, y: m, z: m, twist: rad, speed: m/s = 0.1)" in outcome.text
     assert "@place  table" in outcome.text
     assert outcome.data["commands"][0]["name"]
+    assert "called" not in outcome.text
+    await do(realm, "call arm-1.get_info")
+    assert re.search(r"get_info\(.* called 1x  ", (await do(realm, "show arm-1")).text)
 
 
 async def test_show_finds_an_enslaved_robot_and_names_its_parent(realm: Realm) -> None:

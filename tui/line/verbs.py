@@ -108,14 +108,22 @@ async def ls(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
         return _listed(found, what, doubt)
     hanging = await _hanging(fleet)
     answering = {robot.name: robot for robot in await fleet.tree()}
-    states = dict.fromkeys(_robots_of(fleet.late()), "late")  # of those that have not answered
-    states |= {name: status.text(robot, answering.get, hanging) for name, robot in answering.items()}
-    states |= {name: f"HANGS ({where})" for name, (where, _) in hanging.items()}
+    unheard, incomplete = _unheard(fleet, answering, hanging)
+    states = {name: status.text(robot, answering.get, hanging) for name, robot in answering.items()} | unheard
     known = {one.name for one in found}
     found = [*found, *(_unknown(name) for name in hanging if name not in known)]
-    return _listed(
-        found, what, doubt or _some_hang(hanging), {one.name: states.get(one.name, MUTE) for one in found}
-    )
+    return _listed(found, what, doubt or incomplete, {one.name: states.get(one.name, MUTE) for one in found})
+
+
+def _unheard(
+    fleet: Fleet, answered: Collection[str], hanging: Mapping[str, tuple[str, str]]
+) -> tuple[dict[str, str], SupervisorError | None]:
+    """Return the states of robots that have not answered, by name, and why a list is not complete, if so."""
+    late = set(_robots_of(fleet.late())) - set(answered)
+    silent = _silent(fleet, "robot", {*answered, *hanging, *late})
+    states = dict.fromkeys(late, "late") | {name: MUTE for name, _, _ in silent}
+    states |= {name: f"HANGS ({where})" for name, (where, _) in hanging.items()}
+    return states, _some_hang(hanging) or (SomeSilent(silent) if silent else None)
 
 
 def _robots_of(held: Iterable[Held]) -> dict[str, Held]:
@@ -198,15 +206,17 @@ def _listed(
 
 async def tree(fleet: Fleet, _line: Line, _teller: Teller) -> Outcome:
     """Show the robots as trees."""
-    hanging = await _hanging(fleet)
-    roots = forest.forest(await fleet.tree(), hanging)
-    lost: list[dict[str, Any]] = [
-        {"name": name, "kind": "", "state": f"HANGS ({where})", "children": []}
-        for name, (where, _) in hanging.items()
+    hanging, robots = await _hanging(fleet), await fleet.tree()
+    unheard, incomplete = _unheard(fleet, {robot.name for robot in robots}, hanging)
+    roots = forest.forest(robots, hanging, unheard)
+    drawn = {name for root in roots for name in forest.names(root)}
+    lost = {name: state for name, state in sorted(unheard.items()) if name not in drawn}
+    rest: list[dict[str, Any]] = [
+        {"name": name, "kind": "", "state": state, "children": []} for name, state in lost.items()
     ]
-    lines = [forest.drawing(roots), *(f"{name}  HANGS ({where})" for name, (where, _) in hanging.items())]
+    lines = [forest.drawing(roots), *(f"{name}  {state}" for name, state in lost.items())]
     text = "\n".join(filter(None, lines)) or "no robot is running"
-    return Outcome([*map(forest.structure, roots), *lost], text, _some_hang(hanging))
+    return Outcome([*map(forest.structure, roots), *rest], text, incomplete)
 
 
 async def show(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:

@@ -38,12 +38,17 @@ class Branch:
         return self.slot.child.name if self.slot and self.slot.child else ""
 
 
-def forest(robots: Iterable[RobotDescription], hanging: Collection[str] = ()) -> tuple[Branch, ...]:
+def forest(
+    robots: Iterable[RobotDescription],
+    hanging: Collection[str] = (),
+    unheard: Mapping[str, str] | None = None,
+) -> tuple[Branch, ...]:
     """Plant the trees.
 
     Args:
         robots: all that answered, in any order.
         hanging: names of robots that hang.
+        unheard: how robots are that have not answered, by name.
 
     Returns:
         The roots by name: robots that are nobody's child. A robot whose parent is unknown is a root too,
@@ -52,7 +57,7 @@ def forest(robots: Iterable[RobotDescription], hanging: Collection[str] = ()) ->
     known = {robot.address.key: robot for robot in sorted(robots, key=lambda one: one.name)}
     children = {slot.child.key for robot in known.values() for slot in robot.slots if slot.child}
     planted: set[str] = set()
-    grow = partial(_grow, known=known, planted=planted, hanging=hanging)
+    grow = partial(_grow, known=known, planted=planted, hanging=hanging, unheard=unheard or {})
     roots = [grow(None, robot) for key, robot in known.items() if key not in children]
     # The rest is a circle of parents: a fault, which must be seen.
     roots += [grow(None, robot) for key, robot in known.items() if key not in planted]
@@ -65,15 +70,18 @@ def _grow(
     known: Mapping[str, RobotDescription],
     planted: set[str],
     hanging: Collection[str],
+    unheard: Mapping[str, str],
 ) -> Branch:
     if robot is None:
-        return Branch(slot, None, f"{slot.was} hangs" if slot and slot.was in hanging else "")
+        child = slot.child.name if slot and slot.child else ""
+        lost = f"{slot.was} hangs" if slot and slot.was in hanging else ""
+        return Branch(slot, None, unheard.get(child, "does not answer") if child else lost)
     state = status.text(robot, hanging=hanging)
     if robot.address.key in planted:
         return Branch(slot, robot, state)
     planted.add(robot.address.key)
     inner = [
-        _grow(one, known.get(one.child.key) if one.child else None, known, planted, hanging)
+        _grow(one, known.get(one.child.key) if one.child else None, known, planted, hanging, unheard)
         for one in robot.slots
     ]
     return Branch(slot, robot, state, tuple(inner))
@@ -101,7 +109,7 @@ def label(branch: Branch) -> str:
         kind = wording.inserted(branch.robot.kind, branch.robot.attributes)
         return f"{place}{branch.robot.name} {kind}{shown}{link}"
     if branch.name:
-        return f"{place}{branch.name} (does not answer)"
+        return f"{place}{branch.name} ({branch.state})"
     if branch.state:
         return f"{place}{branch.state}"
     wants = f"takes {branch.slot.kind}{', optional' if branch.slot.optional else ''}" if branch.slot else ""

@@ -297,4 +297,4 @@ def _link(robot: RobotDescription) -> str:
 
 def _calls(robot: RobotDescription, command: str) -> str:
     count = robot.calls.get(command, 0)
-    return f"{count}x" if count else ""
+    return f"called {count}x" if count else ""

@@ -42,6 +42,10 @@ class NotExaminable(ProtocolError):
     """The controller must not be examined now, or cannot be: one sentence."""
 
 
+class NotHeard(NotExaminable):
+    """Nobody speaks there as a controller does."""
+
+
 class Outcome(StrEnum):
     """How the trial of a rule ended."""
 
@@ -107,7 +111,7 @@ async def _meet(trial: Trial, *, known: bool) -> None:
         await trial.line.expect(Heartbeat, within=OBSERVED)
         await trial.line.expect(Mode, within=OBSERVED)
     except RuleBroken as error:
-        raise NotExaminable(f"{trial.url}: {error}; is a controller of robotree's dialect there?") from error
+        raise NotHeard(f"{trial.url}: {error}; is a controller of robotree's dialect there?") from error
     if not known:
         await asyncio.sleep(OBSERVED)
         kinds = {type(each.message) for each in trial.line.received}

@@ -35,6 +35,25 @@ def recording(path: Path, count: int = 10, *, period: int = 10_000) -> Path:
     return path
 
 
+@pytest.mark.parametrize("verb", ["conform", "ping", "monitor"])
+def test_a_verb_to_which_nobody_answers_ends_as_the_guide_says(say: Any, verb: str) -> None:
+    with socket.socket() as closed:  # bound, and nobody listens
+        closed.bind(("127.0.0.1", 0))
+        address = f"tcp:127.0.0.1:{closed.getsockname()[1]}"
+        assert say("wire", verb, "--connect", address).code == exit_codes.NOBODY
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        address = f"tcp:127.0.0.1:{taken.getsockname()[1]}"
+        words = ("sim", "arm", "--listen", address)
+        assert say(*words).code == exit_codes.REFUSED, "what cannot start has not asked anybody"
+
+
+def test_conform_at_a_port_where_nobody_speaks_says_so(say: Any) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        said = say("wire", "conform", "--connect", f"tcp:127.0.0.1:{silent.getsockname()[1]}")
+        assert said.code == exit_codes.NOBODY
+        assert "is a controller of robotree's dialect there?" in said.err
+
+
 def test_decode_prints_an_object_per_frame_and_statistics_last(say: Any, tmp_path: Path) -> None:
     said = say("wire", "decode", recording(tmp_path / "a.tlog"), "--json")
     *frames, last = said.objects
