@@ -110,6 +110,23 @@ async def test_a_robot_that_hangs_stays_until_it_is_dismissed_or_back(realm: Rea
         await operator.until(lambda: operator.one(RobotTable).names == ["arm-1"], "dismissed")
 
 
+async def test_what_the_page_behind_a_question_says_does_not_stand_still(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.fleet) as operator:
+        await known(operator, "arm-1", "rover-1")
+        realm.network.kill(realm.members["rover-1"])
+        await operator.sees("✗ GONE")
+        operator.app.push_screen(Confirm("Really?", "", "Yes"))
+        await operator.at(Confirm)
+        began = re.search(r"GONE (\d+) s", operator.text)
+        assert began
+        await operator.until(
+            lambda: (now := re.search(r"GONE (\d+) s", operator.text)) is not None and now[1] != began[1],
+            "the time goes on",
+        )
+
+
 async def test_the_banner_names_first_who_has_not_confirmed_a_stop(realm: Realm, operate: Operate) -> None:
     async with operate(realm.fleet) as operator:
         await known(operator, "arm-1", "rover-1")

@@ -89,12 +89,14 @@ def test_what_cannot_be_done_is_told_in_one_sentence(say: Any, tmp_path: Path) -
         ("wire", "record", "--connect", "tcp:1", "a.txt"): "its name must end with .tlog or .mcap",
         ("wire", "replay", tmp_path / "a.raw", "--listen", "tcp:0"): "has no times",
         ("wire", "dialect", "--lang", "ada", "out"): "there is c, c++",
+    }
+    unanswered = {
         ("wire", "ping", "--connect", "tcp:127.0.0.1:1"): "cannot be opened",
         ("wire", "ping", "--connect", "tcp:[::1]:1"): "tcp:[::1]:1 cannot be opened",
     }
-    for words, sentence in refused.items():
+    for words, sentence in {**refused, **unanswered}.items():
         said = say(*words)
-        assert said.code == exit_codes.REFUSED
+        assert said.code == (exit_codes.NOBODY if words in unanswered else exit_codes.REFUSED)
         assert sentence in said.err
         assert said.err.count("\n") == 1
     misunderstood = {

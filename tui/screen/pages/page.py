@@ -80,8 +80,13 @@ class Page(Part, Leaving[None]):
         self.draw()
 
     def _tick(self) -> None:
-        if self.is_active:
+        if self.is_active or self._behind_a_question():
             self.draw()
+
+    def _behind_a_question(self) -> bool:
+        """Whether this page is seen behind dialogs."""
+        pages = [screen for screen in self.app.screen_stack if not screen.is_modal]
+        return bool(pages) and pages[-1] is self
 
     # -- the prompt --------------------------------------------------------------------------------
 
