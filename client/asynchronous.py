@@ -24,17 +24,19 @@ from collections.abc import AsyncGenerator, Callable, Coroutine, Generator, Sequ
 from typing import TYPE_CHECKING, Any
 
 from robotree.client.joining import joined
+from robotree.client.robots import Robots
 from robotree.vr.author.child import readable
 from robotree.vr.author.fitting import misfit
 from robotree.vr.author.kind import Kind, promises_of
 from robotree.vr.author.readings import Record
 from robotree.vr.base.address import check_name
 from robotree.vr.base.arguments import named_arguments
-from robotree.vr.base.errors import BadArgument, CommandCancelled, NotThisKind
+from robotree.vr.base.errors import BadArgument, CommandCancelled, EmptyRealm, NotThisKind, VrError
 from robotree.vr.base.extras import explained
 from robotree.vr.base.units import seconds
 from robotree.vr.exchange.calling import OnProgress
 from robotree.vr.exchange.client import DEFAULT_DEADLINE
+from robotree.vr.network.realms import all_realms, robots_in
 from robotree.vr.network.rendezvous import realm_name
 
 if TYPE_CHECKING:
@@ -47,6 +49,9 @@ if TYPE_CHECKING:
 
 WITHIN = "within"
 """The argument of a call that limits its time, as in a page."""
+
+SHOWN = 5
+"""Robots of another realm that are named."""
 
 SILENCE = 3.0
 """[s] without a published state, after which a robot is asked whether it lives; it publishes each second."""
@@ -113,13 +118,30 @@ class AsyncRealm:
 
     # -- who is there -----------------------------------------------------------------------------
 
-    async def ls(self) -> Sequence[Listing]:
-        """Return the free robots and the top ones, as the lookup services list them."""
-        return self.fleet.robots()
+    async def ls(self) -> Robots[Listing]:
+        """Return the free robots and the top ones, as the lookup services list them.
 
-    async def tree(self) -> Sequence[RobotDescription]:
-        """Describe all robots: those that nobody commands by name, then their children, and so on down."""
-        return await self.fleet.tree()
+        Raises:
+            EmptyRealm: nobody is in the realm; it names those of this user that have robots.
+        """
+        self._check_inhabited()
+        return Robots(self.fleet.robots())
+
+    async def tree(self) -> Robots[RobotDescription]:
+        """Describe all robots: those that nobody commands by name, then their children, and so on down.
+
+        Raises:
+            EmptyRealm: as `ls`.
+        """
+        self._check_inhabited()
+        return Robots(await self.fleet.tree())
+
+    def _check_inhabited(self) -> None:
+        if not self.fleet.inhabited():
+            robots = {folder.name: names for folder in all_realms() if (names := robots_in(folder))}
+            others = ", ".join(f"{realm} ({', '.join(names[:SHOWN])})" for realm, names in robots.items())
+            hint = f", but there is {others}" if others else "; start something first"
+            raise EmptyRealm(realm=self.name, hint=hint)
 
     async def describe(self, robot: str) -> RobotDescription:
         """Return what a robot is: commands, slots, readings, and its state now."""
@@ -366,7 +388,10 @@ class AsyncCall:
         if self._task.cancelled():
             reason = "the program cancelled it"
             raise CommandCancelled(robot=self.robot, command=self.command, reason=reason)
-        return readable(self._task.result())
+        try:
+            return readable(self._task.result())
+        except VrError as error:
+            raise error.with_traceback(None) from error.__cause__  # its lines are ours, not the program's
 
     async def ended(self) -> None:
         """Wait until it has ended, well or badly."""

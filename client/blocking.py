@@ -29,7 +29,7 @@ from robotree.files import forks
 from robotree.vr.author.child import readable
 from robotree.vr.author.kind import Kind
 from robotree.vr.author.readings import Record
-from robotree.vr.base.errors import BadArgument, NoAnswer, TransportClosed, Unreachable
+from robotree.vr.base.errors import BadArgument, NoAnswer, TransportClosed, Unreachable, VrError
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from robotree.client.robots import Robots
     from robotree.vr.base.description import Listing, RobotDescription
     from robotree.vr.base.requests import LoggedLine, Reloaded, State
 
@@ -165,12 +166,15 @@ class Realm:
         return cast("_K", self[robot])
 
     def wait_for(self, work: Coroutine[Any, Any, _T]) -> _T:
-        """Wait for something of the realm for asyncio.
+        """Wait for something of the realm for asyncio; an error comes without the lines that it passed there.
 
         Raises:
             TransportClosed: the realm was left.
         """
-        return self._loop.wait_for(work)
+        try:
+            return self._loop.wait_for(work)
+        except VrError as error:
+            raise error.with_traceback(None) from error.__cause__
 
     @property
     def caller(self) -> str:
@@ -186,11 +190,11 @@ class Realm:
 
     # -- who is there -----------------------------------------------------------------------------
 
-    def ls(self) -> Sequence[Listing]:
+    def ls(self) -> Robots[Listing]:
         """Return the robots that nobody commands, as the lookup services list them."""
         return self.wait_for(self.behind.ls())
 
-    def tree(self) -> Sequence[RobotDescription]:
+    def tree(self) -> Robots[RobotDescription]:
         """Describe all robots: those that nobody commands by name, then their children, and so on down."""
         return self.wait_for(self.behind.tree())
 
@@ -290,8 +294,14 @@ class Command:
         """Have the command carried out, and return its result.
 
         The calling thread itself asks and waits; the event loop behind the realm is needed only where the
-        robot has to be looked for.
+        robot has to be looked for. An error comes without the lines of ours that it passed.
         """
+        try:
+            return self._carry_out(values, arguments)
+        except VrError as error:
+            raise error.with_traceback(None) from error.__cause__
+
+    def _carry_out(self, values: tuple[Any, ...], arguments: dict[str, Any]) -> Any:
         realm, command = self._realm, self._command
         address = realm.behind.fleet.find(command.robot)
         if address is None or not command.knows(values, arguments):

@@ -49,4 +49,8 @@ def __getattr__(name: str) -> Any:
 
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from robotree.vr.base.extras import lacks
+
+    for lack in lacks("testing"):
+        raise ImportError(str(lack))
     return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

@@ -304,9 +304,24 @@ def _run(work: Coroutine[Any, Any, int], *, listening: bool = False, on_screen: 
                 complain(Interrupted())
                 return exit_codes.INTERRUPTED
 
+    _find_room_for_a_loop()
     with asyncio.Runner() as runner:
         runner.get_loop()  # first: where it fails, nothing has begun
         return runner.run(obeying())
+
+
+def _find_room_for_a_loop() -> None:
+    """Try whether the descriptors of an event loop are free: asyncio prints a traceback of its own if not.
+
+    Raises:
+        OSError: they are not.
+    """
+    import select
+    import socket
+
+    with select.epoll():
+        for end in socket.socketpair():
+            end.close()
 
 
 async def _supervise(realm: str, *, readonly: bool) -> int:
@@ -335,23 +350,25 @@ async def _sim(line: Line, _realm: str, ready: Ready) -> None:
     from robotree.sim.controller.fence_file import FenceFile
     from robotree.sim.serving.server import serve
     from robotree.tui.line import values
-    from robotree.tui.processes.state_files import fence_file
+    from robotree.tui.processes.state_files import fence_file, kept_by_one
     from robotree.tui.wire.security import openness, securing
 
     url = line.text("--listen")
-    async with securing(line) as security:
-        memory = FenceFile(fence_file(line.text("--state"), url), reset=line.flag("--reset-epoch"))
-        if memory.trouble:
-            note(memory.trouble)
+    file = fence_file(line.text("--state"), url)
+    with kept_by_one(file):
+        async with securing(line) as security:
+            memory = FenceFile(file, reset=line.flag("--reset-epoch"))
+            if memory.trouble:
+                note(memory.trouble)
 
-        def listens(address: str) -> None:
-            if not security.signed:
-                note(openness(address))
-            ready(address)
+            def listens(address: str) -> None:
+                if not security.signed:
+                    note(openness(address))
+                ready(address)
 
-        speedup = values.factor(line.text("--speedup", "1"))
-        kind = line.text("KIND")
-        await serve(kind, url, ready=listens, speedup=speedup, security=security, memory=memory)
+            speedup = values.factor(line.text("--speedup", "1"))
+            kind = line.text("KIND")
+            await serve(kind, url, ready=listens, speedup=speedup, security=security, memory=memory)
 
 
 async def _proxy(line: Line, realm: str, ready: Ready) -> None:

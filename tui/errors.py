@@ -7,7 +7,7 @@ begin at the keyboard or in a session script.
       UsageError      UnknownVerb · NotHere · BadLine · NotForRobots · NeedsTerminal · BadKeymap
       SessionError    BadScript
       ValueRefused    (also ValueError)
-      NothingToAsk · OldList · SomeHang · NotInstalled · DemoRuns · MemberFailed · Interrupted
+      NothingToAsk · OldList · SomeHang · NotInstalled · DemoRuns · StateInUse · MemberFailed · Interrupted
 """
 
 from __future__ import annotations
@@ -193,6 +193,18 @@ class DemoRuns(SupervisorError):
         super().__init__(
             f"a demo already runs in realm {realm!r} ({', '.join(taken)}); look at it with `robotree`, "
             "or start another one with --realm NAME"
+        )
+
+
+class StateInUse(SupervisorError):
+    """A controller that runs keeps this file of leases."""
+
+    def __init__(self, path: str) -> None:
+        """Name the file."""
+        self.path = path
+        super().__init__(
+            f"a controller that runs keeps its leases in {path}; end it, or give this one another address "
+            "and another --state FILE"
         )
 
 

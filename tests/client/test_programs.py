@@ -28,7 +28,14 @@ from robotree.vr import (
     Unit,
     promised,
 )
-from robotree.vr.base.errors import BadName, NoSuchRobot, NotInControl, NotThisKind, TransportClosed
+from robotree.vr.base.errors import (
+    BadName,
+    EmptyRealm,
+    NoSuchRobot,
+    NotInControl,
+    NotThisKind,
+    TransportClosed,
+)
 from tests.command_line import ROBOTREE
 
 pytestmark = pytest.mark.e2e
@@ -118,6 +125,60 @@ def realm(realm_of_processes: Path) -> Iterator[Realm]:
                 realm.delete(robot.name)
         for robot in realm.tree():
             realm.delete(robot.name)
+
+
+def test_the_robots_of_a_realm_are_short_in_a_notebook_and_printed_as_trees(
+    realm: Realm, realm_of_processes: Path
+) -> None:
+    realm.create(str(realm_of_processes), "leader", wanted="Leader")
+    assert repr(realm.tree()) == "<2 robots: ann, leader>"
+    assert str(realm.tree()) == "ann (Walker)\nleader (Leader)\n└─ walker: empty (Walker)"
+    realm.enslave("leader.walker", "ann")
+    assert str(realm.tree()) == "leader (Leader)\n└─ walker: ann (Walker)"
+    assert [robot.name for robot in realm.tree()] == ["leader", "ann"]
+    assert repr(realm.ls()).startswith("<")
+
+
+def test_a_realm_in_which_nobody_is_names_those_that_have_robots(realm: Realm) -> None:
+    with connect("nobodys") as elsewhere:
+        for look in (elsewhere.ls, elsewhere.tree):
+            with pytest.raises(EmptyRealm, match=rf"in realm 'nobodys', but there is {realm.name} \(ann\)"):
+                look()
+
+
+BLOCKING = """from robotree import connect
+with connect() as realm:
+    {}
+"""
+WITH_ASYNCIO = """import asyncio, robotree
+async def main():
+    async with robotree.connect_async() as realm:
+        await {}
+asyncio.run(main())
+"""
+
+
+@pytest.mark.parametrize("program", [BLOCKING, WITH_ASYNCIO])
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        ("realm['ann'].stumble()", "a stone"),
+        ("realm['ann'].walk(99, steps=2)", "walk: x"),
+        ("realm['bob'].walk(x=1)", "no robot named 'bob'"),
+    ],
+)
+def test_the_traceback_of_a_program_is_its_own_line_and_a_sentence(
+    realm: Realm, program: str, call: str, sentence: str
+) -> None:
+    assert realm.name
+    lines = subprocess.run(
+        [sys.executable, "-c", program.format(call)], capture_output=True, text=True, check=False
+    ).stderr.splitlines()
+    files = [line for line in lines if line.startswith("  File ")]
+    ours = [line for line in files if "<string>" not in line and "/asyncio/" not in line]
+    assert lines.count("Traceback (most recent call last):") == 1, lines
+    assert sentence in lines[-1], lines
+    assert len(ours) <= 2, lines
 
 
 def test_a_command_is_called_as_in_a_page_and_returns_its_result(realm: Realm) -> None:

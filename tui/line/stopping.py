@@ -21,7 +21,7 @@ from robotree.tui.terminal import complain, error_data, note
 from robotree.vr.base.chance import token
 from robotree.vr.base.envelope import sitting_at, this_terminal
 from robotree.vr.base.errors import NoSuchRobot, RealmUnusable, VrError
-from robotree.vr.network.realms import all_realms, realm_folder
+from robotree.vr.network.realms import all_realms, inhabited, realm_folder
 from robotree.vr.supervision.stop_in_turn import stop_in_turn
 
 Answer = Sequence[str] | VrError | None
@@ -85,6 +85,8 @@ async def _stop_all(
 
 
 def _in_turn(folder: Path, name: str | None, order: str) -> Answer:
+    if not inhabited(folder):
+        return None
     try:
         with sitting_at(this_terminal()):
             return stop_in_turn(folder, name, order)
@@ -115,4 +117,6 @@ def _report_all(answers: dict[Path, Answer], console: Console) -> int:
 
 
 def _reason(error: BaseException) -> str:
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror.lower()  # the file may be one of ours, which no person can do anything about
     return sentence(error) if isinstance(error, Exception) and str(error) else "there is too little memory"

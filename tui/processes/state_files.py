@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
 from urllib.parse import quote
 
-from robotree.files import private_folder
+from robotree.files import opened, private_folder
+from robotree.tui.errors import StateInUse
 from robotree.tui.terminal import note
 
 NOWHERE = "none"
@@ -37,6 +41,38 @@ def fence_file(given: str, url: str) -> Path | None:
     return path
 
 
+@contextmanager
+def kept_by_one(path: Path | None) -> Generator[None]:
+    """Keep a controller's file for this process: of two that share one each forgets what the other obeyed.
+
+    Args:
+        path: of the file; None: there is none.
+
+    Raises:
+        StateInUse: a controller that runs keeps it.
+    """
+    lock = None if path is None else _lock_of(path)
+    if lock is None:
+        yield
+        return
+    try:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise StateInUse(str(path)) from None
+        yield
+    finally:
+        os.close(lock)
+
+
+def _lock_of(path: Path) -> int | None:
+    """Open the file that is locked; None: there it cannot be, and nor can the leases, as is told then."""
+    try:
+        return opened(path.with_name(f".{path.name}.lock"), os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW)
+    except OSError:
+        return None
+
+
 def state_file(realm: str, name: str) -> Path | None:
     """Return a file of this name in the realm's folder, which is there then; None: it cannot be made.
 
@@ -44,10 +80,10 @@ def state_file(realm: str, name: str) -> Path | None:
     """
     top = state_home()
     try:
-        opened = [folder for folder in (top, top / realm) if private_folder(folder)]
+        were_open = [folder for folder in (top, top / realm) if private_folder(folder)]
     except OSError:
         return None
-    for folder in opened:
+    for folder in were_open:
         note(f"{folder} was open to other users of this machine; from now on only you can enter it")
     return top / realm / name
 

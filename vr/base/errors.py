@@ -13,7 +13,7 @@ that a caller on the far side of the network catches the same class with the sam
       BondError       NoSuchSlot · SlotOccupied · SlotHeld · SlotEmpty · GroupFull · WrongKind · DoesNotFit
                       StillBonded · NotVirtual
       TransportError  Unreachable · NoAnswer · NotConfirmed · TransportClosed · Garbled · RealmUnusable
-                      NetworkUnusable
+                      EmptyRealm · NetworkUnusable
       BundleError     NoSuchFile · BrokenSource · OtherKind · NoPage · ReloadWaits
                       NoVirtualRobot · SeveralVirtualRobots · BrokenScript
       RoleError       NoSuchRole · NoRoles · TooWide
@@ -538,6 +538,12 @@ class RealmUnusable(TransportError):
     """The meeting place of the realm's processes cannot be made, trusted or entered."""
 
     sentence = "realm {realm!r} cannot be entered: {reason}"
+
+
+class EmptyRealm(TransportError):
+    """Nobody is in a realm: its name may be mistyped."""
+
+    sentence = "nobody is in realm {realm!r}{hint}"
 
 
 class TooManyKeys(TransportError):

@@ -19,13 +19,13 @@ from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.tui.seen.feeding import PATROL
 from robotree.vr import CommandCancelled, Robot
-from robotree.vr.base.envelope import person_at
+from robotree.vr.base.principal import principal_of, this_process
 
 if TYPE_CHECKING:
     from screens.conftest import Operate, Operator
     from tui.conftest import Realm
 
-ME = person_at("pts/1")
+ME = principal_of(this_process(), "", "pts/1").person
 """Who asks in these tests."""
 
 

@@ -21,7 +21,7 @@ from robotree.tui.screen.widgets.field_row import FieldRow
 from robotree.tui.screen.widgets.readings import Readings
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.vr import Robot, command
-from robotree.vr.base.envelope import person_at
+from robotree.vr.base.principal import principal_of, this_process
 from tests.tui.screens.rows import row
 
 if TYPE_CHECKING:
@@ -243,7 +243,8 @@ async def test_a_command_goes_on_when_its_panel_is_left(realm: Realm, operate: O
         await operator.at(MainPage)
         await operator.sees("◐ go_to")
         realm.arm.under_way = False
-        await operator.sees(f"✓ arm-1: go_to by {person_at('pts/1')} is done: ran")
+        me = principal_of(this_process(), "", "pts/1").person
+        await operator.sees(f"✓ arm-1: go_to by {me} is done: ran")
         assert realm.arm.pose["x"] == pytest.approx(0.45)
 
 
