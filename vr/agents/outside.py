@@ -7,6 +7,7 @@ such as the units behind a text, is handed to a worker.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Mapping
 from functools import partial
 
@@ -38,6 +39,10 @@ from robotree.vr.running.serial_worker import SerialWorker
 PROGRESS_PERIOD = 0.05
 """[s] Least time between two messages with a command's progress to one caller."""
 
+ACCEPTED_WITHIN = 0.05
+"""[s] A command that only reads and ends earlier is answered with its result alone: to ask again changes
+nothing, so its caller need not know whether it has begun. All others are accepted before they begin."""
+
 MOST_PENDING = 32
 """Reports that wait for the next message: of more, the middle ones are left out, never the latest."""
 
@@ -50,7 +55,13 @@ class OutsideCaller:
         self._runtime, self._key, self._respond, self._end = runtime, key, respond, end
         self._quiet_until = 0.0
         self._pending: list[Progress] = []
-        self._over = False
+        self._accepted = self._over = False
+
+    def accept(self) -> None:
+        """Say that the call is accepted, once and only before its end."""
+        if not self._accepted and not self._over:
+            self._accepted = True
+            self._respond(encode(Accepted(key=self._key)))
 
     def note(self, fraction: float, text: str) -> None:
         """See `Listener.note`."""
@@ -65,6 +76,8 @@ class OutsideCaller:
 
     def settle(self, reply: Returned | Raised) -> None:
         """See `Listener.settle`."""
+        if isinstance(reply, Raised):
+            self.accept()  # an error that comes first would be a refusal
         self._tell()
         self._over = True
         self._end(encode(reply))
@@ -73,6 +86,7 @@ class OutsideCaller:
         pending, self._pending = self._pending, []
         if pending and not self._over:
             self._quiet_until = self._runtime.process.runner.now() + PROGRESS_PERIOD
+            self.accept()
             for progress in pending:
                 self._respond(encode(progress))
 
@@ -96,6 +110,7 @@ class OutsideCalls:
         """
         self._runtime, self._is_open, self._attend = runtime, is_open, attend
         self._units = SerialWorker(runtime.process.runner, f"{runtime.robot.name} units")
+        self._to_accept: deque[tuple[float, OutsideCaller]] = deque()
 
     @property
     def answers(self) -> Mapping[type[AnyRequest], AnswerAtOnce]:
@@ -123,7 +138,7 @@ class OutsideCalls:
             self._runtime.stops,
             attended_by,
         )
-        if self._runtime.takes_units(call):
+        if self._runtime.takes_long(call):
             self._units.submit(lambda: admit() is None)  # to load them takes a while
         else:
             admit()
@@ -142,7 +157,12 @@ class OutsideCalls:
         caller = None if call.oneway else OutsideCaller(runtime, call.key, respond, end)
 
         def accepted() -> None:
-            (end if call.oneway else respond)(encode(Accepted(key=call.key)))
+            if caller is None:
+                end(encode(Accepted(key=call.key)))
+            elif runtime.only_reads(call.command):
+                self._accept_later(caller)
+            else:
+                caller.accept()
 
         try:
             self._expect_open()
@@ -161,6 +181,21 @@ class OutsideCalls:
         else:
             if attended_by:
                 self._attend(attended_by, call.key)
+
+    def _accept_later(self, caller: OutsideCaller) -> None:
+        """Accept a call in a while, if it has not ended; one timer does for all that wait."""
+        when = self._runtime.process.runner.now() + ACCEPTED_WITHIN
+        self._to_accept.append((when, caller))
+        if len(self._to_accept) == 1:
+            self._runtime.process.at(when, self._accept_all)
+
+    def _accept_all(self) -> None:
+        now, waiting = self._runtime.process.runner.now(), self._to_accept
+        while waiting and waiting[0][0] <= now:
+            waiting[0][1].accept()
+            waiting.popleft()
+        if waiting:
+            self._runtime.process.at(waiting[0][0], self._accept_all)
 
     def _expect_open(self) -> None:
         """Refuse what is new when the robot ends.

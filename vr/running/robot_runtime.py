@@ -10,10 +10,10 @@ from __future__ import annotations
 import inspect
 import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from types import FrameType
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import msgspec
 
@@ -32,6 +32,7 @@ from robotree.vr.base.errors import BadArgument, NoSuchCommand, VrError
 from robotree.vr.base.principal import ITSELF, Principal, is_person, principal_of
 from robotree.vr.base.requests import PATIENCE, AnyRequest, Call, Level, State
 from robotree.vr.base.transport import Transport
+from robotree.vr.base.units import takes_long
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import Bond, Lease
 from robotree.vr.core.events import Begin, CoreEffect, CoreEvent, Interrupt, Settled
@@ -586,16 +587,21 @@ class RobotRuntime:
         except ValueError as error:
             raise BadArgument(command=f"{self.name}.{name}", parameter="units", reason=str(error)) from None
 
-    def takes_units(self, call: Call) -> bool:
-        """Whether an argument is a text where a number is wanted, so that units have to be looked up."""
-        typed = [name for name, value in call.arguments.items() if isinstance(value, (str, list, dict))]
+    def only_reads(self, command: str) -> bool:
+        """Whether a command changes nothing, so that it may be asked for again."""
+        found = self._commands.get(command)
+        return found is not None and found.spec.effect == "read"
+
+    def takes_long(self, call: Call) -> bool:
+        """Whether an argument is a text with another unit than the declared, and units are not loaded yet."""
         command = self._commands.get(call.command)
-        if not typed or command is None:
-            return call.command in self._exposures and any(
-                isinstance(call.arguments[name], str) for name in typed
-            )
-        fields = [field for name in typed if (field := command.spec.by_name.get(name))]
-        return any(field.nested or field.type in {"float", "int"} for field in fields)
+        known = {} if command is None else command.spec.by_name
+        return any(
+            takes_long(text, known[name].unit if name in known else "")
+            for name, value in call.arguments.items()
+            if name not in known or known[name].type != "str"
+            for text in _texts_in(value)
+        )
 
     def specs(self, state: RobotState) -> tuple[CommandSpec, ...]:
         """Describe all commands in a state of the robot; for `look`."""
@@ -746,6 +752,18 @@ def _exposed_spec(name: str, exposed: Exposed, state: RobotState) -> CommandSpec
 
 def _begins(effect: CoreEffect, key: str) -> bool:
     return isinstance(effect, Begin) and effect.key == key
+
+
+def _texts_in(value: Any) -> Iterator[str]:
+    """Iterate over the texts in an argument, however deep."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, list | dict):
+        parts = (
+            cast("dict[str, Any]", value).values() if isinstance(value, dict) else cast("list[Any]", value)
+        )
+        for part in parts:
+            yield from _texts_in(part)
 
 
 def _nothing() -> None:

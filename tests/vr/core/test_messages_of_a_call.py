@@ -1,0 +1,103 @@
+"""How many messages a call between two processes takes, and what starts a thread for it."""
+
+from __future__ import annotations
+
+import asyncio
+import subprocess
+import sys
+from typing import Annotated, Any
+
+import pytest
+
+from robotree.vr import Robot, Unit, command
+from robotree.vr.agents.outside import ACCEPTED_WITHIN
+from robotree.vr.base.errors import CommandFailed, Unreachable
+from robotree.vr.base.requests import decode_reply
+from robotree.vr.exchange.client import RobotClient
+
+
+class Meter(Robot):
+    """Measures."""
+
+    @command(effect="read")
+    def look(self, seconds: float = 0.0) -> int:
+        """Look for a while."""
+        self.sleep(seconds)
+        return 1
+
+    @command(effect="read")
+    def fail(self) -> int:
+        """Fail."""
+        raise CommandFailed(robot="meter", command="fail", detail="the lens is dirty")
+
+    @command
+    def move(self, x: Annotated[float, Unit("m")] = 0.0) -> float:
+        """Move."""
+        return x
+
+
+@pytest.fixture
+def replies(realm: Any) -> list[str]:
+    """The names of the replies that the operator gets."""
+    heard: list[str] = []
+
+    def note(_source: str, target: str, kind: str, _key: str, body: bytes) -> None:
+        if kind == "reply" and target == "operator":
+            heard.append(type(decode_reply(body, key="it")).__name__)
+
+    realm.network.on_message = note
+    return heard
+
+
+async def test_a_command_that_only_reads_and_ends_at_once_is_answered_with_one_message(
+    realm: Any, replies: list[str]
+) -> None:
+    meter = realm.client(await realm.start(Meter("meter")))
+    assert await meter.call("look", {}) == 1
+    assert replies == ["Returned"]
+    replies.clear()
+    assert await meter.call("move", {"x": 1}) == 1.0
+    assert replies == ["Accepted", "Returned"]
+
+
+async def test_a_command_that_reads_for_long_is_accepted_in_time(realm: Any, replies: list[str]) -> None:
+    meter = RobotClient(realm.operator, (await realm.start(Meter("meter"))).address, patience=1.0)
+    looking = [asyncio.create_task(meter.call("look", {"seconds": 30.0})) for _ in range(3)]
+    await asyncio.sleep(2 * ACCEPTED_WITHIN)
+    assert replies == ["Accepted"] * 3
+    assert await asyncio.gather(*looking) == [1, 1, 1]
+    assert await meter.call("look", {"seconds": 30.0}) == 1
+
+
+async def test_an_error_of_a_command_that_reads_is_no_refusal(realm: Any, replies: list[str]) -> None:
+    meter = realm.client(await realm.start(Meter("meter")))
+    with pytest.raises(CommandFailed, match="lens") as failed:
+        await meter.call("fail", {})
+    assert failed.value.entered
+    assert replies == ["Accepted", "Raised"]
+
+
+async def test_a_robot_that_dies_while_it_reads_is_unreachable(realm: Any) -> None:
+    meter = await realm.start(Meter("meter"))
+    looking = asyncio.create_task(realm.client(meter).call("look", {"seconds": 30.0}))
+    await asyncio.sleep(ACCEPTED_WITHIN / 2)
+    realm.kill(meter)
+    with pytest.raises(Unreachable):
+        await looking
+
+
+async def test_a_number_that_comes_as_text_starts_no_thread(realm: Any) -> None:
+    agent = await realm.start(Meter("meter"))
+    agent._outside._units.submit = None
+    for text in ("0.3", " 0.3 m", "3e-1"):
+        assert await realm.client(agent).call("move", {"x": text}) == 0.3
+
+
+def test_only_a_unit_that_is_not_the_declared_one_has_to_be_loaded() -> None:
+    code = (
+        "import sys; from robotree.vr.base.units import takes_long, read_quantity as read; "
+        "assert not any(takes_long(text, 'm') for text in ('1', '1 m', 'red', '')); "
+        "assert takes_long('1 cm', 'm') and 'pint' not in sys.modules; "
+        "assert read('1 cm', 'm') == 0.01 and not takes_long('1 cm', 'm')"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
