@@ -41,20 +41,20 @@ def test_a_signature_names_units_choices_and_defaults() -> None:
 
 def test_a_result_has_units_where_they_are_known() -> None:
     command = CommandSpec(name="look", result=(field("x"), field("n", unit="")))
-    assert wording.result(command, {"x": 0.25, "n": 3.0, "more": [1, 2]}) == [
+    assert wording.result(command.result, {"x": 0.25, "n": 3.0, "more": [1, 2]}) == [
         ("x", "0.25 m"),
         ("n", "3"),
         ("more", "1, 2"),
     ]
-    assert wording.result(CommandSpec(name="weigh", result=(field("", unit="N"),)), 6.5) == [("", "6.5 N")]
+    assert wording.result((field("", unit="N"),), 6.5) == [("", "6.5 N")]
     joints = FieldSpec(name="joints", type="list", items=(field("", unit="rad"),))
     turned = CommandSpec(name="turned", result=(field("twist", unit="rad"), joints))
-    assert wording.result(turned, {"twist": math.pi / 4, "joints": [0.0, math.pi]}) == [
+    assert wording.result(turned.result, {"twist": math.pi / 4, "joints": [0.0, math.pi]}) == [
         ("twist", "45 °"),
         ("joints", "0, 180 °"),
     ]
-    assert wording.result(None, None) == []
-    assert wording.result(None, True) == [("", "yes")]
+    assert wording.result((), None) == []
+    assert wording.result((), True) == [("", "yes")]
 
 
 @given(value=st.floats(allow_nan=True, allow_infinity=True))

@@ -25,7 +25,7 @@ if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.tui.line.page_files import PageFiles
     from robotree.tui.seen.store import Weight
     from robotree.vr.base.address import Role
-    from robotree.vr.base.description import CommandSpec, Listing, RobotDescription
+    from robotree.vr.base.description import FieldSpec, Listing, RobotDescription
     from robotree.vr.base.presence import Held
     from robotree.vr.base.requests import Level, LoggedLine, Reloaded, State
     from robotree.vr.supervision.fleet import Fleet
@@ -577,10 +577,13 @@ async def call(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
         await fleet.tell(robot, command, given, deadline=limit)
         text = f"{robot}.{command} has begun and goes on by itself; `robotree cancel {robot}` ends it"
         return Outcome({"detached": f"{robot}.{command}"}, text)
-    thing = await fleet.call(robot, command, given, deadline=limit, on_progress=teller.progress)
+    fields: list[FieldSpec] = []
+    thing = await fleet.call(
+        robot, command, given, deadline=limit, on_progress=teller.progress, on_fields=fields.extend
+    )
     if line.text("--save"):
         return await _saved(thing, Path(line.text("--save")))
-    rows = wording.result(await _spec(fleet, robot, command) if thing is not None else None, thing)
+    rows = wording.result(fields, thing)
     text = wording.columns([row if row[0] else row[1:] for row in rows])
     return Outcome(plain(thing), text or f"{robot}.{command} is done")
 
@@ -602,16 +605,6 @@ async def _limit(fleet: Fleet, robot: str, command: str) -> float:
     if command == "start" and "Script" in (await fleet.describe(robot)).kinds:
         return SCRIPT_LIMIT
     return CALL_LIMIT
-
-
-async def _spec(fleet: Fleet, robot: str, command: str) -> CommandSpec | None:
-    """Return what a command says of its result, for the units; None: the robot has gone meanwhile."""
-    from robotree.vr.base.errors import VrError
-
-    try:
-        return (await fleet.describe(robot)).command(command)
-    except VrError:
-        return None
 
 
 async def cancel(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:

@@ -34,7 +34,7 @@ from robotree.vr.base.errors import ChildCancelled, CommandCancelled, NotConfirm
 from robotree.vr.network.realms import DEFAULT_REALM
 
 if TYPE_CHECKING:
-    from robotree.vr.base.description import RobotDescription
+    from robotree.vr.base.description import FieldSpec, RobotDescription
     from robotree.vr.supervision.fleet import Fleet
 
 log = logging.getLogger(__name__)
@@ -228,8 +228,14 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         listener.started()
         began = self.now()
         try:
+            fields: list[FieldSpec] = []
             value = await self.fleet.call(
-                robot, command, arguments, deadline=CALL_LIMIT, on_progress=listener.progressed
+                robot,
+                command,
+                arguments,
+                deadline=CALL_LIMIT,
+                on_progress=listener.progressed,
+                on_fields=fields.extend,
             )
         except VrError as error:
             self._tell_refusal(error, str(error), robot)
@@ -239,8 +245,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
             self.report_error(error)
             listener.failed(repr(error))
         else:
-            described = self.store.described(robot)
-            rows = wording.result(described.command(command) if described else None, value)
+            rows = wording.result(fields, value)
             if rows or not self._enters(robot, command):
                 shown = ", ".join(f"{name} {text}".strip() for name, text in rows) or "done"
                 self.tell(f"{robot}.{command}: {shown}", "good", robot)

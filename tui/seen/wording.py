@@ -164,11 +164,11 @@ def _part(spec: FieldSpec, name: str) -> FieldSpec | None:
     return next((part for part in spec.items if part.name == name), None)
 
 
-def result(spec: CommandSpec | None, thing: Any) -> list[tuple[str, str]]:
+def result(fields: Sequence[FieldSpec], thing: Any) -> list[tuple[str, str]]:
     """Return a result as rows of name and text with unit, angles in degrees; empty when there is none."""
     if thing is None:
         return []
-    known = {part.name: part for part in spec.result} if spec else {}
+    known = {part.name: part for part in fields}
     rows: list[tuple[str, str]] = []
     parts = cast("dict[str, Any]", thing) if isinstance(thing, Mapping) else {"": thing}
     each_part = known[""].items[0] if "" in known and known[""].type == "dict" else None

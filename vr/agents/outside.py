@@ -50,9 +50,9 @@ MOST_PENDING = 32
 class OutsideCaller:
     """Who waits in another process for the end of a call: a `Listener`."""
 
-    def __init__(self, runtime: RobotRuntime, key: str, respond: Respond, end: End) -> None:
+    def __init__(self, runtime: RobotRuntime, call: Call, respond: Respond, end: End) -> None:
         """Take how to reply and how to end the replies."""
-        self._runtime, self._key, self._respond, self._end = runtime, key, respond, end
+        self._runtime, self._call, self._respond, self._end = runtime, call, respond, end
         self._quiet_until = 0.0
         self._pending: list[Progress] = []
         self._accepted = self._over = False
@@ -61,14 +61,14 @@ class OutsideCaller:
         """Say that the call is accepted, once and only before its end."""
         if not self._accepted and not self._over:
             self._accepted = True
-            self._respond(encode(Accepted(key=self._key)))
+            self._respond(encode(Accepted(key=self._call.key)))
 
     def note(self, fraction: float, text: str) -> None:
         """See `Listener.note`."""
         now, waiting = self._runtime.process.runner.now(), bool(self._pending)
         if len(self._pending) >= MOST_PENDING:
             self._pending.pop()
-        self._pending.append(Progress(key=self._key, fraction=fraction, text=text))
+        self._pending.append(Progress(key=self._call.key, fraction=fraction, text=text))
         if now >= self._quiet_until:
             self._tell()
         elif not waiting:
@@ -78,6 +78,9 @@ class OutsideCaller:
         """See `Listener.settle`."""
         if isinstance(reply, Raised):
             self.accept()  # an error that comes first would be a refusal
+        elif self._call.describe_result:
+            fields = self._runtime.result_of(self._call.command)
+            reply = msgspec.structs.replace(reply, fields=fields)
         self._tell()
         self._over = True
         self._end(encode(reply))
@@ -154,7 +157,7 @@ class OutsideCalls:
         attended_by: str,
     ) -> None:
         runtime = self._runtime
-        caller = None if call.oneway else OutsideCaller(runtime, call.key, respond, end)
+        caller = None if call.oneway else OutsideCaller(runtime, call, respond, end)
 
         def accepted() -> None:
             if caller is None:

@@ -14,7 +14,7 @@ from typing import Any, Literal, TypeVar
 import msgspec
 
 from robotree.vr.base.address import Address
-from robotree.vr.base.description import CommandSpec, Listing, RobotDescription, Template
+from robotree.vr.base.description import CommandSpec, FieldSpec, Listing, RobotDescription, Template
 from robotree.vr.base.errors import Garbled, VrError
 from robotree.vr.base.own_class import OwnClass
 
@@ -51,6 +51,8 @@ class Call(_Message, frozen=True, kw_only=True):
     tree."""
     oneway: bool = False
     """The caller waits for `Accepted` only."""
+    describe_result: bool = False
+    """`Returned` shall also say what the result is."""
     source: str = ""
     """Of a caller that numbers its calls: unique for it and its present life. Empty: it does not."""
     number: int = 0
@@ -284,6 +286,8 @@ class Returned(_Message, frozen=True, kw_only=True):
 
     key: str
     value: Any = None
+    fields: tuple[FieldSpec, ...] = ()
+    """`CommandSpec.result`, if the call asks for it."""
 
 
 class Reloaded(_Message, frozen=True, kw_only=True):

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 from robotree.vr.base.address import Address
+from robotree.vr.base.description import FieldSpec
 from robotree.vr.base.errors import CommandFailed, Garbled, NoAnswer, Unreachable, VrError
 from robotree.vr.base.requests import (
     LONGEST_CLEANUP,
@@ -30,6 +31,9 @@ from robotree.vr.exchange.asking import send_request
 MARGIN = LONGEST_CLEANUP + 5.0
 """[s] after the deadline in which the robot may still report how its command ended."""
 
+OnFields = Callable[[tuple[FieldSpec, ...]], None]
+"""Takes what a result is: `CommandSpec.result`."""
+
 OnProgress = Callable[[float, str], None]
 """Takes how far a command is: 0 to 1 (NaN: unknown) and a word about it."""
 
@@ -37,9 +41,15 @@ OnProgress = Callable[[float, str], None]
 class CallOutcome:
     """What is known of one call: whether it was accepted, and how it ended."""
 
-    def __init__(self, call: Call, robot: Address, on_progress: OnProgress | None = None) -> None:
+    def __init__(
+        self,
+        call: Call,
+        robot: Address,
+        on_progress: OnProgress | None = None,
+        on_fields: OnFields | None = None,
+    ) -> None:
         """Nothing is known yet."""
-        self.call, self.robot, self._on_progress = call, robot, on_progress
+        self.call, self.robot, self._on_progress, self._on_fields = call, robot, on_progress, on_fields
         self.accepted = False
         self.over = False
         self._value: Any = None
@@ -56,8 +66,10 @@ class CallOutcome:
             case Progress(fraction=fraction, text=text):
                 if self._on_progress is not None:
                     self._on_progress(fraction, text)
-            case Returned(value=value):
+            case Returned(value=value, fields=fields):
                 self._value, self.over = value, True
+                if self._on_fields is not None:
+                    self._on_fields(fields)
             case Raised() as raised:
                 error = raised.revive()
                 error.entered = self.accepted

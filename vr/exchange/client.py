@@ -47,7 +47,7 @@ from robotree.vr.base.requests import (
 from robotree.vr.base.transport import Transport
 from robotree.vr.core.confirmation import unmeasured
 from robotree.vr.exchange.asking import ReplyStream, ask, fresh_key
-from robotree.vr.exchange.calling import CallOutcome, OnProgress
+from robotree.vr.exchange.calling import CallOutcome, OnFields, OnProgress
 
 DEFAULT_DEADLINE = 60.0
 """[s] for a command when the caller names none."""
@@ -118,7 +118,7 @@ class RobotClient:
             caller=caller,
             deadline=deadline,
         )
-        return await self._carry_out(call, sender or self._sender, on_progress)
+        return await self.carry_out(call, sender=sender, on_progress=on_progress)
 
     async def tell(
         self,
@@ -131,20 +131,39 @@ class RobotClient:
         """Have a command carried out and return as soon as the robot has accepted it; else as `call`."""
         key, given = fresh_key(), dict(arguments)
         call = Call(key=key, command=command, arguments=given, caller=caller, deadline=deadline, oneway=True)
-        await self._carry_out(call, "", None)
+        await self._carry_out(CallOutcome(call, self.address), "")
 
-    async def _carry_out(self, call: Call, sender: str, on_progress: OnProgress | None) -> Any:
+    async def carry_out(
+        self,
+        call: Call,
+        *,
+        sender: str = "",
+        on_progress: OnProgress | None = None,
+        on_fields: OnFields | None = None,
+    ) -> Any:
+        """Do as `call`, with a request as it shall be sent.
+
+        Args:
+            call: the request.
+            sender: as in `call`.
+            on_progress: takes how far it is.
+            on_fields: takes what the result is, before this returns; the call must ask for it.
+        """
+        outcome = CallOutcome(call, self.address, on_progress, on_fields)
+        return await self._carry_out(outcome, sender or self._sender)
+
+    async def _carry_out(self, outcome: CallOutcome, sender: str) -> Any:
         try:
-            return await self._follow(call, sender, on_progress)
+            return await self._follow(outcome, sender)
         except (asyncio.CancelledError, NoAnswer):
             # It may still be on its way there: it must not begin after we gave up.
-            self._cancel_late(call)
+            self._cancel_late(outcome.call)
             raise
 
-    async def _follow(self, call: Call, sender: str, on_progress: OnProgress | None) -> Any:
-        key, outcome = self.address.key, CallOutcome(call, self.address, on_progress)
+    async def _follow(self, outcome: CallOutcome, sender: str) -> Any:
+        key = self.address.key
         replies = ReplyStream(
-            self._transport, key, call, within=self._patience, timeout=outcome.longest, sender=sender
+            self._transport, key, outcome.call, within=self._patience, timeout=outcome.longest, sender=sender
         )
         try:
             async with asyncio.timeout(self._patience) as until_accepted:

@@ -27,7 +27,7 @@ from robotree.vr.author.signature import Command
 from robotree.vr.author.virtual_robot import VirtualRobot, exposures_of, slot_specs
 from robotree.vr.base.address import Address
 from robotree.vr.base.arguments import check_arguments
-from robotree.vr.base.description import Arguments, CommandSpec, offered
+from robotree.vr.base.description import Arguments, CommandSpec, FieldSpec, offered
 from robotree.vr.base.errors import BadArgument, NoSuchCommand, VrError
 from robotree.vr.base.principal import ITSELF, Principal, is_person, principal_of
 from robotree.vr.base.requests import PATIENCE, AnyRequest, Call, Level, State
@@ -592,6 +592,13 @@ class RobotRuntime:
         found = self._commands.get(command)
         return found is not None and found.spec.effect == "read"
 
+    def result_of(self, command: str) -> tuple[FieldSpec, ...]:
+        """Return what the result of a command is: its parts; empty: it has none, or is not known."""
+        try:
+            return self.spec(command).result
+        except (VrError, NotDescribed):
+            return ()
+
     def takes_long(self, call: Call) -> bool:
         """Whether an argument is a text with another unit than the declared, and units are not loaded yet."""
         command = self._commands.get(call.command)
@@ -758,11 +765,10 @@ def _texts_in(value: Any) -> Iterator[str]:
     """Iterate over the texts in an argument, however deep."""
     if isinstance(value, str):
         yield value
-    elif isinstance(value, list | dict):
-        parts = (
-            cast("dict[str, Any]", value).values() if isinstance(value, dict) else cast("list[Any]", value)
-        )
-        for part in parts:
+    elif isinstance(value, dict):
+        yield from _texts_in([*cast("dict[str, Any]", value).values()])
+    elif isinstance(value, list):
+        for part in cast("list[Any]", value):
             yield from _texts_in(part)
 
 

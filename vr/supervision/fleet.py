@@ -29,7 +29,7 @@ from robotree.vr.base.requests import (
 )
 from robotree.vr.base.transport import Registration, Transport
 from robotree.vr.exchange.asking import fresh_key
-from robotree.vr.exchange.calling import CallOutcome, OnProgress, call_and_wait
+from robotree.vr.exchange.calling import CallOutcome, OnFields, OnProgress, call_and_wait
 from robotree.vr.exchange.client import (
     DEFAULT_DEADLINE,
     RELOADING,
@@ -248,6 +248,7 @@ class Fleet:
         *,
         deadline: float = DEFAULT_DEADLINE,
         on_progress: OnProgress | None = None,
+        on_fields: OnFields | None = None,
     ) -> Any:
         """Have a command carried out and return its result. It ends when this process does, however it ends.
 
@@ -256,19 +257,21 @@ class Fleet:
             command: its name.
             arguments: numbers in the declared units, or text with units.
             deadline: [s] within which it must be done.
-            on_progress: told how far it is.
+            on_progress: takes how far it is.
+            on_fields: takes what the result is, when it comes.
         """
         caller = await self.caller()
+        call = Call(
+            key=fresh_key(),
+            command=command,
+            arguments=dict(arguments),
+            caller=CALLER,
+            deadline=deadline,
+            describe_result=on_fields is not None,
+        )
         return await self._ask(
             name,
-            lambda robot: robot.call(
-                command,
-                arguments,
-                deadline=deadline,
-                caller=CALLER,
-                sender=caller,
-                on_progress=on_progress,
-            ),
+            lambda robot: robot.carry_out(call, sender=caller, on_progress=on_progress, on_fields=on_fields),
         )
 
     async def caller(self) -> str:

@@ -173,7 +173,7 @@ async def test_a_dictionary_is_an_argument_and_a_result(realm: Realm) -> None:
 def test_a_dictionary_is_written_with_its_units_and_read_back() -> None:
     pose = SPECS["pose"]
     assert wording.signature(pose) == "pose(joints: {name: rad, …}, at: {name: {x: m, y: m}, …}? = -)"
-    assert wording.result(pose, {"a": math.pi / 2, "b": 0.0}) == [("a", "90 °"), ("b", "0 °")]
+    assert wording.result(pose.result, {"a": math.pi / 2, "b": 0.0}) == [("a", "90 °"), ("b", "0 °")]
     assert entry.read(pose, {"joints": "a: 90, b=1 rad"}).arguments == {
         "joints": {"a": pytest.approx(math.pi / 2), "b": pytest.approx(1.0)}
     }
@@ -315,13 +315,13 @@ def test_forms_and_help_show_how_a_value_is_written() -> None:
 def test_results_are_written_with_their_units() -> None:
     seen = Seen(cups=[{"at": Point(0.25), "colour": Colour.RED}], centre=(0.1, 0.2), nearest=None, image=JPEG)
     plain = to_plain(seen)
-    assert wording.result(SPECS["look"], plain) == [
+    assert wording.result(SPECS["look"].result, plain) == [
         ("cups[0]", "at x 0.25 m, y 0 m, colour red"),
         ("centre", "0.1 m, 0.2 m"),
         ("nearest", "-"),
         ("image", "JPEG, 1.0 kB"),
     ]
-    assert wording.result(SPECS["heights"], [0.1, 0.2]) == [("", "0.1, 0.2")]
+    assert wording.result(SPECS["heights"].result, [0.1, 0.2]) == [("", "0.1, 0.2")]
     assert condition("result.cups[0].at.x = 0.25").judge(Scene(result=plain)).holds
     assert not condition("result.cups[1].at.x = 0.25").judge(Scene(result=plain)).holds
 

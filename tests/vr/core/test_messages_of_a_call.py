@@ -12,7 +12,7 @@ import pytest
 from robotree.vr import Robot, Unit, command
 from robotree.vr.agents.outside import ACCEPTED_WITHIN
 from robotree.vr.base.errors import CommandFailed, Unreachable
-from robotree.vr.base.requests import decode_reply
+from robotree.vr.base.requests import Call, decode_reply
 from robotree.vr.exchange.client import RobotClient
 
 
@@ -29,6 +29,11 @@ class Meter(Robot):
     def fail(self) -> int:
         """Fail."""
         raise CommandFailed(robot="meter", command="fail", detail="the lens is dirty")
+
+    @command(effect="read")
+    def height(self) -> Annotated[float, Unit("mm")]:
+        """Measure."""
+        return 2.0
 
     @command
     def move(self, x: Annotated[float, Unit("m")] = 0.0) -> float:
@@ -101,3 +106,12 @@ def test_only_a_unit_that_is_not_the_declared_one_has_to_be_loaded() -> None:
         "assert read('1 cm', 'm') == 0.01 and not takes_long('1 cm', 'm')"
     )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+
+
+async def test_what_a_result_is_comes_with_it_to_a_caller_that_asks(realm: Any, replies: list[str]) -> None:
+    meter = realm.client(await realm.start(Meter("meter")))
+    fields: list[Any] = []
+    call = Call(key="1/look", command="height", deadline=5.0, describe_result=True)
+    assert await meter.carry_out(call, on_fields=fields.extend) == 2.0
+    assert [field.unit for field in fields] == ["mm"]
+    assert replies == ["Returned"]

@@ -247,7 +247,7 @@ class CommandForm(Form, Part, VerticalScroll):
         if self._left:
             return
         self._ended()
-        rows = wording.result(self.spec, value)
+        rows = wording.result(self.spec.result, value)
         body = wording.columns([(name, text) if name else (text,) for name, text in rows]) if rows else ""
         self._say("✓", "success", f"done in {seconds:.1f} s", body)
 
