@@ -602,7 +602,7 @@ class RobotRuntime:
     def takes_long(self, call: Call) -> bool:
         """Whether an argument is a text with another unit than the declared, and units are not loaded yet."""
         command = self._commands.get(call.command)
-        known = {} if command is None else command.spec.by_name
+        known: Mapping[str, FieldSpec] = {} if command is None else command.spec.by_name
         return any(
             takes_long(text, known[name].unit if name in known else "")
             for name, value in call.arguments.items()
@@ -761,14 +761,14 @@ def _begins(effect: CoreEffect, key: str) -> bool:
     return isinstance(effect, Begin) and effect.key == key
 
 
-def _texts_in(value: Any) -> Iterator[str]:
+def _texts_in(value: object) -> Iterator[str]:
     """Iterate over the texts in an argument, however deep."""
     if isinstance(value, str):
         yield value
-    elif isinstance(value, dict):
-        yield from _texts_in([*cast("dict[str, Any]", value).values()])
-    elif isinstance(value, list):
-        for part in cast("list[Any]", value):
+    elif isinstance(value, Mapping):
+        yield from _texts_in(list(cast("Mapping[str, object]", value).values()))
+    elif isinstance(value, Sequence):
+        for part in cast("Sequence[object]", value):
             yield from _texts_in(part)
 
 

@@ -105,7 +105,7 @@ def test_only_a_unit_that_is_not_the_declared_one_has_to_be_loaded() -> None:
         "assert takes_long('1 cm', 'm') and 'pint' not in sys.modules; "
         "assert read('1 cm', 'm') == 0.01 and not takes_long('1 cm', 'm')"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
 
