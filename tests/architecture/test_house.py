@@ -174,20 +174,20 @@ def test_no_source_is_evaluated_outside_the_bundle_loader() -> None:
     assert not guilty
 
 
-def reads_a_core(path: Path) -> bool:
-    """Whether a file reads the state of a core as an attribute: `core.state`, `agent.runtime.core.state`."""
-    return any(
-        isinstance(node, ast.Attribute)
-        and node.attr == "state"
-        and getattr(node.value, "attr", getattr(node.value, "id", "")) in {"core", "_core"}
-        for node in ast.walk(ast.parse(path.read_text()))
-    )
+def reads_a_core(source: str) -> bool:
+    """Whether a file takes the core of a robot, and does not only make one: `Process.core(state)`."""
+    nodes = list(ast.walk(ast.parse(source)))
+    made = {id(node.func) for node in nodes if isinstance(node, ast.Call)}
+    taken = (node for node in nodes if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Load))
+    return any(node.attr in {"core", "_core"} and id(node) not in made for node in taken)
 
 
 def test_the_state_of_a_robot_is_read_under_its_lock() -> None:
     """Others ask `RobotRuntime.look`, which holds the lock, and get values."""
-    readers = {relative(path) for path in SOURCES if reads_a_core(path)}
+    readers = {relative(path) for path in SOURCES if reads_a_core(path.read_text())}
     assert readers == {"vr/running/robot_runtime.py"}
+    assert reads_a_core("machine = agent.runtime.core")
+    assert not reads_a_core("made = process.core(state)")
 
 
 @pytest.mark.parametrize("room", ROOMS)

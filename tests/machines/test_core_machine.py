@@ -704,3 +704,13 @@ def test_a_stop_ends_every_command_of_an_enslaved_robot_also_beside_one_that_goe
         on.ParentAsked(parent=parent, slot="arm", lineage=("lever",), term=5.0, unix=1e9, key="p"), 2.0
     )
     assert [call.key for call in core.state.calls.live.values() if call.cause is None] == []
+
+
+@pytest.mark.xfail(strict=True, reason="the journal will end or repeat what had begun: decision 0024")
+def test_a_call_that_ran_ends_when_its_state_is_decoded() -> None:
+    core = new_core()
+    core.handle(invocation("k0", "go", deadline_at=10.0), 1.0)
+    core.handle(invocation("k1", "go", deadline_at=90.0), 1.0)
+    after = RobotCore(decoded(core.state))
+    effects = [*after.handle(on.Restored(), 2.0), *after.handle(on.Tick(unix=UNIX), 11.0)]
+    assert [effect.key for effect in effects if isinstance(effect, Begin)] == ["k1"]
