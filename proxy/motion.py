@@ -31,7 +31,7 @@ class Motion:
     """What it does when it is carried out twice: `once` adds up, `repeat` ends the same. After a restart of
     the controller only the second is asked for again."""
     verb: ClassVar[int]
-    """See `Request.verb`."""
+    """Number of the verb that it is on the wire."""
 
     def request(self) -> Request:
         """Encode it for the wire: its verb with its fields, in their order. Pure.

@@ -44,11 +44,9 @@ class CableEnd:
 
     @property
     def statistics(self) -> LinkStatistics:
-        """See `Link.statistics`."""
         return LinkStatistics(sent=self._sent, received=self._received, waiting=0, superseded=0, dropped=0)
 
     def send(self, frame: bytes | Unsent, topic: Hashable | None = None) -> None:
-        """See `Link.send`."""
         del topic
         data = encoded(frame)
         self._sent += len(data)
@@ -56,7 +54,6 @@ class CableEnd:
             self._cable.carry(data, self, self.other)
 
     def close(self) -> None:
-        """See `Link.close`."""
         self._cable.end(LinkClosed(self.address, by_us=True), self)
 
     def take(self, data: bytes) -> None:

@@ -93,11 +93,9 @@ class Fake(Part):
         return self._add(Fault(what="delay", command=command, at=at, by=by))
 
     def known_commands(self) -> Sequence[str]:
-        """See `Part.known_commands`."""
         return tuple(self.kind.commands)
 
     def enter(self, team: Stage, path: str, name: str) -> None:
-        """See `Part.enter`."""
         self._plans.clear()
         self.robot = robot = robot_of(self, team, name)
         team.start_robot(path, robot)

@@ -170,7 +170,6 @@ class Journal:
         self._by_key: dict[tuple[str, str], Step] = {}
 
     def append(self, robot: str, now: float, event: CoreEvent) -> int:
-        """See `running.process.Journal.append`."""
         del now  # of the robot's own process
         if isinstance(event, on.Invoke):
             self._begin(robot, event)
@@ -179,7 +178,7 @@ class Journal:
         return 0
 
     def commit(self, number: int) -> None:
-        """See `running.process.Journal.commit`."""
+        """Nothing waits: this journal is in memory."""
 
     def arguments(self, robot: str, key: str) -> Mapping[str, Any]:
         """Return the arguments that were given in a call."""

@@ -162,5 +162,4 @@ class Page(Part):
         """The robot of the present rehearsal, or of the last one."""
 
     def enter(self, team: Stage, path: str, name: str) -> None:
-        """See `Part.enter`."""
         self.robot = team.start_page(path, name, self.page, self.settings, self.children)

@@ -58,7 +58,6 @@ class Simulated(Part):
         self._plugged = True
 
     def known_commands(self) -> Sequence[str]:
-        """See `Part.known_commands`."""
         return tuple(commands_of(PROXIES[self.kind]))
 
     def cut(self) -> None:
@@ -73,7 +72,6 @@ class Simulated(Part):
         self._plugged = True
 
     def enter(self, team: Stage, path: str, name: str) -> None:
-        """See `Part.enter`."""
         self._team, self.name = team, name
         self._cables, self._endpoints, self._plugged = [], [], True
         kind = SIMULATED[self.kind]

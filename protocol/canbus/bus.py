@@ -86,7 +86,6 @@ class LoopbackBus(BusABC):
         super().__init__(self.channel, can_filters, **kwargs)
 
     def in_child(self) -> Iterable[int]:
-        """See `forks.Owner`."""
         return () if self._left else (self._bell,)
 
     @property

@@ -93,7 +93,6 @@ class Membership:
             self.lock.wait_for(self._all_answered, ANSWER)
 
     def in_child(self) -> Iterable[int]:
-        """See `forks.Owner`."""
         own = (self._seat.fileno(), self.inlet.fileno(), self._bell) if self._open else ()
         return (*own, *self._wires, *self._pending)
 

@@ -74,7 +74,6 @@ class SerialLink:
         forks.owns(self)
 
     def in_child(self) -> Iterable[int]:
-        """See `forks.Owner`."""
         return (self._descriptor,) if self._reason is None else ()
 
     def begin(self, accept: Accept) -> None:

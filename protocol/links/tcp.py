@@ -106,7 +106,6 @@ class TcpLink(asyncio.Protocol):
         self._closing = wait  # asyncio itself holds its tasks weakly
 
     def in_child(self) -> Iterable[int]:
-        """See `forks.Owner`."""
         return () if self._transport is None else (self._transport.get_extra_info("socket").fileno(),)
 
     def give_up(self) -> None:
@@ -209,7 +208,6 @@ class TcpListener:
         return frozenset(link for link in self._links if link.open)
 
     def in_child(self) -> Iterable[int]:
-        """See `forks.Owner`."""
         return [sock.fileno() for sock in self._server.sockets]
 
     async def close(self) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import asyncio
+import logging
 import re
 import subprocess
 import sys
@@ -151,6 +153,46 @@ def types_in(module: ast.Module) -> Iterator[str]:
                 continue
         if name[0].isupper() and not name.isupper():
             yield name
+
+
+def base_names(kind: ast.ClassDef) -> set[str]:
+    """Names of the bases of a class: `Protocol[T]` and `typing.Protocol` are `Protocol`."""
+    plain = (base.value if isinstance(base, ast.Subscript) else base for base in kind.bases)
+    return {getattr(base, "attr", getattr(base, "id", "")) for base in plain}
+
+
+def public_methods(kind: ast.ClassDef) -> dict[str, bool]:
+    """Names of the methods of a class, and whether each has a docstring."""
+    methods = (node for node in kind.body if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef))
+    found: dict[str, bool] = {}
+    for node in methods:
+        if not node.name.startswith("_"):  # of a property, the getter has the docstring
+            found[node.name] = found.get(node.name, False) or bool(ast.get_docstring(node))
+    return found
+
+
+def test_a_method_has_a_docstring_unless_what_it_implements_has_one() -> None:
+    """Ruff's D102 would have each implementation say `See` and a name."""
+    kinds = [
+        (relative(path), node)
+        for path in SOURCES
+        for node in ast.parse(path.read_text()).body
+        if isinstance(node, ast.ClassDef)
+    ]
+    implemented = {name for _, kind in kinds for name in base_names(kind)}
+    described = (
+        set(dir(asyncio.AbstractEventLoop)) | set(dir(asyncio.TimerHandle)) | set(dir(logging.Handler))
+    )
+    for _, kind in kinds:
+        if kind.name in implemented or "Protocol" in base_names(kind):
+            described |= {name for name, has_docstring in public_methods(kind).items() if has_docstring}
+    assert not [
+        f"{path}: {kind.name}.{name}"
+        for path, kind in kinds
+        if not kind.name.startswith("_")
+        for name, has_docstring in public_methods(kind).items()
+        if not has_docstring and name not in described
+    ]
 
 
 def test_functions_fit_on_a_screen() -> None:

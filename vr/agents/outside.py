@@ -64,7 +64,6 @@ class OutsideCaller:
             self._respond(encode(Accepted(key=self._call.key)))
 
     def note(self, fraction: float, text: str) -> None:
-        """See `Listener.note`."""
         now, waiting = self._runtime.process.runner.now(), bool(self._pending)
         if len(self._pending) >= MOST_PENDING:
             self._pending.pop()
@@ -75,7 +74,6 @@ class OutsideCaller:
             self._runtime.process.at(self._quiet_until, self._tell)
 
     def settle(self, reply: Returned | Raised) -> None:
-        """See `Listener.settle`."""
         if isinstance(reply, Raised):
             self.accept()  # an error that comes first would be a refusal
         elif self._call.describe_result:

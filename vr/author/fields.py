@@ -146,7 +146,6 @@ class StateField(Field):
             raise TypeError(f"default of {error}") from None
 
     def plain(self, value: Any, robot: str) -> Any:
-        """See `Field.plain`."""
         where = f"{robot}.{self.name}"
         try:
             body = _encode(value)
@@ -159,7 +158,6 @@ class StateField(Field):
         return plain
 
     def typed(self, plain: Any) -> Any:
-        """See `Field.typed`."""
         if self.annotation is Any:
             return _decode(_encode(plain))
         return msgspec.convert(_decode(_encode(plain)), self.annotation, strict=True, builtin_types=(bytes,))

@@ -67,7 +67,7 @@ _simulated = ""
 
 
 class Envelope(msgspec.Struct, frozen=True, array_like=True):
-    """See the module."""
+    """A request with who asks and until when it may begin."""
 
     request: AnyRequest
     sender: str

@@ -266,13 +266,11 @@ class Failed(CommandFailed):
 
     @classmethod
     def words(cls, data: dict[str, Any]) -> dict[str, Any]:
-        """See `VrError.words`."""
         told = ", ".join(f"{name}={value}" for name, value in data["values"].items())
         return data | {"values": f" ({told})" if told else ""}
 
     @classmethod
     def of_data(cls, data: dict[str, Any]) -> VrError:
-        """See `VrError.of_data`."""
         error = cls(data["detail"], **data["values"])
         error.fill_in(data["robot"], data["command"])
         return error
@@ -510,7 +508,6 @@ class NotConfirmed(TransportError):
 
     @classmethod
     def words(cls, data: dict[str, Any]) -> dict[str, Any]:
-        """See `VrError.words`."""
         return {
             "order": data["order"],
             "told": ", ".join(data["told"]) or "nobody",

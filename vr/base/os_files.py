@@ -57,7 +57,6 @@ class OSFiles:
     # -- processes
 
     def lives(self, pid: int) -> bool:
-        """See `Files.lives`."""
         try:
             os.kill(pid, 0)
         except ProcessLookupError:
@@ -67,67 +66,53 @@ class OSFiles:
         return True
 
     def text(self, path: Path) -> str:
-        """See `Files.text`."""
         return path.read_text(errors="surrogateescape")
 
     # -- files
 
     def private_folder(self, path: Path) -> None:
-        """See `Files.private_folder`."""
         files.private_folder(path, strict=True)
 
     def names(self, folder: Path) -> list[str]:
-        """See `Files.names`."""
         with os.scandir(folder) as entries:
             return [entry.name for entry in entries]
 
     def status(self, path: Path) -> os.stat_result:
-        """See `Files.status`."""
         return os.lstat(path)
 
     def opened(self, path: Path, *, writes: bool = False, makes: bool = False, empties: bool = False) -> int:
-        """See `Files.opened`."""
         access = os.O_RDWR if writes else os.O_RDONLY
         access |= (os.O_CREAT if makes else 0) | (os.O_TRUNC if empties else 0)
         return files.opened(path, access | os.O_NOFOLLOW)
 
     def null(self) -> int:
-        """See `Files.null`."""
         return os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC)
 
     def close(self, descriptor: int) -> None:
-        """See `Files.close`."""
         os.close(descriptor)
 
     def read(self, path: Path, most: int) -> bytes:
-        """See `Files.read`."""
         return files.read(path, most)
 
     def pread(self, descriptor: int, size: int, at: int) -> bytes:
-        """See `Files.pread`."""
         return os.pread(descriptor, size, at)
 
     def pwrite(self, descriptor: int, data: bytes, at: int) -> int:
-        """See `Files.pwrite`."""
         return os.pwrite(descriptor, data, at)
 
     def append(self, descriptor: int, data: bytes) -> int:
-        """See `Files.append`."""
         os.lseek(descriptor, 0, os.SEEK_END)
         return os.write(descriptor, data)
 
     def rename(self, path: Path, to: Path) -> None:
-        """See `Files.rename`."""
         path.rename(to)
 
     def unlink(self, path: Path) -> None:
-        """See `Files.unlink`."""
         path.unlink()
 
     # -- sockets
 
     def listen(self, path: Path, backlog: int) -> socket.socket:
-        """See `Files.listen`."""
         door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             door.setblocking(False)
@@ -141,7 +126,6 @@ class OSFiles:
         return door
 
     def dial(self, path: Path, timeout: float = 0.0) -> socket.socket:
-        """See `Files.dial`."""
         line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             line.settimeout(None if timeout else 0.0)
@@ -158,7 +142,6 @@ class OSFiles:
         return line
 
     def far_end(self, line: socket.socket) -> tuple[int, int]:
-        """See `Files.far_end`."""
         packed = line.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
         process, user, _ = _CREDENTIALS.unpack(packed)
         return process, user

@@ -143,9 +143,9 @@ class Resume(_Message, frozen=True, kw_only=True):
     """[s] on `clock`: when a person gave it, the same down the tree. A stop that came later stays in force,
     even if the asker has counted it. Infinite: not known."""
     clock: str = ""
-    """See `envelope.this_clock`."""
+    """Name of the asker's monotonic clock, as `envelope.this_clock` gives it."""
     within: float = PATIENCE
-    """See `SafeStop.within`."""
+    """[s] from its arrival on, in which the answer must leave to arrive in time."""
 
 
 class Enslave(_Message, frozen=True, kw_only=True):
@@ -419,9 +419,9 @@ class Raised(_Message, frozen=True, kw_only=True):
     error: str
     data: dict[str, Any] = {}
     trace: tuple[str, ...] = ()
-    """See `VrError.trace`."""
+    """The lines of the authors' pages through which it came, as in `VrError`."""
     own_class: OwnClass | None = None
-    """See `VrError.own_class`."""
+    """The class of its page's own as which it was raised; None: it is one of ours."""
 
     @classmethod
     def of(cls, error: VrError) -> Raised:

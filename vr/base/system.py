@@ -82,7 +82,7 @@ class Socket(Protocol):
         ...
 
     def __exit__(self, *_: object) -> None:
-        """See `__enter__`."""
+        """Close it."""
         ...
 
 
@@ -243,15 +243,15 @@ class Files(Protocol):
 
 
 class System(Files, Protocol):
-    """See the module."""
+    """What a process asks of its operating system."""
 
     @property
     def opening(self) -> AbstractContextManager[Any]:
-        """See `forks.opening`."""
+        """Held for a moment, while a descriptor is opened and until its owner knows it: nobody forks then."""
         ...
 
     def owns(self, owner: forks.Owner) -> None:
-        """See `forks.owns`."""
+        """Have a child that is forked keep nothing of an owner's, as long as the owner exists."""
         ...
 
     def at_exit(self, action: Callable[[], object], /) -> None:
@@ -318,7 +318,6 @@ class OS(OSFiles):
     epoll = staticmethod(select.epoll)
 
     def at_exit(self, action: Callable[[], object], /) -> None:
-        """See `System.at_exit`."""
         atexit.register(action)
 
     def spawn(self, work: Callable[[], None], name: str) -> None:
@@ -326,7 +325,6 @@ class OS(OSFiles):
         threading.Thread(target=work, name=name, daemon=True).start()
 
     def name_thread(self, name: str) -> None:
-        """See `System.name_thread`."""
         threading.current_thread().name = name
 
 

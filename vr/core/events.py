@@ -64,7 +64,7 @@ class CancelAsked(_Event, frozen=True, kw_only=True):
     epoch: int | None = None
     """Of the asker's lease."""
     final: bool = False
-    """See `calls.AcceptedCall.final`."""
+    """Whether not even a clean-up may command children any more."""
 
 
 class CancelAll(_Event, frozen=True, kw_only=True):
@@ -75,7 +75,8 @@ class CancelAll(_Event, frozen=True, kw_only=True):
     epoch: int | None = None
     """Of the asker's lease."""
     final: bool = False
-    """See `calls.AcceptedCall.final`. For a call that was asked to end before, it is final in any case."""
+    """Whether not even a clean-up may command children any more; so it is in any case for a call that was
+    asked to end before."""
 
 
 class Abandon(_Event, frozen=True, kw_only=True):

@@ -32,7 +32,7 @@ def merged(lines: Iterable[Remembered]) -> list[Remembered]:
 
 
 class Chronicle:
-    """See the module."""
+    """Remembers who came and went."""
 
     def __init__(self, presence: Presence, unix: Callable[[], float]) -> None:
         """Begin empty.

@@ -50,10 +50,10 @@ PATIENCE = 0.1
 """[s] to wait for a process whose socket takes no more."""
 
 SCRIPT = "script"
-"""See `envelope.py`."""
+"""Begin of the sender's key, as in `envelope.py`."""
 
 VERSION, URGENT = 2, 0
-"""See `link.py`."""
+"""Version and lane of its frames, as in `link.py`."""
 
 _HELLO, _ASK = 0, 2
 """Tags of the frames."""

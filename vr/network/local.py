@@ -96,7 +96,6 @@ class LocalTransport:
         return self.mesh.place.realm
 
     async def serve(self, key: str, take: TakeRequest) -> Registration:
-        """See `Transport.serve`."""
         self._check(key)
 
         def take_frame(  # an `TakeFrame`
@@ -125,7 +124,6 @@ class LocalTransport:
     def request(
         self, key: str, body: bytes, *, timeout: float, urgent: bool = False, void_at: float = 0.0
     ) -> AsyncIterator[bytes]:
-        """See `Transport.request`."""
         self._check(key)
         replies = Replies(key, timeout)
         self._asking.add(replies)
@@ -140,7 +138,6 @@ class LocalTransport:
     def ask(
         self, key: str, body: bytes, *, void_at: float = 0.0, urgent: bool = False, on_reply: OnReply
     ) -> None:
-        """See `Transport.ask`."""
         answer, body = self._served.get(key), bytes(body)
         if self._closing is not None:
             on_reply(None)
@@ -156,29 +153,24 @@ class LocalTransport:
             answer(body, self.identity, urgent, on_reply, end)
 
     def after_reading(self, job: Callable[[], bool]) -> bool:
-        """See `Transport.after_reading`."""
         return self.mesh.after_reading(job)
 
     def publish(self, key: str, body: bytes) -> None:
-        """See `Transport.publish`."""
         self._check(key)
         self.mesh.publish(key, bytes(body))
 
     async def subscribe(self, pattern: str, handler: SampleHandler) -> Registration:
-        """See `Transport.subscribe`."""
         self._check(pattern)
         inbox = SampleInbox[tuple[str, bytes]](self._turns, lambda item: handler(*item), WAITING_SAMPLES)
         number = self.mesh.subscribe(pattern, lambda key, body: inbox.put((key, body)))
         return _Registration(self, lambda: self.mesh.unsubscribe(number), inbox.close)
 
     async def announce(self, key: str, *, unless: Sequence[str] = ()) -> Registration:
-        """See `Transport.announce`."""
         self._check(key)
         self.mesh.announce(key, unless=unless)
         return _Registration(self, lambda: self.mesh.withdraw(key))
 
     async def settle(self, within: float) -> None:
-        """See `Transport.settle`."""
         self._check("")
         settled = asyncio.Event()
 
@@ -191,7 +183,6 @@ class LocalTransport:
                 await settled.wait()
 
     async def watch_itself(self, handler: CutOffHandler) -> Registration:
-        """See `Transport.watch_itself`."""
         self._check("")
 
         def on_cut_off(reason: str) -> None:
@@ -201,7 +192,6 @@ class LocalTransport:
         return _Registration(self, lambda: self.mesh.unwatch(number))
 
     async def close(self) -> None:
-        """See `Transport.close`."""
         if self._closing is None:
             self.presence.close()
             self._closing = asyncio.ensure_future(self._close())

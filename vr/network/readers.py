@@ -86,7 +86,7 @@ class Sockets:
 
 
 class Readers:
-    """See the module."""
+    """Reads all sockets of a process in one thread."""
 
     def __init__(
         self,

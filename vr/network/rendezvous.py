@@ -91,7 +91,6 @@ class Beat:
             system.owns(self)
 
     def in_child(self) -> Iterable[int]:
-        """See `forks.Owner`."""
         return (self._handle,)
 
     def write(self, now: float) -> None:

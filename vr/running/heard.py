@@ -94,7 +94,6 @@ class _NoInput(io.TextIOBase):
     """Standard input of pages: there is none, for that of the process is its starter's or a person's."""
 
     def readable(self) -> bool:
-        """See `io.TextIOBase`."""
         return True
 
     def read(self, _size: int | None = -1, /) -> str:

@@ -89,7 +89,7 @@ class Runner(Protocol):
 
 
 class ThreadWaiter:
-    """See `Waiter`."""
+    """Puts a thread of the operating system to sleep."""
 
     __slots__ = ("_lock",)
 
@@ -99,11 +99,9 @@ class ThreadWaiter:
         self._lock.acquire()
 
     def wait(self, timeout: float | None) -> bool:
-        """See `Waiter.wait`."""
         return self._lock.acquire(timeout=-1 if timeout is None else min(max(timeout, 0.0), LONGEST_WAIT))
 
     def wake(self) -> None:
-        """See `Waiter.wake`."""
         if self._lock.locked():  # else a wake is kept already
             try:  # noqa: SIM105 # `suppress` takes longer than all of the rest
                 self._lock.release()
@@ -123,7 +121,6 @@ class Threads:
     pid = staticmethod(os.getpid)
 
     def waiter(self) -> Waiter:
-        """See `Runner.waiter`."""
         return ThreadWaiter()
 
     def spawn(self, work: Callable[[], None], name: str) -> None:
@@ -131,7 +128,6 @@ class Threads:
         threading.Thread(target=work, name=name, daemon=True).start()
 
     def name_thread(self, name: str) -> None:
-        """See `Runner.name_thread`."""
         threading.current_thread().name = name
 
     def interrupt(self, thread: int, error: type[BaseException]) -> bool:
@@ -140,7 +136,6 @@ class Threads:
         return True
 
     def stack_of(self, thread: int) -> FrameType | None:
-        """See `Runner.stack_of`."""
         frames = sys._current_frames()  # noqa: SLF001  # pyright: ignore[reportPrivateUsage] # documented
         return frames.get(thread)
 

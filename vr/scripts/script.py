@@ -70,7 +70,6 @@ class Script(VirtualRobot):
         return "ready" if self._run is None else "active"
 
     def readings(self) -> dict[str, float]:
-        """See `Robot.readings`."""
         run = self._run
         if run is None:
             return {}

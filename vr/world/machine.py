@@ -43,7 +43,6 @@ class _OpenFile:
         self.file, self.number = file, -1
 
     def release(self) -> None:
-        """See `Descriptor.release`."""
         self.number = -1
 
 
@@ -63,7 +62,7 @@ class _Status:
 
 
 class Machine(Kernel):
-    """See the module."""
+    """A simulated machine: its processes, its network and what goes wrong in it."""
 
     def __init__(self, runner: VirtualRunner, seed: int) -> None:
         """Begin without a process.
@@ -170,39 +169,31 @@ class SimulatedSystem(Descriptors):
         """See `System.owns`: nobody forks here."""
 
     def at_exit(self, action: Callable[[], object], /) -> None:
-        """See `System.at_exit`."""
         self.exits.append(action)
 
     def not_at_exit(self, action: Callable[[], object], /) -> None:
-        """See `System.not_at_exit`."""
         if action in self.exits:
             self.exits.remove(action)
 
     def lock(self) -> VirtualLock:
-        """See `System.lock`."""
         return VirtualLock(self.machine.runner)
 
     def rlock(self) -> VirtualLock:
-        """See `System.rlock`."""
         return VirtualLock(self.machine.runner, again=True)
 
     def spawn(self, work: Callable[[], None], name: str) -> None:
-        """See `System.spawn`."""
         self.machine.call()
         self.process.spawn(work, name)
 
     def sleep(self, seconds: float, /) -> None:
-        """See `System.sleep`."""
         self.process.waiter().wait(seconds)
 
     # -- processes --------------------------------------------------------------------------------
 
     def user(self) -> int:
-        """See `Files.user`."""
         return USER
 
     def lives(self, pid: int) -> bool:
-        """See `Files.lives`."""
         self.machine.call()
         return pid in self.machine.systems
 
@@ -228,13 +219,11 @@ class SimulatedSystem(Descriptors):
     # -- files ------------------------------------------------------------------------------------
 
     def private_folder(self, path: Path) -> None:
-        """See `Files.private_folder`."""
         self.machine.call()
         for folder in (*reversed(path.parents), path):
             self.machine.folders.setdefault(str(folder), {})
 
     def names(self, folder: Path) -> list[str]:
-        """See `Files.names`."""
         self.machine.call()
         entries = self.machine.folders.get(str(folder))
         if entries is None:
@@ -244,7 +233,6 @@ class SimulatedSystem(Descriptors):
         return names
 
     def status(self, path: Path) -> Any:
-        """See `Files.status`."""
         self.machine.call()
         if str(path) in self.machine.folders:
             return _Status(stat.S_IFDIR | 0o700, 0, USER, 0, 0.0, 0)
@@ -255,7 +243,6 @@ class SimulatedSystem(Descriptors):
         return _Status(stat.S_IFREG | 0o600, entry.inode, USER, len(entry.data), seconds, entry.changed)
 
     def opened(self, path: Path, *, writes: bool = False, makes: bool = False, empties: bool = False) -> int:
-        """See `Files.opened`."""
         self.machine.call()
         self.check_descriptors()
         entries, name = self.machine.place_of(path)
@@ -271,7 +258,6 @@ class SimulatedSystem(Descriptors):
         return self._opened(entry)
 
     def null(self) -> int:
-        """See `Files.null`."""
         self.machine.call()
         return self._opened(self.machine.new_file())
 
@@ -281,11 +267,9 @@ class SimulatedSystem(Descriptors):
         return handle.number
 
     def close(self, descriptor: int) -> None:
-        """See `Files.close`."""
         self.give_back(descriptor)
 
     def read(self, path: Path, most: int) -> bytes:
-        """See `Files.read`."""
         self.machine.call()
         self.check_descriptors()
         entry = self.machine.find(path)
@@ -296,12 +280,10 @@ class SimulatedSystem(Descriptors):
         return bytes(entry.data)
 
     def pread(self, descriptor: int, size: int, at: int) -> bytes:
-        """See `Files.pread`."""
         self.machine.call()
         return bytes(self._file(descriptor).data[at : at + size])
 
     def pwrite(self, descriptor: int, data: bytes, at: int) -> int:
-        """See `Files.pwrite`."""
         self.machine.call()
         file = self._file(descriptor)
         if self.machine.disk_full and at + len(data) > len(file.data):
@@ -328,7 +310,6 @@ class SimulatedSystem(Descriptors):
         file.changed = max(file.changed + 1, int(self.unix() * 1e9))
 
     def rename(self, path: Path, to: Path) -> None:
-        """See `Files.rename`."""
         self.machine.call()
         entry = self.machine.find(path)
         there, name = self.machine.place_of(to)
@@ -338,7 +319,6 @@ class SimulatedSystem(Descriptors):
             del here[before]
 
     def unlink(self, path: Path) -> None:
-        """See `Files.unlink`."""
         self.machine.call()
         self.machine.find(path)
         entries, name = self.machine.place_of(path)
@@ -347,7 +327,6 @@ class SimulatedSystem(Descriptors):
     # -- sockets ----------------------------------------------------------------------------------
 
     def listen(self, path: Path, backlog: int) -> SimulatedSocket:
-        """See `Files.listen`."""
         self.machine.call()
         self.check_descriptors()
         entries, name = self.machine.place_of(path)
@@ -362,7 +341,6 @@ class SimulatedSystem(Descriptors):
         return door
 
     def dial(self, path: Path, timeout: float = 0.0) -> SimulatedSocket:
-        """See `Files.dial`."""
         machine = self.machine
         machine.call()
         self.check_descriptors()
@@ -383,7 +361,6 @@ class SimulatedSystem(Descriptors):
         return line
 
     def socketpair(self) -> tuple[SimulatedSocket, SimulatedSocket]:
-        """See `System.socketpair`."""
         self.machine.call()
         ends = self._socket(), self._socket()
         self._connect(*ends)
@@ -392,13 +369,11 @@ class SimulatedSystem(Descriptors):
         return ends
 
     def epoll(self) -> SimulatedEpoll:
-        """See `System.epoll`."""
         self.machine.call()
         self.check_descriptors()
         return SimulatedEpoll(self)
 
     def far_end(self, line: Any) -> tuple[int, int]:
-        """See `Files.far_end`."""
         peer = cast("SimulatedSocket", line).peer
         if peer is None:
             fail(errno.ENOTCONN)

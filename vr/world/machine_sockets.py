@@ -25,7 +25,7 @@ _ALWAYS: Final = HUNG_UP | FAILED
 
 
 class SimulatedSocket:
-    """See `system.Socket`."""
+    """A Unix socket of a simulated machine."""
 
     def __init__(self, system: Descriptors) -> None:
         """Make one that is neither connected nor listens, and has no descriptor yet."""
@@ -57,7 +57,6 @@ class SimulatedSocket:
     # -- as `Socket` ------------------------------------------------------------------------------
 
     def fileno(self) -> int:
-        """See `Socket.fileno`."""
         return self.number
 
     def setblocking(self, flag: bool, /) -> None:  # noqa: FBT001 # as `socket.socket`
@@ -67,7 +66,6 @@ class SimulatedSocket:
         """See `Socket.settimeout`: none waits."""
 
     def send(self, data: Any, flags: int = 0, /) -> int:
-        """See `Socket.send`."""
         del flags
         self.kernel.call()
         self._check_open()
@@ -90,7 +88,6 @@ class SimulatedSocket:
         return len(piece)
 
     def sendall(self, data: Any, flags: int = 0, /) -> None:
-        """See `Socket.sendall`."""
         while data:
             try:
                 data = data[self.send(data, flags) :]
@@ -98,7 +95,6 @@ class SimulatedSocket:
                 self.system.process.waiter().wait(0.001)
 
     def recv(self, size: int, /) -> bytes:
-        """See `Socket.recv`."""
         self.kernel.call()
         self._check_open()
         if not self.incoming:
@@ -124,7 +120,6 @@ class SimulatedSocket:
         return bytes(taken)
 
     def accept(self) -> tuple[SimulatedSocket, str]:
-        """See `Socket.accept`."""
         self.kernel.call()
         self._check_open()
         self.system.check_descriptors()
@@ -135,7 +130,6 @@ class SimulatedSocket:
         return line, ""
 
     def shutdown(self, how: int, /) -> None:
-        """See `Socket.shutdown`."""
         del how
         self.kernel.call()
         self._check_open()
@@ -145,7 +139,6 @@ class SimulatedSocket:
                 end.end_comes()
 
     def close(self) -> None:
-        """See `Socket.close`."""
         if self.number >= 0:
             self.system.give_back(self.number)
 
@@ -275,11 +268,9 @@ class SimulatedEpoll:
         self.number = system.take(self)
 
     def fileno(self) -> int:
-        """See `Epoll.fileno`."""
         return self.number
 
     def register(self, fd: SimulatedSocket, eventmask: int = 0, /) -> None:
-        """See `Epoll.register`."""
         self.kernel.call()
         self._check(fd)
         if fd in self._wanted:
@@ -288,7 +279,6 @@ class SimulatedEpoll:
         self._want(fd, eventmask)
 
     def modify(self, fd: SimulatedSocket, eventmask: int, /) -> None:
-        """See `Epoll.modify`."""
         self.kernel.call()
         self._check(fd)
         if fd not in self._wanted:
@@ -296,7 +286,6 @@ class SimulatedEpoll:
         self._want(fd, eventmask)
 
     def unregister(self, fd: SimulatedSocket, /) -> None:
-        """See `Epoll.unregister`."""
         self.kernel.call()
         self._check(fd)
         if fd not in self._wanted:
@@ -324,7 +313,6 @@ class SimulatedEpoll:
         return found
 
     def close(self) -> None:
-        """See `Epoll.close`."""
         if not self.closed:
             self.system.give_back(self.number)
 

@@ -92,6 +92,5 @@ class _Keeper(logging.Handler):
         self._lines = lines
 
     def emit(self, record: logging.LogRecord) -> None:
-        """See `logging.Handler.emit`."""
         trace = traceback.format_exception(*record.exc_info)[-3:] if record.exc_info else []
         self._lines.append(f"{record.name}: {record.getMessage()}{''.join(trace)}")

@@ -88,7 +88,6 @@ class LoopAgenda:
         self.now = loop.time
 
     def at(self, when: float, action: Callable[[], None]) -> None:
-        """See `Agenda.at`."""
         if threading.get_ident() != self._thread:
             with contextlib.suppress(RuntimeError):  # the loop is closed: nobody is there any more
                 self._loop.call_soon_threadsafe(self.at, when, action)
@@ -490,7 +489,6 @@ class MemoryTransport:
     # -- requests ---------------------------------------------------------------------------------
 
     async def serve(self, key: str, take: TakeRequest) -> Registration:
-        """See `Transport.serve`."""
         self._check(key)
         if key in self.served:
             raise ValueError(f"{key} is served already")
@@ -501,7 +499,6 @@ class MemoryTransport:
     def request(
         self, key: str, body: bytes, *, timeout: float, urgent: bool = False, void_at: float = 0.0
     ) -> AsyncIterator[bytes]:
-        """See `Transport.request`."""
         self._check(key)
         replies = Replies(key, timeout)
         self._asking[replies] = None
@@ -519,7 +516,6 @@ class MemoryTransport:
     def ask(
         self, key: str, body: bytes, *, void_at: float = 0.0, urgent: bool = False, on_reply: OnReply
     ) -> None:
-        """See `Transport.ask`."""
         packed, network = bytes(memoryview(body)), self.network
 
         def told(reply: bytes | None) -> None:
@@ -626,7 +622,6 @@ class MemoryTransport:
     # -- samples ----------------------------------------------------------------------------------
 
     def publish(self, key: str, body: bytes) -> None:
-        """See `Transport.publish`."""
         self._check(key)
         packed = bytes(memoryview(body))
         network = self.network
@@ -640,7 +635,6 @@ class MemoryTransport:
                     way.send(hear, BULK)
 
     async def subscribe(self, pattern: str, handler: SampleHandler) -> Registration:
-        """See `Transport.subscribe`."""
         self._check(pattern)
         number = next(self._numbers)
         self._subscriptions[number] = (pattern, handler)
@@ -677,7 +671,6 @@ class MemoryTransport:
     # -- presence ---------------------------------------------------------------------------------
 
     async def announce(self, key: str, *, unless: Sequence[str] = ()) -> Registration:
-        """See `Transport.announce`."""
         self._check(key)
         if others := [other for pattern in unless for other in self.presence.keys(pattern)]:
             raise Occupied(others)
@@ -718,7 +711,6 @@ class MemoryTransport:
         return found
 
     async def watch_itself(self, handler: CutOffHandler) -> Registration:
-        """See `Transport.watch_itself`."""
         self._check("")
         number = next(self._numbers)
         self._cut_off_handlers[number] = handler
@@ -815,7 +807,6 @@ class MemoryTransport:
             replies.shut()
 
     async def close(self) -> None:
-        """See `Transport.close`."""
         if self.closed:
             return
         self.network.kill(self)

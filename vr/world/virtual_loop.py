@@ -40,7 +40,6 @@ class _Handle(asyncio.Handle):
         self._cancelled = False
 
     def cancel(self) -> None:
-        """See `asyncio.Handle.cancel`."""
         self._cancelled = True
         self._callback, self._args = None, ()
 
@@ -75,7 +74,6 @@ class _Timer(asyncio.TimerHandle):
             loop.add(self)
 
     def cancel(self) -> None:
-        """See `asyncio.TimerHandle.cancel`."""
         if not self._cancelled:
             self._cancelled = True
             self._callback, self._args = None, ()
@@ -87,7 +85,7 @@ class _Timer(asyncio.TimerHandle):
 
 
 class VirtualLoop(base_events.BaseEventLoop):
-    """See the module."""
+    """An event loop in virtual time."""
 
     dead = False
 
@@ -190,7 +188,6 @@ class VirtualLoop(base_events.BaseEventLoop):
     def call_soon(  # type: ignore[override] # asyncio's stub ties the arguments to the callback
         self, callback: Callable[..., object], *args: Any, context: Context | None = None
     ) -> asyncio.Handle:
-        """See `asyncio.AbstractEventLoop.call_soon`."""
         if self._closed:  # type: ignore[attr-defined] # typeshed hides it
             raise RuntimeError("Event loop is closed")
         handle = _Handle(callback, args, context)
@@ -205,7 +202,6 @@ class VirtualLoop(base_events.BaseEventLoop):
     def call_at(  # type: ignore[override] # typed more loosely than in asyncio
         self, when: float, callback: Callable[..., object], *args: Any, context: Context | None = None
     ) -> asyncio.TimerHandle:
-        """See `asyncio.AbstractEventLoop.call_at`."""
         if self._closed:  # type: ignore[attr-defined] # typeshed hides it
             raise RuntimeError("Event loop is closed")
         timer = _Timer(when, callback, args, self, context)
@@ -215,7 +211,6 @@ class VirtualLoop(base_events.BaseEventLoop):
     def call_later(  # type: ignore[override] # typed more loosely than in asyncio
         self, delay: float, callback: Callable[..., object], *args: Any, context: Context | None = None
     ) -> asyncio.TimerHandle:
-        """See `asyncio.AbstractEventLoop.call_later`."""
         if self._closed:  # type: ignore[attr-defined] # typeshed hides it
             raise RuntimeError("Event loop is closed")
         when = self.time() + delay
@@ -226,7 +221,6 @@ class VirtualLoop(base_events.BaseEventLoop):
     def create_task(  # type: ignore[override] # typed more loosely than in asyncio
         self, coro: Any, *, name: str | None = None, context: Context | None = None
     ) -> asyncio.Task[Any]:
-        """See `asyncio.AbstractEventLoop.create_task`."""
         task = super().create_task(coro, name=name, context=context)
         self._tasks.add(weakref.ref(task, self._tasks.discard))
         return task

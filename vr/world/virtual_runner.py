@@ -26,9 +26,12 @@ from functools import partial
 from heapq import heapify, heappop, heappush
 from math import inf
 from types import FrameType
-from typing import Any, Protocol, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from greenlet import GreenletExit, getcurrent, greenlet
+
+if TYPE_CHECKING:
+    from robotree.vr.world.virtual_loop import VirtualLoop
 
 BEGINNING = 1_000_000_000.0
 """[s] since 1970, at which virtual time begins."""
@@ -80,19 +83,6 @@ class Preemption:
         """How often it has happened."""
 
 
-class Turns(Protocol):
-    """Something that has to be done now and then, in the greenlet of the runner: an event loop."""
-
-    process: VirtualProcess | None
-    """To which it belongs."""
-    dead: bool
-    """False; as greenlets have it."""
-
-    def switch(self) -> None:
-        """Do what is to be done now."""
-        ...
-
-
 class VirtualRunner:
     """See the module. It belongs to the thread and the greenlet that made it."""
 
@@ -119,8 +109,8 @@ class VirtualRunner:
         self._timers: list[tuple[float, int, Callable[[], object]]] = []
         self.discarded = 0
         """Timers whose action was called off."""
-        self._ready: list[greenlet | Turns] = []
-        self.resume: Callable[[greenlet | Turns], None] = self._ready.append
+        self._ready: list[greenlet | VirtualLoop] = []
+        self.resume: Callable[[greenlet | VirtualLoop], None] = self._ready.append
         """Has a greenlet or an event loop go on when it is chosen."""
         self._main = getcurrent()
         self._hub = _Fiber(self._schedule)
@@ -141,15 +131,12 @@ class VirtualRunner:
     # -- a Runner ---------------------------------------------------------------------------------
 
     def now(self) -> float:
-        """See `Runner.now`."""
         return self._time
 
     def unix(self) -> float:
-        """See `Runner.unix`."""
         return BEGINNING + self._time
 
     def here(self) -> int:
-        """See `Runner.here`."""
         return id(getcurrent())
 
     def lock(self) -> AbstractContextManager[object]:
@@ -157,7 +144,6 @@ class VirtualRunner:
         return VirtualLock(self, brief=True)
 
     def waiter(self) -> VirtualWaiter:
-        """See `Runner.waiter`."""
         return VirtualWaiter(self)
 
     def event(self) -> VirtualEvent:
@@ -165,11 +151,9 @@ class VirtualRunner:
         return VirtualEvent(self)
 
     def spawn(self, work: Callable[[], None], name: str) -> None:
-        """See `Runner.spawn`."""
         self.start(work, name)
 
     def pid(self) -> int:
-        """See `Runner.pid`."""
         return FIRST_PID
 
     def name_thread(self, name: str) -> None:
@@ -188,7 +172,6 @@ class VirtualRunner:
         return False
 
     def stack_of(self, thread: int) -> FrameType | None:
-        """See `Runner.stack_of`."""
         return next((one.gr_frame for one in self._all if id(one) == thread), None)
 
     # -- what only a simulation can do ------------------------------------------------------------
@@ -290,7 +273,7 @@ class VirtualRunner:
             self._hub.parent = getcurrent()
             self._hub.throw(GreenletExit)
 
-    def yield_to(self, one: Turns) -> bool:
+    def yield_to(self, one: VirtualLoop) -> bool:
         """Whether what an action has to do may be done now, in its place, as it would be chosen next.
 
         The action may do nothing after it.
@@ -461,30 +444,25 @@ class VirtualProcess:
         self.halted = False
         """Whether nothing of it runs at the moment."""
         self.ended = False
-        self._waiting: list[greenlet | Turns] = []
+        self._waiting: list[greenlet | VirtualLoop] = []
 
     def of_world(self, when: float) -> float:
         """Return the time of the world [s] at which its monotonic clock shows `when` [s]."""
         return (when - self.offset) / self.rate
 
     def now(self) -> float:
-        """See `Runner.now`."""
         return self.runner.now() * self.rate + self.offset
 
     def pid(self) -> int:
-        """See `Runner.pid`."""
         return self._pid
 
     def unix(self) -> float:
-        """See `Runner.unix`."""
         return BEGINNING + self.runner.now() * self.rate + self.skew
 
     def waiter(self) -> VirtualWaiter:
-        """See `Runner.waiter`."""
         return VirtualWaiter(self.runner, self.rate)
 
     def spawn(self, work: Callable[[], None], name: str) -> None:
-        """See `Runner.spawn`."""
         if not self.ended:
             self.runner.start(work, name, self)
 
@@ -504,7 +482,7 @@ class VirtualProcess:
         """End it as SIGKILL does: nothing of it ever runs again, not even a `finally`."""
         self.halted = self.ended = True
 
-    def keep(self, one: greenlet | Turns) -> None:
+    def keep(self, one: greenlet | VirtualLoop) -> None:
         """Keep for later what was chosen while it was halted."""
         self._waiting.append(one)
 
@@ -528,7 +506,6 @@ class VirtualLock:
         self._waiting: deque[VirtualWaiter] = deque()
 
     def acquire(self, blocking: bool = True) -> bool:  # noqa: FBT001, FBT002 # as `threading.Lock`
-        """See `threading.Lock.acquire`."""
         runner, me = self.runner, getcurrent()
         runner.point()
         if self.holder is me and self._again:
@@ -550,7 +527,6 @@ class VirtualLock:
         return True
 
     def release(self) -> None:
-        """See `threading.Lock.release`."""
         self._depth -= 1
         if self._depth:
             return
@@ -573,7 +549,7 @@ class VirtualLock:
 
 
 class VirtualWaiter:
-    """See `runner.Waiter`."""
+    """Puts a greenlet to sleep, in virtual time."""
 
     __slots__ = ("_armed", "_deadline", "_rate", "_runner", "_waiting", "_woken")
 
@@ -588,7 +564,6 @@ class VirtualWaiter:
         """When its next timer goes off: one that is too early is set again, so that few lie about."""
 
     def wait(self, timeout: float | None) -> bool:
-        """See `Waiter.wait`."""
         runner = self._runner
         if not self._woken:
             self._waiting = getcurrent()
@@ -605,7 +580,6 @@ class VirtualWaiter:
         return woken
 
     def wake(self) -> None:
-        """See `Waiter.wake`."""
         if not self._woken:
             self._woken = True
             self._go_on()
@@ -632,7 +606,7 @@ class VirtualWaiter:
 
 
 class VirtualEvent:
-    """See `system.Event`."""
+    """An event in virtual time."""
 
     def __init__(self, runner: VirtualRunner) -> None:
         """Begin unset."""
@@ -641,13 +615,11 @@ class VirtualEvent:
         self._waiting: list[VirtualWaiter] = []
 
     def set(self) -> None:
-        """See `Event.set`."""
         self._set = True
         for waiter in self._waiting:
             waiter.wake()
 
     def wait(self, timeout: float | None = None) -> bool:
-        """See `Event.wait`."""
         now = self._runner.now
         self._runner.point()
         end = inf if timeout is None else now() + timeout

@@ -145,7 +145,6 @@ class TracedCore(RobotCore):
         self._world = world
 
     def handle(self, event: CoreEvent, now: float) -> list[CoreEffect]:
-        """See `RobotCore.handle`."""
         try:
             effects = super().handle(event, now)
         except VrError as refusal:

@@ -187,7 +187,6 @@ class ZenohTransport:
         return False
 
     def publish(self, key: str, body: bytes) -> None:
-        """See `Transport.publish`."""
         self._open(key).put(
             key,
             bytes(body),
@@ -196,7 +195,6 @@ class ZenohTransport:
         )
 
     async def subscribe(self, pattern: str, handler: SampleHandler) -> Registration:
-        """See `Transport.subscribe`."""
         session = self._open(pattern)
         inbox = SampleInbox[tuple[str, bytes]](self._turns, lambda item: handler(*item), WAITING_SAMPLES)
 
@@ -210,7 +208,6 @@ class ZenohTransport:
         )
 
     async def announce(self, key: str, *, unless: Sequence[str] = ()) -> Registration:
-        """See `Transport.announce`."""
         session = self._open(key)
         if others := [other for pattern in unless for other in await self._tokens(pattern)]:
             raise Occupied(others)
@@ -230,7 +227,6 @@ class ZenohTransport:
         return _Nothing()
 
     async def close(self) -> None:
-        """See `Transport.close`."""
         if self._closing is None:
             self.presence.close()
             self._closing = asyncio.ensure_future(self._close())
