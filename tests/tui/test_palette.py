@@ -73,6 +73,19 @@ def test_the_red_of_errors_stays_red(theme: object) -> None:
 
 
 @pytest.mark.parametrize("theme", [DARK, LIGHT, COLOUR_BLIND], ids=lambda theme: theme.name)
+def test_no_state_is_red_on_blue_on_a_terminal_of_sixteen(theme: Theme) -> None:
+    small = chosen(theme.name, "standard")
+    for variable in ("error", "success", "accent"):
+        text = Color.parse(
+            small.variables.get(f"{variable}-on-panel", getattr(small, variable))
+        ).get_truecolor()
+        is_red = text.red > 2 * max(text.green, text.blue)
+        for name in (small.panel, small.variables["block-cursor-background"]):
+            ground = Color.parse(str(name)).get_truecolor()
+            assert not (is_red and ground.blue > 2 * max(ground.red, ground.green)), (variable, name)
+
+
+@pytest.mark.parametrize("theme", [DARK, LIGHT, COLOUR_BLIND], ids=lambda theme: theme.name)
 def test_states_keep_different_colours_on_a_terminal_of_sixteen(theme: Theme) -> None:
     small = chosen(theme.name, "standard")
     names = ("success", "error", "accent", "primary", "foreground", "background")

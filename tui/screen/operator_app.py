@@ -193,8 +193,13 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
             self.tell(str(outcome.doubt), "warning")
         if line.verb == "create":
             self.selection = self.selection.go_to(line.text("NAME"), self.now())
-        told = line.verb == "call" and outcome.data is None and self._enters(robot, command)
-        return "" if told else outcome.text, ""
+        return "" if self._is_in_its_log(line, outcome, robot, command) else outcome.text, ""
+
+    def _is_in_its_log(self, line: Line, outcome: Outcome, robot: str, command: str) -> bool:
+        """Whether the log of a robot says what the outcome does, and who wanted it."""
+        if line.verb == "delete":
+            return "left" not in outcome.data
+        return line.verb == "call" and outcome.data is None and self._enters(robot, command)
 
     def _tell_refusal(self, error: Exception, sentence: str, robot: str) -> None:
         """Tell why something was not done, unless the log of its robot does."""

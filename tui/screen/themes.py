@@ -113,6 +113,7 @@ def _of_sixteen(theme: Theme) -> Theme:
         "block-cursor-foreground": colours["foreground"],
         "block-cursor-text-style": "none",
         "footer-key-foreground": colours["primary"],
+        "error-on-panel": colours["foreground"] if theme.dark else colours["error"],  # no red on blue
         "stop": "#aa0000",
         "banner": "#aa0000" if theme.dark else "#ff5555",
         "border": "#aaaaaa",

@@ -213,7 +213,8 @@ class Store:
             if (known is None or known.address != listing.address) and not first:
                 self._came[name] = now
                 where = "has come, but no lookup service lists it" if self.stale else "is listed"
-                self.tell(f"{name} {_inserted(listing)} {where}", "good", now, name)
+                if self.stale or not self._tells_who_created_it(listing):
+                    self.tell(f"{name} {_inserted(listing)} {where}", "good", now, name)
         for name, listing in before.items():
             if name not in after:
                 self._came.pop(name, None)
@@ -222,6 +223,11 @@ class Store:
             self.family += 1
         self.revision += 1
         self.shape += 1
+
+    def _tells_who_created_it(self, listing: Listing) -> bool:
+        """Whether a robot's own log says that it has come: a host writes there who created it."""
+        known = self.descriptions.get(listing.name)
+        return bool(listing.host) and (known is None or known.address != listing.address)
 
     def _tell_departure(self, who: Listing | RobotDescription | Absent, now: float) -> None:
         self.tell(f"{who.name} {_inserted(who)} left the list", "plain", now, who.name)

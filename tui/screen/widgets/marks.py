@@ -52,6 +52,12 @@ def tint(app: App[Any], variable: str, *, bold: bool = False) -> Style:
     return _styles[asked]
 
 
+def tint_on_panel(app: App[Any], variable: str, *, bold: bool = False) -> Style:
+    """Return a variable of the theme as a style on the colour of panels, and of the line under the cursor."""
+    own = f"{variable}-on-panel"
+    return tint(app, own if own in app.theme_variables else variable, bold=bold)
+
+
 def block(app: App[Any]) -> Style:
     """Return the style of what must be seen first: a red block; without colours a reversed one."""
     if app.no_color:

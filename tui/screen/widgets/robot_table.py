@@ -20,7 +20,7 @@ from textual.strip import Strip
 from textual.timer import Timer
 
 from robotree.tui.screen.part import Part
-from robotree.tui.screen.widgets.marks import STATUSES, tint
+from robotree.tui.screen.widgets.marks import STATUSES, tint, tint_on_panel
 from robotree.tui.seen import wording
 from robotree.tui.seen.cells import clip, fit
 from robotree.tui.seen.rows import GAP, MOST, Column, Placement, RobotRow, columns, row
@@ -229,12 +229,17 @@ class RobotTable(Part, ScrollView, can_focus=True):
         if under_cursor:
             cursor = self.get_component_rich_style("robot-table--cursor")
             base += Style(bgcolor=cursor.bgcolor, bold=cursor.bold, reverse=self.app.no_color)
-        return Strip(self._segments(shown, base)).simplify().adjust_cell_length(width, base)
+        return (
+            Strip(self._segments(shown, base, under_cursor=under_cursor))
+            .simplify()
+            .adjust_cell_length(width, base)
+        )
 
-    def _segments(self, shown: RobotRow, base: Style) -> list[Segment]:
+    def _segments(self, shown: RobotRow, base: Style, *, under_cursor: bool) -> list[Segment]:
         muted = base + tint(self.app, "muted")
         sign, colour = STATUSES[shown.status]
-        strong = base + tint(self.app, colour, bold=shown.status == "hangs")
+        tinted = tint_on_panel if under_cursor else tint
+        strong = base + tinted(self.app, colour, bold=shown.status == "hangs")
         plain = muted if shown.old else base
         cells: list[Segment] = []
         gap = " " * GAP  # of the style before it: what is the same to the terminal is sent as one

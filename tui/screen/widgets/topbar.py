@@ -10,7 +10,7 @@ from rich.text import Text
 from robotree.tui.line.actions import BY_VERB
 from robotree.tui.line.keys import spell
 from robotree.tui.screen.widgets.cached_text import CachedText
-from robotree.tui.screen.widgets.marks import STATUSES, block, tint
+from robotree.tui.screen.widgets.marks import STATUSES, block, tint, tint_on_panel
 from robotree.tui.seen.cells import clip, seen
 from robotree.tui.seen.status import CALM, COUNTED, Status
 from robotree.tui.seen.store import Store
@@ -53,7 +53,7 @@ class TopBar(CachedText):
         for status, count in self._counts[1]:
             words = f"{count} {status if count == 1 else COUNTED.get(status, status)}"
             text.append(" · " if text else "", muted)
-            text.append(words, tint(self.app, STATUSES[status][1]) if status not in CALM else "")
+            text.append(words, tint_on_panel(self.app, STATUSES[status][1]) if status not in CALM else "")
         return text or Text("0 robots", tint(self.app, "warning"))
 
     def _others(self, store: Store) -> Text:
