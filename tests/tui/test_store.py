@@ -165,6 +165,13 @@ def test_what_an_operator_must_know_is_told_when_it_begins_and_when_it_ends(stor
     ]
 
 
+def test_a_stop_is_told_once_though_the_robots_log_has_it_too(store: Store) -> None:
+    store.take_state("arm-1", State(), 1.0)
+    store.take_line("arm-1", LoggedLine(1, 0.0, "warning", "stopped: anna@pts/3's protective stop"), 2.0)
+    store.take_state("arm-1", State(stopped=True, stop_reason="anna@pts/3's protective stop"), 2.0)
+    assert texts(store) == ["arm-1 is in anna@pts/3's protective stop"]
+
+
 def test_without_a_lookup_service_the_lists_are_stale(store: Store) -> None:
     store.take_services(["lookup-1"], 1.0, stale=False)
     store.take_services([], 2.0, stale=True)

@@ -19,7 +19,7 @@ from robotree.vr.base.address import Address
 from robotree.vr.base.description import Lack, Listing, RobotDescription
 from robotree.vr.base.presence import Held
 from robotree.vr.base.principal import is_person
-from robotree.vr.base.requests import Level, LoggedLine, State
+from robotree.vr.base.requests import STOPPED, Level, LoggedLine, State
 
 SILENCE = 4.0
 """[s] without a state after which a robot counts as silent: states come at least once a second."""
@@ -440,6 +440,8 @@ class Store:
         What its parent asks is part of the parent's command.
         """
         if line.command and not is_person(line.caller):
+            return
+        if line.text.startswith(STOPPED):  # its state says so, which no flood of lines holds back
             return
         text = line.text if line.level in SENTENCES else f"{name}: {line.text}"
         self.tell(text, WEIGHTS[line.level], now, name, line)

@@ -16,7 +16,7 @@ from robotree.vr.agents.hooks import STILL_STOPPING, Confirming, Hooks
 from robotree.vr.base.envelope import same_clock
 from robotree.vr.base.errors import NoAnswer, VrError
 from robotree.vr.base.principal import Principal
-from robotree.vr.base.requests import Done, Raised, Reply, Resume, SafeStop
+from robotree.vr.base.requests import STOPPED, Done, Raised, Reply, Resume, SafeStop
 from robotree.vr.core import events as on
 from robotree.vr.core.confirmation import Budget, Confirmations
 from robotree.vr.core.stop import HARDWARE, Stop
@@ -64,6 +64,7 @@ class Stops:
         generation, reply = taken.generation, taken.reply
         if taken.fresh:
             self._runtime.changed()
+            self._runtime.log.say("warning", f"{STOPPED}{reason}")
         if reply is None:
             if (settled := self._settling.get(generation)) is None:
                 settled = self._settling[generation] = asyncio.get_running_loop().create_future()

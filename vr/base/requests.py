@@ -302,6 +302,10 @@ Level = Literal["debug", "info", "warning", "error", "asked", "done", "failed", 
 """How important a line is; `asked`: a person's command goes on or waits; of the last three, how one ended."""
 
 
+STOPPED = "stopped: "
+"""Begins the line of a robot's log that says why and by whom it was stopped."""
+
+
 class LoggedLine(msgspec.Struct, frozen=True):
     """One line of a robot's log."""
 

@@ -76,12 +76,14 @@ def test_what_two_services_saw_is_one_line_and_what_a_robot_said_twice_is_two() 
     assert merged(said) == said
 
 
-async def test_the_fleet_remembers_by_whom_a_robot_was_created_and_deleted(tmp_path: Path) -> None:
+async def test_the_fleet_remembers_by_whom_a_robot_was_created_stopped_and_deleted(tmp_path: Path) -> None:
     world = World(tmp_path)
     await world.open()
     try:
         with sitting_at("pts/3"):
             await world.create("carrier")
+            await world.fleet.stop(None)
+            await world.fleet.resume(None)
             await world.fleet.delete("carrier")
         await until(lambda: not world.host.agents, "it has ended")
         history = [one.line for one in await world.fleet.read_history() if one.name == "carrier"]
@@ -89,6 +91,10 @@ async def test_the_fleet_remembers_by_whom_a_robot_was_created_and_deleted(tmp_p
         assert texts[0].startswith("carrier (robot")
         assert texts[0].endswith(") has come")
         assert any("created from" in one and one.endswith("@pts/3") for one in texts)
+        stops = [one for one in texts if one.startswith("stopped: ")]
+        assert len(stops) == 1, "two ways to a robot are one stop"
+        assert stops[0].endswith("@pts/3's protective stop")
+        assert any(one.startswith("resumed by") and one.endswith("@pts/3") for one in texts)
         assert any(one.startswith("deleted by") and one.endswith("@pts/3") for one in texts)
         assert any(one.endswith(") has left") for one in texts)
         assert all(line.unix > 0 for line in history)
