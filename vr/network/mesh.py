@@ -639,7 +639,8 @@ class Mesh:
             for line in lines:
                 line.close()
             if error.errno in {errno.EMFILE, errno.ENFILE} and not self.place.listed:
-                raise RealmUnusable(realm=self.place.realm, reason=(error.strerror or f"{error}").lower()) from None
+                reason = f"{error.strerror}".lower()
+                raise RealmUnusable(realm=self.place.realm, reason=reason) from None
             if isinstance(error, ConnectionRefusedError):
                 self.place.forget(tag)  # it listened before it could be seen, so it is dead
                 self._outside.undialed.pop(tag, None)
