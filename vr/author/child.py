@@ -17,7 +17,7 @@ An array of children of one kind is `rovers = Children("Rover", least=1, most=4)
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast, overload
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, cast, overload
 
 import msgspec
 
@@ -31,14 +31,22 @@ from robotree.vr.base.plain import READY
 from robotree.vr.base.units import Unit, convert, seconds
 
 if TYPE_CHECKING:
-    from robotree.vr.author.virtual_robot import VirtualRobot
-    from robotree.vr.core.bonds import Bond, Slot
+    from robotree.vr.core.bonds import Bond, Slot, Slots
 
 
 T = TypeVar("T", bound=Kind)
 K = TypeVar("K")
 WITHIN = "within"
 """The argument of a call that limits its time."""
+
+
+class HasSlots(Protocol):
+    """What has child slots: a virtual robot."""
+
+    @property
+    def child_slots(self) -> Slots:
+        """The slots as they are now."""
+        ...
 
 
 def readable(value: Any) -> Any:
@@ -117,8 +125,8 @@ class Child(Slotted, Generic[K]):
     @overload
     def __get__(self, robot: None, owner: type[Any]) -> Child[K]: ...
     @overload
-    def __get__(self, robot: VirtualRobot, owner: type[Any]) -> K: ...
-    def __get__(self, robot: VirtualRobot | None, owner: type[Any]) -> Any:
+    def __get__(self, robot: HasSlots, owner: type[Any]) -> K: ...
+    def __get__(self, robot: HasSlots | None, owner: type[Any]) -> Any:
         if robot is None:
             return self
         child = vars(robot)[self.name] = ChildRobot(robot, self.name)  # from now on found there at once
@@ -182,8 +190,8 @@ class Children(Slotted, Generic[K]):
     @overload
     def __get__(self, robot: None, owner: type[Any]) -> Children[K]: ...
     @overload
-    def __get__(self, robot: VirtualRobot, owner: type[Any]) -> ChildGroup[K]: ...
-    def __get__(self, robot: VirtualRobot | None, owner: type[Any]) -> Children[K] | ChildGroup[K]:
+    def __get__(self, robot: HasSlots, owner: type[Any]) -> ChildGroup[K]: ...
+    def __get__(self, robot: HasSlots | None, owner: type[Any]) -> Children[K] | ChildGroup[K]:
         return self if robot is None else ChildGroup(robot, self.name)
 
     def spec(self) -> SlotSpec:
@@ -198,7 +206,7 @@ class ChildGroup(Generic[K]):
 
     __slots__ = ("_group", "_robot")
 
-    def __init__(self, robot: VirtualRobot, group: str) -> None:
+    def __init__(self, robot: HasSlots, group: str) -> None:
         """Made by access to the group."""
         self._robot, self._group = robot, group
 
@@ -337,15 +345,15 @@ class Exposed:
     @overload
     def __get__(self, robot: None, owner: type[Any]) -> Exposed: ...
     @overload
-    def __get__(self, robot: VirtualRobot, owner: type[Any]) -> ChildCommand: ...
-    def __get__(self, robot: VirtualRobot | None, owner: type[Any]) -> Exposed | ChildCommand:
+    def __get__(self, robot: HasSlots, owner: type[Any]) -> ChildCommand: ...
+    def __get__(self, robot: HasSlots | None, owner: type[Any]) -> Exposed | ChildCommand:
         return self if robot is None else ChildCommand(robot, self.child.name, self.command)
 
 
 class ChildRobot:
     """The child in a slot, false while the slot is empty. Its attributes are its commands."""
 
-    def __init__(self, robot: VirtualRobot, slot: str) -> None:
+    def __init__(self, robot: HasSlots, slot: str) -> None:
         """Made by access to the slot."""
         self._robot, self._slot = robot, slot
 
@@ -379,7 +387,7 @@ class ChildCommand:
 
     __slots__ = ("_command", "_robot", "_slot")
 
-    def __init__(self, robot: VirtualRobot, slot: str, command: str) -> None:
+    def __init__(self, robot: HasSlots, slot: str, command: str) -> None:
         """Made by access to the child's attribute."""
         self._robot, self._slot, self._command = robot, slot, command
 

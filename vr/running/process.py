@@ -16,7 +16,7 @@ import functools
 import heapq
 import itertools
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from robotree.files import forks
 from robotree.vr.author import context
@@ -27,17 +27,22 @@ from robotree.vr.running.interruptible import Interrupted
 from robotree.vr.running.pools import hand_on
 from robotree.vr.running.runner import Runner, Threads
 
-if TYPE_CHECKING:
-    from robotree.vr.running.robot_runtime import RobotRuntime
-
 IDLE = 2.0
 """[s] after which a thread ends that has nothing to do."""
+
+if TYPE_CHECKING:
+    import typing_extensions
+
+    R = typing_extensions.TypeVar("R", default=Any)
+    """The robots of a process, as their runtimes know each other."""
+else:
+    R = TypeVar("R")
 
 
 class Worker:
     """One pooled thread."""
 
-    def __init__(self, process: Process) -> None:
+    def __init__(self, process: Process[Any]) -> None:
         """Made by the process; `main` runs in the thread."""
         runner = process.runner
         self.process = process
@@ -127,7 +132,7 @@ class Journal(Protocol):
         ...
 
 
-class Process:
+class Process(Generic[R]):
     """See the module. Every method may be called from any thread."""
 
     def __init__(
@@ -148,7 +153,7 @@ class Process:
         self.runner: Runner = Threads() if runner is None else runner
         self.core = core
         self.journal = journal
-        self.robots: dict[Address, RobotRuntime] = {}
+        self.robots: dict[Address, R] = {}
         """The robots that live here."""
         self.on_raise: Callable[[str, BaseException], None] = lambda _robot, _error: None
         """Told what the commands of each robot raise, as it was raised: over the wire go only words."""

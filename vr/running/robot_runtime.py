@@ -100,7 +100,7 @@ class RobotRuntime:
         self,
         robot: Robot,
         core: RobotCore,
-        process: Process,
+        process: Process[RobotRuntime],
         *,
         execute: Callable[[RobotRuntime, str, Run, Worker], None],
         transport: Transport,

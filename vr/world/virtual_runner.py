@@ -26,12 +26,9 @@ from functools import partial
 from heapq import heapify, heappop, heappush
 from math import inf
 from types import FrameType
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, Protocol, cast
 
 from greenlet import GreenletExit, getcurrent, greenlet
-
-if TYPE_CHECKING:
-    from robotree.vr.world.virtual_loop import VirtualLoop
 
 BEGINNING = 1_000_000_000.0
 """[s] since 1970, at which virtual time begins."""
@@ -83,6 +80,19 @@ class Preemption:
         """How often it has happened."""
 
 
+class Turns(Protocol):
+    """Something that has to be done now and then, in the greenlet of the runner: an event loop."""
+
+    process: VirtualProcess | None
+    """To which it belongs."""
+    dead: bool
+    """False; as greenlets have it."""
+
+    def switch(self) -> None:
+        """Do what is to be done now."""
+        ...
+
+
 class VirtualRunner:
     """See the module. It belongs to the thread and the greenlet that made it."""
 
@@ -109,8 +119,8 @@ class VirtualRunner:
         self._timers: list[tuple[float, int, Callable[[], object]]] = []
         self.discarded = 0
         """Timers whose action was called off."""
-        self._ready: list[greenlet | VirtualLoop] = []
-        self.resume: Callable[[greenlet | VirtualLoop], None] = self._ready.append
+        self._ready: list[greenlet | Turns] = []
+        self.resume: Callable[[greenlet | Turns], None] = self._ready.append
         """Has a greenlet or an event loop go on when it is chosen."""
         self._main = getcurrent()
         self._hub = _Fiber(self._schedule)
@@ -273,7 +283,7 @@ class VirtualRunner:
             self._hub.parent = getcurrent()
             self._hub.throw(GreenletExit)
 
-    def yield_to(self, one: VirtualLoop) -> bool:
+    def yield_to(self, one: Turns) -> bool:
         """Whether what an action has to do may be done now, in its place, as it would be chosen next.
 
         The action may do nothing after it.
@@ -444,7 +454,7 @@ class VirtualProcess:
         self.halted = False
         """Whether nothing of it runs at the moment."""
         self.ended = False
-        self._waiting: list[greenlet | VirtualLoop] = []
+        self._waiting: list[greenlet | Turns] = []
 
     def of_world(self, when: float) -> float:
         """Return the time of the world [s] at which its monotonic clock shows `when` [s]."""
@@ -482,7 +492,7 @@ class VirtualProcess:
         """End it as SIGKILL does: nothing of it ever runs again, not even a `finally`."""
         self.halted = self.ended = True
 
-    def keep(self, one: greenlet | VirtualLoop) -> None:
+    def keep(self, one: greenlet | Turns) -> None:
         """Keep for later what was chosen while it was halted."""
         self._waiting.append(one)
 
