@@ -11,6 +11,7 @@ from textual.widgets import OptionList
 
 from robotree.tui.screen.pages import panel as panels
 from robotree.tui.screen.pages.main import MainPage
+from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.pages.role import RoleDialog
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.vr import command
@@ -61,13 +62,20 @@ async def led(realm: Realm, folder: Path) -> None:
     await realm.fleet.enslave("doorman", "robot", "james")
 
 
-async def test_the_panel_of_a_script_shows_its_facts_and_firings_live(
+def chosen_command(page: PanelPage) -> str:
+    """Return the command whose form a panel shows; empty: none yet."""
+    place = page.query_one("#commands", OptionList).highlighted
+    return "" if place is None else page.robot.commands[place].name
+
+
+async def test_the_panel_of_a_script_opens_at_its_start_and_shows_its_facts_and_firings_live(
     realm: Realm, operate: Operate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(panels, "GLANCE", 0.1)
     await led(realm, tmp_path)
     async with operate(realm.fleet, size=(130, 50)) as operator:
-        await open_panel(operator, "doorman")
+        page = await open_panel(operator, "doorman")
+        await operator.until(lambda: chosen_command(page) == "start", "the command that it begins with")
         await operator.sees("rules", "ready", "it is not started")
         await realm.fleet.tell("doorman", "start", {}, deadline=60.0)
         await operator.sees("active", "count: {guests: 0}", "fired (0)")
