@@ -79,7 +79,11 @@ def cell(kind: str = "arm") -> Simulated:
 
     Raises:
         ValueError: there is no such kind.
+        ImportError: the simulation is not installed; it names the command that installs it.
     """
     from robotree.testing.simulated import Simulated
+    from robotree.vr.base.extras import lacks
 
+    for lack in lacks("sim"):
+        raise ImportError(str(lack))
     return Simulated(kind)

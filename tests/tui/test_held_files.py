@@ -50,10 +50,19 @@ def test_a_stop_with_hardly_any_descriptor_says_only_what_a_person_can_use(free:
     assert said.returncode == exit_codes.NOBODY
 
 
-@pytest.mark.parametrize("name", ["rehearse", "Fake"])
-def test_the_test_kit_without_its_extra_names_the_command_that_installs_it(name: str) -> None:
-    code = f"import sys; sys.modules['greenlet'] = None\nfrom robotree.testing import {name}"
+@pytest.mark.parametrize(
+    ("module", "extra", "line"),
+    [
+        ("greenlet", "testing", "from robotree.testing import rehearse"),
+        ("greenlet", "testing", "from robotree.testing import Fake"),
+        ("mujoco", "sim", "from robotree.testing import cell; cell('arm')"),
+    ],
+)
+def test_the_test_kit_without_an_extra_names_the_command_that_installs_it(
+    module: str, extra: str, line: str
+) -> None:
+    code = f"import sys; sys.modules['{module}'] = None\n{line}"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     last = done.stderr.strip().splitlines()[-1]
-    assert last.startswith("ImportError: greenlet (robotree[testing]) is not installed; install it: `"), last
-    assert last.endswith("'robotree[testing]'`")
+    assert last.startswith(f"ImportError: {module} (robotree[{extra}]) is not installed; install it: `"), last
+    assert last.endswith(f"'robotree[{extra}]'`")
