@@ -5,13 +5,17 @@ from __future__ import annotations
 import json
 import os
 import stat
+import tempfile
 import threading
 import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from pathlib import Path
 
 import pytest
 
 from robotree.protocol.services.fence import LAST_EPOCH
+from robotree.sim.controller import fence_file
 from robotree.sim.controller.fence_file import FenceFile
 from robotree.sim.errors import MemoryLost
 
@@ -122,8 +126,32 @@ def granted(path: Path) -> tuple[Path, Path]:
     return path, path.with_name(f"{path.name}.copy")
 
 
-def test_no_flipped_bit_lowers_the_epoch_or_changes_the_holder(tmp_path: Path) -> None:
-    files = granted(tmp_path / "fence.json")
+class AtOnce:
+    """In place of an executor: no thread for each of some thousand files."""
+
+    def __init__(self, *_: object, **__: object) -> None: ...
+
+    def submit(self, work: Callable[..., None], *args: object) -> Future[None]:
+        work(*args)
+        done = Future[None]()
+        done.set_result(None)
+        return done
+
+    def shutdown(self, **_: object) -> None: ...
+
+
+@pytest.fixture
+def memory() -> Iterator[Path]:
+    """A folder in memory: a disk needs milliseconds for each file that is synced."""
+    with tempfile.TemporaryDirectory(dir="/dev/shm") as folder:
+        yield Path(folder)
+
+
+def test_no_flipped_bit_lowers_the_epoch_or_changes_the_holder(
+    memory: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fence_file, "ThreadPoolExecutor", AtOnce)
+    files = granted(memory / "fence.json")
     whole = [each.read_bytes() for each in files]
     for damaged in (0, 1):
         for bit in range(8 * len(whole[damaged])):
