@@ -1,27 +1,46 @@
-"""The size of each room: code lines, functions, and lines that only describe.
+"""The figures of the house: the size of each room, the core's install, imports, calls and stories.
 
-    python bench/house.py [FOLDER...]
+    python bench/house.py [sizes] [install] [imports] [calls] [stories] [FOLDER...]
 
-Without a folder it prints one line for each room. A line of code is one on which something stands that is no
-comment and no part of a docstring, or of the text below a name that describes it. Sources that are generated
-are not counted: `protocol/messages` and `kinds`.
+Without a word it prints all of them, in about two minutes; with folders, their sizes instead of those of the
+rooms. A line of code is one on which something stands that is no comment and no part of a docstring, or of
+the text below a name that describes it. Sources that are generated count, too. Installation, calls and
+stories are measured by `bench/install.py`, `bench/calls.py` and `bench/world.py`.
 """
 
 from __future__ import annotations
 
+import argparse
 import ast
 import io
+import subprocess
 import sys
+import tempfile
 import tokenize
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from bench.authoring import imports
+from bench.install import installed
+from tests.wheel import ROOT, build
+
 ROOMS = (
-    *("front", "files", "protocol", "vr", "proxy", "client"),
+    *("front", "files", "kinds", "protocol", "vr", "proxy", "client"),
     *("sim", "testing", "tui", "examples", "bench", "tests"),
 )
-GENERATED = (ROOT / "protocol" / "messages", ROOT / "kinds")
+BEFORE = {"vr": 16_700, "protocol": 9_100, "tui": 11_300, "sim": 6_000, "proxy": 2_000, "tests": 44_600}
+"""Lines of code when the work on the house began. Wanted for `vr`: 16,000."""
+IMPORTS = {
+    "import robotree.protocol": 60,
+    "from robotree.vr import VirtualRobot": 80,
+    "from robotree import connect": 60,
+    "from robotree.testing import rehearse": 150,
+}
+"""What is imported, and the processor time [ms] that was promised beside Python's own start."""
 LAYOUT = {
     tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER
 }  # fmt: skip
@@ -69,21 +88,61 @@ def size_of_folder(folder: str) -> Size:
     """Count what is in all files of a folder."""
     total = Size()
     for path in sorted((ROOT / folder).rglob("*.py")):
-        if "node_modules" not in path.parts and not any(map(path.is_relative_to, GENERATED)):
+        if "node_modules" not in path.parts:
             total = total.plus(size_of(path.read_text()))
     return total
 
 
-def main() -> None:
+def tell_sizes(chosen: Sequence[str]) -> None:
     """Print one line for each room, or for each folder that is named."""
-    print("| folder | files | code lines | lines of docstrings | functions | longest function |")
-    print("|---|--:|--:|--:|--:|--:|")
+    print("| folder | files | code lines | lines of docstrings | functions | longest | code before |")
+    print("|---|--:|--:|--:|--:|--:|--:|")
     total = Size()
-    for folder in sys.argv[1:] or ROOMS:
+    for folder in chosen or ROOMS:
         size = size_of_folder(folder)
         total = total.plus(size)
-        print(f"| {folder} | {' | '.join(map(str, size))} |")
-    print(f"| all | {' | '.join(map(str, total))} |")
+        print(f"| {folder} | {' | '.join(map(str, size))} | {BEFORE.get(folder, '')} |")
+    print(f"| all | {' | '.join(map(str, total))} | |")
+
+
+def tell_install() -> None:
+    """Print the size of the core, and the time that its installation takes from uv's cache."""
+    with tempfile.TemporaryDirectory() as folder:
+        megabytes, seconds = installed(build(Path(folder)), "")
+    print(f"core: {megabytes:.1f} MB, installed in {seconds:.1f} s")
+
+
+def tell_imports() -> None:
+    """Print the processor time of imports in new processes."""
+    for code, promised in IMPORTS.items():
+        print(f"{code}: {1e3 * imports(code, 15):.0f} ms of processor time, promised {promised}")
+
+
+def run_beside(script: str, *words: str) -> None:
+    """Run another script of this folder."""
+    subprocess.run([sys.executable, Path(__file__).with_name(script), *words], check=True)
+
+
+PARTS: dict[str, Callable[[], None]] = {
+    "install": tell_install,
+    "imports": tell_imports,
+    "calls": partial(run_beside, "calls.py", "--rounds", "3"),
+    "stories": partial(run_beside, "world.py", "12"),
+}
+
+
+def main() -> None:
+    """Print what is asked for."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("words", nargs="*", metavar="PART", help=f"sizes, {', '.join(PARTS)}, or a folder")
+    words = parser.parse_args().words
+    folders = [word for word in words if word not in PARTS and word != "sizes"]
+    if not words or "sizes" in words or folders:
+        tell_sizes(folders)
+    for part, tell in PARTS.items():
+        if not words or part in words:
+            print(f"\n{part}", flush=True)
+            tell()
 
 
 if __name__ == "__main__":
