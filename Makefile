@@ -16,6 +16,8 @@ COMPARISON_LOCK := requirements-comparison.lock
 JAVASCRIPT := examples/controller_js
 # What the example in JavaScript needs, where there is npm; else its tests are skipped.
 NODE_READY := $(if $(shell command -v npm),$(JAVASCRIPT)/node_modules/.ready)
+# Containers often set it: then each process that the tests start compiles robotree again.
+unexport PYTHONDONTWRITEBYTECODE
 SUBPACKAGES := client files kinds protocol sim vr proxy testing tui
 
 .DEFAULT_GOAL := help
@@ -29,8 +31,8 @@ setup: $(STAMP)  ## build .venv from the hash-pinned lock
 # uv is taken from the machine when it is there, else installed into .venv by pip, as the lock has it. `sync` also takes
 # away what the lock no longer has, robotree too, which the next line puts back.
 # Its last line names what this system lacks and no package index has.
-# Other people's packages are compiled at once, as pip does: else every start of a process compiles them again
-# where PYTHONDONTWRITEBYTECODE is set.
+# Other people's packages are compiled at once, as pip does: a program that is started outside of make may not keep
+# what it has compiled (PYTHONDONTWRITEBYTECODE).
 $(STAMP): $(LOCK) pyproject.toml
 	@test -x $(BIN)/python || echo "installing everything into $(VENV), once: this takes a minute or two …"
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
@@ -48,7 +50,7 @@ demo: $(STAMP)  ## the whole system in one terminal: cell, proxy, two lookups, h
 # after the others, one at a time: a worker beside them on the same core makes their processor time longer, too.
 test: $(STAMP) $(NODE_READY)  ## the test suite (about 10 minutes on 2 cores); PYTHON=python3.13 chooses another interpreter
 	$(BIN)/python -m pytest -n $(WORKERS)
-	$(BIN)/python -m pytest -m "speed and not soak"
+	$(BIN)/python -m pytest -m "speed and not soak" $$(grep -rl --include='test_*.py' 'mark\.speed' tests)
 
 # Looked for on PATH, then where pyenv and uv keep theirs. A shim of pyenv is there and runs nothing, so each is tried.
 interpreters:  ## the test suite on every interpreter that the project supports and this machine has
@@ -65,8 +67,8 @@ interpreters:  ## the test suite on every interpreter that the project supports 
 	done; \
 	printf "$$said\n"; exit $$code
 
-soak: $(STAMP) $(NODE_READY)  ## the slow tests, and the campaign of kills, freezes, splits and stops; SEED=2 QUICK=--quick
-	$(BIN)/python -m pytest -m soak
+soak: $(STAMP) $(NODE_READY)  ## the slow tests, one on a fresh Debian testing, and the campaign of kills, freezes, splits and stops; SEED=2 QUICK=--quick
+	$(BIN)/python -m pytest -m soak -rs
 	$(BIN)/python -m pytest --hypothesis-profile search tests/machines
 	$(BIN)/python -m tests.soak --seed $(SEED) $(QUICK)
 

@@ -10,9 +10,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
-WAY_OUT = ("PIP_", "UV_", "SSL_", "HTTP", "http", "NO_PROXY", "no_proxy")
-"""Beginnings of the variables that say how this machine reaches a package index."""
+from tests.wheel import ROOT, WAY_OUT, run
+
 STRAY = "stray"
 
 
@@ -77,3 +76,9 @@ def test_setup_needs_nothing_but_make_and_python_and_keeps_to_the_lock(
     make("setup")
     assert not left_over.exists(), "what the lock does not have goes"
     assert version().startswith("robotree "), "robotree itself stays"
+
+
+def test_make_lets_python_keep_what_it_has_compiled() -> None:
+    show = ("--eval", 'show: ; @echo "[$$PYTHONDONTWRITEBYTECODE]"', "show")
+    shown = run("make", "--no-print-directory", "-C", ROOT, *show, PYTHONDONTWRITEBYTECODE="1")
+    assert shown.stdout == "[]\n"

@@ -96,4 +96,6 @@ def test_make_test_runs_what_measures_speed_alone_after_all_others() -> None:
     _, _, recipe = (ROOT / "Makefile").read_text().partition("\ntest: ")
     first, second = re.findall(r"-m pytest (.*)", recipe.partition("\n\n")[0])
     assert first == "-n $(WORKERS)"
-    assert second == '-m "speed and not soak"'
+    assert second == r"""-m "speed and not soak" $$(grep -rl --include='test_*.py' 'mark\.speed' tests)"""
+    marked = {path.name for path in (ROOT / "tests").rglob("*.py") if SPEED in path.read_text()}
+    assert all(name.startswith("test_") for name in marked), "only these are searched for tests of speed"
