@@ -88,6 +88,13 @@ def test_the_core_has_nothing_of_an_extra(core: Path) -> None:
     assert run(core / "python", "-c", code).stdout.strip() == "[]"
 
 
+def test_the_test_kit_without_its_extra_names_the_command_that_installs_it(core: Path) -> None:
+    said = run(core / "python", "-c", "from robotree.testing import rehearse", code=1).stderr.splitlines()[-1]
+    assert said.startswith(
+        "ImportError: greenlet and pytest (robotree[testing]) is not installed; install it: `"
+    )
+
+
 @pytest.mark.usefixtures("place")
 def test_robots_hosts_and_those_who_ask_them_need_the_core_alone(core: Path) -> None:
     robotree = core / "robotree"
