@@ -167,7 +167,7 @@ def _start(line: Line, *, readonly: bool) -> int:
         case verb:
             apart = {
                 "check": _author, "new": _author, "info": _look, "doctor": _look, "completion": _complete,
-                "man": _man, "stop": _stop,
+                "man": _man, "stop": _stop, "save": _save, "apply": _apply,
             }  # fmt: skip
             return apart.get(verb, _ask)(line, realm, readonly)
 
@@ -199,6 +199,21 @@ def _stop(line: Line, realm: str, _readonly: bool) -> int:  # noqa: FBT001 # one
     from robotree.tui.line.stopping import stop
 
     return stop(line, realm, _run)
+
+
+def _save(line: Line, realm: str, _readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike
+    """Write a realm into a file."""
+    from robotree.tui.realm_file import verbs
+
+    return _run(verbs.save(line, realm))
+
+
+def _apply(line: Line, realm: str, _readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike
+    """Bring about the realm of a file."""
+    from robotree.proxy.kinds import KINDS
+    from robotree.tui.realm_file import verbs
+
+    return _run(verbs.apply(line, realm, {"proxy": KINDS}))
 
 
 def _look(line: Line, realm: str, readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike

@@ -5,6 +5,7 @@ begin at the keyboard or in a session script.
 
     SupervisorError
       UsageError      UnknownVerb · NotHere · BadLine · NotForRobots · NeedsTerminal · BadKeymap
+                      BadRealmFile
       SessionError    BadScript
       ValueRefused    (also ValueError)
       NothingToAsk · OldList · SomeHang · NotInstalled · DemoRuns · StateInUse · MemberFailed · Interrupted
@@ -84,6 +85,15 @@ class BadKeymap(UsageError):
         """Name the file and what is wrong in it."""
         self.path, self.reason = path, reason
         super().__init__(f"{path}: {reason}")
+
+
+class BadRealmFile(UsageError):
+    """The file of a realm cannot be used; nothing was changed."""
+
+    def __init__(self, path: str, number: int, reason: str) -> None:
+        """Name the file, the line, counted from 1 (0: none), and what is wrong there."""
+        self.path, self.number, self.reason = path, number, reason
+        super().__init__(f"{path}, line {number}: {reason}" if number else f"{path}: {reason}")
 
 
 class SessionError(SupervisorError):

@@ -30,7 +30,7 @@ WHERE_EXTRAS_ARE_USED = {
     "pictures": ("client/",),
     "sim": ("sim/",),
     "tui": ("tui/screen/", "tui/seen/cells.py"),
-    "scripts": ("vr/scripts/", "vr/base/written.py"),
+    "scripts": ("vr/scripts/",),
     "wire": ("protocol/dialect/", "protocol/tools/"),
     "machines": ("vr/network/zenoh/",),
     "testing": ("vr/world/", "testing/"),

@@ -96,7 +96,7 @@ def test_all_mistakes_of_a_session_are_plain_data(tmp_path: Path, capsys: pytest
 
 CHANGES = {
     *("create", "enslave", "release", "delete", "role", "call", "cancel", "resume"),
-    *("wire replay", "wire inject", "set", "reload"),
+    *("wire replay", "wire inject", "set", "reload", "apply"),
     "wire conform",
 }
 """Verbs of the shell that change robots, or who commands them."""

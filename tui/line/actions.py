@@ -364,6 +364,24 @@ ACTIONS: tuple[Action, ...] = (
         where=Where.SHELL,
         examples=("lookup lookup-1",),
     ),
+    Action(
+        usage="save FILE",
+        help="Write the realm into a FILE that people can read and edit: its processes, robots, pages,"
+        " settings, roles and bonds.",
+        group=PROCESS,
+        where=Where.SHELL,
+        examples=("save cell.yaml",),
+    ),
+    Action(
+        usage="apply FILE [--dry-run] [--prune] [--yes]",
+        help="Start and bind what is in a FILE and not in the realm, and print each step. What the file does"
+        " not name stays; --prune ends it, after a question (--yes: without one). --dry-run: only print.",
+        group=PROCESS,
+        where=Where.SHELL,
+        alters=True,
+        examples=("apply cell.yaml --dry-run", "apply cell.yaml", "apply cell.yaml --prune --yes --json"),
+        guide=("robotree.tui.realm_file.reading",),
+    ),
     # -- the wire (`tui/wire`)
     Action(
         usage="wire decode FILE [--as FORMAT] [--xml DIALECT]",

@@ -98,6 +98,8 @@ class Host:
         self.address = new_address("host", name)
         self.agents: dict[str, RobotAgent] = {}
         """The robots that live here, by name."""
+        self._pages: dict[str, str] = {}
+        """Hashes of the pages of the robots, by name."""
         self._transport, self._registrar, self._term = transport, registrar, term
         self._process = Process(runner_of(asyncio.get_running_loop())) if process is None else process
         self._shared = Shared(name)
@@ -182,6 +184,7 @@ class Host:
             )
             for level, text, piece in heard:
                 agent.runtime.say("", level, text, piece=piece)
+            self._pages[name] = bundle.hash
             await self._settle(agent)
             await self._begin(agent)
         finally:
@@ -224,6 +227,7 @@ class Host:
         load = partial(bundle.again, agent.robot, limit=self._limit)
         robot, heard = await loop.run_in_executor(self._loaders, partial(_listen, load))
         notes = await agent.reload(robot, origin, now=now, within=within)
+        self._pages[name] = bundle.hash
         for level, text, piece in heard:
             agent.runtime.say("", level, text, piece=piece)
         if not agent.runtime.look(lambda state: state.calls.running):
@@ -259,6 +263,7 @@ class Host:
         self._remembered.extend(Remembered(name, line) for line in agent.runtime.log.since(0))
         if self.agents.get(name) is agent:
             del self.agents[name]
+            self._pages.pop(name, None)
         self._ended = [ended for ended in (*self._ended, agent) if ended.abandoned]
 
     async def _answer(self, received: Received) -> Reply:
@@ -284,7 +289,8 @@ class Host:
         robots = tuple(sorted(agent.address for agent in self.agents.values() if not agent.gone))
         ended = (*self._ended, *(agent for agent in self.agents.values() if agent.gone))
         abandoned = tuple(f"{agent.robot.name}.{name}" for agent in ended for name in agent.abandoned)
-        return HostDescribed(address=self.address, robots=robots, abandoned=abandoned)
+        pages = {robot.name: self._pages.get(robot.name, "") for robot in robots}
+        return HostDescribed(address=self.address, robots=robots, abandoned=abandoned, pages=pages)
 
 
 def _bundle(page: Create) -> Bundle:

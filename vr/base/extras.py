@@ -16,7 +16,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
     "pictures": ("numpy", "PIL"),
     "sim": ("coal", "mujoco", "numpy", "PIL", "pinocchio", "ruckig"),
     "tui": ("PIL", "rich", "textual"),
-    "scripts": ("clips", "yaml"),
+    "scripts": ("clips",),
     "wire": ("mcap", "pymavlink", "zstandard"),
     "machines": ("zenoh",),
     "testing": ("greenlet", "pytest"),

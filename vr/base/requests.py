@@ -369,6 +369,8 @@ class HostDescribed(_Message, frozen=True, kw_only=True):
     robots: tuple[Address, ...] = ()
     abandoned: tuple[str, ...] = ()
     """`robot.command` of robots that were deleted and whose code still runs: only a restart ends it."""
+    pages: dict[str, str] = {}
+    """Hash of the page of each robot, with what belongs to it (`Bundle.hash`), by the robot's name."""
 
 
 class Registered(_Message, frozen=True, kw_only=True):

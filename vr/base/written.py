@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from difflib import get_close_matches
 from typing import Protocol
 
 import msgspec
@@ -72,7 +73,14 @@ class Entries(msgspec.Struct, frozen=True):
         """Refuse keys that `what` does not have."""
         for key, _ in self.entries:
             if key.text not in known:
-                raise key.mark.error(f"{what} has no {key.text!r}; it has: {', '.join(known)}")
+                hint = suggestion(key.text, known)
+                raise key.mark.error(f"{what} has no {key.text!r}{hint}; it has: {', '.join(known)}")
+
+
+def suggestion(text: str, known: Iterable[str]) -> str:
+    """Return ` (did you mean 'page'?)` where a word is nearly one that is known; else nothing."""
+    near = get_close_matches(text, known, n=1)
+    return f" (did you mean {near[0]!r}?)" if near else ""
 
 
 Written = Word | Items | Entries

@@ -115,6 +115,20 @@ class Fleet:
         hosts = (HostClient(self._transport, address) for address in self.directory.present("host"))
         return await _all_that_answer(host.describe(timeout=GLANCE) for host in hosts)
 
+    async def arrival(self, role: Role, name: str, *, within: float) -> None:
+        """Wait until an agent is present.
+
+        Args:
+            role: of the agent.
+            name: of it.
+            within: [s] to wait at most.
+
+        Raises:
+            NoSuchRobot: or NoSuchHost, NoSuchView: it has not come.
+        """
+        if not await self._transport.presence.until(everyone(role, name), there=True, within=within):
+            await self.directory.resolve(name, role)
+
     def held(self) -> Sequence[Held]:
         """Return which process holds each agent, as far as this machine knows it."""
         return [one for one in self._transport.presence.held("*/*/*") if one.key]

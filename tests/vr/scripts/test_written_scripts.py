@@ -93,7 +93,7 @@ MISTAKES = {
     "two documents": ("script: s\n---\nscript: t\n", "a second document begins here: one file holds one"),
     "a key that means nothing": (
         HEAD + "rule: []\n",
-        "a script has no 'rule'; it has: script, doc, partners,",
+        "a script has no 'rule' (did you mean 'rules'?); it has: script, doc, partners,",
     ),
     "rules that are no list": (HEAD + "rules: {a: b}\n", "rules are a list: each begins with `- rule: NAME`"),
     "a rule without then": (

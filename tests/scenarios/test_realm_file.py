@@ -1,0 +1,310 @@
+"""A realm as a file, with real processes: applied, saved, damaged and applied again."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotree.client.joining import joined
+from robotree.tui import exit_codes
+from robotree.tui.processes.programs import programs
+from robotree.tui.realm_file.controllers import controllers
+from robotree.vr.base.address import ROLES
+from tests.command_line import within_realm
+
+pytestmark = pytest.mark.e2e
+
+REALM = "whole"
+EXAMPLES = Path(__file__).parents[2] / "examples"
+TEAM = '''
+"""Rovers that go together."""
+from typing import Annotated
+from robotree.vr import Child, Children, Range, Unit, VirtualRobot, command
+
+class Team(VirtualRobot):
+    """Rovers that go together, and an arm that waits."""
+
+    mover = Child("MoveTo", "waits", optional=True)
+    rovers = Children("Rover", "go")
+    speed: Annotated[float, Unit("m/s"), Range(0.01, 0.3)] = 0.1
+    places: tuple[float, float] = (1.0, 2.0)
+
+    @command
+    def count(self) -> int:
+        """Count."""
+        return len(self.rovers)
+'''
+CELL = f"""
+key: realm
+controllers:
+  table: {{kind: arm, listen: "tcp:127.0.0.1:0"}}
+  floor: {{kind: rover, listen: "tcp:127.0.0.1:0"}}
+  yard: {{kind: rover, listen: "tcp:127.0.0.1:0"}}
+lookups: [lookup-1]
+hosts: [host-1, host-2]
+proxies:
+  arm-1: {{kind: arm, controller: table}}
+  rover-1: {{kind: rover, controller: floor}}
+  rover-2: {{kind: rover, controller: yard}}
+views:
+  cell: {{controller: table, cameras: {{cell: 100}}}}
+robots:
+  team:
+    page: team.py
+    host: host-2
+    settings: {{speed: 20 cm/s, places: [3, 4.5]}}
+    slots:
+      mover: mover
+      rovers: [rover-1, rover-2]
+  mover:
+    page: {EXAMPLES / "move_to.py"}
+    host: host-1
+    slots: {{arm: arm-1}}
+"""
+NOTHING = "hosts: []\n"
+
+
+class Place:
+    """A realm, and a folder with its files."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._run = within_realm(REALM)
+        self.write("team.py", TEAM)
+        self.write("nothing.yaml", NOTHING)
+
+    def write(self, name: str, text: str) -> Path:
+        path = self.folder / name
+        path.write_text(text)
+        return path
+
+    async def line(self, *words: str) -> tuple[int, str, str]:
+        return await self._run(*words)
+
+    async def apply(self, name: str, *options: str) -> tuple[int, Any, str]:
+        """Apply a file; the result as plain data, and what was complained."""
+        code, out, complaints = await self.line("apply", str(self.folder / name), "--json", *options)
+        return code, json.loads(out), complaints
+
+    async def tree(self) -> Any:
+        """The robots as trees, without what is another thing each time."""
+        code, out, _ = await self.line("tree", "--json")
+        assert code == exit_codes.DONE
+        return json.loads(out)
+
+    async def shape(self) -> dict[str, Any]:
+        """Kind, home, settings and children of each robot."""
+        async with joined(REALM) as fleet:
+            return {
+                robot.name: (
+                    robot.kinds,
+                    robot.host,
+                    robot.page,
+                    [(slot.name, slot.child.name) for slot in robot.slots if slot.child],
+                    [
+                        (field.name, field.default)
+                        for spec in robot.commands
+                        for field in spec.parameters
+                        if spec.name == "set"
+                    ],
+                )
+                for robot in await fleet.tree()
+            }
+
+    def processes(self) -> set[int]:
+        return {one.pid for one in programs(REALM).values()} | {
+            one.pid for one in controllers(REALM).values()
+        }
+
+    async def close(self) -> None:
+        """End all that was started, whatever became of it."""
+        handles = [os.pidfd_open(pid) for pid in self.processes()]
+        for handle in handles:
+            signal.pidfd_send_signal(handle, signal.SIGKILL)
+            os.close(handle)
+
+
+@pytest.fixture
+async def cell(place: Path) -> AsyncIterator[Place]:
+    folder = place.with_name("files")
+    folder.mkdir()
+    found = Place(folder)
+    found.write("cell.yaml", CELL)
+    try:
+        yield found
+    finally:
+        await found.close()
+
+
+async def test_a_file_becomes_a_realm_and_the_realm_becomes_the_same_file_again(cell: Place) -> None:
+    code, _, _ = await cell.line("apply", str(cell.folder / "cell.yaml"), "--dry-run")
+    assert code == exit_codes.DONE
+    assert not cell.processes(), "a dry run starts nothing"
+
+    code, done, complaints = await cell.apply("cell.yaml")
+    assert code == exit_codes.DONE, complaints
+    assert {step["outcome"] for step in done["steps"]} == {"done"}
+    there, running = await cell.shape(), cell.processes()
+    assert len(running) == 10
+    assert there["team"][3] == [("mover", "mover"), ("rovers[0]", "rover-1"), ("rovers[1]", "rover-2")]
+    assert ("speed", 0.2) in there["team"][4]
+    assert ("places", [3.0, 4.5]) in there["team"][4]
+
+    code, done, _ = await cell.apply("cell.yaml")
+    assert (code, done["steps"], done["left"], done["against"]) == (exit_codes.DONE, [], [], [])
+    assert cell.processes() == running
+
+    code, _, complaints = await cell.line("save", str(cell.folder / "saved.yaml"))
+    assert (code, complaints) == (exit_codes.DONE, "")
+    code, done, _ = await cell.apply("saved.yaml")
+    assert (code, done["steps"]) == (exit_codes.DONE, []), "what was saved is what runs"
+
+    code, done, complaints = await cell.apply("nothing.yaml", "--prune", "--yes")
+    assert code == exit_codes.DONE, complaints
+    assert not cell.processes()
+    code, done, complaints = await cell.apply("saved.yaml")
+    assert code == exit_codes.DONE, complaints
+    assert await cell.shape() == there
+    again = cell.folder / "again.yaml"
+    await cell.line("save", str(again))
+    assert again.read_text().partition("\n")[2] == (cell.folder / "saved.yaml").read_text().partition("\n")[2]
+
+
+SMALL = f"""
+hosts: [host-1, host-2]
+robots:
+  low: {{page: low.py, host: host-1}}
+  mover: {{page: {EXAMPLES / "move_to.py"}, host: host-1}}
+  team: {{page: team.py, host: host-2, slots: {{mover: mover}}}}
+"""
+
+
+@pytest.fixture
+async def small(cell: Place) -> Place:
+    """Virtual robots alone, of which one commands another."""
+    cell.write("low.py", TEAM)
+    cell.write("small.yaml", SMALL)
+    code, _, complaints = await cell.apply("small.yaml")
+    assert code == exit_codes.DONE, complaints
+    return cell
+
+
+async def test_what_died_with_its_host_comes_back_and_nothing_else_is_touched(small: Place) -> None:
+    before = await small.shape()
+    async with joined(REALM) as fleet:
+        kept = (await fleet.describe("team")).address
+        await fleet.create(str(small.folder / "team.py"), "stranger", host="host-2")
+    host = next(one.pid for address, one in programs(REALM).items() if address.name == "host-1")
+    handle = os.pidfd_open(host)
+    os.kill(host, signal.SIGKILL)
+    over = asyncio.Event()
+    asyncio.get_running_loop().add_reader(handle, over.set)
+    await over.wait()
+    asyncio.get_running_loop().remove_reader(handle)
+    os.close(handle)
+    code, done, complaints = await small.apply("small.yaml")
+    assert code == exit_codes.DONE, complaints
+    assert [step["line"].split()[0] for step in done["steps"]] == ["host", "create", "create", "enslave"]
+    assert done["left"] == ["stranger is not in the file"]
+    after = await small.shape()
+    assert after.pop("stranger")
+    assert after == before
+    async with joined(REALM) as fleet:
+        assert (await fleet.describe("team")).address == kept
+
+
+async def test_what_is_not_in_the_file_ends_only_when_it_is_said_twice(small: Place) -> None:
+    async with joined(REALM) as fleet:
+        await fleet.create(str(small.folder / "team.py"), "stranger", host="host-2")
+        await fleet.release("team", "mover")
+        await fleet.enslave("stranger", "mover", "mover")
+    code, done, complaints = await small.apply("small.yaml")
+    assert code == exit_codes.REFUSED
+    assert done["steps"] == []
+    assert "mover stays in stranger.mover, for stranger is not in the file" in complaints
+
+    code, answer, _ = await small.apply("small.yaml", "--prune")
+    assert code == exit_codes.USAGE
+    assert "--yes" in answer["message"]
+    assert (await small.shape())["stranger"]
+
+    code, done, complaints = await small.apply("small.yaml", "--prune", "--yes")
+    assert code == exit_codes.DONE, complaints
+    assert [step["line"] for step in done["steps"]] == ["delete stranger", "enslave team.mover mover"]
+    assert "stranger" not in await small.shape()
+
+
+async def test_a_step_that_fails_keeps_back_what_needs_it_and_nothing_else(cell: Place) -> None:
+    cell.write("broken.py", TEAM + "\nraise RuntimeError('on purpose')\n")
+    cell.write(
+        "some.yaml",
+        f"""
+hosts: [host-1]
+robots:
+  below: {{page: {EXAMPLES / "move_to.py"}}}
+  broken: {{page: broken.py, slots: {{mover: below}}}}
+  sound: {{page: team.py}}
+""",
+    )
+    code, done, complaints = await cell.apply("some.yaml")
+    assert code == exit_codes.REFUSED
+    outcomes = {step["line"].rpartition("/")[2]: step for step in done["steps"]}
+    assert outcomes["broken.py as broken"]["outcome"] == "failed"
+    assert "on purpose" in outcomes["broken.py as broken"]["reason"]
+    assert outcomes["enslave broken.mover below"]["outcome"] == "kept back"
+    assert "as broken" in outcomes["enslave broken.mover below"]["reason"]
+    assert outcomes["team.py as sound"]["outcome"] == "done"
+    assert set(await cell.shape()) == {"below", "sound"}
+    assert "Traceback" not in complaints
+
+
+async def test_a_changed_setting_page_or_bond_is_changed_where_it_runs(small: Place) -> None:
+    async with joined(REALM) as fleet:
+        kept = (await fleet.describe("team")).address
+    small.write("team.py", TEAM.replace("Rovers that go together", "Rovers that go alone"))
+    small.write(
+        "small.yaml",
+        SMALL.replace("slots: {mover: mover}", "slots: {mover: []}, settings: {speed: 5 cm/s}").replace(
+            "low.py, host: host-1", "low.py, host: host-1, slots: {mover: mover}"
+        ),
+    )
+    code, done, complaints = await small.apply("small.yaml")
+    assert code == exit_codes.DONE, complaints
+    lines = [step["line"] for step in done["steps"]]
+    assert lines == [
+        f"reload team {small.folder / 'team.py'}",
+        "set team 'speed=5 cm/s'",
+        "release team.mover",
+        "enslave low.mover mover",
+    ]
+    async with joined(REALM) as fleet:
+        team = await fleet.describe("team")
+    assert team.address == kept
+    assert team.doc.startswith("Rovers that go alone")
+    assert ("mover", "mover") in (await small.shape())["low"][3]
+    code, done, _ = await small.apply("small.yaml")
+    assert (code, done["steps"]) == (exit_codes.DONE, [])
+
+
+async def test_a_bad_file_starts_nothing(cell: Place) -> None:
+    cell.write("cell.yaml", CELL.replace("host: host-2", "hots: host-2"))
+    code, answer, complaints = await cell.apply("cell.yaml")
+    assert code == exit_codes.USAGE
+    assert "line 18: a robot has no 'hots' (did you mean 'host'?)" in answer["message"]
+    assert "Traceback" not in complaints
+    async with joined(REALM) as fleet:
+        assert not any(fleet.directory.present(role) for role in ROLES)
+
+
+async def test_nobody_is_saved_from_an_empty_realm(cell: Place) -> None:
+    code, _, complaints = await cell.line("save", str(cell.folder / "saved.yaml"))
+    assert code == exit_codes.NOBODY
+    assert "nobody is in realm" in complaints
+    assert not (cell.folder / "saved.yaml").exists()

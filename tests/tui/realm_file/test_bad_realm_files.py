@@ -1,0 +1,199 @@
+"""What is wrong in a realm file is one sentence with its line, before anything is asked or started."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from textwrap import dedent
+
+import pytest
+
+from robotree.tui.errors import BadRealmFile
+from robotree.tui.exit_codes import USAGE, code_of
+from robotree.tui.realm_file.content import RobotEntry
+from robotree.tui.realm_file.pages import pages_of
+from robotree.tui.realm_file.plan import plan
+from robotree.tui.realm_file.present import Present
+from robotree.tui.realm_file.reading import read_file
+from robotree.vr.bundle import Bundle
+
+KINDS = {"proxy": ("arm", "rover")}
+EXAMPLES = Path(__file__).parents[3] / "examples"
+MOVE_TO = EXAMPLES / "move_to.py"
+
+MISTAKES = {
+    "an unknown key": (
+        """
+        proxies:
+          arm-1:
+            kind: arm
+            conect: tcp:127.0.0.1:5760
+        """,
+        5,
+        "a proxy has no 'conect' (did you mean 'connect'?); it has: kind, connect",
+    ),
+    "an unknown section": ("\nproxes: {}", 2, "a realm has no 'proxes' (did you mean 'proxies'?)"),
+    "a key of a robot": (
+        "\nrobots:\n  mover:\n    page: a.py\n    slot: {arm: arm-1}",
+        5,
+        "a robot has no 'slot' (did you mean 'slots'?)",
+    ),
+    "an unknown kind": (
+        "\nproxies:\n  arm-1: {kind: amr, connect: tcp:5760}",
+        3,
+        "there is no kind 'amr' (did you mean 'arm'?); there is: arm, rover",
+    ),
+    "a name that stands twice": (
+        "\nhosts: [host-1,\n        host-1]",
+        3,
+        "'host-1' stands here twice",
+    ),
+    "a robot and a proxy of one name": (
+        "\nproxies:\n  arm-1: {kind: arm, connect: tcp:5760}\nrobots:\n  arm-1: {page: a.py}",
+        5,
+        "'arm-1' is also a proxy in line 3: two robots have one name",
+    ),
+    "a child in two slots": (
+        """
+        robots:
+          low: {page: a.py}
+          one: {page: a.py, slots: {arm: low}}
+          two: {page: a.py, slots: {arm: low}}
+        """,
+        5,
+        "low stands in two.arm and in one.arm (line 4): one commands it",
+    ),
+    "a circle": (
+        """
+        robots:
+          one: {page: a.py, slots: {arm: two}}
+          two: {page: a.py, slots: {arm: three}}
+          three: {page: a.py, slots: {arm: one}}
+        """,
+        5,
+        "these robots would command each other in a circle: one ← three ← two ← one",
+    ),
+    "a robot that commands itself": (
+        "\nrobots:\n  one: {page: a.py, slots: {arm: one}}",
+        3,
+        "these robots would command each other in a circle: one ← one",
+    ),
+    "no page": ("\nrobots:\n  one: {host: host-1}", 3, "the page of one is missing"),
+    "no address": ("\nproxies:\n  arm-1: {kind: arm}", 3, "arm-1 lacks connect or controller"),
+    "two addresses": (
+        """
+controllers:
+  c: {kind: arm, listen: tcp:0}
+proxies:
+  arm-1: {kind: arm, controller: c, connect: tcp:1}""",
+        5,
+        "say controller or connect of arm-1, not both",
+    ),
+    "a controller that is nowhere": (
+        "\ncontrollers:\n  table: {kind: arm, listen: tcp:0}\nviews:\n  cell: {controller: tabel}",
+        5,
+        "no controller is called 'tabel' (did you mean 'table'?)",
+    ),
+    "a host that is nowhere": (
+        "\nhosts: [host-1]\nrobots:\n  one: {page: a.py, host: hots-1}",
+        4,
+        "no host is called 'hots-1' (did you mean 'host-1'?)",
+    ),
+    "a name that nobody can have": ("\nhosts: [a/b]", 2, "a/b"),
+    "a hash that is none": ("\nrobots:\n  one: {page: a.py, hash: xyz}", 3, "'xyz' is no hash"),
+    "a key and an open link": (
+        "\nviews:\n  cell: {connect: tcp:1, key: k, open: yes}",
+        3,
+        "take only one of --key and --open",
+    ),
+    "a speed that cannot be": (
+        "\ncontrollers:\n  c: {kind: arm, listen: tcp:0, speedup: 400}",
+        3,
+        "'400' must be a number from 0.1 to 10",
+    ),
+    "no YAML": ("\nhosts: [one\n", 3, "this is no YAML"),
+    "no mapping": ("\n- one", 2, "a realm is written as `section: …`"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_one_sentence_with_its_line(mistake: str) -> None:
+    text, line, said = MISTAKES[mistake]
+    with pytest.raises(BadRealmFile) as refused:
+        read_file(dedent(text), "cell.yaml", KINDS)
+    assert refused.value.number == line
+    assert said in str(refused.value)
+    assert str(refused.value).startswith(f"cell.yaml, line {line}: ")
+    assert "\n" not in str(refused.value)
+    assert code_of(refused.value) == USAGE
+
+
+def file_with(folder: Path, text: str) -> Path:
+    path = folder / "cell.yaml"
+    path.write_text(dedent(text))
+    return path
+
+
+def refused_page(path: Path) -> BadRealmFile:
+    with pytest.raises(BadRealmFile) as refused:
+        pages_of(read_file(path.read_text(), str(path), KINDS))
+    assert "\n" not in str(refused.value)
+    return refused.value
+
+
+def test_a_page_that_is_missing_is_named_with_its_line(tmp_path: Path) -> None:
+    error = refused_page(file_with(tmp_path, "robots:\n  mover:\n    page: gone.py\n"))
+    assert error.number == 3
+    assert str(tmp_path / "gone.py") in str(error)
+
+
+def test_a_page_that_has_changed_since_is_named_with_its_line(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(MOVE_TO.read_text())
+    before = Bundle.read(tmp_path / "mine.py").hash
+    path = file_with(tmp_path, f"robots:\n  mover:\n    page: mine.py\n    hash: {before[:16]}\n")
+    assert pages_of(read_file(path.read_text(), str(path)))["mover"].hash == before
+    (tmp_path / "mine.py").write_text(MOVE_TO.read_text() + "\n# another one\n")
+    error = refused_page(path)
+    assert error.number == 4
+    assert "has changed: its hash is" in str(error)
+    assert before[:12] in str(error)
+
+
+def test_a_child_that_is_neither_in_the_file_nor_in_the_realm_is_named(tmp_path: Path) -> None:
+    path = file_with(
+        tmp_path,
+        f"""\
+        proxies:
+          arm-1: {{kind: arm, connect: "tcp:127.0.0.1:5760"}}
+        robots:
+          mover:
+            page: {MOVE_TO}
+            slots:
+              arm: amr-1
+        """,
+    )
+    wanted = read_file(path.read_text(), str(path), KINDS)
+    with pytest.raises(BadRealmFile) as refused:
+        plan(wanted, Present(realm="cell"), pages_of(wanted))
+    assert refused.value.number == 7
+    assert "no robot in the file or in realm 'cell' is called 'amr-1' (did you mean 'arm-1'?)" in str(
+        refused.value
+    )
+
+
+def test_a_setting_is_the_text_that_would_be_typed() -> None:
+    wanted = read_file(
+        """
+robots:
+  one:
+    page: a.py
+    settings: {speed: 20 cm/s, points: [[1, 2], [3, 4]], on: yes, named: {a: 1}}
+""",
+        "cell.yaml",
+    )
+    robot: RobotEntry = wanted.robots[0]
+    assert {name: word.text for name, word in robot.settings.items()} == {
+        "speed": "20 cm/s",
+        "points": "[[1, 2], [3, 4]]",
+        "on": "yes",
+        "named": "{a: 1}",
+    }

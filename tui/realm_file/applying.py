@@ -1,0 +1,140 @@
+"""The steps of a plan, carried out: each as soon as what it needs is done, several at once.
+
+A step that fails keeps back those that need it, and no others.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Literal, Protocol
+
+import msgspec
+
+from robotree.tui.errors import SupervisorError, sentence
+from robotree.tui.line.carrying import Refusal, Silent, carry_out
+from robotree.tui.processes.programs import KEY_VARIABLE, program_of
+from robotree.tui.realm_file.content import CONTROLLER, KEYWORDS, NAMELESS, ProcessEntry, RealmFile, placed
+from robotree.tui.realm_file.controllers import Controller
+from robotree.tui.realm_file.plan import Plan, Step
+from robotree.tui.realm_file.present import ROLES
+from robotree.vr.base.errors import VrError
+
+if TYPE_CHECKING:
+    from robotree.vr.base.address import Role
+    from robotree.vr.supervision.fleet import Fleet
+
+ARRIVAL, ENDING = 10.0, 5.0
+"""[s] in which a process that is ready is seen, and in which one that was asked to end is gone."""
+
+
+class Starter(Protocol):
+    """Who starts the processes of a realm, and so knows its simulated controllers."""
+
+    @property
+    def controllers(self) -> Mapping[str, Controller]:
+        """Those that live, by name."""
+        ...
+
+    async def start(self, entry: ProcessEntry, words: Sequence[str], environment: Mapping[str, str]) -> str:
+        """Start a process and return its address when it is ready.
+
+        Raises:
+            SupervisorError: it did not come up.
+        """
+        ...
+
+
+class Done(msgspec.Struct, frozen=True):
+    """What became of a step."""
+
+    step: Step
+    outcome: Literal["done", "failed", "kept back"]
+    reason: str = ""
+    """Why it is not done."""
+
+
+Report = Callable[[Done], object]
+"""Hears of each step when it is over."""
+
+
+async def apply_plan(
+    plan: Plan, wanted: RealmFile, fleet: Fleet, starter: Starter, report: Report
+) -> list[Done]:
+    """Carry out a plan, and return what became of each step, in the order in which they ended."""
+    return await _Work(plan, wanted, fleet, starter, report).carry_out()
+
+
+class _Work:
+    def __init__(self, plan: Plan, wanted: RealmFile, fleet: Fleet, starter: Starter, report: Report) -> None:
+        self._steps = {step.id: step for step in plan.steps}
+        self._wanted, self._fleet, self._starter, self._report = wanted, fleet, starter, report
+        self._over: dict[str, Done] = {}
+        self._tasks: dict[str, asyncio.Task[None]] = {}
+
+    async def carry_out(self) -> list[Done]:
+        async with asyncio.TaskGroup() as group:
+            for step in self._steps.values():
+                self._tasks[step.id] = group.create_task(self._see_to(step), name=step.text)
+        return [*self._over.values()]
+
+    async def _see_to(self, step: Step) -> None:
+        await asyncio.sleep(0)  # all tasks are there
+        needs = [self._tasks[one] for one in step.needs if one in self._tasks]
+        if needs:
+            await asyncio.wait(needs)
+        broken = [one for one in step.needs if one in self._over and self._over[one].outcome != "done"]
+        if broken:
+            done = Done(step, "kept back", f"it needs `{self._steps[min(broken)].text}`")
+        else:
+            reason = await self._do(step)
+            done = Done(step, "failed" if reason else "done", reason)
+        self._over[step.id] = done
+        self._report(done)
+
+    async def _do(self, step: Step) -> str:
+        """Do a step; return why it could not be done."""
+        try:
+            if step.entry is not None:
+                await self._start(step.entry)
+            elif step.process:
+                await _end(step.process)
+            elif step.line is not None:
+                result = await carry_out(self._fleet, step.line, Silent())
+                return str(result) if isinstance(result, Refusal) else ""
+        except (SupervisorError, VrError, OSError, TimeoutError) as error:
+            return sentence(error) or "it took too long"
+        return ""
+
+    async def _start(self, entry: ProcessEntry) -> None:
+        controller = self._starter.controllers.get(entry.text(CONTROLLER))
+        words = entry.words(self._wanted.folder, "" if controller is None else controller.address)
+        key = self._wanted.key
+        path = placed(key, self._wanted.folder) if key and key not in KEYWORDS else key
+        await self._starter.start(entry, words, {KEY_VARIABLE: path} if key else {})
+        if entry.verb != NAMELESS:
+            role: Role = ROLES[entry.verb]
+            await self._fleet.arrival(role, entry.name, within=ARRIVAL)
+
+
+async def _end(pid: int) -> None:
+    """Ask a process to end, and wait until it has.
+
+    Raises:
+        TimeoutError: it has not.
+        OSError: it cannot be asked.
+    """
+    program = program_of(pid)
+    if program is None or not program.words:
+        return
+    process, over, loop = os.pidfd_open(pid), asyncio.Event(), asyncio.get_running_loop()
+    loop.add_reader(process, over.set)  # readable when it has ended
+    try:
+        signal.pidfd_send_signal(process, signal.SIGTERM)
+        async with asyncio.timeout(ENDING):
+            await over.wait()
+    finally:
+        loop.remove_reader(process)
+        os.close(process)

@@ -1,0 +1,142 @@
+"""What a realm file says: which processes there should be, and which robots, in which bonds. Pure.
+
+Every value is the word that was written, with its line: what is wrong with it is told at its place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import msgspec
+
+from robotree.tui.errors import BadRealmFile
+from robotree.tui.line.actions import BY_VERB
+from robotree.tui.line.grammar import Blank
+from robotree.vr.base.written import Mark, Word
+
+SECTIONS: Mapping[str, str] = {
+    "controllers": "sim",
+    "lookups": "lookup",
+    "hosts": "host",
+    "proxies": "proxy",
+    "views": "view",
+}
+"""Sections of processes, in the order of their start, and the verb that is each process."""
+
+ONCE = frozenset({"reset-epoch", "take-over"})
+"""Options of those verbs that a person gives once, for a reason: no file repeats them."""
+
+KIND, CONTROLLER = "kind", "controller"
+"""Keys of a process that are no options: the value behind the verb; the file's controller that it dials."""
+
+KEYWORDS = frozenset({"realm", "none"})
+"""What may stand for a key file or a state file and is none."""
+
+NAMELESS = "sim"
+"""The verb whose process is in no realm: its name stands in the file alone."""
+
+
+def keys_of(verb: str) -> tuple[str, ...]:
+    """Return what a file can say of a process: the options of its verb, and what stands behind the verb."""
+    shape = BY_VERB[verb].shape
+    kind = (KIND,) if Blank("KIND") in shape.parts else ()
+    options = tuple(name for name in shape.options if name not in ONCE)
+    return (*kind, *options, *((CONTROLLER,) if "connect" in options else ()))
+
+
+class ProcessEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """One process that there should be."""
+
+    verb: str
+    name: str
+    mark: Mark = Mark()
+    facets: dict[str, Word] = {}
+    """By the keys of `keys_of`; a flag that is set is an empty word."""
+
+    @property
+    def id(self) -> str:
+        """What steps and other entries call it."""
+        return f"{self.verb} {self.name}"
+
+    def text(self, key: str) -> str:
+        """Return a facet; empty: it is not said."""
+        return self.facets[key].text if key in self.facets else ""
+
+    def words(self, folder: Path, address: str = "") -> tuple[str, ...]:
+        """Return the line that is this process, behind `robotree`.
+
+        Args:
+            folder: from which paths in the file are meant.
+            address: of its controller, or where it listens; empty: as the file says.
+        """
+        options = BY_VERB[self.verb].shape.options
+        facets = {key: word.text for key, word in self.facets.items() if key in options}
+        if address:
+            facets["listen" if self.verb == NAMELESS else "connect"] = address
+        found = [self.verb]
+        if KIND in self.facets:
+            kind = self.text(KIND)
+            found.append(placed(kind, folder) if ".py" in kind else kind)
+        if self.verb != NAMELESS:
+            found.append(self.name)
+        for key, text in facets.items():
+            is_path = options[key] == "FILE" and text not in KEYWORDS
+            found += [f"--{key}", placed(text, folder) if is_path else text] if options[key] else [f"--{key}"]
+        return tuple(found)
+
+
+class RobotEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """One virtual robot that there should be."""
+
+    name: str
+    page: Word
+    """Path from the file's folder, and `:Class` if there are several."""
+    mark: Mark = Mark()
+    hash: Word | None = None
+    """Beginning of the hash of the page and what belongs to it (`Bundle.hash`); None: any page will do."""
+    host: Word | None = None
+    settings: dict[str, Word] = {}
+    role: Word | None = None
+    slots: dict[str, tuple[Word, ...]] = {}
+    """Children by slot or group; none: it shall be empty."""
+
+    @property
+    def id(self) -> str:
+        """What steps call it."""
+        return f"robot {self.name}"
+
+
+class RealmFile(msgspec.Struct, frozen=True, kw_only=True):
+    """A whole realm."""
+
+    path: str
+    key: str = ""
+    """Of all links that name none: a file, `realm` or `none`; empty: as the environment says."""
+    processes: tuple[ProcessEntry, ...] = ()
+    robots: tuple[RobotEntry, ...] = ()
+
+    @property
+    def folder(self) -> Path:
+        """From which its paths are meant."""
+        return Path(self.path).expanduser().absolute().parent
+
+    def section(self, verb: str) -> dict[str, ProcessEntry]:
+        """Return the processes of a verb, by name."""
+        return {one.name: one for one in self.processes if one.verb == verb}
+
+    def bonds(self) -> Iterator[tuple[RobotEntry, str, Word]]:
+        """Yield parent, slot and child of each bond."""
+        for robot in self.robots:
+            for slot, children in robot.slots.items():
+                for child in children:
+                    yield robot, slot, child
+
+    def error(self, mark: Mark, reason: str) -> BadRealmFile:
+        """Return the error for a mistake at a place of the file."""
+        return BadRealmFile(self.path, mark.line, reason)
+
+
+def placed(path: str, folder: Path) -> str:
+    """Return a path of a file from everywhere; `~` is the home."""
+    return str(folder / Path(path).expanduser())

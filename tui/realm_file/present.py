@@ -1,0 +1,102 @@
+"""What runs in a realm: its robots as they describe themselves, its processes as the kernel knows them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from robotree.tui.errors import SupervisorError
+from robotree.tui.line import manual
+from robotree.tui.line.grammar import Line
+from robotree.tui.processes.programs import Program, programs
+from robotree.tui.realm_file.content import SECTIONS
+from robotree.tui.realm_file.controllers import Controller
+from robotree.vr.base.errors import VrError
+
+if TYPE_CHECKING:
+    from robotree.vr.base.address import Role
+    from robotree.vr.base.description import RobotDescription
+    from robotree.vr.supervision.fleet import Fleet
+
+ROLES: Mapping[str, Role] = {"proxy": "robot", "view": "view", "host": "host", "lookup": "lookup"}
+"""Role of the agent of a process, by its verb."""
+
+
+class Process(msgspec.Struct, frozen=True):
+    """A process of the realm that was started by a line of robotree."""
+
+    line: Line
+    program: Program
+
+    @property
+    def id(self) -> str:
+        """What steps and entries call it: `proxy arm-1`."""
+        return f"{self.line.verb} {self.line.text('NAME')}"
+
+    def path(self, given: str) -> Path:
+        """Return where a path on its command line leads."""
+        return Path(os.path.normpath(self.program.folder / Path(given).expanduser()))
+
+
+class Present(msgspec.Struct, frozen=True, kw_only=True):
+    """What runs."""
+
+    realm: str
+    processes: dict[str, Process] = {}
+    """By id."""
+    robots: dict[str, RobotDescription] = {}
+    """All that answer, by name; those of proxies are among them."""
+    pages: dict[str, str] = {}
+    """Hashes of the pages of virtual robots, by name."""
+    others: dict[str, str] = {}
+    """Agents that were not started by a line of robotree: where they are, by role and name: `host h1`."""
+    silent: dict[str, str] = {}
+    """Robots that do not answer: where they are, by name."""
+    controllers: Mapping[str, Controller] = {}
+    """Simulated ones that live, by their names in the file."""
+
+    def virtual(self) -> dict[str, RobotDescription]:
+        """Return the robots that live on hosts, by name."""
+        return {name: robot for name, robot in self.robots.items() if robot.host}
+
+
+async def present(fleet: Fleet, known: Mapping[str, Controller]) -> Present:
+    """Look at a realm; `known` are the simulated controllers that live."""
+    hosts = await fleet.hosts()
+    robots = {robot.name: robot for robot in await fleet.tree()}
+    processes: dict[str, Process] = {}
+    others: dict[str, str] = {}
+    silent: dict[str, str] = {}
+    for address, program in programs(fleet.realm).items():
+        where = f"process {program.pid}"
+        if address.role == "robot" and address.name not in robots:
+            silent[address.name] = where
+        line = line_of(program)
+        if line is not None and ROLES.get(line.verb) == address.role:
+            process = Process(line, program)
+            processes[process.id] = process
+        elif line is None and address.role in ROLES.values():
+            others[f"{address.role} {address.name}"] = where
+    return Present(
+        realm=fleet.realm,
+        processes=processes,
+        robots=robots,
+        pages={name: digest for host in hosts for name, digest in host.pages.items()},
+        others=others,
+        silent=silent,
+        controllers=known,
+    )
+
+
+def line_of(program: Program) -> Line | None:
+    """Return the line with which a process was started; None: it is no process that a file can say."""
+    if not program.words or program.words[0] not in SECTIONS.values():
+        return None
+    with suppress(SupervisorError, VrError):
+        return manual.shell().parse(program.words)
+    return None

@@ -1,0 +1,73 @@
+"""A realm file, written: so that it is read as it was meant, and that a person can go on editing it. Pure."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Iterator
+
+from robotree.tui.line.actions import BY_VERB
+from robotree.tui.realm_file.content import SECTIONS, ProcessEntry, RealmFile, RobotEntry
+from robotree.vr.base.written import Word
+
+_BARE = re.compile(r"[A-Za-z0-9./_][A-Za-z0-9./_+ -]*(?<! )|[A-Za-z0-9_./-]+\.py:[A-Za-z_]\w*")
+"""What YAML reads as the text that it is, also between braces."""
+
+
+def write_file(found: RealmFile, *, comments: Iterable[str] = ()) -> str:
+    """Return the text of a realm file.
+
+    Args:
+        found: what it says.
+        comments: lines at its top.
+    """
+    lines = [f"# {one}" for one in comments]
+    lines += [f"key: {_text(found.key)}"] if found.key else []
+    for section, verb in SECTIONS.items():
+        lines += _section(section, list(found.section(verb).values()))
+    if found.robots:
+        lines += ["", "robots:"]
+        for robot in found.robots:
+            lines += _robot(robot)
+    return "\n".join([*lines, ""])
+
+
+def _section(section: str, processes: list[ProcessEntry]) -> Iterator[str]:
+    if not processes:
+        return
+    if not any(one.facets for one in processes):
+        yield f"{section}: [{', '.join(_text(one.name) for one in processes)}]"
+        return
+    yield f"{section}:"
+    for one in processes:
+        options = BY_VERB[one.verb].shape.options
+        facets = (
+            f"{key}: {_text(word.text) if options.get(key, 'KIND') else 'yes'}"
+            for key, word in one.facets.items()
+        )
+        yield f"  {_text(one.name)}: {{{', '.join(facets)}}}"
+
+
+def _robot(robot: RobotEntry) -> Iterator[str]:
+    yield f"  {_text(robot.name)}:"
+    for key, value in (("page", robot.page), ("hash", robot.hash), ("host", robot.host)):
+        if value is not None:
+            yield f"    {key}: {_word(value)}"
+    if robot.settings:
+        yield "    settings:"
+        yield from (f"      {name}: {_word(value)}" for name, value in robot.settings.items())
+    if robot.role is not None:
+        yield f"    role: {_word(robot.role)}"
+    if robot.slots:
+        yield "    slots:"
+        for slot, children in robot.slots.items():
+            names = [_word(child) for child in children]
+            yield f"      {_text(slot)}: {names[0] if len(names) == 1 else '[' + ', '.join(names) + ']'}"
+
+
+def _word(word: Word) -> str:
+    return _text(word.text)
+
+
+def _text(text: str) -> str:
+    return text if _BARE.fullmatch(text) else json.dumps(text, ensure_ascii=False)
