@@ -9,28 +9,37 @@ import asyncio
 import json
 import os
 import time
-from collections.abc import Collection
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import chdir
 from enum import Enum
-from importlib.resources import as_file, files
+from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
+from msgspec import structs
+
+from robotree.client.joining import joined
 from robotree.files import own_folder
 from robotree.tui import exit_codes
 from robotree.tui.errors import DemoRuns, MemberFailed
-from robotree.tui.processes.crew import Crew
-from robotree.tui.processes.realm import chosen
+from robotree.tui.processes.crew import Crew, Member
+from robotree.tui.processes.realm import anybody_met, chosen
+from robotree.tui.realm_file.applying import Done, apply_plan
+from robotree.tui.realm_file.content import NAMELESS, ProcessEntry, RealmFile
+from robotree.tui.realm_file.controllers import Controller
+from robotree.tui.realm_file.pages import pages_of
+from robotree.tui.realm_file.plan import plan
+from robotree.tui.realm_file.present import ROLES, present
+from robotree.tui.realm_file.verbs import read_realm_file
 from robotree.tui.terminal import aside, complain, note, put
 from robotree.tui.wire.security import NOTHING, REALM, key_file
-from robotree.vr.base.address import ROLES
+from robotree.vr.base.written import Word
 
 if TYPE_CHECKING:
     from robotree.vr.supervision.fleet import Fleet
 
 ARM, ROVER, VIEW = "arm-1", "rover-1", "cell"
-LOOKUPS = ("lookup-1", "lookup-2")
-HOST = "host-1"
+EXAMPLES = Path(str(files("robotree.examples")))
 FAREWELL = "The demo ends with this screen: its robots, its lookup services and its host end, too."
 
 
@@ -46,25 +55,22 @@ class Wire(Enum):
         """Return the wire that the options name; classic is a kind of CAN."""
         return cls.CAN_CLASSIC if classic else cls.CAN_FD if can else cls.TCP
 
-    def addresses(self, realm: str) -> tuple[str, str]:
-        """Where the arm's and the rover's controllers listen; on CAN, two nodes of one bus of the realm.
+    def address(self, realm: str, number: int) -> str:
+        """Where a controller listens: on CAN, the node of this number on one bus of the realm.
 
         The channel is never a number alone, for that would be a port.
         """
         if self is Wire.TCP:
-            return "tcp:127.0.0.1:0", "tcp:127.0.0.1:0"
-        bus = f"can:robotree/demo-{realm}?fd={int(self is Wire.CAN_FD)}"
-        return f"{bus}&node=1", f"{bus}&node=2"
+            return "tcp:127.0.0.1:0"
+        return f"can:robotree/demo-{realm}?fd={int(self is Wire.CAN_FD)}&node={number}"
 
 
 class Story(Protocol):
     """What a demo consists of."""
 
-    names: Collection[tuple[str, str]]
-    """Role and name of all who take part."""
-
-    async def cast(self, crew: Crew, *, wire: Wire, speedup: str) -> None:
-        """Bring up everybody."""
+    @property
+    def file(self) -> Path:
+        """The realm file with all who take part."""
         ...
 
     async def open(self, fleet: Fleet) -> str:
@@ -112,11 +118,12 @@ async def demo(
     try:
         if headless:
             await asyncio.to_thread(own_folder, folder)
-        await _alone(realm, story.names)
+        wanted = await asyncio.to_thread(read_realm_file, str(story.file))
+        await _alone(realm, wanted)
         file = await asyncio.to_thread(key_file, key, realm)
         async with Crew(realm, key=str(file or NOTHING)) as crew:
-            note(f"starting the demo in realm {realm!r}: {len(story.names)} programs …")
-            await story.cast(crew, wire=wire, speedup=speedup)
+            note(f"starting the demo in realm {realm!r}: {len(wanted.processes)} programs …")
+            crew.again = await cast(crew, wire=wire, speedup=speedup, file=story.file)
             if headless:
                 return await story.play(realm, folder, readonly=readonly)
             return await _supervise(story, realm, readonly=readonly)
@@ -128,63 +135,98 @@ async def demo(
         return exit_codes.INTERRUPTED
 
 
-async def _alone(realm: str, cast: Collection[tuple[str, str]]) -> None:
-    """See that nobody in the realm has a name of the cast.
+async def _alone(realm: str, wanted: RealmFile) -> None:
+    """See that nobody in the realm has a name of the file.
 
     Raises:
         DemoRuns: somebody has.
     """
-    from robotree.client.joining import joined
-    from robotree.tui.processes.realm import anybody_met
-
     if not anybody_met(realm):
         return
+    names = {(ROLES[one.verb], one.name) for one in wanted.processes if one.verb != NAMELESS}
+    names |= {("robot", one.name) for one in wanted.robots}
     async with joined(realm) as fleet:
-        there = [one for role in ROLES for one in fleet.directory.present(role)]
-        taken = sorted(one.name for one in there if (one.role, one.name) in cast)
+        there = [one for role in set(ROLES.values()) for one in fleet.directory.present(role)]
+        taken = sorted(one.name for one in there if (one.role, one.name) in names)
     if taken:
         raise DemoRuns(realm, taken)
 
 
-async def cast(crew: Crew, *, wire: Wire = Wire.TCP, speedup: str = "1") -> None:
-    """Bring up the demo's agents, each as soon as what it needs is there.
+async def cast(
+    crew: Crew, *, wire: Wire = Wire.TCP, speedup: str = "1", file: Path | None = None
+) -> Callable[[Member], Awaitable[None]]:
+    """Bring up what a realm file says, as `robotree apply` does, with processes of a crew.
 
     Args:
         crew: which they join.
         wire: between controllers and proxies.
         speedup: seconds of the simulated world in a second.
+        file: which; None: the demo's cell.
+
+    Returns:
+        What brings the robots of the file back to a host that was started again.
 
     Raises:
-        MemberFailed: one did not come up.
+        MemberFailed: a step could not be done.
     """
-    at_arm, at_rover = wire.addresses(crew.realm)
-    arm, rover, *_ = await crew.start_all(
-        ("sim", "arm", "--listen", at_arm, "--state", "none", "--speedup", speedup),
-        ("sim", "rover", "--listen", at_rover, "--state", "none", "--speedup", speedup),
-        *(("lookup", name) for name in LOOKUPS),
-        ("host", HOST),
+    wanted = adapted(
+        await asyncio.to_thread(read_realm_file, str(file or CELL.file)), crew.realm, wire, speedup
     )
-    await crew.start_all(
-        ("proxy", "arm", ARM, "--connect", arm.address),
-        ("proxy", "rover", ROVER, "--connect", rover.address),
-        ("view", VIEW, "--connect", arm.address),
-    )
+    pages = await asyncio.to_thread(pages_of, wanted)
+    starter, one_at_a_time = CrewStarter(crew), asyncio.Lock()
+
+    async def bring_about(fleet: Fleet, *, robots_alone: bool) -> list[Done]:
+        found = plan(wanted, await present(fleet, starter.controllers), pages)
+        if robots_alone:  # the crew itself starts its processes again
+            found = structs.replace(found, steps=tuple(step for step in found.steps if step.entry is None))
+        return await apply_plan(found, wanted, fleet, starter, lambda _: None)
+
+    async def back(_member: Member) -> None:
+        async with one_at_a_time, joined(crew.realm) as fleet:
+            await bring_about(fleet, robots_alone=True)
+
+    async with joined(crew.realm) as fleet:
+        for done in await bring_about(fleet, robots_alone=False):
+            if done.outcome == "failed":
+                raise MemberFailed(done.step.text.split(), "failed", done.reason)
+    return back
+
+
+def adapted(wanted: RealmFile, realm: str, wire: Wire, speedup: str) -> RealmFile:
+    """Return a file whose simulated controllers are on another wire, and run at another speed."""
+    controllers = [one.name for one in wanted.processes if one.verb == NAMELESS]
+
+    def other(entry: ProcessEntry) -> ProcessEntry:
+        if entry.verb != NAMELESS:
+            return entry
+        address = wire.address(realm, 1 + controllers.index(entry.name))
+        facets = entry.facets | {"listen": Word(address, entry.mark), "speedup": Word(speedup, entry.mark)}
+        return structs.replace(entry, facets=facets)
+
+    return structs.replace(wanted, processes=tuple(map(other, wanted.processes)))
+
+
+class CrewStarter:
+    """Starts the processes of a realm file as members of a crew: they end with it."""
+
+    def __init__(self, crew: Crew) -> None:
+        """Begin without controllers."""
+        self._crew = crew
+        self.controllers: dict[str, Controller] = {}
+
+    async def start(self, entry: ProcessEntry, words: Sequence[str], environment: Mapping[str, str]) -> str:
+        """See `Starter`; the crew's key is that of all links."""
+        del environment
+        member = await self._crew.start(*words)
+        if entry.verb == NAMELESS:
+            self.controllers[entry.name] = Controller(member.pid, member.address)
+        return member.address
 
 
 class Cell:
     """An arm at its lever, and a rover."""
 
-    names: Collection[tuple[str, str]] = (
-        ("robot", ARM),
-        ("robot", ROVER),
-        ("view", VIEW),
-        ("host", HOST),
-        *(("lookup", name) for name in LOOKUPS),
-    )
-
-    async def cast(self, crew: Crew, *, wire: Wire, speedup: str) -> None:
-        """Bring up the cell."""
-        await cast(crew, wire=wire, speedup=speedup)
+    file = EXAMPLES / "cell.realm.yaml"
 
     async def open(self, fleet: Fleet) -> str:
         """Build nothing: here a person begins."""
@@ -203,7 +245,6 @@ CELL = Cell()
 
 
 async def _supervise(story: Story, realm: str, *, readonly: bool) -> int:
-    from robotree.client.joining import joined
     from robotree.tui.screen.supervise import supervise
 
     async with joined(realm) as fleet:
@@ -218,13 +259,12 @@ async def _supervise(story: Story, realm: str, *, readonly: bool) -> int:
 
 async def _play(realm: str, folder: Path, *, readonly: bool) -> int:
     """Play the lever's story and print, as the last line, what came of it as one JSON object."""
-    from robotree.client.joining import joined
     from robotree.tui.session.playing import Player, read_file
     from robotree.tui.session.script import transcript
 
     began = time.monotonic()
-    with as_file(files("robotree.examples")) as examples, chdir(folder):  # the script's pictures go there
-        path = str(examples / "close_lever.session")
+    with chdir(folder):  # the script's pictures go there
+        path = str(EXAMPLES / "close_lever.session")
         script = await asyncio.to_thread(read_file, path, readonly=readonly)
         async with joined(realm) as fleet:
             report = await Player(fleet, script, lambda told: aside(transcript(told))).play()

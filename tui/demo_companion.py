@@ -11,16 +11,13 @@ import asyncio
 import json
 import time
 from collections import Counter
-from collections.abc import Collection, Mapping
 from contextlib import suppress
-from importlib.resources import as_file, files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robotree.tui import exit_codes
-from robotree.tui.demo import HOST, LOOKUPS, Wire
+from robotree.tui.demo import EXAMPLES
 from robotree.tui.errors import ValueRefused
-from robotree.tui.processes.crew import Crew
 from robotree.tui.terminal import aside, put
 from robotree.vr.base.errors import VrError
 
@@ -28,22 +25,15 @@ if TYPE_CHECKING:
     from robotree.vr.supervision.fleet import Fleet
 
 NAME = "companion"
-PARTS: Mapping[str, tuple[str, int]] = {
-    "base": ("base", 1),
-    "left": ("limb", 25),
-    "right": ("limb", 26),
-    "head": ("head", 27),
-}
-"""Kind and MAVLink component of each proxy, by its name, which is that of its slot, too."""
-ROBOT, SCRIPT, VIEW, EYES = "companion", "evening", "flat", "eyes"
+ROBOT, SCRIPT, VIEW = "companion", "evening", "flat"
 PEOPLE = {11: "anna", 12: "bela", 13: "cleo"}
 """Who wears which tag."""
 LONGEST = 900.0
 """[s] that the evening may take."""
 LISTEN = 0.2
 """[s] between two questions what was heard."""
-ROLES = ("butler", "child")
-"""Played before and after the change."""
+ROLE = "child"
+"""Played after the change."""
 FORCE = 60.0
 """[N] that no hand may feel on the way."""
 
@@ -62,39 +52,14 @@ def wanted(story: str) -> bool:
 class Companion:
     """A flat with visitors, and the companion in it."""
 
-    names: Collection[tuple[str, str]] = (
-        *(("robot", name) for name in (*PARTS, ROBOT, SCRIPT)),
-        ("view", VIEW),
-        ("view", EYES),
-        ("host", HOST),
-        *(("lookup", name) for name in LOOKUPS),
-    )
-
-    async def cast(self, crew: Crew, *, wire: Wire, speedup: str) -> None:
-        """Bring up the flat, its proxies, lookups and a host."""
-        at, _ = wire.addresses(crew.realm)
-        flat, *_ = await crew.start_all(
-            ("sim", "companion", "--listen", at, "--state", "none", "--speedup", speedup),
-            *(("lookup", name) for name in LOOKUPS),
-            ("host", HOST),
-        )
-        await crew.start_all(
-            *(
-                ("proxy", kind, name, "--connect", flat.address, "--component", str(component))
-                for name, (kind, component) in PARTS.items()
-            ),
-            ("view", VIEW, "--connect", flat.address, "--cameras", "cell=100"),
-            ("view", EYES, "--connect", flat.address, "--cameras", "left=101,right=102"),
-        )
+    file = EXAMPLES / "companion" / "flat.realm.yaml"
 
     async def open(self, fleet: Fleet) -> str:
-        """Build the companion and its script, and lead it to the door: a person starts the script.
+        """Lead the companion to the door, and give it to its script: a person starts that.
 
         Visitors come only when it stands at the door, and once the script has it nobody else can lead it
         there.
         """
-        with as_file(files("robotree.examples")) as examples:
-            await build(fleet, examples / "companion")
         aside("the companion goes to the door: about 10 s …")
         await fleet.call(ROBOT, "go_to", {"place": "door"}, deadline=60.0)
         await fleet.enslave(SCRIPT, "robot", ROBOT)
@@ -123,35 +88,20 @@ class Companion:
         from robotree.client.joining import joined
 
         began = time.monotonic()
-        with as_file(files("robotree.examples")) as examples:
-            async with joined(realm) as fleet:
-                evening = Evening(fleet, examples / "companion", folder)
-                try:
-                    async with asyncio.timeout(LONGEST):
-                        await evening.run()
-                except (VrError, TimeoutError) as error:
-                    evening.trouble = str(error) or f"the evening took longer than {LONGEST:g} s"
-                verdict = await evening.verdict()
+        async with joined(realm) as fleet:
+            evening = Evening(fleet, folder)
+            try:
+                async with asyncio.timeout(LONGEST):
+                    await evening.run()
+            except (VrError, TimeoutError) as error:
+                evening.trouble = str(error) or f"the evening took longer than {LONGEST:g} s"
+            verdict = await evening.verdict()
         verdict["wall_s"] = round(time.monotonic() - began, 1)
         put(json.dumps(verdict))
         return exit_codes.DONE if verdict["ok"] else exit_codes.REFUSED
 
 
 STORY = Companion()
-
-
-async def build(fleet: Fleet, pages: Path) -> None:
-    """Make the companion from the parts that are there, and its script.
-
-    Args:
-        fleet: the robots.
-        pages: folder of the companion's page and script.
-    """
-    await fleet.create(str(pages / "companion.py"), ROBOT)
-    for slot in PARTS:
-        await fleet.enslave(ROBOT, slot, slot)
-    await fleet.create(str(pages / "evening.yaml"), SCRIPT)
-    await fleet.call(ROBOT, "play", {"role": ROLES[0]}, deadline=60.0)
 
 
 async def heard(fleet: Fleet, after: int) -> tuple[int, str, str]:
@@ -173,12 +123,11 @@ class Evening:
 
     Args:
         fleet: the robots.
-        pages: folder of the companion's page and script.
         folder: for pictures.
     """
 
-    def __init__(self, fleet: Fleet, pages: Path, folder: Path) -> None:
-        self._fleet, self._pages, self._folder = fleet, pages, folder
+    def __init__(self, fleet: Fleet, folder: Path) -> None:
+        self._fleet, self._folder = fleet, folder
         self._said: Counter[str] = Counter()
         self._number = 0
         self._pictures: list[str] = []
@@ -189,7 +138,6 @@ class Evening:
     async def run(self) -> None:
         """From the first visitor to the charging place."""
         fleet = self._fleet
-        await build(fleet, self._pages)
         await self._call(ROBOT, "go_to", place="door")
         await fleet.enslave(SCRIPT, "robot", ROBOT)
         await fleet.tell(SCRIPT, "start", {}, deadline=LONGEST)
@@ -255,9 +203,9 @@ class Evening:
 
     async def _change_role(self) -> None:
         """Another role, under the running script."""
-        await self._fleet.call(SCRIPT, "play", {"role": ROLES[1], "at": "robot"})
+        await self._fleet.call(SCRIPT, "play", {"role": ROLE, "at": "robot"})
         self._counts["role_changes"] += 1
-        self._note(f"from now on it plays the role {ROLES[1]!r}")
+        self._note(f"from now on it plays the role {ROLE!r}")
 
     async def _stop(self) -> None:
         """Stop everything while the robot goes about, see that it stands, and release it."""

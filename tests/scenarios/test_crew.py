@@ -13,7 +13,7 @@ import pytest
 
 from robotree.client.joining import joined
 from robotree.tui.errors import MemberFailed
-from robotree.tui.processes.crew import Crew
+from robotree.tui.processes.crew import Crew, Member
 from robotree.vr.base.address import ROLES
 from tests.command_line import ROBOTREE
 
@@ -128,3 +128,36 @@ def parent(pid: int) -> int:
         return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
     except (FileNotFoundError, ProcessLookupError):
         return 0
+
+
+async def test_a_member_that_crashes_is_started_again_where_it_was(tmp_path: Path) -> None:
+    async with Crew("default", tmp_path) as crew:
+        rover, host = await crew.start_all(
+            ("sim", "rover", "--listen", "tcp:127.0.0.1:0", "--state", "none"), ("host", "h-1")
+        )
+        back = asyncio.Queue[tuple[str, str, int]]()
+
+        async def again(member: Member) -> None:
+            back.put_nowait((member.words[0], member.address, member.pid))
+
+        crew.again = again
+        os.kill(rover.pid, signal.SIGKILL)
+        assert (await back.get())[:2] == ("sim", rover.address)
+        for _ in range(2):
+            os.kill(host.pid, signal.SIGKILL)
+            assert (await back.get())[0] == "host"
+            host = next(member for member in crew.members if member.words[0] == "host")
+        assert len(crew.members) == 2
+        os.kill(host.pid, signal.SIGTERM)
+        assert await host.process.wait() == 0, "it was asked to end: that is no crash"
+        host = await crew.start("host", "h-1")
+    assert back.empty()
+    assert not is_running(host.pid)
+
+
+async def test_a_crew_leaves_what_crashes_down_unless_it_is_told_otherwise(tmp_path: Path) -> None:
+    async with Crew("default", tmp_path) as crew:
+        member = await crew.start("lookup", "lu-1")
+        os.kill(member.pid, signal.SIGKILL)
+        await asyncio.gather(*crew._watches)  # they would go on
+        assert crew.members == [member]

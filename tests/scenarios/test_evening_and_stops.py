@@ -12,13 +12,11 @@ from typing import Any
 import pytest
 
 from robotree.client.joining import joined
-from robotree.examples import companion
-from robotree.tui.demo import Wire
-from robotree.tui.demo_companion import ROBOT, SCRIPT, STORY, build, heard
+from robotree.tui.demo import cast
+from robotree.tui.demo_companion import ROBOT, SCRIPT, STORY, heard
 from robotree.tui.processes.crew import Crew
 from robotree.vr.supervision.fleet import Fleet
 
-PAGES = Path(companion.__path__[0])
 CUP = "blue cup"
 CUPS = (CUP, "green cup", "red cup")
 LONGEST = 240.0
@@ -31,9 +29,8 @@ async def fleet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterato
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     async with AsyncExitStack() as ties, Crew("evening", tmp_path) as crew:
-        await STORY.cast(crew, wire=Wire.TCP, speedup="3")
+        await cast(crew, speedup="3", file=STORY.file)
         fleet = await ties.enter_async_context(joined("evening"))
-        await build(fleet, PAGES)
         await fleet.call(ROBOT, "go_to", {"place": "door"}, deadline=60.0)
         await fleet.enslave(SCRIPT, "robot", ROBOT)
         yield fleet

@@ -14,6 +14,8 @@ import pytest
 
 from robotree.client.joining import joined
 from robotree.tui import exit_codes
+from robotree.tui.demo import cast
+from robotree.tui.processes.crew import Crew, Member
 from robotree.tui.processes.programs import programs
 from robotree.tui.realm_file.controllers import controllers
 from robotree.vr.base.address import ROLES
@@ -291,6 +293,24 @@ async def test_a_changed_setting_page_or_bond_is_changed_where_it_runs(small: Pl
     assert ("mover", "mover") in (await small.shape())["low"][3]
     code, done, _ = await small.apply("small.yaml")
     assert (code, done["steps"]) == (exit_codes.DONE, [])
+
+
+async def test_the_robots_of_a_demo_come_back_when_the_crew_starts_their_host_again(cell: Place) -> None:
+    cell.write("low.py", TEAM)
+    file = cell.write("small.yaml", SMALL)
+    async with Crew(REALM, cell.folder) as crew:
+        back, over = await cast(crew, file=file), asyncio.Event()
+        before = await cell.shape()
+
+        async def again(member: Member) -> None:
+            await back(member)
+            over.set()
+
+        crew.again = again
+        host = next(member for member in crew.members if member.words == ("host", "host-1"))
+        os.kill(host.pid, signal.SIGKILL)
+        await over.wait()
+        assert await cell.shape() == before
 
 
 async def test_a_bad_file_starts_nothing(cell: Place) -> None:

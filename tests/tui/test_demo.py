@@ -19,13 +19,12 @@ if TYPE_CHECKING:
 class Unlucky:
     """A demo whose first program does not start."""
 
-    names = ()
+    file = demo.CELL.file
 
     def __init__(self) -> None:
         self.realm = ""
 
-    async def cast(self, crew: Crew, *, wire: demo.Wire, speedup: str) -> None:
-        del wire, speedup
+    async def cast(self, crew: Crew, **_options: object) -> None:
         self.realm = crew.realm
         raise MemberFailed(["sim"], "did not start", "")
 
@@ -40,5 +39,6 @@ async def test_a_demo_for_a_person_is_in_the_realm_of_the_environment(
 ) -> None:
     monkeypatch.setenv("ROBOTREE_REALM", "mine")
     story = Unlucky()
+    monkeypatch.setattr(demo, "cast", story.cast)
     assert await demo.demo(story, headless=False, realm=given, key="none") == REFUSED
     assert story.realm == wanted

@@ -40,9 +40,6 @@ class Builder:
     def __init__(self) -> None:
         self.asked: list[tuple[str, ...]] = []
 
-    async def create(self, source: str, name: str) -> None:
-        self.asked.append(("create", source.rpartition("/")[2], name))
-
     async def enslave(self, parent: str, slot: str, child: str) -> None:
         self.asked.append(("enslave", f"{parent}.{slot}", child))
 
@@ -54,7 +51,7 @@ class Builder:
 async def test_the_companion_stands_at_the_door_where_visitors_come_before_the_script_has_it() -> None:
     fleet = Builder()
     await demo_companion.Companion().open(fleet)  # type: ignore[arg-type]
-    assert fleet.asked[-2:] == [("companion", "go_to", "door"), ("enslave", "evening.robot", "companion")]
+    assert fleet.asked == [("companion", "go_to", "door"), ("enslave", "evening.robot", "companion")]
 
 
 async def test_who_is_there_is_reported_to_each_run_of_the_script(monkeypatch: pytest.MonkeyPatch) -> None:

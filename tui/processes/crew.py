@@ -4,16 +4,22 @@ Each member is a real process of the same command line that a person would type.
 on its standard output when it is up, and it holds the read end of a pipe (`--tether`): when the starter
 ends, whatever ended it, the pipe closes and the member ends too. So no member outlives its crew, not even
 after `kill -9`.
+
+A crew may start members again that crash: with the same words, a controller at the address that it had, after
+a pause that grows while the member goes on crashing. One that was asked to end (SIGTERM) has not crashed.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
+import logging
 import os
 import sys
 import tempfile
-from collections.abc import Sequence
+import time
+from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
@@ -29,6 +35,13 @@ START_LIMIT = 30.0
 STOP_LIMIT = 2.5
 """[s] allowed for a polite end, before the process is killed."""
 
+PAUSE, LONGEST_PAUSE = 0.2, 10.0
+"""[s] before a member is started again: at first, and at most. Each crash doubles it."""
+SOUND = 60.0
+"""[s] after which a member that runs counts as sound: its next crash is a first one."""
+
+_log = logging.getLogger(__name__)
+
 
 class Member:
     """One process of the crew."""
@@ -37,6 +50,7 @@ class Member:
         """Take over a process that was just started; `log` is where its standard error goes."""
         self.words, self.process, self._log = tuple(words), process, log
         self.address = ""
+        self.began = time.monotonic()
 
     @property
     def log(self) -> str:
@@ -86,9 +100,21 @@ class Member:
             async with asyncio.timeout(STOP_LIMIT):
                 await self.process.wait()
                 return
+        self.kill()
+        await self.process.wait()
+
+    def kill(self) -> None:
+        """End it at once, if it has not ended."""
         with contextlib.suppress(ProcessLookupError):
             self.process.kill()
-        await self.process.wait()
+
+    @property
+    def words_again(self) -> tuple[str, ...]:
+        """The words that start the same once more: a controller listens where it has listened."""
+        words = [*self.words]
+        if "--listen" in words and self.address:
+            words[words.index("--listen") + 1] = self.address
+        return tuple(words)
 
     def _last(self) -> str:
         lines = self.log.strip().splitlines()
@@ -110,6 +136,10 @@ class Crew:
         self.realm, self.logs = realm, logs
         self._environment = {"ROBOTREE_REALM": realm, **({"ROBOTREE_KEY": key} if key else {})}
         self.members: list[Member] = []
+        self.again: Callable[[Member], Awaitable[object]] | None = None
+        """Called with a member that was started again after a crash; None: what crashes stays down."""
+        self._watches: set[asyncio.Task[None]] = set()
+        self._numbers = itertools.count()
 
     async def start(self, *words: str) -> Member:
         """Start `robotree WORDS…` and wait until it is ready.
@@ -117,6 +147,14 @@ class Crew:
         Raises:
             MemberFailed: it did not come up.
         """
+        member = await self._spawn(words)
+        await member.ready()
+        watch = asyncio.create_task(self._watch(member), name=f"watches {' '.join(words[:3])}")
+        self._watches.add(watch)
+        watch.add_done_callback(self._watches.discard)
+        return member
+
+    async def _spawn(self, words: Sequence[str]) -> Member:
         log = self._open_log(words)
         process = await asyncio.create_subprocess_exec(
             sys.executable,
@@ -129,14 +167,33 @@ class Crew:
         )
         member = Member(words, process, log)
         self.members.append(member)
-        await member.ready()
         return member
+
+    async def _watch(self, member: Member) -> None:
+        """Start a member again whenever it crashes."""
+        crashes = 0
+        while (code := await member.process.wait()) and self.again is not None:
+            crashes = 1 if time.monotonic() - member.began > SOUND else crashes + 1
+            line = " ".join(member.words[:3])
+            _log.warning("%s has ended with code %d, and is started again", line, code)
+            await asyncio.sleep(min(PAUSE * 2 ** (crashes - 1), LONGEST_PAUSE))
+            self.members.remove(member)
+            await member.stop()
+            member = await self._spawn(member.words_again)
+            try:
+                await member.ready()
+                await self.again(member)
+            except MemberFailed as failure:
+                _log.warning("%s did not come up again: %s", line, failure)
+                member.kill()
+            except Exception:  # noqa: BLE001 # the outermost handler of this task
+                _log.exception("%s is up again, and what belongs to it is not", line)
 
     def _open_log(self, words: Sequence[str]) -> IO[bytes]:
         if self.logs is None:
             return tempfile.TemporaryFile()
         name = "-".join(word for word in words[:3] if word.isidentifier())
-        return (self.logs / f"{name}-{len(self.members)}.log").open("w+b")
+        return (self.logs / f"{name}-{next(self._numbers)}.log").open("w+b")
 
     async def start_all(self, *commands: Sequence[str]) -> list[Member]:
         """Start several at once.
@@ -154,6 +211,10 @@ class Crew:
 
     async def stop(self) -> None:
         """End every member. Twice is once."""
+        watches = [*self._watches]
+        for watch in watches:
+            watch.cancel()
+        await asyncio.gather(*watches, return_exceptions=True)
         members, self.members = self.members, []
         await asyncio.gather(*(member.stop() for member in reversed(members)))
 

@@ -226,7 +226,9 @@ SCRIPTS = sorted(EXAMPLES.rglob("*.test.yaml"))
 
 def test_each_example_script_has_a_table() -> None:
     scripts = {
-        path for path in EXAMPLES.rglob("*") if path.suffix in {".yaml", ".clp"} and ".test." not in path.name
+        path
+        for path in EXAMPLES.rglob("*")
+        if path.suffix in {".yaml", ".clp"} and not {".test", ".realm"} & {*path.suffixes}
     }
     assert {path.parent / read_table(path.read_text(), path.name)[0] for path in SCRIPTS} == scripts
 
