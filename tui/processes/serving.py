@@ -1,7 +1,8 @@
 """A process that is one agent: starts, prints `ready ADDRESS`, and ends on a signal or when its starter ends.
 
 `--tether` is for starters: the agent holds the read end of a pipe as its standard input and ends when the
-pipe closes, so that no agent outlives the program that started it, even one that was killed.
+pipe closes, so that no agent outlives the program that started it, even one that was killed. A service
+manager that waits for the agent is told, too, as sd_notify(3) says.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import asyncio
 import contextlib
 import os
 import signal
+import socket
 from collections.abc import Callable, Coroutine
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +27,8 @@ RunAgent = Callable[["Ready"], Coroutine[Any, Any, None]]
 
 STDOUT, STDERR = 1, 2
 """File descriptors."""
+MANAGER = "NOTIFY_SOCKET"
+"""Names the socket on which a service manager waits (`Type=notify`); with @ first it has no file."""
 
 
 async def serve(run: RunAgent, *, tether: bool, foreign: bool) -> None:
@@ -53,3 +57,14 @@ def _up(address: str) -> None:
     """
     put(f"ready {address}")
     os.dup2(STDERR, STDOUT)
+    tell_the_manager()
+
+
+def tell_the_manager() -> None:
+    """Tell the service manager that this process is up, once: what it starts is no service."""
+    path = os.environ.pop(MANAGER, "")
+    if not path:
+        return
+    with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.connect("\0" + path[1:] if path[0] == "@" else path)
+        manager.send(b"READY=1")

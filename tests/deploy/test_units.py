@@ -1,0 +1,113 @@
+"""The units of systemd start what the guide says, and systemd understands them."""
+
+from __future__ import annotations
+
+import configparser
+import os
+import shlex
+import shutil
+import socket
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from robotree.tui.line import manual
+from robotree.tui.processes.crew import Crew
+from robotree.tui.processes.serving import MANAGER, tell_the_manager
+
+ROOT = Path(__file__).parents[2]
+UNITS = sorted((ROOT / "deploy").glob("robotree*"))
+SERVICES = [unit for unit in UNITS if unit.suffix == ".service"]
+GUIDE = (ROOT / "docs" / "services.md").read_text()
+VALUES = {"${KIND}": "arm", "${CONNECT}": "tcp:127.0.0.1:5760", "%i": "arm-1", "%h": "/home/anna"}
+
+
+def sections(unit: Path) -> configparser.RawConfigParser:
+    """Read a unit; a key may stand in it several times."""
+    found = configparser.RawConfigParser(strict=False)
+    found.optionxform = str  # type: ignore[assignment, method-assign]
+    found.read_string(unit.read_text())
+    return found
+
+
+@pytest.mark.parametrize("unit", SERVICES, ids=lambda unit: unit.name)
+def test_a_service_starts_a_line_that_robotree_understands(unit: Path) -> None:
+    service = sections(unit)["Service"]
+    line = service["ExecStart"]
+    for name, value in VALUES.items():
+        line = line.replace(name, value)
+    program, *words = shlex.split(line.replace("$OPTIONS", ""))
+    assert program == "/home/anna/.local/bin/robotree"
+    found = manual.shell().parse(words)
+    kind = unit.name.removeprefix("robotree-").partition("@")[0]
+    assert found.verb == {"realm": "apply"}.get(kind, kind)
+
+
+@pytest.mark.parametrize("unit", SERVICES, ids=lambda unit: unit.name)
+def test_a_service_is_started_again_when_it_crashes_and_counts_as_started_when_it_is_ready(
+    unit: Path,
+) -> None:
+    service = sections(unit)["Service"]
+    if unit.name.startswith("robotree-realm@"):
+        assert (service["Type"], service["RemainAfterExit"]) == ("oneshot", "yes")
+    else:
+        assert (service["Type"], service["Restart"]) == ("notify", "on-failure")
+        assert sections(unit)["Install"]["WantedBy"] == "robotree.target"
+
+
+def test_the_guide_names_every_unit_and_every_file_that_a_unit_reads() -> None:
+    for unit in UNITS:
+        assert unit.name in GUIDE
+        for line in unit.read_text().splitlines():
+            if line.startswith("EnvironmentFile="):
+                name = line.rpartition("/")[2].replace("%i", "NAME")
+                assert name in GUIDE, f"{unit.name} reads {name}"
+
+
+@pytest.mark.skipif(not shutil.which("systemd-analyze"), reason="systemd is not installed")
+@pytest.mark.parametrize("unit", UNITS, ids=lambda unit: unit.name)
+def test_systemd_understands_a_unit(unit: Path, tmp_path: Path) -> None:
+    """It names keys that it does not know and programs that are not there, and nothing else is said."""
+    program = tmp_path / ".local" / "bin" / "robotree"
+    program.parent.mkdir(parents=True)
+    program.write_text("#!/bin/sh\n")
+    program.chmod(0o700)
+    units = tmp_path / "units"
+    shutil.copytree(ROOT / "deploy", units)
+    instance = units / unit.name.replace("@.", "@one.")
+    done = subprocess.run(
+        [str(shutil.which("systemd-analyze")), "--user", "verify", str(instance)],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "HOME": str(tmp_path), "XDG_RUNTIME_DIR": str(tmp_path)},
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("name", ["a path", "no file"])
+def test_a_manager_is_told_once(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = str(tmp_path / "manager") if name == "a path" else f"@robotree-{os.getpid()}"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(path.replace("@", "\0"))
+        manager.setblocking(False)
+        monkeypatch.setenv(MANAGER, path)
+        tell_the_manager()
+        assert manager.recv(100) == b"READY=1"
+        assert MANAGER not in os.environ, "what it starts must not speak for it"
+        tell_the_manager()
+        with pytest.raises(BlockingIOError):
+            manager.recv(100)
+
+
+@pytest.mark.e2e
+async def test_a_process_says_to_its_manager_that_it_is_up(
+    place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(str(place / "manager"))
+        monkeypatch.setenv(MANAGER, str(place / "manager"))
+        async with Crew("services", place) as crew:
+            await crew.start("lookup", "lookup-1")
+            assert manager.recv(100) == b"READY=1"
