@@ -15,9 +15,10 @@ import pytest
 from robotree.protocol.errors import LinkError
 from robotree.protocol.links.keyring import Keyring, create
 from robotree.protocol.links.security import Security
-from robotree.protocol.messages import Claim, ClaimWish
+from robotree.protocol.messages import Claim, ClaimWish, GoalState, GoalStatus, Mode, Reason
 from robotree.protocol.tools.conform import KINDS, RULES, Level, Outcome, Result
 from robotree.protocol.tools.conform.examine import NotExaminable
+from robotree.protocol.tools.conform.trial import BEAT, FIRST, Spoken, Trial
 from robotree.sim.serving.server import serving
 from robotree.tui import exit_codes
 from tests.command_line import ROBOTREE
@@ -51,6 +52,34 @@ async def test_the_controller_in_c_keeps_all_rules(controller_c: Path) -> None:
 
 async def test_the_controller_in_javascript_keeps_all_rules(controller_js: list[str]) -> None:
     assert not_kept(await tried_alike([*controller_js, "0"], kind="arm")) == {}
+
+
+@pytest.mark.parametrize("start", [0xFE, 0xFD])
+async def test_noise_that_looks_like_the_start_of_a_long_frame_swallows_no_question(
+    start: int, controller_js: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    key = int.from_bytes(bytes((start, 0xFF)) * 4, "little")
+    monkeypatch.setattr(Trial, "key", lambda _: key)
+    with started([*controller_js, "0"]) as running:
+        assert not_kept(await tried(running.url, kind="arm", rules=["noise"])) == {}
+
+
+async def test_the_end_of_a_goal_that_comes_with_its_beginning_is_heard_after_a_heartbeat() -> None:
+    async with serving("rover", "tcp:127.0.0.1:0") as server:
+        trial = Trial(server.address, motions=KINDS["rover"])
+        await trial.start()
+        await trial.line.expect(Mode)
+        for state in (
+            GoalState.ACTIVE,
+            GoalState.SUCCEEDED,
+        ):  # both arrive while this process waits for a core
+            status = GoalStatus(1, 1, 1.0, 1, Reason.NONE, *FIRST, state)
+            trial.line.received.append(Spoken(trial.now(), sent=False, system=1, component=1, message=status))
+        first = await trial.line.expect(GoalStatus)
+        trial.line.say(BEAT)
+        second = await trial.line.expect(GoalStatus, within=0.1)
+        trial.close()
+    assert (first.state, second.state) == (GoalState.ACTIVE, GoalState.SUCCEEDED)
 
 
 async def test_the_controller_in_python_keeps_all_rules_that_it_must(controller_py: list[str]) -> None:

@@ -838,9 +838,11 @@ async def _noise(t: Trial) -> None:
         torn = bytearray(frame[: chance.randint(1, len(frame))])
         torn[-1] ^= chance.randrange(1, 256)
         t.line.link.send(chance.randbytes(200) + bytes(torn))
-    t.line.link.send(b"\0" * 300)  # ends what a false start of a frame has claimed
+    ends_a_false_start = b"\0" * 300  # whatever length a byte within noise has claimed as a frame's
+    t.line.link.send(ends_a_false_start)
     for place in range(len(frame) - 38, len(frame)):  # each with one wrong byte
         t.line.link.send(frame[:place] + bytes((frame[place] ^ 1,)) + frame[place + 1 :])
+    t.line.link.send(ends_a_false_start)
     await asyncio.sleep(0.2)
     mode = await t.line.expect(Mode)
     require(mode.mode == ModeKind.READY, f"after frames with one wrong byte its mode is {mode.mode}")

@@ -112,8 +112,9 @@ class Line:
         return self.link
 
     def say(self, message: AnyMessage, sender: Sender = FIRST) -> None:
-        """Send a message; what came before it answers no question any more."""
-        self._read = len(self.received)
+        """Send a message; what came before it answers no question any more, unless this one asks nothing."""
+        if not isinstance(message, Heartbeat):
+            self._read = len(self.received)
         self._trial.note(
             Spoken(self._trial.now(), sent=True, system=sender[0], component=sender[1], message=message)
         )
