@@ -156,7 +156,7 @@ def _start(line: Line, *, readonly: bool) -> int:
             from robotree.tui.session.playing import play_file
 
             return _run(play_file(line, realm, readonly=readonly))
-        case "sim" | "proxy" | "view" | "host" | "lookup":
+        case "sim" | "proxy" | "view" | "host" | "lookup" | "space serve":
             import asyncio
 
             return asyncio.run(_agent(line, realm, tether=tether))
@@ -455,11 +455,26 @@ async def _lookup(line: Line, realm: str, ready: Ready) -> None:
     await run_lookup(line.text("NAME"), realm=realm, ready=ready)
 
 
+async def _space(line: Line, realm: str, ready: Ready) -> None:
+    from robotree.tui.errors import NoPlaceForState, ValueRefused
+    from robotree.tui.processes.state_files import state_file
+    from robotree.vr.space.run import run_space
+
+    name, durability = line.text("NAME"), line.text("--durability", "process")
+    if durability not in {"process", "power"}:
+        raise ValueRefused("CLASS", f"{durability!r} is none; write process or power")
+    store = line.text("--store") or state_file(realm, f"{name}.space.db")
+    if store is None:
+        raise NoPlaceForState
+    await run_space(name, str(store), durability=durability, realm=realm, ready=ready)
+
+
 AGENTS: dict[str, Callable[[Line, str, Ready], Coroutine[Any, Any, None]]] = {
     "sim": _sim,
     "proxy": _proxy,
     "view": _view,
     "host": _host,
     "lookup": _lookup,
+    "space serve": _space,
 }
 """The process verbs: each is its agent until it is cancelled."""

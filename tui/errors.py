@@ -218,6 +218,16 @@ class StateInUse(SupervisorError):
         )
 
 
+class NoPlaceForState(SupervisorError):
+    """The folder in which a space would keep its entries cannot be made."""
+
+    def __init__(self) -> None:
+        """Say what to give instead."""
+        super().__init__(
+            "the folder of the realm's state cannot be made; set $XDG_STATE_HOME, or name a file with --store"
+        )
+
+
 class MemberFailed(SupervisorError):
     """A process of a crew ended, or did not report that it is ready. Its last output is the message."""
 

@@ -5,7 +5,8 @@ What an author of a robot needs can be imported from here. From the bottom up:
 `core/` is a robot's state and the rules that change it, without threads and clocks;
 `network/` leads to other processes;
 `author/` is what a page uses, `exchange/` asks and answers;
-`running/` carries out an author's code, `scripts/` are robots made of rules, `lookup/` knows who is where;
+`running/` carries out an author's code, `scripts/` are robots made of rules, `lookup/` knows who is where,
+`space/` keeps the entries that robots share;
 `bundle/` loads a page or a script, `world/` runs it all in virtual time, for tests;
 `agents/` use all of these, and `supervision/` finds and commands them all by name.
 

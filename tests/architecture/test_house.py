@@ -33,6 +33,7 @@ WHERE_EXTRAS_ARE_USED = {
     "scripts": ("vr/scripts/",),
     "wire": ("protocol/dialect/", "protocol/tools/"),
     "machines": ("vr/network/zenoh/",),
+    "postgres": ("vr/space/postgres.py",),
     "testing": ("vr/world/", "testing/"),
 }
 """All other sources need the core alone (decision 0058)."""

@@ -40,6 +40,13 @@ ACTIONS: tuple[Action, ...] = (
         examples=("show arm-1",),
     ),
     Action(
+        usage="space ls [NAME] [KIND]",
+        help="List the spaces, or what is in one: its entries, the oldest first, and its fences.",
+        group=LOOK,
+        run="space_ls",
+        examples=("space ls", "space ls jobs", "space ls jobs Delivery --json"),
+    ),
+    Action(
         usage="stubs NAME [--out FILE]",
         help="Print the interface of a robot as Python, for `Child` in a page, which editors understand.",
         group=LOOK,
@@ -381,6 +388,19 @@ ACTIONS: tuple[Action, ...] = (
         alters=True,
         examples=("apply cell.yaml --dry-run", "apply cell.yaml", "apply cell.yaml --prune --yes --json"),
         guide=("robotree.tui.realm_file.reading",),
+    ),
+    Action(
+        usage="space serve NAME [--store STORE] [--durability CLASS]",
+        help="Run the space in which robots write, read and take entries. STORE: a SQLite file (without it:"
+        " one in the folder of the realm's state), the URL of a PostgreSQL database, or `memory`. CLASS, what"
+        " an answered request survives: `process`, any kill, or `power`, loss of power.",
+        group=PROCESS,
+        where=Where.SHELL,
+        examples=(
+            "space serve jobs",
+            "space serve jobs --durability power",
+            "space serve jobs --store postgresql://db.local/robots",
+        ),
     ),
     # -- the wire (`tui/wire`)
     Action(

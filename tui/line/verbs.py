@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Awaitable, Callable
 from contextlib import AbstractAsyncContextManager, AsyncExitStack
-from math import isfinite
+from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, NoReturn, Protocol, cast
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.address import Role
     from robotree.vr.base.description import FieldSpec, Listing, RobotDescription
     from robotree.vr.base.presence import Held
-    from robotree.vr.base.requests import Level, LoggedLine, Reloaded, State
+    from robotree.vr.base.requests import Level, LoggedLine, Reloaded, SpaceDescribed, State
     from robotree.vr.supervision.fleet import Fleet
 
 CALL_LIMIT = 120.0
@@ -113,6 +113,52 @@ async def ls(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     known = {one.name for one in found}
     found = [*found, *(_unknown(name) for name in hanging if name not in known)]
     return _listed(found, what, doubt or incomplete, {one.name: states.get(one.name, MUTE) for one in found})
+
+
+async def space_ls(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+    """List the spaces, or the entries and fences of one."""
+    name, kind = line.text("NAME"), line.text("KIND")
+    if name:
+        return _contents(await fleet.look_into_space(name, kind, most=SHOWN))
+    spaces = sorted(await fleet.spaces(), key=lambda space: space.address.name)
+    silent = _silent(fleet, "space", [one.address.name for one in spaces])
+    rows: list[tuple[str, ...]] = [("SPACE", "ENTRIES", "TRANSACTIONS", "WAITING", "SURVIVES", "STORE")]
+    for one in spaces:
+        counts = (sum(one.counts.values()), one.transactions, one.waiting)
+        rows.append((one.address.name, *map(str, counts), one.durability, one.store))
+    rows += [(name, *["-"] * 4, MUTE) for name, _, _ in silent]
+    text = wording.columns(rows) if rows[1:] else "no space is running"
+    doubt = SomeSilent(silent) if silent else None
+    return Outcome(
+        [*({"name": one.address.name} | plain(one) for one in spaces), *_mute(silent)], text, doubt
+    )
+
+
+SHOWN = 200
+"""Entries of a space that are listed at most."""
+
+
+def _contents(space: SpaceDescribed) -> Outcome:
+    """Return what is in a space."""
+    parts = [f"{count} {kind}" for kind, count in sorted(space.counts.items())]
+    told = [f"{space.address.name}: {', '.join(parts) or 'empty'} ({space.durability}, {space.store})"]
+    if space.entries:
+        rows: list[tuple[str, ...]] = [("ENTRY", "KIND", "LEASE", "KEY", "FIELDS")]
+        for one in space.entries:
+            fields = " ".join(f"{name}={value!r}" for name, value in one.entry.fields.items())
+            lease = "held" if one.held else _lease(one.term)
+            rows.append((str(one.id), one.entry.kind, lease, one.key or "-", fields))
+        told.append(wording.columns(rows))
+    if space.fences:
+        rows = [("FENCE", "EPOCH", "HOLDER", "LEFT")]
+        rows += [(one.name, str(one.epoch), one.holder or "-", _lease(one.term)) for one in space.fences]
+        told.append(wording.columns(rows))
+    return Outcome(plain(space), "\n\n".join(told))
+
+
+def _lease(seconds: float) -> str:
+    """Return what is left of a lease."""
+    return "-" if not seconds else "for ever" if seconds == inf else f"{seconds:.0f} s"
 
 
 def _unheard(

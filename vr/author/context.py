@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
 
 import msgspec
 
-from robotree.vr.base.requests import Level, State
+from robotree.vr.base.requests import AnyRequest, Level, Reply, State
 
 T = TypeVar("T")
 
@@ -225,6 +225,14 @@ class Activity(Protocol):
 
     def let_go_on(self, part: Any, /) -> None:
         """Let a part go on after the command, as soon as the child has accepted it."""
+        ...
+
+    def ask_space(self, space: str, request: AnyRequest) -> Reply:
+        """Ask a space, and wait for its answer."""
+        ...
+
+    def send_to_space(self, space: str, request: AnyRequest) -> None:
+        """Tell a space something, without waiting. No cancellation point: a command that ends may do so."""
         ...
 
     def cleanup(self, within: float) -> AbstractContextManager[None]:

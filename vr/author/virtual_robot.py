@@ -12,6 +12,7 @@ import msgspec
 from robotree.vr.author.child import Child, Children, Exposed, Slotted
 from robotree.vr.author.fields import Kept, declare
 from robotree.vr.author.robot import HOOKS, OPTIONS, Robot, attributes_of, expect_hooks
+from robotree.vr.author.space import Space
 from robotree.vr.author.usage import used_commands
 from robotree.vr.base.description import SlotSpec, offered
 from robotree.vr.base.units import Unit
@@ -97,6 +98,11 @@ class VirtualRobot(Robot):
                 f"keep the value under another name, such as self._{name}"
             )
         super().__setattr__(name, value)
+
+    @property
+    def space(self) -> Space:
+        """The space of the realm, in which robots write, read and take entries: see `author/space.py`."""
+        return Space()
 
     @property
     def child_slots(self) -> Slots:

@@ -28,28 +28,38 @@ import msgspec
 from robotree.vr.base.errors import Garbled, NoAnswer
 from robotree.vr.base.principal import SCRIPT, Credentials, Principal, principal_of
 from robotree.vr.base.requests import (
+    AcquireFence,
     AnyRequest,
     Call,
     Cancel,
+    CloseTransaction,
     Create,
     Delete,
     Enslave,
+    FindEntries,
     Free,
+    GiveUp,
+    OpenTransaction,
     Release,
     Reload,
     Resume,
     Retract,
+    RollBack,
     SafeStop,
+    WriteEntry,
 )
 
 FRESH = 3.0
 """[s] after which a request that begins something has expired at the latest: longer than a slow way takes,
 and longer than it takes to see that a process hangs, so that an asker who gives up has little to wait."""
 
-BEGINS = (Call, Resume, Enslave, Free, Delete, Create, Reload)
+BEGINS = (
+    *(Call, Resume, Enslave, Free, Delete, Create, Reload),
+    *(WriteEntry, FindEntries, OpenTransaction, CloseTransaction, AcquireFence),
+)
 """Requests that begin something: they must not begin after their asker gave up."""
 
-ENDS = (SafeStop, Cancel, Release, Retract)
+ENDS = (SafeStop, Cancel, Release, Retract, GiveUp, RollBack)
 """Requests that end something: they are carried out however late they come.
 
 All others only ask or prolong. `Detach` is one of these: it lets a motion go on without the one who has begun

@@ -17,6 +17,8 @@ that a caller on the far side of the network catches the same class with the sam
       BundleError     NoSuchFile · BrokenSource · OtherKind · NoPage · ReloadWaits
                       NoVirtualRobot · SeveralVirtualRobots · BrokenScript
       RoleError       NoSuchRole · NoRoles · TooWide
+      SpaceError      NoSpace · SeveralSpaces · SpaceLost · SpaceFull · SpaceUnusable · SpaceDamaged
+                      BadEntry · EntryUnfit · KeyTaken · NoSuchEntry · TransactionOver · FenceHeld · FenceLost
 """
 
 from __future__ import annotations
@@ -644,6 +646,105 @@ class TooWide(RoleError):
     sentence = (
         "role {role}: {limit} {asked:g} is wider than the {own:g} of {whose}; a role can only narrow a limit"
     )
+
+
+# -- the space -------------------------------------------------------------------------------------
+
+
+class SpaceError(VrError):
+    """A space that cannot do what was asked."""
+
+
+class NoSpace(SpaceError):
+    """No space runs in the realm, or none of this name."""
+
+    sentence = "no space {name}runs in this realm; start one: `robotree space serve {example}`"
+
+
+class SeveralSpaces(SpaceError):
+    """Several spaces run in the realm, and none was named."""
+
+    sentence = "several spaces run in this realm ({known}); say which: self.space[{example!r}]"
+
+
+class SpaceLost(SpaceError):
+    """The space ended, or hangs, before it answered."""
+
+    sentence = (
+        "space {space} has ended or hangs and has not answered {request}: nobody knows if that was done; "
+        "look with `robotree space ls` when the space is back, then ask again"
+    )
+
+
+class SpaceFull(SpaceError):
+    """There is no room for what was asked; nothing of it was done."""
+
+    sentence = "space {space} has no room: {reason}; nothing was changed"
+
+
+class SpaceUnusable(SpaceError):
+    """The store of a space cannot be used."""
+
+    sentence = "the space at {where} cannot be used: {reason}"
+
+
+class SpaceDamaged(SpaceError):
+    """What the store of a space has kept cannot be read; it is left as it is."""
+
+    sentence = (
+        "the space at {where} is damaged ({reason}); nothing of it was changed: put a copy back, or move it "
+        "away, and the space begins empty"
+    )
+
+
+class BadEntry(SpaceError):
+    """What a program gave is no entry, or no template."""
+
+    sentence = "{kind} cannot be an entry of a space, or ask for one: {reason}"
+
+
+class EntryUnfit(SpaceError):
+    """An entry does not fit into the class of the program that asked; it is still in the space."""
+
+    sentence = (
+        "an entry of kind {kind} does not fit into this program's class: {reason}; who wrote it has another "
+        "version of the class; the entry is still in the space"
+    )
+
+
+class KeyTaken(SpaceError):
+    """An entry with this key is there."""
+
+    sentence = (
+        "space {space} has an entry with the key {key!r}; take that one first, or write under another key"
+    )
+
+
+class NoSuchEntry(SpaceError):
+    """The entry is there no longer."""
+
+    sentence = "entry {id} is in space {space} no longer: it was taken or cancelled, or its lease has ended"
+
+
+class TransactionOver(SpaceError):
+    """The transaction has ended; nothing of it has changed the space."""
+
+    sentence = (
+        "the transaction in space {space} has ended, and all of it was taken back: {reason}; begin it anew, "
+        "with more time if it needs it: self.space.transaction(within=…)"
+    )
+
+
+class FenceHeld(SpaceError):
+    """Somebody else holds the fence."""
+
+    sentence = "{name} is held by {holder} for {seconds:.3g} s more; wait longer for it, or end {holder}"
+
+
+class FenceLost(SpaceError):
+    """The fence was let go, ran out, or was acquired by somebody else."""
+
+    sentence = "epoch {epoch} of {name} is over, it is at {current}: its time has ended; acquire it again"
 
 
 # -- in words --------------------------------------------------------------------------------------

@@ -19,6 +19,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
     "scripts": ("clips",),
     "wire": ("mcap", "pymavlink", "zstandard"),
     "machines": ("zenoh",),
+    "postgres": ("psycopg",),
     "testing": ("greenlet", "pytest"),
 }
 """The modules of other people that we import, by the extra that brings them."""

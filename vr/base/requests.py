@@ -15,6 +15,7 @@ import msgspec
 
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import CommandSpec, FieldSpec, Listing, RobotDescription, Template
+from robotree.vr.base.entry import Entry
 from robotree.vr.base.errors import Garbled, VrError
 from robotree.vr.base.own_class import OwnClass
 
@@ -256,6 +257,114 @@ class DescribeView(_Message, frozen=True, kw_only=True):
     """Ask a view for its cameras and readings. Answered by `ViewDescribed`."""
 
 
+# -- asked of a space ------------------------------------------------------------------------------
+
+FOR_EVER = math.inf
+"""[s] of a lease that does not end by itself."""
+
+
+class WriteEntry(_Message, frozen=True, kw_only=True):
+    """Put an entry into the space. Answered by `EntryLeased`."""
+
+    entry: Entry
+    term: float = FOR_EVER
+    """[s] asked for; the space may grant less."""
+    key: str = ""
+    """That no other entry may have; empty: it has none."""
+    transaction: str = ""
+    """In which it is done; empty: in none. So in all that follow."""
+
+
+class FindEntries(_Message, frozen=True, kw_only=True):
+    """Read or take entries that match, the oldest first. Answered by `EntriesFound`."""
+
+    kind: str = ""
+    """Name of a class that they must have; empty: any."""
+    fields: dict[str, Any] = {}
+    """Plain values that they must have."""
+    take: bool = False
+    most: int = 1
+    """How many at most."""
+    within: float = 0.0
+    """[s] to wait for the first one."""
+    ask: str = ""
+    """By which it can be given up, see `GiveUp`."""
+    transaction: str = ""
+
+
+class GiveUp(_Message, frozen=True, kw_only=True):
+    """Who asked waits no longer, or cannot use what it got: it is in the space again. Answered by `Done`."""
+
+    ask: str
+
+
+class RenewEntry(_Message, frozen=True, kw_only=True):
+    """Prolong the lease of an entry, or end it. Answered by `EntryLeased`."""
+
+    id: int
+    term: float
+    """[s] from now on; 0: it ends."""
+
+
+class OpenTransaction(_Message, frozen=True, kw_only=True):
+    """Begin a transaction. Answered by `TransactionOpened`."""
+
+    term: float
+    """[s] after which it is taken back, unless it was committed."""
+
+
+class CloseTransaction(_Message, frozen=True, kw_only=True):
+    """Commit a transaction. Answered by `Done`."""
+
+    transaction: str
+
+
+class RollBack(_Message, frozen=True, kw_only=True):
+    """Take a transaction back. Answered by `Done`, also if it is over."""
+
+    transaction: str
+
+
+class AcquireFence(_Message, frozen=True, kw_only=True):
+    """Become the holder of a name, when it is free. Answered by `FenceGranted`."""
+
+    name: str
+    term: float
+    """[s] for which it is held, unless that is renewed."""
+    within: float = 0.0
+    """[s] to wait until it is free."""
+    ask: str = ""
+
+
+class RenewFence(_Message, frozen=True, kw_only=True):
+    """Hold a name for longer, or let it go. Answered by `FenceGranted`."""
+
+    name: str
+    epoch: int
+    term: float
+    """[s] from now on; 0: let it go."""
+
+
+class WatchEntries(_Message, frozen=True, kw_only=True):
+    """Wait until an entry that matches has become visible. Answered by `EntriesCame`."""
+
+    kind: str = ""
+    fields: dict[str, Any] = {}
+    since: int = -1
+    """Number that the answer before gave; -1: only ask for the present one."""
+    within: float = 0.0
+    """[s] to wait."""
+    ask: str = ""
+
+
+class DescribeSpace(_Message, frozen=True, kw_only=True):
+    """Ask what is in the space. Answered by `SpaceDescribed`."""
+
+    kind: str = ""
+    most: int = 0
+    """How many entries, the oldest first."""
+
+
 # -- replies ---------------------------------------------------------------------------------------
 
 
@@ -389,6 +498,83 @@ class Found(_Message, frozen=True, kw_only=True):
     listings: tuple[tuple[Listing, float], ...] = ()
 
 
+class EntryLeased(_Message, frozen=True, kw_only=True):
+    """An entry stays for `term` seconds from now on, on the clock of the space."""
+
+    id: int
+    term: float
+
+
+class EntriesFound(_Message, frozen=True, kw_only=True):
+    """The entries that match, the oldest first; none: the time to wait is over."""
+
+    entries: tuple[tuple[int, Entry], ...] = ()
+
+
+class TransactionOpened(_Message, frozen=True, kw_only=True):
+    """A transaction has begun."""
+
+    transaction: str
+    term: float
+
+
+class FenceGranted(_Message, frozen=True, kw_only=True):
+    """A name is held for `term` seconds from now on; 0: it was let go."""
+
+    epoch: int
+    """Higher than all before it."""
+    term: float
+
+
+class EntriesCame(_Message, frozen=True, kw_only=True):
+    """How many entries have become visible so far."""
+
+    number: int
+    came: bool = False
+    """Whether one that matches may be among those since the number that was asked with."""
+
+
+class KeptEntry(msgspec.Struct, frozen=True):
+    """One entry, for people who look into a space."""
+
+    id: int
+    entry: Entry
+    key: str
+    term: float
+    """[s] that are left of its lease."""
+    held: bool
+    """Whether a transaction holds it."""
+
+
+class KeptFence(msgspec.Struct, frozen=True):
+    """One fence, for people."""
+
+    name: str
+    epoch: int
+    holder: str
+    """Empty: nobody holds it."""
+    term: float
+    """[s] that are left."""
+
+
+class SpaceDescribed(_Message, frozen=True, kw_only=True):
+    """What is in a space."""
+
+    address: Address
+    store: str
+    """Where it keeps its entries, for people, without passwords."""
+    durability: str
+    """What they survive: `memory`, `process` or `power`."""
+    counts: dict[str, int] = {}
+    """Entries by kind."""
+    transactions: int = 0
+    """That are open."""
+    waiting: int = 0
+    """Requests that wait for an entry or a fence."""
+    entries: tuple[KeptEntry, ...] = ()
+    fences: tuple[KeptFence, ...] = ()
+
+
 class Picture(_Message, frozen=True, kw_only=True):
     """One JPEG picture."""
 
@@ -489,11 +675,13 @@ class State(_Message, frozen=True, kw_only=True):
 AnyRequest = (
     Describe | Call | Detach | Cancel | Petition | Retract | Renew | Release | SafeStop | Resume | Enslave
     | Free | Delete | Create | Reload | ReadLog | ReadHistory | DescribeHost | Register | Query | Look
-    | DescribeView
+    | DescribeView | WriteEntry | FindEntries | GiveUp | RenewEntry | OpenTransaction | CloseTransaction
+    | RollBack | AcquireFence | RenewFence | WatchEntries | DescribeSpace
 )  # fmt: skip
 Reply = (
     Described | Accepted | Progress | Returned | Granted | HostDescribed | Reloaded | Logged | History
-    | Registered | Found | Picture | ViewDescribed | Done | Raised
+    | Registered | Found | Picture | ViewDescribed | Done | Raised | EntryLeased | EntriesFound
+    | TransactionOpened | FenceGranted | EntriesCame | SpaceDescribed
 )  # fmt: skip
 Published = LogLines | Listed | Unlisted | State
 

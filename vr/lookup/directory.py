@@ -13,7 +13,15 @@ from collections.abc import Callable
 
 from robotree.vr.base.address import Address, Role, check_name, everyone
 from robotree.vr.base.description import Listing, Template
-from robotree.vr.base.errors import AddressError, Hanging, NoSuchHost, NoSuchRobot, NoSuchView, VrError
+from robotree.vr.base.errors import (
+    AddressError,
+    Hanging,
+    NoSpace,
+    NoSuchHost,
+    NoSuchRobot,
+    NoSuchView,
+    VrError,
+)
 from robotree.vr.base.presence import Undo
 from robotree.vr.base.requests import Found, Listed, Query, Unlisted, decode_event
 from robotree.vr.base.transport import Registration, Transport
@@ -138,6 +146,8 @@ class Directory:
         if not self.present(role, name):
             await self.expect_awake(everyone(role, name))  # who is just coming is there afterwards
         if not (found := self.present(role, name)):
+            if role == "space":
+                raise NoSpace(name=f"{name!r} ", example=name)
             raise _MISSING.get(role, NoSuchRobot)(name=name)
         return next((address for address in found if address in self._union.listings), found[0])
 

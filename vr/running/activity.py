@@ -17,7 +17,7 @@ from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.arguments import check_arguments
 from robotree.vr.base.description import Arguments
 from robotree.vr.base.errors import CommandCancelled, CommandFailed, NoSuchCommand, words_of
-from robotree.vr.base.requests import LONGEST_CLEANUP, Level, Raised, Returned, State
+from robotree.vr.base.requests import LONGEST_CLEANUP, AnyRequest, Level, Raised, Reply, Returned, State
 from robotree.vr.core import events as on
 from robotree.vr.running.child_call import CallManner, ChildCall, call_child
 from robotree.vr.running.feed import Feeds, NoReadingYet
@@ -27,6 +27,7 @@ from robotree.vr.running.page_trace import begin_of
 from robotree.vr.running.process import Worker
 from robotree.vr.running.robot_runtime import RobotRuntime
 from robotree.vr.running.run import Run
+from robotree.vr.running.space_asking import ask_space, tell_space
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -274,6 +275,17 @@ class CommandActivity(Frame):
             while not all(part.at_rest for part in group.parts):
                 worker.waiter.wait(None)
             worker.arm(self)
+
+    # -- the space --------------------------------------------------------------------------------
+
+    @_from_author
+    def ask_space(self, space: str, request: AnyRequest) -> Reply:
+        """Ask a space, and wait for its answer."""
+        return ask_space(self, space, request)
+
+    def send_to_space(self, space: str, request: AnyRequest) -> None:
+        """Tell a space something, without waiting; no cancellation point."""
+        self.keep(lambda: tell_space(self, space, request))
 
     # -- clean-up ---------------------------------------------------------------------------------
 

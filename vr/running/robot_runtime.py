@@ -25,7 +25,7 @@ from robotree.vr.author.fields import SET
 from robotree.vr.author.robot import Robot
 from robotree.vr.author.signature import Command
 from robotree.vr.author.virtual_robot import VirtualRobot, exposures_of, slot_specs
-from robotree.vr.base.address import Address
+from robotree.vr.base.address import Address, everyone
 from robotree.vr.base.arguments import check_arguments
 from robotree.vr.base.description import Arguments, CommandSpec, FieldSpec, offered
 from robotree.vr.base.errors import BadArgument, NoSuchCommand, VrError
@@ -702,6 +702,10 @@ class RobotRuntime:
             number, lowest = ledger.open()
         call = msgspec.structs.replace(call, source=source, number=number, lowest=lowest)
         return call, partial(ledger.numbers.discard, number)
+
+    def spaces(self, name: str) -> list[str]:
+        """Return the keys of the spaces of a name that run; empty: of all."""
+        return self._transport.presence.keys(everyone("space", name or "*"))
 
     def ask(
         self,

@@ -16,19 +16,22 @@ from robotree.vr.base.description import Listing, RobotDescription, Template
 from robotree.vr.base.errors import HostReserved, NoAnswer, NoHost, NoPage, NotVirtual, Unreachable, VrError
 from robotree.vr.base.presence import Held
 from robotree.vr.base.requests import (
+    PATIENCE,
     Call,
+    DescribeSpace,
     HostDescribed,
     LoggedLine,
     LogLines,
     Picture,
     Reloaded,
     Remembered,
+    SpaceDescribed,
     State,
     ViewDescribed,
     decode_event,
 )
 from robotree.vr.base.transport import Registration, Transport
-from robotree.vr.exchange.asking import fresh_key
+from robotree.vr.exchange.asking import ask, fresh_key
 from robotree.vr.exchange.calling import CallOutcome, OnFields, OnProgress, call_and_wait
 from robotree.vr.exchange.client import (
     DEFAULT_DEADLINE,
@@ -128,6 +131,30 @@ class Fleet:
         """
         if not await self._transport.presence.until(everyone(role, name), there=True, within=within):
             await self.directory.resolve(name, role)
+
+    async def spaces(self) -> Sequence[SpaceDescribed]:
+        """Ask all spaces how they are. One that does not answer is left out."""
+        keys = [address.key for address in self.directory.present("space")]
+        return await _all_that_answer(
+            ask(self._transport, key, DescribeSpace(), SpaceDescribed, timeout=GLANCE) for key in keys
+        )
+
+    async def look_into_space(self, name: str, kind: str = "", *, most: int) -> SpaceDescribed:
+        """Ask a space for its oldest entries.
+
+        Args:
+            name: of the space.
+            kind: of the entries; empty: any.
+            most: entries.
+
+        Raises:
+            BadName: it cannot be a name.
+            NoSpace: no living space has it.
+            TransportError: it does not answer.
+        """
+        address = await self.directory.resolve(name, "space")
+        request = DescribeSpace(kind=kind, most=most)
+        return await ask(self._transport, address.key, request, SpaceDescribed, timeout=PATIENCE)
 
     def held(self) -> Sequence[Held]:
         """Return which process holds each agent, as far as this machine knows it."""
