@@ -14,6 +14,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from msgspec import structs
+
 from robotree.tui import exit_codes
 from robotree.tui.errors import ValueRefused
 from robotree.tui.line import values
@@ -40,7 +42,7 @@ def check(line: Line, kinds: Kinds) -> int:
         kinds: that come with robotree.
 
     Returns:
-        The exit code: 0 when nothing was found.
+        The exit code: 0 when nothing was found but warnings.
     """
     from robotree.tui.line.verbs import shipped
     from robotree.vr.bundle import Bundle
@@ -54,10 +56,14 @@ def check(line: Line, kinds: Kinds) -> int:
         )
     bundle = Bundle.read(shipped(path), wanted)
     found = findings(bundle, kinds)
-    rows = [f"{path}:{one.line}: {one.what}: {one.instead}" for one in found]
-    data = [{"file": path, "line": one.line, "what": one.what, "instead": one.instead} for one in found]
+    rows = [f"{path}:{one.line}: {_mark(one)}{one.what}: {one.instead}" for one in found]
+    data = [{"file": path, **structs.asdict(one)} for one in found]
     answer("\n".join(rows) or f"{path}: nothing was found", lambda: data)
-    return exit_codes.REFUSED if found else exit_codes.DONE
+    return exit_codes.REFUSED if any(one.level == "mistake" for one in found) else exit_codes.DONE
+
+
+def _mark(found: Finding) -> str:
+    return "warning: " if found.level == "warning" else ""
 
 
 def findings(bundle: Any, kinds: Kinds) -> list[Finding]:

@@ -37,11 +37,7 @@ PLACES = [
     ("self.names.append('a')", "self.names does not survive"),
     ("time.sleep(1)", "time.sleep holds the robot up"),
     ("rest(1)", "time.sleep holds the robot up"),
-    ("subprocess.run(['ls'])", "subprocess.run may block"),
     ("input('go?')", "input may block"),
-    ("random.choice([1, 2])", "random.choice is another one each time"),
-    ("time.time()", "time.time is another one each time"),
-    ("datetime.now()", "datetime.datetime.now is another one each time"),
     ("self.arm.go_too(x=1)", "arm is of kind Arm, which has no command 'go_too'"),
 ]
 """Lines inside a command, and what is found in them."""
@@ -56,6 +52,80 @@ def found(body: str, mark: str = "@command") -> list[str]:
 def test_a_line_with_a_mistake_is_found(body: str, what: str) -> None:
     (line,) = found(body)
     assert line.startswith(f"15: {what}")
+
+
+NOT_REPEATED = [
+    ("time.time()", "time.time is another one each time", "self.now()"),
+    ("now = datetime.now()", "datetime.datetime.now is another one each time", "self.now()"),
+    ("random.choice([1, 2])", "random.choice is another one each time", "self.random()"),
+    ("import uuid; uuid.uuid4()", "uuid.uuid4 is another one each time", "self.context.key"),
+    ("open('x').close()", "open asks the disk", "have a child's command do it"),
+    ("from pathlib import Path; Path('x').read_text()", "read_text asks the disk", "a setting"),
+    ("import os; os.getenv('HOME')", "os.getenv depends on where the host runs", "a setting"),
+    ("from os import path; path.exists('x')", "os.path.exists asks the disk", "a setting"),
+    (
+        "import threading as t; t.Thread(target=print).start()",
+        "threading.Thread runs beside",
+        "self.together()",
+    ),
+    ("import zmq; zmq.Context()", "zmq.Context asks the network", "have a child's command do it"),
+    ("for one in {1, 2}: print(one)", "a set is gone through in another order", "sorted(…)"),
+    ("print([one for one in {1, 2}])", "a set is gone through in another order", "sorted(…)"),
+    ("for one in set('ab'): print(one)", "a set is gone through in another order", "sorted(…)"),
+]
+"""Lines inside a command that a replay would not repeat, what is said of them, and what is to be written."""
+
+
+def page_with(body: str, head: str = "", name: str = "work") -> str:
+    return f"{head}{HEADER}\n    @command\n    def {name}(self) -> None:\n        {body}\n"
+
+
+@pytest.mark.parametrize(("body", "what", "instead"), NOT_REPEATED, ids=[one[0] for one in NOT_REPEATED])
+def test_a_line_that_a_replay_would_not_repeat_is_a_warning_with_what_to_write(
+    body: str, what: str, instead: str
+) -> None:
+    (one,) = examine(page_with(body), KINDS)
+    assert (one.line, one.level) == (15, "warning")
+    assert one.what.startswith(what)
+    assert instead in one.instead
+
+
+def test_what_blocks_and_would_not_be_repeated_is_both() -> None:
+    levels = [(one.level, one.what) for one in examine(page_with("subprocess.run(['ls'])"), KINDS)]
+    assert [(level, what.partition(",")[0]) for level, what in levels] == [
+        ("mistake", "subprocess.run may block"),
+        ("warning", "subprocess.run runs a program"),
+    ]
+
+
+@pytest.mark.parametrize("name", ["readings", "safe_stop", "resume", "__init__"])
+def test_where_no_command_runs_nothing_is_repeated(name: str) -> None:
+    source = page_with("time.time()").replace("    @command\n", "").replace("work", name)
+    assert not [one for one in examine(source, KINDS) if one.level == "warning"]
+
+
+def test_what_lies_beside_a_page_travels_with_it_and_may_be_read() -> None:
+    head = "import json\nfrom pathlib import Path\nMAP = Path(__file__).with_name('map.json')\n"
+    assert examine(page_with("json.loads(MAP.read_text())", head), KINDS) == []
+    assert examine(page_with("open(MAP).close()", head), KINDS) == []
+    (one,) = examine(page_with("open('map.json').close()", head), KINDS)
+    assert one.level == "warning"
+
+
+def test_a_child_may_have_a_command_of_any_name() -> None:
+    assert examine(page_with("print(self.any.read_text(), self._file.unlink())"), KINDS) == []
+
+
+def test_warnings_are_printed_and_are_no_failure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page = tmp_path / "page.py"
+    page.write_text(page_with("print(time.time())"))
+    assert main(["check", str(page)]) == 0
+    assert f"{page}:15: warning: time.time is another one each time" in capsys.readouterr().out
+    assert main(["check", str(page), "--json"]) == 0
+    (one,) = json.loads(capsys.readouterr().out)
+    assert (one["line"], one["level"]) == (15, "warning")
+    page.write_text(page_with("print(time.time()); time.sleep(1)"))
+    assert main(["check", str(page)]) == 1
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,8 @@
 """Mistakes of a page that can be seen without running a robot: each with its line, and what to write instead.
 
 Read as Python reads it, never run. What is found here is advice: it may be meant. What is never meant is in
-`refused.py`, and a host refuses it; `examine` returns both. Pure.
+`refused.py`, and a host refuses it; what a replay would not repeat is in `replayed.py`: warnings. `examine`
+returns all. Pure.
 """
 
 from __future__ import annotations
@@ -16,23 +17,18 @@ from robotree.vr.base.units import Unit
 from robotree.vr.bundle.child_calls import Kinds, of_children
 from robotree.vr.bundle.reading import Finding, Function, Page, dotted, last, mark, pages_of, used_names
 from robotree.vr.bundle.refused import mistakes
+from robotree.vr.bundle.replayed import called, found_in, of_replay
 from robotree.vr.bundle.syntax import parse
 
 _WAIT = ("holds the robot up", "write self.sleep(seconds): a cancel and a stop end it at once")
 _ASIDE = "call it in a thread (concurrent.futures), and wait with self.sleep until it is done"
 _BLOCK = ("may block", f"no cancel and no stop ends it: {_ASIDE}")
-_CLOCK = ("is another one each time", "write self.now(), which a rehearsal and a replay repeat")
-_CHANCE = ("is another one each time", "write self.random(), which a rehearsal and a replay repeat")
 _DEBUG = ("waits for a keyboard", "a host has none: take it away, and use print, or it in a rehearsal")
 _CALLS = {
     "time.sleep": _WAIT,
     **dict.fromkeys(("breakpoint", "pdb.set_trace", "code.interact"), _DEBUG),
     **dict.fromkeys(("input", "os.system", "os.wait", "select.select", "requests.", "subprocess."), _BLOCK),
     **dict.fromkeys(("socket.", "urllib.request.", "http.client.", "httpx."), _BLOCK),
-    **dict.fromkeys(("time.time", "time.monotonic", "time.perf_counter", "time.time_ns"), _CLOCK),
-    **dict.fromkeys(("datetime.datetime.now", "datetime.datetime.utcnow", "datetime.date.today"), _CLOCK),
-    **dict.fromkeys(("uuid.uuid4", "uuid.uuid1", "os.urandom"), _CHANCE),
-    **dict.fromkeys(("random.", "secrets.", "numpy.random."), _CHANCE),
 }
 """Calls, or with a dot at the end modules, that a page should not use: what is wrong, and what to write."""
 _CHANGES = {
@@ -56,7 +52,9 @@ def examine(source: str, kinds: Kinds) -> list[Finding]:
     """
     tree = parse(source)
     pages = pages_of(tree)
-    found = [*mistakes(source), *_of_calls(tree, _imports(tree)), *_of_units(tree), *_of_defaults(tree)]
+    imported = _imports(tree)
+    found = [*mistakes(source), *_of_calls(tree, imported), *_of_units(tree), *_of_defaults(tree)]
+    found += of_replay(tree, imported)
     used = used_names(tree)
     known = {**kinds, **{name: dict.fromkeys(page.commands) for name, page in pages.items()}}
     for page in pages.values():
@@ -85,13 +83,9 @@ def _of_calls(tree: ast.Module, imported: Mapping[str, str]) -> Iterator[Finding
     for node in ast.walk(tree):
         if not isinstance(node, ast.Call):
             continue
-        first, dot, rest = dotted(node.func).partition(".")
-        if first not in {"input", "breakpoint"} and first not in imported:
-            continue
-        name = f"{imported.get(first, first)}{dot}{rest}"
-        for known, (what, instead) in _CALLS.items():
-            if name == known or (known.endswith(".") and name.startswith(known)):
-                yield Finding(node.lineno, f"{name} {what}", instead)
+        name = called(node, imported)
+        if how := found_in(_CALLS, name):
+            yield Finding(node.lineno, f"{name} {how[0]}", how[1])
 
 
 def _of_units(tree: ast.Module) -> Iterator[Finding]:

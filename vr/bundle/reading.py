@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Collection, Iterator
+from typing import Literal
 
 import msgspec
 
@@ -12,12 +13,13 @@ Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 
 class Finding(msgspec.Struct, frozen=True):
-    """One thing that is probably a mistake."""
+    """One thing that is probably a mistake, or that a page may not mean."""
 
     line: int
     what: str
     instead: str
     """What to write instead, or to do."""
+    level: Literal["mistake", "warning"] = "mistake"
 
 
 class Page:
