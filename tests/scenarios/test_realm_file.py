@@ -7,6 +7,7 @@ import json
 import os
 import signal
 from collections.abc import AsyncIterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from robotree.tui.processes.programs import programs
 from robotree.tui.realm_file.controllers import controllers
 from robotree.vr.base.address import ROLES
 from tests.command_line import within_realm
+from tests.terminal import ENTER, Person
 
 pytestmark = pytest.mark.e2e
 
@@ -127,10 +129,9 @@ class Place:
 
     async def close(self) -> None:
         """End all that was started, whatever became of it."""
-        handles = [os.pidfd_open(pid) for pid in self.processes()]
-        for handle in handles:
-            signal.pidfd_send_signal(handle, signal.SIGKILL)
-            os.close(handle)
+        for pid in self.processes():
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
 
 
 @pytest.fixture
@@ -241,6 +242,39 @@ async def test_what_is_not_in_the_file_ends_only_when_it_is_said_twice(small: Pl
     assert code == exit_codes.DONE, complaints
     assert [step["line"] for step in done["steps"]] == ["delete stranger", "enslave team.mover mover"]
     assert "stranger" not in await small.shape()
+
+
+async def test_a_person_is_asked_before_anything_ends(small: Place) -> None:
+    async with joined(REALM) as fleet:
+        await fleet.create(str(small.folder / "team.py"), "stranger", host="host-2")
+
+    def answered(keys: str, said: str) -> None:
+        person = Person(REALM, "apply", str(small.folder / "small.yaml"), "--prune")
+        person.shows(b"Type yes to go on")
+        person.types(keys, sees=said)
+        person.wait()
+        person.close()
+
+    await asyncio.to_thread(answered, f"no{ENTER}", "nothing was changed")
+    assert "stranger" in await small.shape()
+    await asyncio.to_thread(answered, f"yes{ENTER}", "1 of 1 steps are done")
+    assert "stranger" not in await small.shape()
+
+
+async def test_a_robot_in_a_host_of_its_own_has_one_again(small: Place) -> None:
+    code, _, complaints = await small.line(
+        "create", str(small.folder / "team.py"), "as", "solo", "--own-host"
+    )
+    assert code == exit_codes.DONE, complaints
+    there = await small.shape()
+    await small.line("save", str(small.folder / "saved.yaml"))
+    assert "  solo-host: {only: solo}" in (small.folder / "saved.yaml").read_text()
+    code, _, complaints = await small.apply("nothing.yaml", "--prune", "--yes")
+    assert code == exit_codes.DONE, complaints
+    assert not small.processes()
+    code, _, complaints = await small.apply("saved.yaml")
+    assert code == exit_codes.DONE, complaints
+    assert await small.shape() == there
 
 
 async def test_a_step_that_fails_keeps_back_what_needs_it_and_nothing_else(cell: Place) -> None:

@@ -9,6 +9,7 @@ import asyncio
 import os
 import signal
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, Literal, Protocol
 
 import msgspec
@@ -129,12 +130,13 @@ async def _end(pid: int) -> None:
     program = program_of(pid)
     if program is None or not program.words:
         return
-    process, over, loop = os.pidfd_open(pid), asyncio.Event(), asyncio.get_running_loop()
-    loop.add_reader(process, over.set)  # readable when it has ended
-    try:
-        signal.pidfd_send_signal(process, signal.SIGTERM)
-        async with asyncio.timeout(ENDING):
-            await over.wait()
-    finally:
-        loop.remove_reader(process)
-        os.close(process)
+    with suppress(ProcessLookupError):  # it has ended by itself, as the own host of a robot does
+        process, over, loop = os.pidfd_open(pid), asyncio.Event(), asyncio.get_running_loop()
+        loop.add_reader(process, over.set)  # readable when it has ended
+        try:
+            signal.pidfd_send_signal(process, signal.SIGTERM)
+            async with asyncio.timeout(ENDING):
+                await over.wait()
+        finally:
+            loop.remove_reader(process)
+            os.close(process)

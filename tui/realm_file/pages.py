@@ -1,14 +1,19 @@
-"""The pages that a realm file names, as they lie on the disk: there, and those that it means."""
+"""The pages that a realm file names, as they lie on the disk: there, as it means them, with what it names."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import ast
+from collections.abc import Iterable, Mapping
 
 from robotree.tui.line import values
 from robotree.tui.realm_file.content import RealmFile, RobotEntry, placed
 from robotree.tui.realm_file.plan import Page
 from robotree.vr.base.errors import BrokenScript, BundleError
+from robotree.vr.base.written import suggestion
 from robotree.vr.bundle import Bundle
+from robotree.vr.bundle.reading import ROOT, last
+from robotree.vr.bundle.reading import pages_of as declared
+from robotree.vr.bundle.syntax import parse
 
 DIGITS = 12
 """Of a hash that an error shows."""
@@ -37,8 +42,43 @@ def _page(robot: RobotEntry, wanted: RealmFile) -> Page:
             f"{robot.hash.text[:DIGITS]}…; bring the page that is meant back, or write the new hash"
         )
         raise wanted.error(robot.hash.mark, reason)
+    _expect_names(robot, bundle, wanted)
     role, role_file = _role(robot, wanted)
     return Page(f"{path}:{name}" if name else path, bundle.hash, role, role_file)
+
+
+def _expect_names(robot: RobotEntry, bundle: Bundle, wanted: RealmFile) -> None:
+    """Refuse slots and settings that the page does not have, as far as its text shows.
+
+    Raises:
+        BadRealmFile: it has none of this name.
+    """
+    try:
+        tree = parse(bundle.source)
+    except (SyntaxError, ValueError):  # a script; or the host says what is wrong with the page
+        return
+    classes = {one.name: one for one in tree.body if isinstance(one, ast.ClassDef)}
+    page = next((one for name, one in declared(tree).items() if bundle.wanted in {"", name}), None)
+    if page is None or not _shown_whole(classes[page.name], classes):
+        return
+    for slot, children in robot.slots.items():
+        if slot.partition("[")[0] not in page.slots:
+            mark = children[0].mark if children else robot.mark
+            raise wanted.error(mark, _unknown(page.name, "slot", slot, page.slots))
+    for setting, value in robot.settings.items():
+        if setting not in page.declared:
+            raise wanted.error(value.mark, _unknown(page.name, "setting", setting, page.declared))
+
+
+def _shown_whole(node: ast.ClassDef, classes: Mapping[str, ast.ClassDef]) -> bool:
+    """Whether all that a class inherits stands in its file."""
+    names = [last(base) for base in node.bases]
+    return all(name == ROOT or (name in classes and _shown_whole(classes[name], classes)) for name in names)
+
+
+def _unknown(page: str, what: str, name: str, known: Iterable[str]) -> str:
+    names = sorted(known)
+    return f"{page} has no {what} {name!r}{suggestion(name, names)}; it has: {', '.join(names) or 'none'}"
 
 
 def _role(robot: RobotEntry, wanted: RealmFile) -> tuple[str, str]:

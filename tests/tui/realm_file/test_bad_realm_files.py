@@ -158,6 +158,30 @@ def test_a_page_that_has_changed_since_is_named_with_its_line(tmp_path: Path) ->
     assert before[:12] in str(error)
 
 
+@pytest.mark.parametrize(
+    ("said", "expected"),
+    [
+        ("slots: {amr: a}", "MoveTo has no slot 'amr' (did you mean 'arm'?); it has: arm"),
+        ("settings: {speeed: 1}", "MoveTo has no setting 'speeed'"),
+    ],
+)
+def test_a_slot_or_setting_that_the_page_lacks_is_named_with_its_line(
+    said: str, expected: str, tmp_path: Path
+) -> None:
+    error = refused_page(file_with(tmp_path, f"robots:\n  mover:\n    page: {MOVE_TO}\n    {said}\n"))
+    assert error.number == 4
+    assert expected in str(error)
+
+
+def test_a_page_that_inherits_from_elsewhere_is_not_judged_by_its_text(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(
+        "from robotree.vr.scripts.roles import RolePlayer\nfrom robotree.vr import VirtualRobot\n"
+        "class Mine(RolePlayer, VirtualRobot):\n    pass\n"
+    )
+    path = file_with(tmp_path, "robots:\n  mine:\n    page: mine.py\n    slots: {any: one}\n")
+    assert pages_of(read_file(path.read_text(), str(path)))["mine"]
+
+
 def test_a_child_that_is_neither_in_the_file_nor_in_the_realm_is_named(tmp_path: Path) -> None:
     path = file_with(
         tmp_path,

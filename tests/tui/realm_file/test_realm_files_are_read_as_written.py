@@ -1,0 +1,86 @@
+"""What is written into a realm file is read from it as it was, whatever the texts are."""
+
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as some
+from msgspec import structs
+
+from robotree.tui.realm_file.content import ProcessEntry, RealmFile, RobotEntry
+from robotree.tui.realm_file.reading import read_file
+from robotree.tui.realm_file.writing import write_file
+from robotree.vr.base.written import Mark, Word
+
+NAMES = some.from_regex(r"[A-Za-z0-9][A-Za-z0-9_-]{0,8}", fullmatch=True)
+TEXTS = some.text(
+    some.characters(min_codepoint=32, max_codepoint=0x17F, exclude_characters="\x7f"), max_size=12
+)
+TEXTS = TEXTS.filter(lambda text: not any("\x7f" <= one <= "\x9f" for one in text)) | some.sampled_from(
+    [
+        "yes",
+        "no",
+        "null",
+        "~",
+        "12:30",
+        "0123",
+        "- a",
+        "a: b",
+        "#x",
+        "{a}",
+        "a,b",
+        "'",
+        '"',
+        "%x",
+        "@x",
+        " a ",
+    ]
+)
+WORDS = TEXTS.map(lambda text: Word(text, Mark()))
+KIND, ADDRESS = Word("arm", Mark()), Word("tcp:127.0.0.1:5760", Mark())
+
+
+@some.composite
+def files(draw: some.DrawFn) -> RealmFile:
+    names = draw(some.lists(NAMES, unique=True, min_size=2, max_size=6))
+    robots = [
+        RobotEntry(
+            name=name,
+            page=Word("page.py", Mark()),
+            settings=draw(some.dictionaries(some.sampled_from(["speed", "label", "on"]), WORDS)),
+            slots={"arm": (Word(names[number + 1], Mark()),)},
+        )
+        for number, name in enumerate(names[:-1])
+    ]
+    last = ProcessEntry(verb="proxy", name=names[-1], facets={"kind": KIND, "connect": ADDRESS})
+    hosts = [
+        ProcessEntry(verb="host", name=name) for name in draw(some.lists(NAMES, unique=True, max_size=3))
+    ]
+    return RealmFile(path="cell.yaml", processes=(*hosts, last), robots=tuple(robots))
+
+
+def bare(found: RealmFile) -> RealmFile:
+    """Return a file without its lines and quotes."""
+
+    def word(one: Word) -> Word:
+        return Word(one.text, Mark())
+
+    processes = [
+        structs.replace(one, mark=Mark(), facets={key: word(text) for key, text in one.facets.items()})
+        for one in found.processes
+    ]
+    robots = [
+        structs.replace(
+            one,
+            mark=Mark(),
+            page=word(one.page),
+            settings={key: word(text) for key, text in one.settings.items()},
+            slots={key: tuple(map(word, children)) for key, children in one.slots.items()},
+        )
+        for one in found.robots
+    ]
+    return structs.replace(found, processes=tuple(processes), robots=tuple(robots))
+
+
+@given(files())
+def test_what_is_written_is_read_as_it_was(found: RealmFile) -> None:
+    assert bare(read_file(write_file(found, comments=["by a test"]), "cell.yaml")) == found
