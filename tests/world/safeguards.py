@@ -8,6 +8,8 @@ from collections.abc import Generator
 from dataclasses import dataclass
 from typing import Any
 
+import robotree.vr.network.mesh
+import robotree.vr.network.realms
 import robotree.vr.running.child_call
 from robotree.protocol.messages import Goal, GoalCancel, SetMode, Verb
 from robotree.protocol.services.claim_server import ClaimServer
@@ -24,7 +26,14 @@ from robotree.vr.base.requests import Call
 from robotree.vr.core.bonds import GrantedLease, HeldLease
 from robotree.vr.core.machine import Calls, RobotCore
 from robotree.vr.core.stop import Stop
+from robotree.vr.network.door import Door
+from robotree.vr.network.link import LinkFrame, PeerLink
+from robotree.vr.network.mesh import Mesh
+from robotree.vr.network.readers import Readers
+from robotree.vr.network.rendezvous import Rendezvous
 from robotree.vr.supervision.releases import Releases
+from tests.world import locks
+from tests.world.locks import LOCKS
 
 
 @dataclass(frozen=True)
@@ -55,6 +64,28 @@ _messages_due = DesiredMode.messages_due
 def _only_once(self: DesiredMode, now: float) -> list[SetMode]:
     asked = self._release is None and self._sent_at != -math.inf
     return [] if asked else _messages_due(self, now)
+
+
+def _leave_in_two_steps(self: Readers, announced: int = 0) -> None:
+    with self._counting:
+        self._leaving -= announced
+    _leave(self)
+
+
+def _take_all(self: Mesh, link: PeerLink, frame: LinkFrame) -> None:
+    link.refused = False
+    _take(self, link, frame)
+
+
+def _keep_both(self: Mesh, link: PeerLink) -> Any:
+    return self._peers.get(link.member) or _settle_who_dialed(self, link)
+
+
+def _unproven(written: bytes) -> bytes:
+    return written.partition(b"\n")[2]
+
+
+_leave, _take, _settle_who_dialed = Readers._leave, Mesh._take, Mesh._settle_who_dialed
 
 
 def _every_goal_is_new(
@@ -109,12 +140,32 @@ SAFEGUARDS = {
     ),
     "a stop is asked for again until it is confirmed": (Safeguard(DesiredMode, "messages_due", _only_once),),
     "a call ends with the program that asked for it": (Safeguard(Callers, "attend", lambda *_: None),),
+    "the end of a connection is seen though it comes with data": (
+        Safeguard(robotree.vr.network.mesh, "ENDED", 0),
+    ),
+    "a reader that leaves is counted out at once": (Safeguard(Readers, "_leave", _leave_in_two_steps),),
+    "a process whose files are gone registers again": (Safeguard(Rendezvous, "registered", lambda _: True),),
+    "a process that hangs counts as silent": (Safeguard(Mesh, "_judge", lambda *_: None),),
+    "a process that has slept blames nobody": (Safeguard(robotree.vr.network.mesh, "SLEPT", math.inf),),
+    "a process that wakes says so": (Safeguard(Mesh, "_take_awake", lambda *_: None),),
+    "messages on a refused connection do not count": (Safeguard(Mesh, "_take", _take_all),),
+    "of two that dial each other one gives way": (Safeguard(Mesh, "_settle_who_dialed", _keep_both),),
+    "what was asked of a process that is gone ends": (Safeguard(Mesh, "_give_up", lambda *_: None),),
+    "a list of keys proves that it is whole": (Safeguard(robotree.vr.network.realms, "_proven", _unproven),),
+    "a process that has joined knows all who are there": (
+        Safeguard(Mesh, "_await_greetings", lambda *_: None),
+    ),
+    "descriptors are kept in reserve": (Safeguard(Door, "_fill_reserve", lambda _: None),),
 }
 
 
 @contextlib.contextmanager
 def without(safeguard: str) -> Generator[None]:
-    """Take one safeguard away inside the block."""
+    """Take one safeguard away inside the block, or the lock of `LOCKS`."""
+    if safeguard in LOCKS:
+        with locks.without(safeguard):
+            yield
+        return
     with contextlib.ExitStack() as stack:
         for one in SAFEGUARDS[safeguard]:
             before = getattr(one.place, one.name)

@@ -6,6 +6,7 @@ as one more frame, when the child is idle; else it waits for its turn or for a w
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Mapping
 from typing import Any, Literal
@@ -20,6 +21,7 @@ from robotree.vr.base.errors import (
     CommandCancelled,
     CommandInDoubt,
     DeadlineExceeded,
+    LeaseError,
     NoAnswer,
     Unreachable,
     VrError,
@@ -374,7 +376,8 @@ class ChildCall(Started):
     def withdraw(self, reason: str) -> None:
         """Tell the child that nobody wants the call any more, and why."""
         if self._neighbour is not None:
-            self._neighbour.cancel(self.key, reason, principal=self.frame.runtime.principal)
+            with contextlib.suppress(LeaseError):  # it has just ended
+                self._neighbour.cancel(self.key, reason, principal=self.frame.runtime.principal)
         elif self._sent is not None:
             cancel = Cancel(key=self.key, epoch=self._sent.epoch, reason=reason)
             self.frame.runtime.ask(self.child.key, cancel, _ignore, urgent=True)
@@ -382,7 +385,8 @@ class ChildCall(Started):
     def let_go(self) -> None:
         """Have the child go on when the command that called it has ended."""
         if self._neighbour is not None:
-            self._neighbour.detach(self.key, principal=self.frame.runtime.principal)
+            with contextlib.suppress(LeaseError):  # as above
+                self._neighbour.detach(self.key, principal=self.frame.runtime.principal)
         elif self._sent is not None:
             self.frame.runtime.ask(self.child.key, Detach(key=self.key, epoch=self._sent.epoch), _ignore)
 

@@ -109,6 +109,8 @@ class VirtualLoop(base_events.BaseEventLoop):
         self._queue: deque[asyncio.Handle] = self._ready  # type: ignore[attr-defined] # where asyncio has them
         self._chosen = False
         """Whether the runner knows that there is something to do, or it is being done."""
+        self._busy = False
+        """Whether something is being done in its turn that was not chosen for it (`add`); it may wait."""
         self._done = runner.waiter()
         """In which `run_forever` waits for its end."""
 
@@ -134,7 +136,7 @@ class VirtualLoop(base_events.BaseEventLoop):
 
     def switch(self) -> None:
         """Do what is to be done now. Called by the runner."""
-        if self._thread_id is None:
+        if self._thread_id is None or self._busy:
             self._chosen = False
             return
         queue: deque[Any] = self._queue
@@ -172,13 +174,19 @@ class VirtualLoop(base_events.BaseEventLoop):
 
     def add(self, handle: asyncio.Handle) -> None:
         """Do something, as the last thing of an action of the runner: now, if nothing else is to be done."""
-        if self._chosen or self._thread_id is None or not self.world.yield_to(self):
+        if self._chosen or self._busy or self._thread_id is None or not self.world.yield_to(self):
             self._queue.append(handle)
             self._be_chosen()
             return
-        self._do(handle)
+        self._busy = True
+        try:
+            self._do(handle)
+        finally:
+            self._busy = False
         if self._stopping:
             self._done.wake()
+        elif self._queue:
+            self._be_chosen()
 
     def take(self, callback: Callable[..., object], *args: Any) -> None:
         """Do what the network brings; see `add`."""
