@@ -1,8 +1,8 @@
 """Stories of one host: parents and children on it, groups and clean-up, two operators, and a slow disk.
 
-A story lasts 17.5 s. Until 9 s the operators call, cancel, stop, release, bind anew, reload and delete; one
+A story lasts 14 s. Until 7.5 s the operators call, cancel, stop, release, bind anew, reload and delete; one
 of them is killed at times. Threads lose the processor where the seed has it so. Then all is healed, and at
-14 s a call through the whole tree must succeed.
+12 s a call through the whole tree must succeed.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from tests.world.laws import network_is_whole
 from tests.world.pages import DETACHED, SOURCE
 from tests.world.points import at_every_statement
 
-LENGTH, BUILT, CALM, PROBE = 17.5, 2.5, 9.0, 14.0
+LENGTH, BUILT, CALM, PROBE = 14.0, 1.5, 7.5, 12.0
 """[s] of a story; from when on operators call; from when on nothing goes wrong; when all must be whole."""
 DEADLINE = 4.0
 """[s] of a call."""
@@ -137,14 +137,14 @@ class HostStory:
         pages.on_note = self._note
         for name in ("lookup-1", "host-1", *OPERATORS):
             self.start(name)
-        at(1.0, lambda: self._as_operator(self._build(), "build"))
+        at(0.4, lambda: self._as_operator(self._build(), "build"))
         at(BUILT, lambda: setattr(preemption, "share", share))
         for _ in range(24):
-            rush = chance.choice([3.0, 4.0, 5.0, 6.0, 7.0])
+            rush = chance.choice([2.0, 3.0, 4.0, 5.0, 6.0])
             at(rush + chance.choice([0.0, 0.0, chance.random()]), self._call)
         for _ in range(chance.randrange(2, 7)):
             at(
-                chance.choice([3.0, 5.0, 6.0]) + chance.choice([0.01, chance.random()]),
+                chance.choice([2.0, 4.0, 5.0]) + chance.choice([0.01, chance.random()]),
                 chance.choice(self._deeds()),
             )
         at(CALM, lambda: setattr(preemption, "share", 0.0))

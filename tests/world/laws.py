@@ -21,7 +21,8 @@ def network_is_whole(processes: Iterable[MachineProcess]) -> Iterator[str]:
     held = sorted({key for mesh in meshes.values() for key in mesh._known[Topic.HOLDS]})
     for process in alive:
         mesh = process.transport.mesh
-        for wrong in (*_sees_otherwise(mesh, set(meshes), held), *_leaks(process, len(alive))):
+        sees = (*_sees_otherwise(mesh, set(meshes), held), *_knows_otherwise(mesh, meshes))
+        for wrong in (*sees, *_leaks(process, len(alive))):
             yield f"{process.name} {wrong}"
 
 
@@ -38,6 +39,18 @@ def _sees_otherwise(mesh: Mesh, tags: set[str], held: list[str]) -> Iterator[str
         yield f"finds others late: {late}"
     if waiting := [number for peer in mesh._peers.values() for number in peer.exchanges]:
         yield f"still waits for the replies to {len(waiting)} requests"
+
+
+def _knows_otherwise(mesh: Mesh, meshes: dict[str, Mesh]) -> Iterator[str]:
+    """Each knows what the others serve, are present under, and want to hear."""
+    for tag, peer in mesh._peers.items():
+        for topic, keys in peer.known.items():
+            there = set(meshes[tag]._known[topic]) if tag in meshes else set()
+            if keys != there:
+                yield f"knows of {tag} under {topic.name} {sorted(keys)}, and there is {sorted(there)}"
+    served = {key: tag for tag, peer in mesh._peers.items() for key in peer.known[Topic.SERVES]}
+    if {key: peer.tag for key, peer in mesh._where.items()} != served:
+        yield "would send requests elsewhere than they are served"
 
 
 def _leaks(process: MachineProcess, members: int) -> Iterator[str]:

@@ -12,13 +12,14 @@ import asyncio
 import contextlib
 import random
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from types import ModuleType
 from typing import Any
 
 from robotree.vr.base.errors import VrError
-from robotree.vr.base.transport import Occupied, Respond, on_loop
+from robotree.vr.base.transport import Incoming, Occupied, Respond
+from robotree.vr.network.mesh import Mesh
 from robotree.vr.world.kernel import MOST_DESCRIPTORS, STANDARD, Trouble
 from robotree.vr.world.machine_sockets import SimulatedSocket
 from robotree.vr.world.machine_world import REALM, ROOT, MachineProcess, MachineWorld
@@ -33,6 +34,14 @@ TIMEOUT = 1.0
 """[s] for a request."""
 ENDS = 6.0
 """[s] after which each request has ended: its time, and that of a process that hangs."""
+QUIET = 4.0
+"""[s] without a fault after which two members see each other as they are."""
+SILENT = 3.2
+"""[s] after which a frozen member counts as silent: `mesh.HANGS`, two ticks, and how late threads wake."""
+AT_CALLS, AT_STATEMENTS = (0.0, 0.01, 0.3), (0.0, 0.001)
+"""[s] that a thread waits at most which has lost the processor at a call, or between any two statements."""
+SEEN = 0.12
+"""[s] after which one that was frozen and goes on is seen again: less than half a tick."""
 FOLDER = ROOT / REALM
 
 
@@ -42,6 +51,7 @@ class Member:
     def __init__(self, story: MeshStory, name: str, life: int) -> None:
         self.story, self.name = story, name
         self.key = f"robot/{name}/{life}"
+        self.began = story.world.runner.now()
         self.orders = Counter[str]()
         """The number of the last request of each asker, in each of its ways."""
         self.samples = Counter[str]()
@@ -49,6 +59,7 @@ class Member:
         self.seen: dict[str, bool] = {}
         """What it was told of presence."""
         self.numbers = Counter[str]()
+        self.chance = random.Random(f"{story.world.seed} {self.key}")
         self.leaves = asyncio.Event()
         self.left = False
         self.process: Any = None
@@ -56,7 +67,10 @@ class Member:
     async def main(self, process: SimulatedProcess) -> None:
         assert isinstance(process, MachineProcess)
         transport = self.transport = process.transport
-        await transport.serve(self.key, on_loop(self.answer))
+        missing = set(self.story.undisturbed_keys()) - set(transport.presence.keys("robot/*/*"))
+        if missing and self.story.last_fault < self.began:
+            self.story.complain(f"{self.name} has joined and does not know {sorted(missing)}")
+        await transport.serve(self.key, self.take)
         await transport.subscribe("robot/*/*/state", self.hear)
         transport.presence.watch("**", self.see)
         await transport.announce(self.key)
@@ -68,21 +82,27 @@ class Member:
     def ready(self) -> bool:
         return self.process.alive and self.process.joined and not self.leaves.is_set()
 
-    def answer(self, body: bytes, respond: Respond) -> Any:
-        way, _, number = body.decode().partition(" ")
-        if int(number) <= self.orders[way]:
+    def take(self, incoming: Incoming) -> None:
+        """A request comes: it is answered here, or by the thread that reads while others read, or on the loop."""
+        way, _, text = incoming.body.decode().partition(" ")
+        number = int(text)
+        if number <= self.orders[way]:
             self.story.complain(f"{self.name} gets request {number} of {way} after {self.orders[way]}")
-        self.orders[way] = int(number)
-        if int(number) % 3:
-            respond(body)
-            return None
+        self.orders[way] = number
+        if self.chance.random() < 0.3:
+            incoming.answer_on_loop(self.answer)
+        elif self.chance.random() < 0.3 or not self.transport.after_reading(partial(self.work, incoming)):
+            incoming.end(incoming.body)
 
-        async def later() -> None:
-            respond(b"progress")
-            await asyncio.sleep(0.05 * (int(number) % 5))
-            respond(body)
+    def work(self, incoming: Incoming) -> bool:
+        self.process.runner.waiter().wait(self.chance.choice([0.0, 0.01, 0.1]))
+        incoming.end(incoming.body)
+        return self.process.alive
 
-        return later()
+    async def answer(self, body: bytes, respond: Respond) -> None:
+        respond(b"progress")
+        await asyncio.sleep(self.chance.choice([0.0, 0.05, 0.2]))
+        respond(body)
 
     def hear(self, key: str, body: bytes) -> None:
         if int(body) <= self.samples[key]:
@@ -93,6 +113,9 @@ class Member:
         if self.seen.get(key, False) == there:
             self.story.complain(f"{self.name} is told twice that {key} is {there}")
         self.seen[key] = there
+        holder = self.story.members[key.split("/")[1]] if key.startswith("robot/") else None
+        if holder is not None and not there and self.story.quiet(self) and self.story.quiet(holder):
+            self.story.complain(f"{self.name} is told that {key} is gone, and nothing has happened to it")
 
     def next(self, way: str) -> int:
         self.numbers[way] += 1
@@ -102,14 +125,24 @@ class Member:
 class MeshStory:
     """What happens to one mesh, and the laws that it must keep."""
 
-    def __init__(self, seed: int, world: MachineWorld) -> None:
+    def __init__(self, seed: int, world: MachineWorld, *, starve: Sequence[float]) -> None:
         self.world, self.chance = world, random.Random(f"{seed} mesh")
+        self._starve = self.chance.choice(starve)
         self.broken: list[str] = []
         self.members: dict[str, Member] = {}
         self.open: dict[str, float] = {}
         """Requests that have not ended, and when they must have [s]."""
         self.answered = self.asked = self.faults = self.probes = 0
         self._lives = 0
+        self._over = False
+        self._disturbed: dict[str, float] = {}
+        """When something happened to a member last."""
+        self._all_disturbed = -QUIET
+        """When something happened that touches all of them."""
+        self._all_slept = -QUIET
+        """When all were frozen last, or went on."""
+        self.last_fault = -QUIET
+        """When something happened last, or was over."""
         self._wounds: list[Callable[[], None]] = []
 
     # -- what happens -----------------------------------------------------------------------------
@@ -118,7 +151,7 @@ class MeshStory:
         world, chance = self.world, self.chance
         at, preemption = world.runner.at, world.runner.preemption
         preemption.share = chance.choice([0.0, 0.01, 0.05, 0.2])
-        preemption.starve = chance.choice([0.0, 0.01, 0.3])
+        preemption.starve = self._starve
         world.machine.trouble = Trouble(
             split=chance.choice([0.0, 0.1, 0.5]),
             small=chance.choice([0.0, 0.0, 0.3]),
@@ -144,8 +177,27 @@ class MeshStory:
             return
         self._lives += 1
         member = self.members[name] = Member(self, name, self._lives)
+        self._disturb(member)
         member.process = self.world.start(name, member.main)
         member.process.on_exit.append(lambda: self._after(self.chance.uniform(0.1, 1.0), self.start, name))
+
+    def _disturb(self, *members: Member) -> None:
+        """Something happens to members; none: to all."""
+        now = self.world.runner.now()
+        self._disturbed.update(dict.fromkeys((one.name for one in members), now))
+        if not members:
+            self._all_disturbed = now
+
+    def quiet(self, member: Member) -> bool:
+        """Whether nothing has happened to a member for some time, and nobody loses the processor for long."""
+        if self._starve > SEEN:
+            return False
+        since = max(self._all_disturbed, self._disturbed.get(member.name, -QUIET))
+        return self.world.runner.now() - since >= QUIET
+
+    def undisturbed_keys(self) -> list[str]:
+        """Return the keys of the members that everybody who joins must know."""
+        return [one.key for one in self._ready() if self.quiet(one)]
 
     def complain(self, law: str) -> None:
         self.broken.append(f"{self.world.runner.now():.3f}: {law}")
@@ -164,6 +216,7 @@ class MeshStory:
             *[self._ask_in_a_thread] * 4,
             *[self._publish] * 3,
             self._announce,
+            self._subscribe_in_a_thread,
             self._rival,
         ]
 
@@ -221,6 +274,8 @@ class MeshStory:
             self._end(body, replies)
 
     def _end(self, body: bytes, replies: Iterable[bytes | None]) -> None:
+        if self._over:  # the end of the world ends what is left
+            return
         if self.open.pop(body.decode(), None) is None:
             self.complain(f"request {body!r} ends twice")
         if (got := list(replies)) not in (
@@ -250,6 +305,18 @@ class MeshStory:
         registration = await one.transport.announce(key)
         await asyncio.sleep(seconds)
         await registration.close()
+
+    def _subscribe_in_a_thread(self) -> None:
+        for one in self._pair():
+            mesh, pattern = one.transport.mesh, f"robot/*/{self.chance.randrange(3)}/extra"
+            runner, seconds = one.process.runner, self.chance.choice([0.0, 0.0, 0.5])
+
+            def work(mesh: Mesh = mesh, pattern: str = pattern, runner: Any = runner) -> None:
+                number = mesh.subscribe(pattern, lambda _key, _body: None)
+                runner.waiter().wait(seconds)
+                mesh.unsubscribe(number)
+
+            runner.spawn(work, "subscriber")
 
     def _rival(self) -> None:
         """Two take one name at the same time; of two that see each other at most one has it."""
@@ -281,6 +348,7 @@ class MeshStory:
             self._kill,
             self._pause,
             self._pause,
+            self._pause_all,
             self._leave,
             self._reset,
             self._stall,
@@ -292,6 +360,7 @@ class MeshStory:
 
     def _fault(self, fault: Callable[[], None]) -> None:
         self.faults += 1
+        self.last_fault = self.world.runner.now()
         self.world.note("story", fault.__name__)
         fault()
 
@@ -299,24 +368,80 @@ class MeshStory:
         return self.chance.choice(list(self.members.values()))
 
     def _for(self, seconds: float, heal: Callable[[], object]) -> None:
-        self._wounds.append(heal)  # type: ignore[arg-type] # what it returns is not looked at
-        self._after(seconds, heal)
+        def over() -> None:
+            heal()
+            self.last_fault = self.world.runner.now()
+
+        self._wounds.append(over)
+        self._after(seconds, over)
 
     def _kill(self) -> None:
-        self._victim().process.kill()
+        victim = self._victim()
+        self._disturb(victim)
+        victim.process.kill()
 
     def _pause(self) -> None:
-        process = self._victim().process
-        process.pause()
-        self._for(self.chance.uniform(0.1, 4.0), process.resume)
+        victim, seconds = self._victim(), self.chance.uniform(0.1, 5.0)
+        self._disturb(victim)
+        victim.process.pause()
+        began = self.world.runner.now()
+
+        def wake() -> None:
+            process, now = victim.process, self.world.runner.now()
+            if process.alive and process.runner.halted and now - began > SILENT:
+                observers = self._undisturbed_since(began)
+                self._expect_silent(victim, observers)
+                self._after(SEEN, self._expect_awake, victim, observers, now)
+            self._disturb(victim)
+            process.resume()
+
+        self._for(seconds, wake)
+
+    def _undisturbed_since(self, moment: float) -> list[Member]:
+        """Return the members that are there and to which nothing has happened since [s]."""
+        if max(self._all_disturbed, self._all_slept) >= moment:
+            return []
+        return [one for one in self._ready() if self._disturbed[one.name] < moment]
+
+    def _expect_silent(self, victim: Member, observers: list[Member]) -> None:
+        for one in observers:
+            if victim.key in one.transport.presence.keys("robot/*/*"):
+                self.complain(f"{one.name} takes {victim.name} for awake, which is frozen")
+
+    def _expect_awake(self, victim: Member, observers: list[Member], since: float) -> None:
+        """A member that goes on is seen at once; who loses the processor for long may be late."""
+        if self._starve > SEEN or not victim.ready or self.last_fault > since:
+            return
+        for one in set(observers) & set(self._undisturbed_since(since - SILENT)):
+            if victim.key not in one.transport.presence.keys("robot/*/*"):
+                self.complain(f"{one.name} does not see that {victim.name} goes on")
+
+    def _pause_all(self) -> None:
+        """As a virtual machine does that is stopped: nobody has gone when it goes on."""
+        members = list(self.members.values())
+        began = self._all_slept = self.world.runner.now()
+        for one in members:
+            one.process.pause()
+
+        def wake() -> None:
+            self._all_slept = self.world.runner.now()
+            slept = self._all_slept - began  # nobody could mend anything meanwhile
+            self._all_disturbed += slept
+            self._disturbed = {name: when + slept for name, when in self._disturbed.items()}
+            for one in members:
+                one.process.resume()
+
+        self._for(self.chance.uniform(2.0, 4.0), wake)
 
     def _leave(self) -> None:
         victim = self._victim()
+        self._disturb(victim)
         if victim.ready:
             victim.process.loop.call_soon_threadsafe(victim.leaves.set)
 
     def _links(self) -> list[SimulatedSocket]:
         one, other = self.chance.sample(list(self.members.values()), 2)
+        self._disturb(one, other)
         return self.world.machine.links_between(one.process.runner, other.process.runner)
 
     def _reset(self) -> None:
@@ -327,22 +452,27 @@ class MeshStory:
     def _stall(self) -> None:
         for end in self._links():
             end.stalled = True
+            self._disturb()
             self._for(self.chance.uniform(0.2, 3.0), end.go_on)
 
     def _lose_folder(self) -> None:
+        self._disturb()
         self.world.machine.lose_folder(FOLDER)
 
     def _lose_file(self) -> None:
+        self._disturb()
         entries = self.world.machine.folders.get(str(FOLDER), {})
         if entries:
             del entries[self.chance.choice(sorted(entries))]
 
     def _fill_disk(self) -> None:
         machine = self.world.machine
+        self._disturb()
         machine.disk_full = True
         self._for(self.chance.uniform(0.2, 2.0), lambda: setattr(machine, "disk_full", False))
 
     def _take_descriptors(self) -> None:
+        self._disturb()
         system = self._victim().process.system
         system.most_descriptors = len(system.descriptors) + STANDARD + 2
         self._for(
@@ -372,6 +502,7 @@ class MeshStory:
         self.probes += self.answered > before
 
     def _check(self) -> None:
+        self._over = True
         for text, latest in self.open.items():
             if latest < self.world.runner.now():
                 self.complain(f"request {text} never ends")
@@ -407,7 +538,7 @@ def play(seed: int, among: tuple[ModuleType, ...] = ()) -> tuple[str, MeshStory]
         The digest of its trace, and the story.
     """
     with MachineWorld(seed) as world, at_every_statement(among, world.runner.point):
-        story = MeshStory(seed, world)
+        story = MeshStory(seed, world, starve=AT_STATEMENTS if among else AT_CALLS)
         try:
             story.tell()
         except Exception as error:  # noqa: BLE001 # a fault of the program, which the seed has found

@@ -54,7 +54,7 @@ class Wheel(VirtualRobot):
     @command
     def hang(self, ticket: float, seconds: float) -> float:
         """Wait in a call that nothing interrupts."""
-        block(20 * seconds)
+        block(15 * seconds)
         return ticket
 
     @command(effect="read")

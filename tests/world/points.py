@@ -10,6 +10,7 @@ import ast
 import contextlib
 import inspect
 from collections.abc import Callable, Generator, Iterator
+from functools import cache
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
@@ -47,6 +48,14 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
             yield from _codes(constant)
 
 
+@cache
+def _pointed(module: ModuleType) -> dict[tuple[str, int], CodeType]:
+    """Return the code of a module with its points, by name and line."""
+    tree = _Pointed().visit(ast.parse(inspect.getsource(module)))
+    whole = compile(tree, module.__file__ or "", "exec", flags=0, dont_inherit=True)
+    return {(code.co_name, code.co_firstlineno): code for code in _codes(whole)}
+
+
 def _functions(module: ModuleType) -> Iterator[FunctionType]:
     for one in vars(module).values():
         if inspect.isclass(one) and one.__module__ == module.__name__:
@@ -64,9 +73,7 @@ def at_every_statement(modules: tuple[ModuleType, ...], point: Callable[[], obje
     """Call `point` before every statement of the functions of some modules inside the block."""
     with contextlib.ExitStack() as stack:
         for module in modules:
-            tree = _Pointed().visit(ast.parse(inspect.getsource(module)))
-            whole = compile(tree, module.__file__ or "", "exec", flags=0, dont_inherit=True)
-            pointed = {(code.co_name, code.co_firstlineno): code for code in _codes(whole)}
+            pointed = _pointed(module)
             vars(module)[_NAME] = point
             stack.callback(vars(module).pop, _NAME)
             for function in _functions(module):

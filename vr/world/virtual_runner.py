@@ -109,7 +109,7 @@ class VirtualRunner:
         self.switches = 0
         """How often the runner has let a greenlet run."""
         self.preemption = Preemption(seed)
-        self._struck: dict[greenlet, type[BaseException]] = {}
+        self.struck: dict[greenlet, type[BaseException]] = {}
         """What is to be raised in threads at their next points."""
         self.holding: dict[greenlet, VirtualLock] = {}
         """The locks for moments (`lock`) that are held."""
@@ -175,7 +175,7 @@ class VirtualRunner:
             raise error
         for one in self._all:
             if id(one) == thread:
-                self._struck[one] = error
+                self.struck[one] = error
                 if one.toils is not None:
                     one.toils.wake()
                 return True
@@ -191,7 +191,7 @@ class VirtualRunner:
         share = self.preemption.share
         if share and self.preemption.random() < share:
             self.preempt()
-        if self._struck and (error := self._struck.pop(getcurrent(), None)) is not None:
+        if self.struck and (error := self.struck.pop(getcurrent(), None)) is not None:
             raise error
 
     def preempt(self) -> None:
@@ -214,7 +214,7 @@ class VirtualRunner:
         if isinstance(me, _Fiber):
             me.toils = waiter
             try:
-                if me not in self._struck:
+                if me not in self.struck:
                     waiter.wait(seconds)
             finally:
                 me.toils = None
@@ -517,7 +517,8 @@ class VirtualLock:
 
     def acquire(self, blocking: bool = True) -> bool:  # noqa: FBT001, FBT002 # as `threading.Lock`
         runner, me = self.runner, getcurrent()
-        runner.point()
+        if runner.preemption.share or runner.struck:  # else nothing happens at this point
+            runner.point()
         if self.holder is me and self._again:
             self._depth += 1
             return True
@@ -545,7 +546,9 @@ class VirtualLock:
         self.holder = None
         while self._waiting:
             self._waiting.popleft().wake()
-        self.runner.point()
+        runner = self.runner
+        if runner.preemption.share or runner.struck:
+            runner.point()
 
     def locked(self) -> bool:
         """Whether somebody holds it."""

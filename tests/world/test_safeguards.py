@@ -1,0 +1,88 @@
+"""Each safeguard and each lock is needed: without it a known seed breaks a law, or a test elsewhere fails.
+
+`python bench/world.py safeguards` finds the seeds anew after a change of the stories.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.world.families import FAMILIES
+from tests.world.locks import LOCKS
+from tests.world.safeguards import SAFEGUARDS, without
+from tests.world.taken_away import VARIABLE
+
+ROOT = Path(__file__).resolve().parents[2]
+CAUGHT = {
+    "a parent counts a lease from when it asked for it": ("realm", 0),
+    "a controller stops when its commander is not heard": ("realm", 0),
+    "a child refuses a call under another lease than the one in force": ("realm", 1),
+    "a call that comes twice is carried out once": ("realm", 1),
+    "a controller refuses an epoch older than one that it obeyed": ("realm", 2),
+    "a controller carries a goal out once": ("realm", 2),
+    "a release names the stop that it ends": ("realm", 3),
+    "a call ends with the program that asked for it": ("realm", 5),
+    "a child's command ends by the deadline of its parent's": ("realm", 10),
+    "a release ends the stops that were known when it was asked for": ("realm", 24),
+    "the end of a connection is seen though it comes with data": ("mesh", 2),
+    "a process whose files are gone registers again": ("mesh", 1),
+    "a process that hangs counts as silent": ("mesh at statements", 4),
+    "a process that has slept blames nobody": ("mesh at statements", 4),
+    "a process that wakes says so": ("mesh at statements", 4),
+    "of two that dial each other one gives way": ("mesh", 2),
+    "what was asked of a process that is gone ends": ("mesh", 22),
+    "a process that has joined knows all who are there": ("mesh", 5),
+    "descriptors are kept in reserve": ("mesh", 4),
+    "the queues of a connection": ("mesh", 24),
+    "the one who reads": ("mesh", 0),
+}
+"""The family and the seed of a story that breaks a law without a safeguard or a lock."""
+ELSEWHERE = {
+    "a proxy refuses an epoch older than one that it obeyed": "world/test_rival.py",
+    "a controller obeys the holder of its claim only": "machines/test_claim_machine.py",
+    "a call that its caller has given up is never begun": "machines/test_core_machine.py",
+    "a cancel that comes before its call is remembered": "vr/core/test_agent_commands.py",
+    "a stopped robot begins nothing": "vr/core/test_stops.py",
+    "a child ends a lease that is not renewed": "vr/core/test_lease.py",
+    "a request is void some time after it was asked": "vr/core/test_envelope.py",
+    "a controller ends a goal whose time is over": "protocol/test_goals.py",
+    "a controller refuses what was asked of an earlier life of it": "protocol/test_goals.py",
+    "a controller refuses goals of a proxy that does not hold it any more": "protocol/test_fence.py",
+    "a stop is asked for again until it is confirmed": "proxy/test_desired_mode.py",
+    "messages on a refused connection do not count": "vr/network/test_rendezvous.py",
+    "a list of keys proves that it is whole": "vr/network/test_rendezvous.py",
+}
+"""Under `tests`: the file in which a test fails without a safeguard for which no seed is known."""
+
+
+@pytest.mark.parametrize("safeguard", CAUGHT)
+def test_without_a_safeguard_its_seed_breaks_a_law(safeguard: str) -> None:
+    family, seed = CAUGHT[safeguard]
+    assert FAMILIES[family](seed)[1] == []
+    with without(safeguard):
+        assert FAMILIES[family](seed)[1]
+
+
+def test_each_safeguard_has_a_seed_or_a_test_elsewhere() -> None:
+    assert sorted([*CAUGHT, *ELSEWHERE]) == sorted([*SAFEGUARDS, *LOCKS])
+    assert all((ROOT / "tests" / file).is_file() for file in ELSEWHERE.values())
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("safeguard", ELSEWHERE)
+def test_without_a_safeguard_its_test_fails(safeguard: str) -> None:
+    words = ["-q", "-x", "-p", "tests.world.taken_away", "-p", "no:cacheprovider"]
+    run = subprocess.run(
+        [sys.executable, "-m", "pytest", *words, f"tests/{ELSEWHERE[safeguard]}"],
+        cwd=ROOT,
+        env={**os.environ, VARIABLE: safeguard},
+        capture_output=True,
+        text=True,
+    )
+    assert run.returncode == pytest.ExitCode.TESTS_FAILED, run.stdout
