@@ -393,7 +393,11 @@ class RobotRuntime:
 
     def _carry_out_other(self, effect: CoreEffect) -> None:
         if isinstance(effect, Interrupt):
-            self._run_of(effect.key).end(effect.cause.revive(), final=effect.final)
+            with self._lock:  # it may have ended since the effect was decided
+                live = effect.key in self.core.state.calls.live
+                run = self._run_of(effect.key) if live else None
+            if run is not None:
+                run.end(effect.cause.revive(), final=effect.final)
         else:
             if isinstance(effect, on.ChildGone):
                 self._tell_gone(effect.slot)

@@ -119,6 +119,39 @@ async def test_code_that_changes_its_arguments_changes_nothing_of_the_state(real
     assert seen == [True]
 
 
+class Napper(VirtualRobot):
+    """Sleeps."""
+
+    @command
+    def nap(self) -> None:
+        self.sleep(0.5)
+
+
+async def test_an_interruption_that_is_written_down_when_its_call_has_ended_leaves_nothing(
+    realm: Any,
+) -> None:
+    class SlowForCancels(Book):
+        def commit(self, number: int) -> None:
+            if isinstance(self.events[number - 1], on.CancelAsked):
+                realm.runner.waiter().wait(1.0)
+            super().commit(number)
+
+    page = await realm.start(Napper("page"), process=Process(realm.runner, SlowForCancels()))
+    napping = asyncio.ensure_future(realm.client(page).call("nap", {}))
+    await realm.until(lambda: page.runtime.runs)
+    (key,) = page.runtime.runs
+    cancelled: list[bool] = []
+
+    def cancel() -> None:
+        page.runtime.cancel(key, "it is late")
+        cancelled.append(True)
+
+    realm.runner.spawn(cancel, "who cancels")
+    await napping
+    await realm.until(lambda: cancelled)
+    assert page.runtime.runs == {}
+
+
 # -- a wait for somebody else ----------------------------------------------------------------------
 
 
