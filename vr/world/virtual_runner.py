@@ -172,6 +172,7 @@ class VirtualRunner:
     def interrupt(self, thread: int, error: type[BaseException]) -> bool:
         """See `Runner.interrupt`: it is raised at the thread's next point, or while it computes (`toil`)."""
         if thread == self.here():
+            self.struck.pop(getcurrent(), None)  # a thread has one place for it: this one replaces that
             raise error
         for one in self._all:
             if id(one) == thread:
