@@ -1,10 +1,13 @@
-"""How many stories of a whole realm the World plays in a second on one core, and whether each repeats.
+"""How many stories the World plays in a second on one core, whether each repeats, and what they run.
 
 A story: 60 s of virtual time, 2 lookup services, 3 hosts with 3 virtual robots, 4 proxies whose controllers
 run the real firmware, two operators, and up to 12 faults (tests/world/story.py). Each seed is played twice.
 
-    python bench/world.py [SEEDS [FIRST]]        figures
-    python bench/world.py safeguards [SEEDS]     the first seed that breaks a law without each safeguard
+    python bench/world.py [SEEDS [FIRST]]        figures of the realm over the modelled network
+    python bench/world.py families [SEEDS]       for each family: stories a second, seeds that break a law;
+        and which functions of the network of one machine ran in none of them
+    python bench/world.py safeguards [SEEDS [WORD …]]
+        the first seed of each family that breaks a law without each safeguard or lock whose name has a WORD
     python bench/world.py traces SEEDS SECONDS FILE
         compare the traces of seeds that are played twice, for SECONDS [s] at most: here and in a second
         process, where strings and objects have other hashes. FILE has a line for each seed, and the command
@@ -25,27 +28,74 @@ import time
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
+from types import CodeType
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))  # the stories lie beside the tests
 
+from tests.world.families import FAMILIES, network
+from tests.world.locks import LOCKS
+from tests.world.points import codes_of
 from tests.world.safeguards import SAFEGUARDS, without
 from tests.world.story import LENGTH, Outcome, play
 
+SLOWER = {"realm": 6, "host": 2, "host at statements": 4, "whole": 20, "whole at statements": 40}
+"""By how much fewer stories of a family are played, as they take longer."""
+COUNTED = ("mesh", "host", "whole")
+"""Families over the network of one machine, without points at statements."""
 
-def search(seeds: int) -> int:
+
+def search(seeds: int, words: list[str]) -> int:
     """Print the first seed that breaks a law without each safeguard; returns how many none of them caught."""
     missing = 0
-    for safeguard in SAFEGUARDS:
-        for seed in range(seeds):
-            with without(safeguard):
-                broken = play(seed).broken
-            if broken:
-                print(f"{safeguard}: seed {seed}: {broken[0]}", flush=True)
-                break
-        else:
-            missing += 1
-            print(f"{safeguard}: no seed of {seeds}", flush=True)
+    for safeguard in [*SAFEGUARDS, *LOCKS]:
+        if words and not any(word in safeguard for word in words):
+            continue
+        found = next((line for family in FAMILIES if (line := _first(safeguard, family, seeds))), "")
+        missing += not found
+        print(f"{safeguard}: {found or f'no seed of {seeds}'}", flush=True)
     return missing
+
+
+def _first(safeguard: str, family: str, seeds: int) -> str:
+    for seed in range(seeds // SLOWER.get(family, 1)):
+        with without(safeguard):
+            broken = FAMILIES[family](seed)[1]
+        if broken and not FAMILIES[family](seed)[1]:
+            return f'("{family}", {seed})  # {broken[0]}'
+    return ""
+
+
+def measure_families(seeds: int) -> int:
+    """Print the speed of each family, and the share of the network's functions that they ran.
+
+    Returns:
+        How many seeds broke a law.
+    """
+    wanted = {code: name for module in network() for code, name in codes_of(module).items()}
+    ran: set[CodeType] = set()
+    broken = 0
+    for family, play_one in FAMILIES.items():
+        play_one(0)
+        gc.collect()
+        gc.freeze()
+        count, taken = max(seeds // SLOWER.get(family, 1), 1), list[float]()
+        for seed in range(count):
+            begin = time.process_time()
+            laws = play_one(seed)[1]
+            taken.append(time.process_time() - begin)
+            broken += bool(laws)
+        print(f"{family:30} {count:5} stories, {1 / statistics.median(taken):7.1f} a second")
+        if family in COUNTED:
+            sys.setprofile(lambda frame, event, _: event == "call" and ran.add(frame.f_code))
+            for seed in range(count):
+                play_one(seed)
+            sys.setprofile(None)
+            print(f"{'':30} {len(ran & wanted.keys())} of {len(wanted)} functions of the network ran")
+    share = len(ran & wanted.keys()) / len(wanted)
+    print(f"functions of the network that ran under seeds: {share:.1%}; those that did not:")
+    print(", ".join(sorted(wanted[code] for code in wanted.keys() - ran)))
+    print(f"seeds that broke a law: {broken}")
+    return broken
 
 
 @contextmanager
@@ -109,7 +159,9 @@ def main() -> int:
     if words[:1] == ["digests"]:
         return tell_digests(int(words[1]), int(words[2]))
     if words[:1] == ["safeguards"]:
-        return search(int(words[1]) if len(words) > 1 else 100)
+        return search(int(words[1]) if len(words) > 1 else 100, words[2:])
+    if words[:1] == ["families"]:
+        return measure_families(int(words[1]) if len(words) > 1 else 60)
     return measure(int(words[0]) if words else 20, int(words[1]) if len(words) > 1 else 0)
 
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import importlib
 import pkgutil
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from types import ModuleType
 
 import robotree.vr.network
 import robotree.vr.running
 from robotree.vr.agents import callers
 from robotree.vr.base import presence
-from tests.world import host, mesh, story, whole
+from tests.world import host, mesh, story, threads, whole
 
 Played = tuple[str, list[str]]
 """The digest of a trace, and the laws that were broken."""
@@ -63,5 +63,6 @@ FAMILIES: dict[str, Callable[[int], Played]] = {
     "host at statements": lambda seed: _host(seed, running()),
     "whole": _whole,
     "whole at statements": lambda seed: _whole(seed, (*network(), *running())),
+    **{f"threads of {scene}": partial(threads.play, scene) for scene in threads.SCENES},
 }
 """Each plays the story of a seed. "At statements": threads lose the processor before any statement, too."""

@@ -19,10 +19,15 @@ from typing import Any
 
 from robotree.vr.base.errors import VrError
 from robotree.vr.base.transport import Incoming, Occupied, Respond
+from robotree.vr.network import lean_stop, realms
+from robotree.vr.network.door import MOST_OF_ONE
 from robotree.vr.network.mesh import Mesh
+from robotree.vr.network.realms import SOCKET
 from robotree.vr.world.kernel import MOST_DESCRIPTORS, STANDARD, Trouble
+from robotree.vr.world.machine import SimulatedSystem
 from robotree.vr.world.machine_sockets import SimulatedSocket
 from robotree.vr.world.machine_world import REALM, ROOT, MachineProcess, MachineWorld
+from robotree.vr.world.virtual_runner import VirtualProcess
 from robotree.vr.world.world import SimulatedProcess
 from tests.world.laws import network_is_whole
 from tests.world.points import at_every_statement
@@ -40,6 +45,8 @@ SILENT = 3.2
 """[s] after which a frozen member counts as silent: `mesh.HANGS`, two ticks, and how late threads wake."""
 AT_CALLS, AT_STATEMENTS = (0.0, 0.01, 0.3), (0.0, 0.001)
 """[s] that a thread waits at most which has lost the processor at a call, or between any two statements."""
+STOPPED = 1.0
+"""[s] after which a stop has come that was sent at once."""
 SEEN = 0.12
 """[s] after which one that was frozen and goes on is seen again: less than half a tick."""
 FOLDER = ROOT / REALM
@@ -52,6 +59,8 @@ class Member:
         self.story, self.name = story, name
         self.key = f"robot/{name}/{life}"
         self.began = story.world.runner.now()
+        self.stops = 0
+        """Stops of command lines that have come."""
         self.orders = Counter[str]()
         """The number of the last request of each asker, in each of its ways."""
         self.samples = Counter[str]()
@@ -83,7 +92,10 @@ class Member:
         return self.process.alive and self.process.joined and not self.leaves.is_set()
 
     def take(self, incoming: Incoming) -> None:
-        """A request comes: it is answered here, or by the thread that reads while others read, or on the loop."""
+        """A request comes: it is answered here, on the loop, or here while others read."""
+        if b"SafeStop" in incoming.body:
+            self.stops += 1
+            return
         way, _, text = incoming.body.decode().partition(" ")
         number = int(text)
         if number <= self.orders[way]:
@@ -97,7 +109,7 @@ class Member:
     def work(self, incoming: Incoming) -> bool:
         self.process.runner.waiter().wait(self.chance.choice([0.0, 0.01, 0.1]))
         incoming.end(incoming.body)
-        return self.process.alive
+        return True
 
     async def answer(self, body: bytes, respond: Respond) -> None:
         respond(b"progress")
@@ -218,6 +230,8 @@ class MeshStory:
             self._announce,
             self._subscribe_in_a_thread,
             self._rival,
+            self._stop_by_a_command_line,
+            self._be_visited,
         ]
 
     def _pair(self) -> list[Member]:
@@ -302,21 +316,25 @@ class MeshStory:
             self._on_loop(one, self._be_there(one, key, seconds))
 
     async def _be_there(self, one: Member, key: str, seconds: float) -> None:
-        registration = await one.transport.announce(key)
+        registrations = [
+            await one.transport.announce(key),
+            await one.transport.subscribe(f"{key}/state", lambda _key, _body: None),
+        ]
         await asyncio.sleep(seconds)
-        await registration.close()
+        for registration in registrations:
+            await registration.close()
 
     def _subscribe_in_a_thread(self) -> None:
         for one in self._pair():
             mesh, pattern = one.transport.mesh, f"robot/*/{self.chance.randrange(3)}/extra"
             runner, seconds = one.process.runner, self.chance.choice([0.0, 0.0, 0.5])
+            for _ in range(2):
+                runner.spawn(partial(self._subscribe, mesh, pattern, runner, seconds), "subscriber")
 
-            def work(mesh: Mesh = mesh, pattern: str = pattern, runner: Any = runner) -> None:
-                number = mesh.subscribe(pattern, lambda _key, _body: None)
-                runner.waiter().wait(seconds)
-                mesh.unsubscribe(number)
-
-            runner.spawn(work, "subscriber")
+    def _subscribe(self, mesh: Mesh, pattern: str, runner: Any, seconds: float) -> None:
+        number = mesh.subscribe(pattern, lambda _key, _body: None)
+        runner.waiter().wait(seconds)
+        mesh.unsubscribe(number)
 
     def _rival(self) -> None:
         """Two take one name at the same time; of two that see each other at most one has it."""
@@ -329,6 +347,55 @@ class MeshStory:
             await one.transport.settle(0.5)
             await asyncio.sleep(0.2)
             await mine.close()
+
+    # -- strangers --------------------------------------------------------------------------------
+
+    def _visit(self, work: Callable[[SimulatedSystem], object]) -> None:
+        """Have a process do something that is no member and ends with it."""
+        machine, stranger = self.world.machine, VirtualProcess(self.world.runner, "stranger")
+        system = machine.boot(stranger)
+
+        def live() -> None:
+            with contextlib.suppress(OSError):
+                work(system)
+            machine.end(stranger)
+
+        stranger.spawn(live, "stranger")
+
+    def _stop_by_a_command_line(self) -> None:
+        """`robotree stop` reaches each member to which nothing happens."""
+        before = {one: one.stops for one in self._ready() if self.quiet(one)}
+        now = self.world.runner.now()
+
+        def stop(system: SimulatedSystem) -> None:
+            for tag in realms.members(FOLDER, system):
+                if meant := realms.to_be_asked(FOLDER, tag, "", system):
+                    lean_stop._tell(FOLDER, tag, meant, "order", system)
+
+        def look() -> None:
+            for one, stops in before.items():
+                if one in self._undisturbed_since(now) and one.stops == stops:
+                    self.complain(f"{one.name} has not heard the stop of {now:.3f}")
+
+        self._visit(stop)
+        self._after(STOPPED, look)
+
+    def _be_visited(self) -> None:
+        """Somebody connects, many times or with nonsense, and soon goes."""
+        found = [name for name in self.world.machine.folders.get(str(FOLDER), {}) if name.endswith(SOCKET)]
+        if not found:
+            return
+        name, lines = self.chance.choice(sorted(found)), self.chance.choice([1, 1, 2, MOST_OF_ONE + 3])
+        said = self.chance.choice([b"", b"\x05\x00\x00\x00x", self.chance.randbytes(40)])
+        seconds = self.chance.choice([0.0, 0.3])
+
+        def visit(system: SimulatedSystem) -> None:
+            for _ in range(lines):
+                system.dial(FOLDER / name).sendall(said)
+                system.sleep(0.001)
+            system.sleep(seconds)
+
+        self._visit(visit)
 
     def _on_loop(self, one: Member, work: Any) -> None:
         async def run() -> None:
@@ -388,7 +455,8 @@ class MeshStory:
 
         def wake() -> None:
             process, now = victim.process, self.world.runner.now()
-            if process.alive and process.runner.halted and now - began > SILENT:
+            same = self._disturbed[victim.name] == began  # else another pause has begun meanwhile
+            if same and process.alive and process.runner.halted and now - began > SILENT:
                 observers = self._undisturbed_since(began)
                 self._expect_silent(victim, observers)
                 self._after(SEEN, self._expect_awake, victim, observers, now)

@@ -68,6 +68,12 @@ def _functions(module: ModuleType) -> Iterator[FunctionType]:
                     yield found
 
 
+def codes_of(module: ModuleType) -> dict[CodeType, str]:
+    """Return the functions of a module, with their names."""
+    place = module.__name__.rpartition(".")[2]
+    return {function.__code__: f"{place}.{function.__qualname__}" for function in _functions(module)}
+
+
 @contextlib.contextmanager
 def at_every_statement(modules: tuple[ModuleType, ...], point: Callable[[], object]) -> Generator[None]:
     """Call `point` before every statement of the functions of some modules inside the block."""

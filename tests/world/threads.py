@@ -1,0 +1,249 @@
+"""Scenes of threads that meet in one object, and lose the processor before any statement of it.
+
+They are for locks that exclude others for moments only: a whole story comes too seldom to such a moment.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from types import ModuleType
+from typing import Any, cast
+
+from robotree.vr.agents import callers
+from robotree.vr.agents.callers import Callers
+from robotree.vr.base import presence
+from robotree.vr.base.presence import Presence
+from robotree.vr.network import refusals, rendezvous
+from robotree.vr.network.realms import keys_of
+from robotree.vr.network.refusals import Refusals
+from robotree.vr.network.rendezvous import Rendezvous
+from robotree.vr.running import log, process, serial_worker
+from robotree.vr.running.interruptible import Interrupted
+from robotree.vr.running.log import Log
+from robotree.vr.running.process import Process, Worker
+from robotree.vr.running.serial_worker import SerialWorker
+from robotree.vr.world.machine import Machine
+from robotree.vr.world.virtual_runner import VirtualProcess, VirtualRunner, virtual_runner
+from tests.world.points import at_every_statement
+
+THREADS = 3
+LENGTH = 10.0
+"""[s] of virtual time; the threads begin at 0."""
+Law = Callable[[], bool]
+"""Whether all is well at the end."""
+
+
+class Stage:
+    """Where threads play: a runner, a process in it, and its system."""
+
+    def __init__(self, runner: VirtualRunner, seed: int) -> None:
+        self.runner = runner
+        self.process = VirtualProcess(runner, "process")
+        self.system = Machine(runner, seed).boot(self.process)
+
+    def start(self, work: Callable[[int], None]) -> None:
+        """Have each thread do something, with its number."""
+        for number in range(THREADS):
+            self.process.spawn(partial(work, number), "thread")
+
+
+def _presence(stage: Stage) -> Law:
+    """Processes come and go under one key: the watcher is told each change once, and nobody is left."""
+    table = Presence(held=lambda _: [], unheard=lambda _: [], lock=stage.system.rlock())
+    changes: list[bool] = []
+    table.watch("robot/*/*", lambda _, there: changes.append(there))
+
+    def work(_: int) -> None:
+        for there in (True, False, True, False):
+            table.count("robot/a/1", there=there)
+
+    stage.start(work)
+    return lambda: table.keys("**") == [] and changes == [True, False] * (len(changes) // 2)
+
+
+class _Logger:
+    def __init__(self, lines: list[str]) -> None:
+        self._lines = lines
+
+    def warning(self, _form: str, text: str) -> None:
+        self._lines.append(text)
+
+
+def _refusals(stage: Stage) -> Law:
+    """A kind of refusal is one line a second, however many threads refuse."""
+    lines: list[str] = []
+    kept = Refusals(cast("Any", _Logger(lines)), system=stage.system)
+    stage.start(lambda number: kept.note("user", f"user {number}"))
+    return lambda: len(lines) == 1
+
+
+def _log(stage: Stage) -> Law:
+    """Each line has a number of its own."""
+    kept = Log(stage.process.now, stage.process.unix, stage.runner.lock())
+
+    def work(number: int) -> None:
+        for _ in range(3):
+            kept.say("info", f"{number}")
+
+    stage.start(work)
+
+    def law() -> bool:
+        numbers = [line.number for line in kept.since(0)]
+        return numbers == list(range(1, 3 * THREADS + 1))
+
+    return law
+
+
+def _serial_worker(stage: Stage) -> Law:
+    """All that is submitted is done, one after the other."""
+    worker = SerialWorker(stage.process, "worker")
+    done: list[int] = []
+
+    def do(number: int) -> bool:
+        done.append(number)
+        return True
+
+    def work(number: int) -> None:
+        for _ in range(3):
+            worker.submit(partial(do, number))
+
+    stage.start(work)
+    return lambda: Counter(done) == dict.fromkeys(range(THREADS), 3)
+
+
+def _timers(stage: Stage) -> Law:
+    """Each timer goes off once, at most as late as threads are."""
+    home = Process[Any](stage.process)
+    rung: list[float] = []
+
+    def ring(when: float) -> None:
+        rung.append(stage.runner.now() - when)
+
+    def work(number: int) -> None:
+        for seconds in (0.1 * number, process.IDLE + 0.1 * number, 0.0):
+            when = stage.runner.now() + seconds
+            home.at(when, partial(ring, when))
+            stage.process.waiter().wait(process.IDLE)
+
+    stage.start(work)
+    return lambda: len(rung) == 3 * THREADS and max(rung) < 0.1
+
+
+def _worker(stage: Stage) -> Law:
+    """An interruption strikes an author's code only."""
+    home = Process[Any](stage.process)
+    worker = Worker(home)
+    struck: list[bool] = []
+
+    def carry_out() -> None:
+        worker.thread = worker.here()
+        for _ in range(20):
+            worker.top = frame = object()
+            begun = False
+            while worker.top is frame:
+                try:
+                    if not begun:
+                        begun = True
+                        worker.arm(frame)
+                        stage.runner.point()
+                    worker.disarm()
+                    worker.top = None
+                except Interrupted:
+                    continue
+            try:
+                for _ in range(4):
+                    stage.runner.point()
+            except Interrupted:
+                struck.append(True)
+            stage.process.waiter().wait(0.002)
+
+    def interrupt() -> None:
+        for _ in range(20):
+            worker.interrupt()
+            stage.process.waiter().wait(0.002)
+
+    stage.process.spawn(carry_out, "worker")
+    stage.process.spawn(interrupt, "who interrupts")
+    return lambda: not struck
+
+
+def _callers(stage: Stage) -> Law:
+    """The loop is woken once for each caller."""
+    woken: list[str] = []
+
+    class Runtime:
+        process = Process[Any](stage.process)
+
+        def attend(self, key: str, caller: str) -> None: ...
+
+    class Loop:
+        def call_soon_threadsafe(self, _watch: object, caller: str) -> None:
+            woken.append(caller)
+
+    async def make() -> Callers:
+        return Callers(cast("Any", Runtime()), cast("Any", None))
+
+    made = asyncio.run(make())
+    made._loop = cast("Any", Loop())
+    stage.start(lambda number: made.attend("caller/a/1", f"key {number}"))
+    return lambda: woken == ["caller/a/1"]
+
+
+def _rendezvous(stage: Stage) -> Law:
+    """What is written down is what is held."""
+    place = Rendezvous("r", Path("/run/realms"), system=stage.system)
+    key = "robot/a{}/1".format
+
+    def work(number: int) -> None:
+        place.hold(key(number))
+        place.hold(key(f"{number}b"))
+        place.drop(key(number))
+
+    def begin() -> None:
+        place.register()
+        stage.start(work)
+
+    found: list[list[str] | None] = []
+    stage.process.spawn(begin, "begin")
+    stage.runner.at(LENGTH - 1.0, lambda: stage.process.spawn(look, "look"))
+
+    def look() -> None:
+        found.append(keys_of(place.directory, place.tag, stage.system))
+
+    wanted = sorted(key(f"{number}b") for number in range(THREADS))
+    return lambda: sorted(found[0] or []) == wanted
+
+
+SCENES: dict[str, tuple[Callable[[Stage], Law], ModuleType]] = {
+    "presence": (_presence, presence),
+    "refusals": (_refusals, refusals),
+    "log": (_log, log),
+    "serial worker": (_serial_worker, serial_worker),
+    "timers": (_timers, process),
+    "worker": (_worker, process),
+    "callers": (_callers, callers),
+    "rendezvous": (_rendezvous, rendezvous),
+}
+"""Each scene, and the module before whose statements threads lose the processor."""
+
+
+def play(scene: str, seed: int) -> tuple[str, list[str]]:
+    """Play a scene; returns what follows from its seed, and what is wrong."""
+    begin, module = SCENES[scene]
+    broken: list[str] = []
+    with virtual_runner(seed) as runner, at_every_statement((module,), runner.point):
+        stage = Stage(runner, seed)
+        law = begin(stage)
+        runner.preemption.share, runner.preemption.starve = 0.3, 0.01
+        try:
+            runner.run(LENGTH)
+        except Exception as error:  # noqa: BLE001 # a fault of the program, which the seed has found
+            broken.append(f"raised: {type(error).__name__}: {error}")
+        runner.preemption.share = 0.0
+        if not broken and not law():
+            broken.append(f"not so: {begin.__doc__}")
+        return f"{runner.switches} {runner.preemption.count}", broken
