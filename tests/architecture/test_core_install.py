@@ -96,7 +96,7 @@ def test_the_test_kit_without_its_extra_names_the_command_that_installs_it(core:
 
 
 @pytest.mark.usefixtures("place")
-def test_robots_hosts_and_those_who_ask_them_need_the_core_alone(core: Path) -> None:
+def test_robots_hosts_and_those_who_ask_them_need_the_core_alone(core: Path, tmp_path: Path) -> None:
     robotree = core / "robotree"
 
     def ask(*words: str) -> Any:
@@ -116,12 +116,15 @@ def test_robots_hosts_and_those_who_ask_them_need_the_core_alone(core: Path) -> 
         place["z"] += 0.02
         ask("call", "mover.move", *(f"{name}={value}" for name, value in place.items()))
         assert ask("call", "mover.get_info")["z"] == pytest.approx(place["z"], abs=0.01)
+        cell = tmp_path / "cell.yaml"
+        assert ask("save", str(cell))["notes"] == []
+        assert ask("apply", str(cell)) == {"ok": True, "changed": 0, "steps": [], "left": [], "against": []}
         ask("stop")
         assert [ask("show", name)["stopped"] for name in ("arm-1", "mover")] == [True, True]
         refused = run(robotree, "call", "mover.move", *(f"{n}={v}" for n, v in place.items()), code=1)
         assert "stopped" in refused.stderr
         script = run(robotree, "create", ROOT / "examples" / "guide.yaml", "as", "guide", code=1).stderr
-        assert "guide.yaml cannot be loaded: on this host clips and yaml (robotree[scripts])" in script
+        assert "guide.yaml cannot be loaded: on this host clips (robotree[scripts])" in script
         assert len(script.splitlines()) == 1
         ask("resume")
 

@@ -12,13 +12,21 @@ from pathlib import Path
 import pytest
 
 from robotree.client.joining import joined
+from robotree.tui.demo import cast
 from robotree.tui.errors import MemberFailed
 from robotree.tui.processes.crew import Crew, Member
-from robotree.vr.base.address import ROLES
+from robotree.vr.base.address import ROLES, Role
 from tests.command_line import ROBOTREE
 
 pytestmark = [pytest.mark.e2e, pytest.mark.usefixtures("place")]
 
+PRESENT: dict[Role, list[str]] = {
+    "robot": ["arm-1", "rover-1"],
+    "view": ["cell"],
+    "host": ["host-1"],
+    "lookup": ["lookup-1", "lookup-2"],
+}
+"""Who is in the demo's cell."""
 STARTER = """
 import asyncio, sys
 from pathlib import Path
@@ -153,6 +161,26 @@ async def test_a_member_that_crashes_is_started_again_where_it_was(tmp_path: Pat
         host = await crew.start("host", "h-1")
     assert back.empty()
     assert not is_running(host.pid)
+
+
+async def test_a_demo_outlives_the_crash_of_each_of_its_processes(tmp_path: Path) -> None:
+    async with Crew("default", tmp_path) as crew:
+        back, up = await cast(crew, speedup="4"), asyncio.Queue[Member]()
+
+        async def again(member: Member) -> None:
+            await back(member)
+            up.put_nowait(member)
+
+        crew.again = again
+        for member in [*crew.members]:
+            os.kill(member.pid, signal.SIGKILL)
+            assert (await up.get()).words[:3] == member.words_again[:3]
+        async with joined("default") as fleet, asyncio.timeout(60):
+            for role, names in PRESENT.items():
+                assert sorted(one.name for one in fleet.directory.present(role)) == names
+            for robot in ("arm-1", "rover-1"):
+                while not (await fleet.describe(robot)).online:  # noqa: ASYNC110 # an answer has no event
+                    await asyncio.sleep(0.02)
 
 
 async def test_a_crew_leaves_what_crashes_down_unless_it_is_told_otherwise(tmp_path: Path) -> None:

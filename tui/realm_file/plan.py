@@ -269,16 +269,29 @@ class _Planner:
             self._others(entry, bound)
 
     def _bind(self, entry: RobotEntry, slot: str, children: Sequence[Word], released: Sequence[str]) -> None:
-        needs = {entry.id, *released}
+        above = [entry.name, *self._above(entry.name)]  # of those one may become a child
+        needs = {
+            entry.id,
+            *released,
+            *(f"release {one}" for one in above),
+            *(f"delete {one}" for one in above),
+        }
         for child in children:
             name = child.text
             needs |= {f"{what} {name}" for what in ("proxy", "robot", "set", "role", "release")}
-            if (there := self._there.robots.get(name)) and there.bond:
-                needs.add(f"delete {there.bond.parent.name}")
+            needs |= {f"delete {one}" for one in self._above(name)[:1]}
             below = next((one for one in self._wanted.robots if one.name == name), None)
             needs |= {f"{name}.{one}" for one in below.slots} if below else set()
         place, names = f"{entry.name}.{slot}", tuple(child.text for child in children)
         self._verb("+", place, Line("enslave", {"PARENT.SLOT": place, "CHILD": names}), needs)
+
+    def _above(self, name: str) -> list[str]:
+        """Return who commands a robot now, from its parent up to the top."""
+        found: list[str] = []
+        while (robot := self._there.robots.get(name)) and robot.bond and robot.bond.parent.name not in found:
+            name = robot.bond.parent.name
+            found.append(name)
+        return found
 
     def _available(self, child: Word) -> bool:
         """Whether a child can be bound; another parent lets it go, if the file says what that has."""

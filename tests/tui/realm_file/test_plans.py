@@ -1,0 +1,157 @@
+"""What a plan does with robots that already stand somewhere, and in which order."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from robotree.tui.realm_file.plan import Page, Plan, plan
+from robotree.tui.realm_file.present import Present
+from robotree.tui.realm_file.reading import read_file
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import BondSpec, RobotDescription, SlotSpec
+
+PAGE = Page("/pages/a.py", "0123456789")
+
+
+def address(name: str) -> Address:
+    return Address("robot", name, "1")
+
+
+def realm(bonds: Mapping[str, Mapping[str, str]]) -> Present:
+    """Virtual robots on one host: the children in their slots, by parent."""
+    parents = {
+        child: (parent, slot) for parent, held in bonds.items() for slot, child in held.items() if child
+    }
+    robots = {
+        name: RobotDescription(
+            address=address(name),
+            kinds=("Robot",),
+            host="host-1",
+            slots=tuple(
+                SlotSpec(
+                    name=slot,
+                    kind="Robot",
+                    group=slot.partition("[")[0] if "[" in slot else "",
+                    child=address(child) if child else None,
+                )
+                for slot, child in held.items()
+            ),
+            bond=BondSpec(parent=address(parents[name][0]), slot=parents[name][1], epoch=1, remaining=1)
+            if name in parents
+            else None,
+        )
+        for name, held in bonds.items()
+    }
+    return Present(realm="cell", robots=robots, pages=dict.fromkeys(robots, PAGE.hash))
+
+
+def planned(robots: str, there: Present, *, prune: bool = False) -> Plan:
+    wanted = read_file(f"robots:\n{robots}", "cell.yaml")
+    return plan(wanted, there, {one.name: PAGE for one in wanted.robots}, prune=prune)
+
+
+def in_order(found: Plan) -> list[str]:
+    """The lines as they could be done one after the other; a circle of needs leaves some out."""
+    over: list[str] = []
+    left = {step.id: step for step in found.steps}
+    while ready := next((one for one in left.values() if not one.needs & left.keys()), None):
+        over.append(ready.text)
+        del left[ready.id]
+    assert not left, "these wait for each other"
+    return over
+
+
+def test_two_children_change_places() -> None:
+    there = realm({"left": {"arm": "a"}, "right": {"arm": "b"}, "a": {}, "b": {}})
+    found = planned(
+        """
+  left: {page: a.py, slots: {arm: b}}
+  right: {page: a.py, slots: {arm: a}}
+  a: {page: a.py}
+  b: {page: a.py}
+""",
+        there,
+    )
+    assert not found.against
+    lines = in_order(found)
+    assert sorted(lines[:2]) == ["release left.arm", "release right.arm"]
+    assert sorted(lines[2:]) == ["enslave left.arm b", "enslave right.arm a"]
+
+
+def test_a_parent_becomes_the_child_of_its_child() -> None:
+    there = realm({"up": {"arm": "down"}, "down": {"arm": ""}})
+    found = planned("  down: {page: a.py, slots: {arm: up}}\n  up: {page: a.py, slots: {arm: []}}\n", there)
+    assert in_order(found) == ["release up.arm", "enslave down.arm up"]
+    again = planned("  down: {page: a.py, slots: {arm: up}}\n  up: {page: a.py}\n", there, prune=True)
+    assert in_order(again) == ["release up.arm", "enslave down.arm up"]
+
+
+def test_the_lowest_robot_becomes_the_highest() -> None:
+    there = realm({"a": {"arm": "b"}, "b": {"arm": "c"}, "c": {"arm": "d"}, "d": {"arm": ""}})
+    found = planned(
+        """
+  d: {page: a.py, slots: {arm: a}}
+  c: {page: a.py, slots: {arm: d}}
+  b: {page: a.py, slots: {arm: []}}
+  a: {page: a.py, slots: {arm: b}}
+""",
+        there,
+    )
+    assert in_order(found) == ["release b.arm", "enslave d.arm a"]
+
+
+def test_a_group_gets_what_it_lacks_and_keeps_what_it_has() -> None:
+    there = realm({"team": {"arms[0]": "a", "arms[1]": "x", "arms[2]": ""}, "a": {}, "b": {}, "x": {}})
+    text = "  team: {page: a.py, slots: {arms: [b, a]}}\n  a: {page: a.py}\n  b: {page: a.py}\n"
+    found = planned(text, there)
+    assert [step.text for step in found.steps] == ["enslave team.arms b"]
+    assert found.left == ("x is not in the file",)
+    (said,) = found.against
+    assert said.startswith(
+        "x stays in team.arms[1], for x is not in the file: `robotree release team.arms[1]`"
+    )
+    assert in_order(planned(text, there, prune=True)) == [
+        "delete x",
+        "release 'team.arms[1]'",
+        "enslave team.arms b",
+    ]
+
+
+def test_what_is_not_in_the_file_is_deleted_from_the_top() -> None:
+    there = realm({"top": {"arm": "middle"}, "middle": {"arm": "kept"}, "kept": {}})
+    found = planned("  kept: {page: a.py}\n", there, prune=True)
+    assert in_order(found) == ["delete top", "delete middle"]
+    assert planned("  kept: {page: a.py}\n", there).left == (
+        "top is not in the file",
+        "middle is not in the file",
+    )
+
+
+def test_what_a_robot_needs_is_there_before_it() -> None:
+    found = planned(
+        """
+  top: {page: a.py, slots: {arm: middle}}
+  middle: {page: a.py, role: butler, slots: {arm: low}}
+  low: {page: a.py}
+""",
+        Present(realm="cell"),
+    )
+    lines = in_order(found)
+    assert lines.index("enslave middle.arm low") < lines.index("role middle butler")
+    assert lines.index("role middle butler") < lines.index("enslave top.arm middle")
+
+
+def test_a_robot_that_does_not_answer_is_named_and_not_made_again() -> None:
+    there = Present(realm="cell", silent={"one": "process 4711"})
+    found = planned("  one: {page: a.py, role: butler}\n  two: {page: a.py, slots: {arm: one}}\n", there)
+    assert [step.text for step in found.steps] == ["create /pages/a.py as two"]
+    assert found.against == (
+        "one runs in process 4711 and does not answer: end that, then apply the file again",
+    )
+
+
+def test_a_robot_on_another_host_is_named_and_not_moved() -> None:
+    found = planned("  one: {page: a.py, host: host-2}\n", realm({"one": {}}))
+    assert found.steps == ()
+    (said,) = found.against
+    assert said.startswith("one runs on host-1, and the file says host-2: `robotree delete one`")
