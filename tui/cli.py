@@ -7,6 +7,7 @@ heavy is imported where it is needed, so that help comes at once.
 from __future__ import annotations
 
 import os
+import shutil
 import sys
 import time
 from collections.abc import Callable, Coroutine, Sequence
@@ -444,9 +445,15 @@ async def _view(line: Line, realm: str, ready: Ready) -> None:
 
 
 async def _host(line: Line, realm: str, ready: Ready) -> None:
+    from robotree.tui.processes.state_files import journal_folder
     from robotree.vr.agents.run import run_host
 
-    await run_host(line.text("NAME"), realm=realm, only=line.text("--only"), ready=ready)
+    name, only = line.text("NAME"), line.text("--only")
+    folder = None if only else journal_folder(realm, name)
+    if folder is not None and line.flag("--forget"):
+        shutil.rmtree(folder, ignore_errors=True)
+        folder = None
+    await run_host(name, realm=realm, only=only, keep=folder, ready=ready)
 
 
 async def _lookup(line: Line, realm: str, ready: Ready) -> None:

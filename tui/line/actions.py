@@ -358,8 +358,8 @@ ACTIONS: tuple[Action, ...] = (
         examples=("view cell --connect tcp:127.0.0.1:5760",),
     ),
     Action(
-        usage="host NAME [--only ROBOT]",
-        help="Run virtual robots that are created; --only: this one alone, until it is deleted.",
+        usage="host NAME [--only ROBOT] [--forget]",
+        help="Run virtual robots that are created, and keep them; --only: this one alone, until it ends.",
         group=PROCESS,
         where=Where.SHELL,
         examples=("host host-1",),

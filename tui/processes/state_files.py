@@ -88,6 +88,15 @@ def state_file(realm: str, name: str) -> Path | None:
     return top / realm / name
 
 
+def journal_folder(realm: str, host: str) -> Path | None:
+    """Return the folder in which a host keeps its robots; None: it cannot be made."""
+    path = state_file(realm, "hosts")
+    if path is None:
+        note(f"the robots of {host} are forgotten when it ends: the folder for them cannot be made")
+        return None
+    return path / host
+
+
 def state_home() -> Path:
     """Return the folder of all realms; looking makes nothing."""
     return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "robotree"

@@ -95,7 +95,7 @@ _log = logging.getLogger(__name__)
 class RobotAgent:
     """One incarnation of a robot among the agents."""
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 # what it shares with others, and what injects time
         self,
         robot: Robot,
         transport: Transport,
@@ -106,6 +106,7 @@ class RobotAgent:
         obeyed: Callable[[], int | None] | None = None,
         process: Process | None = None,
         shared: Shared | None = None,
+        state: RobotState | None = None,
     ) -> None:
         """Make the agent, on the event loop; `start` lets it live.
 
@@ -119,12 +120,14 @@ class RobotAgent:
                 own go above the first.
             process: whose threads carry its commands out; None: one of its own.
             shared: what it shares with the other agents of its process; None: it is the only one.
+            state: what the robot was before its process ended, to go on with: see `take_back` and `go_on`;
+                None: it is a new one.
 
         Raises:
             TypeError: the robot's class declares a command in a way that cannot be called from afar.
         """
         self.transport = transport
-        self.address = new_address("robot", robot.name)
+        self.address = new_address("robot", robot.name) if state is None else state.address
         self.closed = asyncio.Event()
         """Set when it has ended, for whatever reason."""
         self.open = False
@@ -134,10 +137,13 @@ class RobotAgent:
         self._owns_process = process is None
         self._shared = Shared() if shared is None else shared
         self._unix = unix or self._process.runner.unix
-        granted = GrantedLease.free(robot.name, term=term, unix=self._unix())
+        self._restored = state is not None
+        if state is None:
+            granted = GrantedLease.free(robot.name, term=term, unix=self._unix())
+            state = _new_state(robot, self.address, self._shared.host, granted)
         self.runtime = RobotRuntime(
             robot,
-            self._process.core(_new_state(robot, self.address, self._shared.host, granted)),
+            self._process.core(state),
             self._process,
             execute=execute,
             transport=transport,
@@ -201,16 +207,42 @@ class RobotAgent:
             self._close_process()
             raise
         self._process.robots[self.address] = self.runtime
-        self.runtime.post(on.Restored())  # a new state has nothing to go on with
+        if not self._restored:
+            self.runtime.post(on.Restored())  # a new state has nothing to go on with
         self._publisher.begin()
+
+    async def take_back(self) -> None:
+        """Hold the children of a restored robot again, as far as they are there."""
+        if self._children is not None:
+            await self._children.take_back()
+
+    def go_on(self) -> None:
+        """Have a restored robot go on: its parent and callers are looked for, its commands begin again."""
+        if (lease := self.runtime.lease) is not None:
+            self._watch(lease.parent)
+        for key, caller in self.runtime.look(_callers):
+            self._callers.attend(caller, key)
+        self.runtime.begin_again()
 
     async def listed(self) -> None:
         """Wait until the lookup services know what they should, or as many of them as answer."""
         await self._publisher.listed()
 
-    async def close(self) -> None:
-        """End politely: release the children, leave the lookup, be gone. Twice is once."""
+    async def close(self, *, returns: bool = False) -> None:
+        """End politely: release the children, leave the lookup, be gone. Twice is once.
+
+        Args:
+            returns: it will be started again with its state, and keeps its children.
+        """
+        if returns and self._children is not None:
+            self._children.keep()
         await asyncio.shield(self._begin_to_end(PARTING))
+
+    async def rest(self) -> None:
+        """End all commands, as before the end of the process, and take nothing new."""
+        self.open = False
+        self._end_calls(f"{self.robot.name} is being ended")
+        await self._no_calls(PARTING)
 
     @property
     def gone(self) -> bool:
@@ -464,6 +496,7 @@ class RobotAgent:
                 key=request.key,
                 returns=request.returns,
                 patience=request.patience,
+                waits=request.waits,
             )
         )
         self._watch(request.parent)
@@ -551,7 +584,9 @@ class RobotAgent:
 
         def look(_: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
             lease = self.runtime.lease
-            if not there and lease is not None and lease.parent == parent:
+            if not there and lease is not None and lease.parent == parent and lease.waits:
+                self.runtime.post(on.ParentAway(parent=parent))
+            elif not there and lease is not None and lease.parent == parent:
                 reason = f"{parent.name} has ended"
                 self.runtime.post(on.EndLease(parent=parent, unix=self._unix(), reason=reason))
 
@@ -620,7 +655,23 @@ class RobotAgent:
 
 def _granted(effects: Sequence[CoreEffect], news: RobotDescription | None) -> Granted:
     lease = next(effect for effect in effects if isinstance(effect, on.LeaseGranted))
-    return Granted(epoch=lease.epoch, term=lease.term, robot=news, depth=lease.depth, ways=lease.ways)
+    return Granted(
+        epoch=lease.epoch,
+        term=lease.term,
+        robot=news,
+        depth=lease.depth,
+        ways=lease.ways,
+        stopped=lease.stopped,
+    )
+
+
+def _callers(state: RobotState) -> list[tuple[str, str]]:
+    """Return the calls that end with a person's program: key, and under what the program is present."""
+    return [
+        (call.key, call.principal.agent)
+        for call in state.calls.live.values()
+        if call.principal.agent and "/" not in call.key and not call.detached
+    ]
 
 
 def _settle(turned: asyncio.Future[list[str]], outcome: VrError | list[str] | None) -> None:

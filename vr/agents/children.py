@@ -73,7 +73,9 @@ class ChildKeeper:
         self._retracting: dict[asyncio.Task[None], None] = {}
         self._returning: dict[str, asyncio.Task[None]] = {}
         """Those that bind a lost child again, by slot."""
-        self._closed = False
+        self._closed = self._keeps = False
+        self._anew: set[str] = set()
+        """Slots whose child may come back as another incarnation: it was restarted with its parent."""
 
     def _bonds(self) -> dict[str, Bond]:
         """Return copies of the bonds in force, by slot."""
@@ -146,11 +148,37 @@ class ChildKeeper:
         with contextlib.suppress(VrError):
             await self._client(bond).release(self._parent, bond.lease.epoch, timeout=FAREWELL)
 
+    def keep(self) -> None:
+        """Release nobody at the end: the robot will be started again."""
+        self._keeps = True
+
+    async def take_back(self) -> None:
+        """Hold the children of a restored robot again, or try to bind those that have let go."""
+        await asyncio.gather(*(self._take_back_one(slot, bond) for slot, bond in self._bonds().items()))
+
+    async def _take_back_one(self, slot: str, bond: Bond) -> None:
+        child, epoch = bond.child, bond.lease.epoch
+        if not await self._presence.until(child.key, there=True, within=REUNION):
+            self._anew.add(slot)
+            reason = f"{child.name} has ended while its parent was away"
+            self._runtime.post(on.Lose(slot=slot, child=child, epoch=epoch, reason=reason))
+            return
+        self._watch(slot, child, epoch)
+        self.renew(on.RenewLease(slot=slot, child=child, epoch=epoch, sent=_now()))
+        until = _now() + FAREWELL
+        while _now() < until:  # the answer comes in another thread
+            now = self._bonds().get(slot)
+            if now is None or now.lease.confirmed > bond.lease.confirmed:
+                return
+            await asyncio.sleep(0.002)
+
     async def close(self) -> None:
         """Release all children, and take no more."""
         self._closed = True
         for task in self._returning.values():
             task.cancel()
+        if self._keeps:
+            return
         await asyncio.gather(*map(self._free_if_bound, self._bonds()))
         if self._retracting:
             await asyncio.wait(self._retracting, timeout=FAREWELL)
@@ -193,7 +221,8 @@ class ChildKeeper:
         Whether the lease can return the child decides. One whose process has ended comes back as another
         incarnation, and only to a slot that states a time for that.
         """
-        stated = self._spec(lost.slot).returns
+        stated = self._spec(lost.slot).returns or (RETURN if lost.slot in self._anew else 0.0)
+        self._anew.discard(lost.slot)
         latest = _now() + (stated or RETURN)
         while not self._closed and _now() < latest:
             try:
@@ -250,6 +279,7 @@ class ChildKeeper:
             key=key,
             returns=returns,
             patience=spec.returns,
+            waits=self._runtime.process.returns,
         )
         sent = _now()
         try:
@@ -330,6 +360,7 @@ class ChildKeeper:
                 depth=granted.depth,
                 ways=granted.ways,
                 description=granted.robot,
+                stopped=granted.stopped,
             )
         )
         if granted.robot is not None:

@@ -38,10 +38,13 @@ from robotree.vr.base.transport import Registration, Transport
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.loader import LIMIT
 from robotree.vr.core.bonds import DEFAULT_TERM
-from robotree.vr.core.machine import LONGEST_DEADLINE
+from robotree.vr.core.machine import LONGEST_DEADLINE, RobotState
 from robotree.vr.exchange.claim import claim, expect_free, new_address
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.exchange.dispatcher import Dispatcher, not_for
+from robotree.vr.journal.journal import HostJournal
+from robotree.vr.journal.records import Page
+from robotree.vr.journal.recovery import KeptRobot, rebase
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.running.heard import speaking
 from robotree.vr.running.process import Process
@@ -80,6 +83,7 @@ class Host:
         limit: float = LIMIT,
         process: Process | None = None,
         only: str = "",
+        journal: HostJournal | None = None,
     ) -> None:
         """Prepare a host.
 
@@ -91,10 +95,12 @@ class Host:
             limit: [s] for a source to run, and again for the robot's constructor.
             process: whose threads carry its robots' commands out; None: one of its own.
             only: name of the one robot that it runs; empty: it runs any number.
+            journal: of the process: what is kept of its robots; None: nothing is.
 
         Raises:
             BadName: the name cannot be one.
         """
+        self._journal = journal
         self.address = new_address("host", name)
         self.agents: dict[str, RobotAgent] = {}
         """The robots that live here, by name."""
@@ -131,19 +137,86 @@ class Host:
             raise
 
     async def close(self) -> None:
-        """End its robots politely, then itself. Twice is once."""
+        """End its robots politely, then itself; a journal keeps those that are here now. Twice is once."""
         self._open = False
         declared, self._declared = self._declared, []
         for registration in reversed(declared):
             await registration.close()
-        await asyncio.gather(*(agent.close() for agent in list(self.agents.values())))
+        agents = list(self.agents.values())
+        if self._journal is not None:
+            await asyncio.gather(*(agent.rest() for agent in agents))
+            self._journal.seal()
+        await asyncio.gather(*(agent.close(returns=self._journal is not None) for agent in agents))
         for watcher in self._watchers:
             watcher.cancel()
         self._loaders.shutdown(wait=False, cancel_futures=True)
         self._process.close()
 
+    async def restore(self) -> None:
+        """Have the robots of the journal go on where they were when this host ended.
+
+        One whose page cannot be loaded any more, or whose name somebody else has now, is left out, and its
+        log says why.
+
+        Raises:
+            OSError: the journal cannot be written.
+        """
+        journal = self._journal
+        if journal is None:
+            return
+        robots = journal.found.robots
+        rebase([kept.state for kept in robots], journal.shift, self._process.runner.now())
+        made = [(kept, agent) for kept in robots if (agent := await self._made_again(kept)) is not None]
+        for kept, agent in made:
+            journal.made(kept.key, kept.name, kept.page, agent.runtime.look)
+        journal.begin()
+        back: list[RobotAgent] = []
+        for kept, agent in made:
+            try:
+                await self._settle(agent)
+            except VrError as error:
+                journal.gone(kept.key)
+                _log.error("%s is not back: %s", kept.name, error)
+            else:
+                back.append(agent)
+        await asyncio.gather(*(agent.take_back() for agent in back))
+        for agent in back:
+            agent.go_on()
+
+    async def _made_again(self, kept: KeptRobot) -> RobotAgent | None:
+        """Make a robot of the page that was kept, with its state; None: that page cannot be used."""
+        page = kept.page
+        bundle = Bundle(page.source, page.path, page.wanted, page.files)
+        make = partial(bundle.create, kept.name, limit=self._limit)
+        loop = asyncio.get_running_loop()
+        try:
+            robot, heard = await loop.run_in_executor(self._loaders, partial(_listen, make))
+        except VrError as error:
+            _log.error("%s is not back: %s", kept.name, error)
+            return None
+        agent = self._new_agent(robot, kept.state)
+        agent.runtime.page = page.origin
+        self._pages[kept.name] = bundle.hash
+        for level, text, piece in heard:
+            agent.runtime.say("", level, text, piece=piece)
+        running = [call.command for call in kept.state.calls.live.values() if call.running]
+        goes_on = f"; {', '.join(running)} goes on" if running else ""
+        agent.runtime.log.say("warning", f"{self.address.name} was started again{goes_on}")
+        return agent
+
+    def _new_agent(self, robot: VirtualRobot, state: RobotState | None = None) -> RobotAgent:
+        return RobotAgent(
+            robot,
+            self._transport,
+            registrar=self._registrar,
+            term=self._term,
+            process=self._process,
+            shared=self._shared,
+            state=state,
+        )
+
     async def create(
-        self, bundle: Bundle, name: str, settings: Mapping[str, Any] | None = None
+        self, bundle: Bundle, name: str, settings: Mapping[str, Any] | None = None, *, origin: str = ""
     ) -> RobotAgent:
         """Make a virtual robot of this source.
 
@@ -151,6 +224,7 @@ class Host:
             bundle: its source.
             name: of the robot.
             settings: values that are not the defaults.
+            origin: where a reload finds the page.
 
         Returns:
             Its agent, when it can be called.
@@ -174,18 +248,14 @@ class Host:
             loop = asyncio.get_running_loop()
             make = partial(bundle.create, name, settings=settings, limit=self._limit)
             robot, heard = await loop.run_in_executor(self._loaders, partial(_listen, make))
-            agent = RobotAgent(
-                robot,
-                self._transport,
-                registrar=self._registrar,
-                term=self._term,
-                process=self._process,
-                shared=self._shared,
-            )
+            agent = self._new_agent(robot)
+            if self._journal is not None:
+                self._journal.made(agent.address.key, name, _page(bundle, origin), agent.runtime.look)
             for level, text, piece in heard:
                 agent.runtime.say("", level, text, piece=piece)
             self._pages[name] = bundle.hash
             await self._settle(agent)
+            agent.runtime.page = origin
             await self._begin(agent)
         finally:
             self._coming.discard(name)
@@ -226,8 +296,13 @@ class Host:
         loop = asyncio.get_running_loop()
         load = partial(bundle.again, agent.robot, limit=self._limit)
         robot, heard = await loop.run_in_executor(self._loaders, partial(_listen, load))
+        key, page = agent.address.key, _page(bundle, origin)
+        if self._journal is not None:
+            self._journal.offered(key, page)
         notes = await agent.reload(robot, origin, now=now, within=within)
         self._pages[name] = bundle.hash
+        if self._journal is not None:
+            self._journal.turned(key, page)
         for level, text, piece in heard:
             agent.runtime.say("", level, text, piece=piece)
         if not agent.runtime.look(lambda state: state.calls.running):
@@ -264,14 +339,16 @@ class Host:
         if self.agents.get(name) is agent:
             del self.agents[name]
             self._pages.pop(name, None)
+        if self._journal is not None:
+            self._journal.gone(agent.address.key)
         self._ended = [ended for ended in (*self._ended, agent) if ended.abandoned]
 
     async def _answer(self, received: Received) -> Reply:
         request, person = received.request, received.principal.person
         match request:
             case Create():
-                agent = await self.create(_bundle(request), request.name, request.settings)
-                agent.runtime.page = request.origin
+                bundle, settings = _bundle(request), request.settings
+                agent = await self.create(bundle, request.name, settings, origin=request.origin)
                 if person:
                     agent.runtime.log.say("info", f"created from {request.path} by {person}")
                 return Described(robot=agent.description())
@@ -291,6 +368,10 @@ class Host:
         abandoned = tuple(f"{agent.robot.name}.{name}" for agent in ended for name in agent.abandoned)
         pages = {robot.name: self._pages.get(robot.name, "") for robot in robots}
         return HostDescribed(address=self.address, robots=robots, abandoned=abandoned, pages=pages)
+
+
+def _page(bundle: Bundle, origin: str) -> Page:
+    return Page(bundle.source, bundle.path, bundle.wanted, dict(bundle.files), origin)
 
 
 def _bundle(page: Create) -> Bundle:

@@ -7,14 +7,20 @@ import contextlib
 import gc
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
 from robotree.vr.agents.host import Host
 from robotree.vr.base.address import check_name
+from robotree.vr.base.transport import Transport
 from robotree.vr.core.bonds import DEFAULT_TERM
+from robotree.vr.journal.journal import HostJournal
+from robotree.vr.journal.outlet import Outlet
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.network.local import join
 from robotree.vr.running.heard import listening
+from robotree.vr.running.process import Process
+from robotree.vr.running.runner import runner_of
 
 Ready = Callable[[str], None]
 """Called with the key of an agent that runs."""
@@ -32,6 +38,18 @@ ARRIVAL = 60.0
 """[s] for the one robot of a host to come: who has started the host may have been killed since."""
 
 
+RETURNS = 10.0
+"""[s] that the children of a host's robots wait for it after a crash."""
+
+
+def _boot() -> str:
+    """Return what the kernel calls the present start of the machine (random(4)); empty: it does not say."""
+    try:
+        return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+    except OSError:
+        return ""
+
+
 def _nobody(_: str) -> None:
     """Hear that it is ready, and do nothing."""
 
@@ -42,6 +60,8 @@ async def run_host(
     realm: str | None = None,
     term: float = DEFAULT_TERM,
     only: str = "",
+    keep: Path | None = None,
+    returns: float = RETURNS,
     ready: Ready = _nobody,
 ) -> None:
     """Be a host in a realm until cancelled; one that runs one robot alone: until that has ended.
@@ -51,12 +71,16 @@ async def run_host(
         realm: None: `$ROBOTREE_REALM`, else `default`.
         term: [s] of the leases that its robots grant and ask for.
         only: name of the one robot that it runs; empty: it runs any number.
-        ready: told the key once robots can be made.
+        keep: folder in which it keeps its robots; None: they end with it.
+        returns: [s] that the children of its robots wait for it after a crash.
+        ready: told the key once robots can be made, and those that were kept are back.
 
     Raises:
         BadName: that cannot be a name.
         DuplicateName: a living host has the name.
         TransportError: the realm cannot be joined.
+        JournalError: what is kept in the folder cannot be used.
+        OSError: the folder cannot be used.
     """
     for one in (name, only or name):
         check_name(one)
@@ -64,13 +88,23 @@ async def run_host(
     gc.freeze()  # what is imported never goes: no collection needs to look at it again
     async with contextlib.AsyncExitStack() as stack:
         stack.enter_context(listening())
-        transport = await join(realm)
+        runner = runner_of(asyncio.get_running_loop())
+        journal = None if keep is None else HostJournal(keep, runner, boot=_boot())
+        process: Process = Process(runner, journal)
+        transport: Transport = await join(realm)
         stack.push_async_callback(transport.close)
+        if journal is not None:
+            stack.callback(journal.close)
+            process.life, process.returns = journal.life, returns
+            transport = Outlet(transport, journal.barrier)
         registrar = Registrar(transport)
         stack.push_async_callback(registrar.close)
-        host = Host(transport, name, registrar=registrar, term=term, only=only)
+        host = Host(
+            transport, name, registrar=registrar, term=term, process=process, only=only, journal=journal
+        )
         stack.push_async_callback(host.close)
         await host.start()
+        await host.restore()
         ready(host.address.key)
         if only:
             await host.deserted(ARRIVAL)

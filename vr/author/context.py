@@ -181,6 +181,23 @@ class Activity(Protocol):
         """Change what the robot keeps. No cancellation point: a command that ends may still note why."""
         ...
 
+    def kept(self, name: str, value: Any) -> Any:
+        """Return what the robot keeps in a field, at this place of the page.
+
+        Args:
+            name: of the field.
+            value: what it keeps now: that counts, unless the command takes steps again after a crash.
+        """
+        ...
+
+    def keep_values(self, values: dict[str, Any], change: Callable[[dict[str, Any]], None]) -> None:
+        """Have the robot keep other values in fields, by `change`. No cancellation point."""
+        ...
+
+    def checkpoint(self) -> None:
+        """See `Robot.checkpoint`."""
+        ...
+
     def say(self, level: Level, text: str, *, piece: bool = False) -> None:
         """Enter a text, or a piece of a line, in the robot's log. No cancellation point."""
         ...

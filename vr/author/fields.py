@@ -215,10 +215,10 @@ class Kept:
     def read(self, field: Field) -> Any:
         """Return a value as the page reads it."""
         plain = self.values.get(field.name, field.default)  # a reader of a page that was reloaded meanwhile
-        if isinstance(field, Setting):
-            return field.typed(plain)
         activity = activity_here()
-        if activity is None:
+        if activity is not None:
+            plain = activity.kept(field.name, plain)
+        if activity is None or isinstance(field, Setting):
             return field.typed(plain)
         copies = self._copies.setdefault(activity.call_key, {})
         copy = copies.get(field.name)
@@ -240,8 +240,7 @@ class Kept:
         elif activity is None:
             self._change(values)
         else:
-            change = self._change
-            activity.keep(lambda: change(values))
+            activity.keep_values(values, self._change)
 
     def settle(self, key: str) -> None:
         """A command has ended: keep what it has changed in place. By our own code only.

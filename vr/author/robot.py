@@ -179,6 +179,14 @@ class Robot:
         """
         return running().cleanup(within)
 
+    def checkpoint(self) -> None:
+        """Say that a command needs none of its steps so far any more.
+
+        Interrupted by a crash, it begins anew with its arguments and with what the robot keeps now (settings,
+        `state`). A command that goes on for ever says so in each round, else it cannot go on after some time.
+        """
+        running().checkpoint()
+
     def progress(self, fraction: float, text: str = "") -> None:
         """Tell the caller how far the command is.
 

@@ -113,6 +113,8 @@ class Group:
         """Those that have ended, in that order."""
         self._results: list[Any] | None = None
         self._open = False
+        self._decided_before: Started | None = None
+        """The part that decided it before its process was started again."""
 
     # -- for the author ---------------------------------------------------------------------------
 
@@ -158,7 +160,20 @@ class Group:
     @property
     def decisive(self) -> Started | None:
         """The part that has decided how the group ends; None: none has yet."""
+        if (before := self._decided_before) is not None:
+            return before if before.done else None
         return next(filter(self._decides, self._ended), None)
+
+    @property
+    def number_of_decisive(self) -> int | None:
+        """The number of that part, counted from 0; None: none has decided."""
+        decisive = self.decisive
+        return None if decisive is None else self.parts.index(decisive)
+
+    def decide(self, number: int | None) -> None:
+        """Have the part of a number decide, as it did before; None: none does."""
+        if number is not None:
+            self._decided_before = self.parts[number]
 
     def _decides(self, part: Started) -> bool:
         succeeded = part.error() is None

@@ -292,6 +292,15 @@ class CommandInDoubt(CommandError):
     sentence = "{robot}.{command} may have been carried out or not: {detail}"
 
 
+class Diverged(CommandError):
+    """A command that was interrupted takes another step now than it took before."""
+
+    sentence = (
+        "{robot}.{command} cannot go on where it was interrupted: step {step} was {before}, and now it is "
+        "{now}; nothing more was done"
+    )
+
+
 class CommandCancelled(CommandError):
     """The command was ended on request."""
 
@@ -558,6 +567,37 @@ class NetworkUnusable(TransportError):
     """The network between machines cannot be used."""
 
     sentence = "cannot connect to other machines at {where}: {reason}"
+
+
+# -- the journal of a host -------------------------------------------------------------------------
+
+
+class JournalError(VrError):
+    """What a host keeps of its robots cannot be used."""
+
+
+class JournalInUse(JournalError):
+    """Another host keeps its robots there; it may hang."""
+
+    sentence = "{folder} is in use by another host, which may hang; end that one first"
+
+
+class DamagedJournal(JournalError):
+    """Something in it is not what was written."""
+
+    sentence = (
+        "{path} is damaged at byte {at} ({detail}): none of its robots is started; move the folder away, or "
+        "begin without them: `robotree host NAME --forget`"
+    )
+
+
+class OtherJournal(JournalError):
+    """Another version of robotree has written it."""
+
+    sentence = (
+        "{path} was written by another version of robotree (format {version}): start that one, or begin "
+        "without its robots: `robotree host NAME --forget`"
+    )
 
 
 # -- bundles ---------------------------------------------------------------------------------------

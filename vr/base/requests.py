@@ -98,6 +98,8 @@ class Petition(_Message, frozen=True, kw_only=True):
     earlier incarnation was lost: granted only if nobody has used this one. None: it asks anew."""
     patience: float = 0.0
     """[s] after its end in which that lease shall return; 0: as long as usual."""
+    waits: float = 0.0
+    """[s] that the child is to wait if the parent's process ends: it keeps a journal and comes back."""
 
 
 class Retract(_Message, frozen=True, kw_only=True):
@@ -469,6 +471,8 @@ class Granted(_Message, frozen=True, kw_only=True):
     """Levels of robots below the granter."""
     ways: float = 0.0
     """[s] that the ways down through these levels and back take together, as measured."""
+    stopped: int = 0
+    """Number of the last stop of the granter that came while the parent's process was away."""
 
 
 class HostDescribed(_Message, frozen=True, kw_only=True):

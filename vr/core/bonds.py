@@ -54,6 +54,8 @@ SHORTEST_TERM = 0.1
 """[s]"""
 RETURN = 60.0
 """[s] after its end in which a lease that ended by silence can return, if the parent states no other time."""
+LONGEST_WAIT = 3600.0
+"""[s] that a child waits for a parent whose process has ended."""
 LONGEST_RETURN = 3600.0
 """[s] that a parent may state."""
 FRESH = 0
@@ -78,6 +80,12 @@ class Lease(msgspec.Struct, frozen=True, kw_only=True):
     """Key of the petition by which it was granted."""
     principal: Principal = ITSELF
     """Who holds it: nobody else may use it."""
+    waits: float = 0.0
+    """[s] that the child waits for a parent whose process has ended; 0: it does not."""
+    away: bool = False
+    """Whether it waits: the parent's process has ended, and nobody has come back yet."""
+    stopped: int = 0
+    """Number of the last stop that came while the parent was away, which it has not heard; 0: none."""
 
 
 class GrantedLease(msgspec.Struct, kw_only=True):
@@ -126,6 +134,7 @@ class GrantedLease(msgspec.Struct, kw_only=True):
         key: str = "",
         returns: int | None = None,
         patience: float = 0.0,
+        waits: float = 0.0,
         principal: Principal = ITSELF,
     ) -> Lease:
         """Grant the lease, anew if the same slot of the same parent asks again.
@@ -141,6 +150,7 @@ class GrantedLease(msgspec.Struct, kw_only=True):
             returns: epoch of the lease that the parent has lost by silence; `FRESH`: it was a lease on an
                 earlier incarnation; None: it asks anew.
             patience: [s] after its end in which that lease shall return; 0: `RETURN`.
+            waits: [s] that the robot is to wait if the parent's process ends.
             principal: who asks.
 
         Raises:
@@ -170,8 +180,22 @@ class GrantedLease(msgspec.Struct, kw_only=True):
             lineage=lineage,
             petition=key,
             principal=principal,
+            waits=min(max(waits, 0.0), LONGEST_WAIT),
         )
         return self.current
+
+    def wait_for(self, parent: Address, now: float) -> bool:
+        """Wait for a parent whose process has ended; returns whether the lease has it so."""
+        held = self.current
+        if held is None or held.parent != parent or not held.waits or held.away:
+            return False
+        self.current = msgspec.structs.replace(held, away=True, expires=now + held.waits)
+        return True
+
+    def note_stop(self, number: int) -> None:
+        """Note a stop: a parent that is away hears of it when it comes back."""
+        if self.current is not None and self.current.away:
+            self.current = msgspec.structs.replace(self.current, stopped=number)
 
     def _can_return(self, parent: Address, slot: str, epoch: int, earliest: float) -> bool:
         if epoch == FRESH:
@@ -236,7 +260,12 @@ class GrantedLease(msgspec.Struct, kw_only=True):
         self._expect_holder(held, parent, principal)
         self._refuse_cycle(parent, lineage)
         self.current = msgspec.structs.replace(
-            held, parent=parent, expires=now + self.term_granted, lineage=lineage, principal=principal
+            held,
+            parent=parent,
+            expires=now + self.term_granted,
+            lineage=lineage,
+            principal=principal,
+            away=False,
         )
         return self.current
 
@@ -316,8 +345,14 @@ class GrantedLease(msgspec.Struct, kw_only=True):
             raise NotInControl(robot=self.robot, holder=held.parent.name, slot=held.slot)
 
     def _expect_holder(self, held: Lease, parent: Address, principal: Principal) -> None:
-        """Refuse somebody else in the name of the parent; another incarnation of it is a holder, too."""
-        if principal not in (held.principal, ITSELF) and parent == held.parent:
+        """Refuse somebody else in the name of the parent.
+
+        Another incarnation of it is a holder, too, and so is its next process, when the one before has ended.
+        """
+        if principal in (held.principal, ITSELF) or parent != held.parent:
+            return
+        heir = msgspec.structs.replace(principal, process=held.principal.process)
+        if not held.away or heir != held.principal:
             raise NotInControl(robot=self.robot, holder=held.parent.name, slot=held.slot)
 
     def _in_force(self, now: float) -> Lease | None:
@@ -406,6 +441,8 @@ class Bond(msgspec.Struct, kw_only=True):
     """Levels of robots below the child, in its latest report."""
     ways: float = 0.0
     """[s] for the way down through these levels and back, in its latest report."""
+    stopped: int = 0
+    """Number of the last stop of the child that came while the parent's process was away."""
 
     def copied(self) -> Bond:
         """Return a copy, which stays as it is now."""

@@ -17,6 +17,28 @@ class _Value(msgspec.Struct, frozen=True, kw_only=True, tag=True, omit_defaults=
     """One event or one effect."""
 
 
+class Step(msgspec.Struct, frozen=True, array_like=True):
+    """What one step of a running command gave: enough to take it again without doing anything twice."""
+
+    kind: str
+    """`call`, `tell`, `sleep`, `wait`, `look`, `reading`, `until`, `group`, `result`, `cleanup`, `end`."""
+    content: Any = None
+    """What tells it from another step: of a call its slot, command and arguments."""
+    value: Any = None
+    """What it gave, as plain data."""
+    reply: Returned | Raised | None = None
+    """Of a call: how it ended."""
+
+
+END = "!"
+"""Path and kind of the mark where the end of a command was raised in its code, after so many steps."""
+THREAD = "thread"
+"""Path and kind of the step with which a command uses a thread of its author's own: it cannot go on."""
+
+MOMENTS = ("sleep", "cleanup")
+"""Kinds of steps whose value is a moment [s] on the robot's clock."""
+
+
 class _Event(_Value, frozen=True, kw_only=True):
     principal: Principal = ITSELF
     """Who asks for it."""
@@ -46,6 +68,23 @@ class Finish(_Event, frozen=True, kw_only=True):
 
     key: str
     reply: Returned | Raised
+
+
+class StepTaken(_Event, frozen=True, kw_only=True):
+    """A running command has taken a step."""
+
+    key: str
+    """Of the call."""
+    path: str
+    """Of the step: what follows the call's key in the key of the step."""
+    step: Step
+
+
+class Checkpoint(_Event, frozen=True, kw_only=True):
+    """A running command needs none of its steps any more: interrupted, it begins anew with its fields."""
+
+    key: str
+    """Of the call."""
 
 
 class DetachAsked(_Event, frozen=True, kw_only=True):
@@ -116,6 +155,14 @@ class ParentAsked(_Event, frozen=True, kw_only=True):
     """Epoch of the lease that it has lost by silence; 0: it has lost an earlier incarnation of this robot."""
     patience: float = 0.0
     """[s] after its end in which that lease shall return; 0: as long as usual."""
+    waits: float = 0.0
+    """[s] that the robot is to wait for a parent whose process has ended; 0: it does not."""
+
+
+class ParentAway(_Event, frozen=True, kw_only=True):
+    """The parent's process has ended, and it keeps a journal: it may come back."""
+
+    parent: Address
 
 
 class Prolong(_Event, frozen=True, kw_only=True):
@@ -197,6 +244,8 @@ class Renewed(_Event, frozen=True, kw_only=True):
     ways: float = 0.0
     description: RobotDescription | None = None
     """If it has changed."""
+    stopped: int = 0
+    """See `bonds.Lease.stopped`."""
 
 
 class ChildDescribed(_Event, frozen=True, kw_only=True):
@@ -243,6 +292,9 @@ class StopAsked(_Event, frozen=True, kw_only=True):
 class Restored(_Event, frozen=True, kw_only=True):
     """The robot goes on from its encoded state: who carried out effects before has ended."""
 
+    calls: tuple[str, ...] = ()
+    """Keys of the calls that ran then: their code begins again."""
+
 
 class Halted(_Event, frozen=True, kw_only=True):
     """The robot itself reports that it is stopped, or that it no longer is."""
@@ -265,7 +317,8 @@ class ReleaseAsked(_Event, frozen=True, kw_only=True):
 
 
 CoreEvent = (
-    Invoke | Finish | DetachAsked | CancelAsked | CancelAll | Abandon | Gone | Tick | ParentAsked
+    StepTaken | Checkpoint | ParentAway | Invoke | Finish
+    | DetachAsked | CancelAsked | CancelAll | Abandon | Gone | Tick | ParentAsked
     | Prolong | EndLease | Obeyed | Reserve | Unreserve | Bind | FreeAsked | Lose | Renewed
     | ChildDescribed | Set | PageReloaded | StopAsked | Halted | Restored | StopAnswered | ReleaseAsked
 )  # fmt: skip
@@ -327,6 +380,8 @@ class LeaseGranted(_Value, frozen=True, kw_only=True):
     """Levels of robots below this one."""
     ways: float
     """[s] that the ways down through these levels and back take together, as measured."""
+    stopped: int = 0
+    """See `bonds.Lease.stopped`."""
 
 
 class StopTaken(_Value, frozen=True, kw_only=True):

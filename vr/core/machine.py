@@ -60,6 +60,8 @@ LONGEST_QUEUE = 16
 MOST_READERS = 32
 MOST_KEPT = 256
 """Ended calls that are remembered, and cancels that came first."""
+MOST_STEPS = 100_000
+"""Steps of one call that are kept; a call that takes more without a checkpoint cannot go on after a crash."""
 MOST_CALLERS = 256
 """Callers that number their calls and are remembered."""
 
@@ -96,6 +98,14 @@ class AcceptedCall(msgspec.Struct, kw_only=True):
     """[s] when it was accepted, on the robot's clock; so is the next."""
     began: float = -1.0
     """[s] when its turn came; below 0: not yet."""
+    steps: dict[str, on.Step] = {}
+    """What its steps gave since it began, or since its last checkpoint, by path; see `StepTaken`."""
+    fields: dict[str, Any] = {}
+    """What the robot kept when it began, or at its last checkpoint."""
+    lap: int = 0
+    """How many checkpoints it has made: a part of the keys of its steps."""
+    forgotten: bool = False
+    """Whether it has taken more steps than are kept: it cannot go on after an interruption."""
 
 
 class Calls(msgspec.Struct, kw_only=True):
@@ -283,6 +293,26 @@ def decode_state(body: bytes) -> RobotState:
     return _decoder.decode(body)
 
 
+def shift(state: RobotState, by: float) -> None:
+    """Move all moments [s] of a state to another monotonic clock, on which they are later by so much."""
+    lease, stop = state.lease, state.stop
+    for name in ("current", "silent"):
+        held: Lease | None = getattr(lease, name)
+        if held is not None:
+            setattr(lease, name, msgspec.structs.replace(held, expires=held.expires + by))
+    for bond in state.slots.bonds().values():
+        bond.lease.confirmed += by
+        bond.lease.last_asked += by
+    for call in state.calls.live.values():
+        call.deadline_at += by
+        call.came += by
+        call.began += by if call.running else 0.0
+        for path, step in call.steps.items():
+            if step.kind in on.MOMENTS:
+                call.steps[path] = msgspec.structs.replace(step, value=step.value + by)
+    stop.moment += by
+
+
 class RobotCore:
     """One robot: its state, and what each event does to it."""
 
@@ -355,6 +385,8 @@ class RobotCore:
             came=now,
         )
         begins = calls.enter(call, name)
+        if begins:
+            call.fields = dict(self.state.fields)
         if not event.reads:
             self.state.lease.used()
         if asked.source:
@@ -411,8 +443,24 @@ class RobotCore:
         following = self.state.calls.leave(ended)
         effects: Effects = [Settled(key=call.key, reply=reply, call=ended)]
         if following:
+            self.state.calls.live[following].fields = dict(self.state.fields)
             effects.append(Begin(key=following))
         return effects
+
+    def _step_taken(self, event: on.StepTaken, _: float) -> Effects:
+        call = self.state.calls.live.get(event.key)
+        if call is not None and not call.forgotten:
+            call.steps[event.path] = event.step
+            if len(call.steps) > MOST_STEPS:
+                call.steps, call.forgotten = {}, True
+        return []
+
+    def _checkpoint(self, event: on.Checkpoint, _: float) -> Effects:
+        call = self.state.calls.live.get(event.key)
+        if call is not None:
+            call.steps, call.forgotten, call.lap = {}, False, call.lap + 1
+            call.fields = dict(self.state.fields)
+        return []
 
     def _cancel(self, event: on.CancelAsked, now: float) -> Effects:
         call = self._call_of(event, now)
@@ -524,6 +572,7 @@ class RobotCore:
             key=event.key,
             returns=event.returns,
             patience=event.patience,
+            waits=event.waits,
             principal=event.principal,
         )
         return [
@@ -532,6 +581,9 @@ class RobotCore:
             *self._keep_bonds(now, all_of_them=True),
             *self._end_all(f"{parent.name} has enslaved {self.name}", now, but_readers=True),
         ]
+
+    def _parent_away(self, event: on.ParentAway, now: float) -> Effects:
+        return [LeaseChanged()] if self.state.lease.wait_for(event.parent, now) else []
 
     def _prolong(self, event: on.Prolong, now: float) -> Effects:
         before = self.state.lease.current
@@ -544,7 +596,13 @@ class RobotCore:
 
     def _granted(self) -> LeaseGranted:
         lease, slots = self.state.lease, self.state.slots
-        return LeaseGranted(epoch=lease.epoch, term=lease.term_granted, depth=slots.depth, ways=slots.ways)
+        return LeaseGranted(
+            epoch=lease.epoch,
+            term=lease.term_granted,
+            depth=slots.depth,
+            ways=slots.ways,
+            stopped=0 if lease.current is None else lease.current.stopped,
+        )
 
     def _end_lease(self, event: on.EndLease, now: float) -> Effects:
         lease = self.state.lease
@@ -615,6 +673,9 @@ class RobotCore:
             bond.depth, bond.ways = event.depth, event.ways
             if event.description is not None:
                 bond.description = event.description
+            if event.stopped != bond.stopped:
+                bond.stopped = event.stopped
+                return self._end_all(f"{event.child.name} was stopped while {self.name} was away", now)
         return []
 
     def _described(self, event: on.ChildDescribed, now: float) -> Effects:
@@ -649,6 +710,7 @@ class RobotCore:
             return [taken, *self._ask_parts(generation, event)]
         children = {slot: bond.child.name for slot, bond in self.state.slots.bonds().items()}
         generation = stop.begin(event.reason, event.order, {HARDWARE: self.name, **children}, now)
+        self.state.lease.note_stop(generation)
         taken = StopTaken(generation=generation, fresh=True, reply=stop.reply(generation))
         return [taken, *self._end_all(event.reason, now), *self._ask_parts(generation, event)]
 
@@ -665,10 +727,11 @@ class RobotCore:
             for part in self.state.stop.unanswered(generation)
         ]
 
-    def _restored(self, _: on.Restored, __: float) -> Effects:
-        stop = self.state.stop
+    def _restored(self, event: on.Restored, _: float) -> Effects:
+        stop, calls = self.state.stop, self.state.calls
         orders = {generation: order for order, generation in stop.orders.items()}
-        effects: Effects = []
+        calls.abandoned, calls.places = {}, {}  # that code has ended with its process
+        effects: Effects = [Begin(key=key) for key in event.calls if key in calls.live]
         for generation in stop.parts if stop.reason else ():  # what is released is not to be stopped again
             order = on.StopAsked(reason=stop.reason, order=orders.get(generation, ""))
             effects += self._ask_parts(generation, order)
@@ -693,6 +756,9 @@ class RobotCore:
     _handlers: ClassVar[dict[type, Callable[[Any, Any, float], Effects]]] = {
         on.Invoke: _invoke,
         on.Finish: _finish,
+        on.StepTaken: _step_taken,
+        on.Checkpoint: _checkpoint,
+        on.ParentAway: _parent_away,
         on.DetachAsked: _detach,
         on.CancelAsked: _cancel,
         on.CancelAll: _cancel_all,

@@ -10,18 +10,27 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from robotree.vr.author.child import ChildCommand, Exposed
 from robotree.vr.author.context import CallFuture, CallLimit, CommandContext
+from robotree.vr.author.readings import Record
 from robotree.vr.author.robot import Robot
 from robotree.vr.author.signature import Command
 from robotree.vr.author.together import Group, Race, Started, Together
 from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.arguments import check_arguments
 from robotree.vr.base.description import Arguments
-from robotree.vr.base.errors import CommandCancelled, CommandFailed, NoSuchCommand, words_of
+from robotree.vr.base.errors import (
+    CommandCancelled,
+    CommandFailed,
+    CommandInDoubt,
+    Diverged,
+    NoSuchCommand,
+    VrError,
+    words_of,
+)
 from robotree.vr.base.requests import LONGEST_CLEANUP, AnyRequest, Level, Raised, Reply, Returned, State
 from robotree.vr.core import events as on
 from robotree.vr.running.child_call import CallManner, ChildCall, call_child
 from robotree.vr.running.feed import Feeds, NoReadingYet
-from robotree.vr.running.frame import Abandoned, Branch, Frame
+from robotree.vr.running.frame import Abandoned, Branch, Frame, words_of_step
 from robotree.vr.running.outcome import raised
 from robotree.vr.running.page_trace import begin_of
 from robotree.vr.running.process import Worker
@@ -80,33 +89,53 @@ class CommandActivity(Frame):
         """Raise the error that ends the command, if it has been asked to end."""
         self.leave_author().arm(self)
 
+    @_from_author
     def sleep(self, seconds: float) -> None:
         """Wait [s]."""
         if math.isnan(seconds):
             raise ValueError("cannot sleep for NaN seconds")
-        self.wait_for(_never, seconds)
+        end = self.taken("sleep", lambda: self.now() + max(seconds, 0.0))
+        self.wait(_never, end - self.now())
 
     @_from_author
     def wait_for(self, condition: Callable[[], bool], timeout: float = math.inf) -> bool:
         """Wait until something is so, `timeout` [s] at most; returns whether it is."""
-        self.step()
-        return self.wait(condition, timeout)
+        return bool(self.taken("wait", lambda: self.wait(condition, timeout)))
 
     @_from_author
     def progress(self, fraction: float, text: str) -> None:
         """Tell how far the command is."""
-        self.runtime.note(self.call_key, float(fraction), str(text))
+        if not self.replaying:
+            self.runtime.note(self.call_key, float(fraction), str(text))
 
     @_from_author
     def observe(self, look: Callable[[], Any]) -> Any:
         """Read something that may be another thing the next time."""
-        if not self.looks:
-            self.step()
-        return look()
+        if self.looks:
+            return look()
+        path = self.step()
+        if not self.keeps:
+            return look()
+        step = self.recalled(path, "look")
+        if step is not None and step.content is None:
+            return step.value
+        value = look()
+        if step is None:  # what is no plain data is looked at again
+            plain = isinstance(value, (float, int, str, bool, bytes, type(None)))
+            self.keep_step(path, on.Step("look", None, value) if plain else on.Step("look", "object"))
+        return value
+
+    @_from_author
+    def checkpoint(self) -> None:
+        """Need none of the steps so far any more: interrupted, the command begins anew with what it keeps."""
+        self.runtime.checkpoint(self.call_key)
+        self.steps = 0
 
     def keep(self, change: Callable[[], None]) -> None:
         """Change what the robot keeps; no cancellation point."""
         worker = self.worker
+        if self.replaying:
+            return
         if worker.here() != worker.thread:  # a thread that the command was handed on to
             change()
             return
@@ -117,6 +146,18 @@ class CommandActivity(Frame):
             change()
         finally:
             worker.arm(self)
+
+    def kept(self, name: str, value: Any) -> Any:
+        """Return what the robot keeps in a field at this place of the page; `value`: what it keeps now."""
+        return self.run.recalled_fields.get(name, value) if self.replaying else value
+
+    def keep_values(self, values: dict[str, Any], change: Callable[[dict[str, Any]], None]) -> None:
+        """Keep other values in fields; no cancellation point."""
+        if self.replaying:
+            self.run.recalled_fields = {**self.run.recalled_fields, **values}
+            self.rewritten.update(values)
+        else:
+            self.keep(lambda: change(values))
 
     def say(self, level: Level, text: str, *, piece: bool = False) -> None:
         """Enter a text, or a piece of a line, in the robot's log; no cancellation point."""
@@ -134,10 +175,17 @@ class CommandActivity(Frame):
     @_from_author
     def next_reading(self, slot: str, after: int, at: float) -> tuple[int, Any]:
         """Wait until `at` [s], and then for readings of a child that are newer than those of a number."""
-        self.step()
-        self.feeds.of(slot)
-        self.wait(_never, at - self.now())
-        return self.feeds.next_reading(slot, after)
+        number = after
+
+        def next_reading() -> Any:
+            nonlocal number
+            self.feeds.of(slot)
+            self.wait(_never, at - self.now())
+            number, reading = self.feeds.next_reading(slot, after)
+            return dict(reading)
+
+        reading = Record(self.taken("reading", next_reading, slot))
+        return number, reading
 
     @_from_author
     def reading(self, slot: str) -> Any:
@@ -147,8 +195,8 @@ class CommandActivity(Frame):
             NoReadingYet: a condition asks before anything has been published.
         """
         if not self.looks:
-            self.step()
-            return self.feeds.next_reading(slot, 0)[1]
+            look = self.feeds.next_reading
+            return Record(self.taken("reading", lambda: dict(look(slot, 0)[1]), slot))
         latest = self.feeds.of(slot).latest
         if latest is None:
             raise NoReadingYet
@@ -162,8 +210,17 @@ class CommandActivity(Frame):
     @_from_author
     def wait_until(self, condition: Callable[[], object], limit: CallLimit | None) -> None:
         """Wait until a condition on readings of children is true."""
-        self.step()
-        self.feeds.wait_until(condition, limit)
+        path = self.step()
+        step = self.recalled(path, "until")
+        if step is not None and step.value:
+            raise TimeoutError(step.value)
+        if step is None:
+            try:
+                self.feeds.wait_until(condition, limit)
+            except TimeoutError as late:
+                self.keep_step(path, on.Step("until", None, str(late)))
+                raise
+            self.keep_step(path, on.Step("until"))
 
     # -- calls of children ------------------------------------------------------------------------
 
@@ -202,7 +259,20 @@ class CommandActivity(Frame):
     @_from_author
     def result_of(self, part: Started, timeout: float) -> Any:
         """Wait for a part, `timeout` [s] at most, and return its result."""
-        return part.get(timeout)
+        if not self.keeps:
+            return part.get(timeout)
+        path = self.step()
+        step = self.recalled(path, "result")
+        if step is not None and step.value:
+            raise TimeoutError
+        try:
+            return part.get(timeout if step is None else math.inf)
+        except TimeoutError:
+            self.keep_step(path, on.Step("result", None, "late"))
+            raise
+        finally:
+            if step is None and part.done:
+                self.keep_step(path, on.Step("result"))
 
     @_from_author
     def let_go_on(self, part: Started) -> None:
@@ -240,7 +310,7 @@ class CommandActivity(Frame):
     @_from_author
     def _branch(self, group: Group, work: Callable[[], Any]) -> Branch:
         self.steps += 1
-        branch = Branch(self, str(self.steps), work)
+        branch = Branch(self, f"{self.run.lap}{self.steps}", work)
         if group.decided:
             branch.drop(group.decided)
             branch.at_rest = True
@@ -266,7 +336,7 @@ class CommandActivity(Frame):
         worker.disarm()
         try:
             if error is None:
-                self.wait(group.is_over)
+                self._await_group(group)
                 group.take_results()
         finally:
             self.group = group.outer
@@ -275,6 +345,20 @@ class CommandActivity(Frame):
             while not all(part.at_rest for part in group.parts):
                 worker.waiter.wait(None)
             worker.arm(self)
+
+    def _await_group(self, group: Group) -> None:
+        """Wait until a group is over; taken again, the part decides that decided it before."""
+        if not self.keeps:
+            self.wait(group.is_over)
+            return
+        path = self.step()
+        step = self.recalled(path, "group")
+        if step is not None:
+            group.decide(step.value)
+            self.wait(group.is_over)
+            return
+        self.wait(group.is_over)
+        self.keep_step(path, on.Step("group", None, group.number_of_decisive))
 
     # -- the space --------------------------------------------------------------------------------
 
@@ -323,9 +407,25 @@ class CommandActivity(Frame):
             raise CommandCancelled(robot=self.runtime.name, command=self.context.command, reason=reason)
         for part in tuple(self.started):
             part.drop("the clean-up of the command that started it has begun")
-        until = self.now() + within
-        self.shield = min(until, self.shield) if self.shield > -math.inf else until
+        before, self.shield = self.shield, self.now() + within
+        until = self.taken("cleanup", lambda: self.shield) if self.keeps else self.shield
+        self.shield = min(until, before) if before > -math.inf else until
         self.deadline_at, self.group = self.shield, None
+
+    def left_out(self) -> Diverged | None:
+        """Return the error where the page has ended without a step that it took before; None: it has not.
+
+        It has taken all steps again, and nothing since.
+        """
+        recall = self.run.recall or {}
+        left = [path for path in recall if "/" not in path and path != on.END]
+        if left:
+            step = recall[left[0]]
+            before = words_of_step(step.kind, step.content)
+            name, command = self.runtime.name, self.context.command
+            return Diverged(robot=name, command=command, step=left[0], before=before, now="its end")
+        self._catch_up()
+        return None
 
     def end(self) -> None:
         """End what its code, which has ended, has started and not detached."""
@@ -342,18 +442,12 @@ def execute(runtime: RobotRuntime, key: str, run: Run, worker: Worker) -> None:
     context, robot, command, arguments, exposed = runtime.turn_of(key)
     activity = CommandActivity(runtime, run, context, worker)
     run.interrupt = activity.interrupt
-    work: Callable[[], Any]
-    if command is not None:
-        work = partial(command.run, robot, arguments)
-        if runtime.turned:
-            work = partial(_check_again, command, robot, arguments)
-    elif exposed is not None:
-        work = partial(_pass_on, activity, exposed, arguments)
-    else:  # it was accepted while another page was in force
-        work = partial(runtime.spec, context.command)
+    work = _work_of(activity, robot, command, arguments, exposed)
     if worker.top is None:
         worker.process.runner.name_thread(f"{robot.name}.{context.command}")
     value, error = activity.carry_out(work)
+    if activity.replaying:
+        error = error or activity.left_out()
     run.interrupt = None
     activity.over = True  # from now on a thread that works for it reaches no child
     if activity.started or activity.guests or activity.opened is not None:
@@ -368,6 +462,44 @@ def execute(runtime: RobotRuntime, key: str, run: Run, worker: Worker) -> None:
         runtime.gone(key)
     else:
         runtime.post(on.Finish(key=key, reply=reply))
+
+
+def _work_of(
+    activity: CommandActivity,
+    robot: Robot,
+    command: Command | None,
+    arguments: Arguments,
+    exposed: Exposed | None,
+) -> Callable[[], Any]:
+    """Return what carries out a call: see `RobotRuntime.turn_of`."""
+    runtime = activity.runtime
+    if activity.replaying and (refusal := _cannot_go_on(activity)):
+        return partial(_refuse, refusal)
+    if command is not None:
+        if runtime.turned:
+            return partial(_check_again, command, robot, arguments)
+        return partial(command.run, robot, arguments)
+    if exposed is not None:
+        return partial(_pass_on, activity, exposed, arguments)
+    return partial(runtime.spec, activity.context.command)  # it was accepted for another page
+
+
+def _refuse(error: VrError) -> None:
+    raise error
+
+
+def _cannot_go_on(activity: CommandActivity) -> VrError | None:
+    """Return why a command that was interrupted cannot go on; None: it can."""
+    recall, forgotten = activity.run.recall or {}, activity.runtime.has_forgotten(activity.call_key)
+    if on.THREAD in recall:
+        reason = "it used a thread of its page's own, whose steps are not kept"
+    elif forgotten:
+        reason = "it took more steps than are kept, without self.checkpoint()"
+    else:
+        return None
+    name, command = activity.runtime.name, activity.context.command
+    detail = f"its process ended in the middle, and it cannot go on, because {reason}"
+    return CommandInDoubt(robot=name, command=command, detail=detail)
 
 
 def _check_again(command: Command, robot: Robot, sent: Arguments) -> Any:

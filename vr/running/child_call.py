@@ -11,6 +11,8 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
+from msgspec import to_builtins
+
 from robotree.vr.author.child import readable
 from robotree.vr.author.context import Activity, CallLimit
 from robotree.vr.author.together import Started
@@ -26,6 +28,7 @@ from robotree.vr.base.errors import (
     Unreachable,
     VrError,
 )
+from robotree.vr.base.plain import to_plain
 from robotree.vr.base.requests import (
     PATIENCE,
     Accepted,
@@ -37,6 +40,7 @@ from robotree.vr.base.requests import (
     Reply,
     Returned,
 )
+from robotree.vr.core import events as on
 from robotree.vr.running.frame import Frame
 from robotree.vr.running.process import Worker
 from robotree.vr.running.robot_runtime import NotDescribed, RobotRuntime
@@ -74,9 +78,18 @@ def call_child(  # who calls whom, how, and for how long
     Raises:
         VrError: the slot is empty, or the child refuses.
     """
-    runtime = frame.runtime
-    child, epoch = runtime.child_in(slot)
-    pending = ChildCall(frame, slot, child, command, limit, passes_on=manner == "passed on")
+    runtime, key = frame.runtime, frame.step()
+    content = _plain([slot, command, arguments]) if frame.keeps else None
+    kind = "tell" if manner == "told" else "call"
+    if (step := frame.recalled(key, kind, content)) is not None:
+        return ChildCall.recalled(frame, slot, key, command, step)
+    try:
+        child, epoch = runtime.child_in(slot)
+    except VrError as error:  # interrupted, it must be as empty again, whoever is in it then
+        frame.keep_step(key, on.Step(kind, content, None, Raised.of(error)))
+        raise
+    pending = ChildCall(frame, slot, key, child, command, limit, passes_on=manner == "passed on")
+    pending.content = content
     now, deadline_at = frame.worker.now(), frame.deadline_at
     if limit is not None:
         deadline_at = min(deadline_at, now + limit.seconds)
@@ -95,7 +108,11 @@ def call_child(  # who calls whom, how, and for how long
     elif neighbour is None:
         pending.ask(call)
     else:
-        pending.enter(neighbour, call, deadline_at, nested=manner in {"awaited", "passed on"})
+        try:
+            pending.enter(neighbour, call, deadline_at, nested=manner in {"awaited", "passed on"})
+        except VrError as error:
+            frame.keep_step(key, on.Step(kind, content, None, Raised.of(error)))
+            raise
     if limit is not None:
         pending.watch_limit(limit.seconds)
     return pending
@@ -124,32 +141,45 @@ class ChildCall(Started):
     _dropped: bool = False
     """Whether nobody waits for it any more."""
     _error: Exception | None = None
+    content: Any = None
+    """See `events.Step.content`."""
 
     def __init__(
         self,
         frame: Frame,
         slot: str,
+        key: str,
         child: Address,
         command: str,
         limit: CallLimit | None,
         *,
         passes_on: bool,
     ) -> None:
-        """Take one step of the command that calls.
+        """Begin with nothing.
 
         Args:
             frame: of the command that calls.
             slot: of the child.
+            key: of the step of the command that calls, and so of the call.
             child: in that slot.
             command: of the child.
             limit: the time that this call may take; None: as long as the command that makes it.
             passes_on: its progress is that of the command that calls.
         """
         self._on_done = []
-        self.slot, self.key, self.child, self.command = slot, frame.step(), child, command
+        self.slot, self.key, self.child, self.command = slot, key, child, command
         self.frame, self.limit, self._passes_on = frame, limit, passes_on
         self._may_be_given = [True]
         """Emptied by who decides whether the caller's worker carries the command out: caller or child."""
+        self._may_settle = [True]
+        """Emptied by the first who knows how it ended."""
+
+    @classmethod
+    def recalled(cls, frame: Frame, slot: str, key: str, command: str, step: on.Step) -> ChildCall:
+        """Return a call as it ended before the process of its caller was started again."""
+        call = cls(frame, slot, key, Address("robot", slot, ""), command, None, passes_on=False)
+        call.accepted, call.reply = True, step.reply
+        return call
 
     @property
     def activity(self) -> Activity:
@@ -187,6 +217,8 @@ class ChildCall(Started):
             else:
                 break
         self.accepted = True
+        if call.oneway:
+            self.frame.keep_step(self.key, on.Step("tell", self.content))
 
     def _describe(self, child: RobotRuntime, unknown: NotDescribed) -> None:
         """Wait until a child has asked its own child for a command.
@@ -239,6 +271,8 @@ class ChildCall(Started):
             self.note(reply.fraction, reply.text)
         elif isinstance(reply, Accepted):
             self.accepted, self.accept_by = True, math.inf
+            if self._sent is not None and self._sent.oneway:
+                self.frame.keep_step(self.key, on.Step("tell", self.content))
             if self._sent is not None and self._sent.oneway and self._leave is not None:
                 self._leave()
             if self._awaited:
@@ -256,15 +290,20 @@ class ChildCall(Started):
 
     def settle(self, reply: Returned | Raised) -> None:
         """Take how it ended. From any thread."""
-        if self.reply is None:
-            self.reply = reply
-            if self._unlimit is not None:
-                self._unlimit()
-            if self._leave is not None:
-                self._leave()
-            if self._on_done:
-                self.tell_all()
-            self.frame.worker.wake()
+        try:
+            self._may_settle.pop()
+        except IndexError:
+            return
+        # before anybody knows of it, and before the child may forget the call
+        self.frame.keep_step(self.key, on.Step("call", self.content, None, reply))
+        self.reply = reply
+        if self._unlimit is not None:
+            self._unlimit()
+        if self._leave is not None:
+            self._leave()
+        if self._on_done:
+            self.tell_all()
+        self.frame.worker.wake()
 
     def fail(self, error: VrError) -> None:
         """End it with an error of our own. From any thread."""
@@ -430,6 +469,11 @@ class ChildCall(Started):
         error = self.error()
         assert error is not None  # noqa: S101 # it has failed
         raise error
+
+
+def _plain(content: list[Any]) -> Any:
+    """Return data as it is read back from a journal."""
+    return to_builtins(content, builtin_types=(bytes,), enc_hook=to_plain)
 
 
 def _ignore(_: object) -> None:

@@ -21,7 +21,8 @@ import msgspec
 from robotree.files import forks
 from robotree.vr.author.context import Activity, CommandContext, enter
 from robotree.vr.author.together import Group, Started
-from robotree.vr.base.errors import CommandCancelled, CommandFailed, VrError
+from robotree.vr.base.errors import CommandCancelled, CommandFailed, Diverged, VrError
+from robotree.vr.core import events as on
 from robotree.vr.running.interruptible import Interrupted
 from robotree.vr.running.process import Worker
 from robotree.vr.running.robot_runtime import RobotRuntime
@@ -58,6 +59,10 @@ class Frame:
     """The innermost open group: what is started belongs to it."""
     over: bool = False
     """Whether its code has ended."""
+    replaying: bool = False
+    """Whether it takes steps that it took before its process was started again: nothing is done twice."""
+    commander: Frame | None = None
+    """The frame of which this one is a part; None: it is the command itself."""
     looks: bool = False
     """Whether a condition is looked at: that takes no steps."""
     guest: bool = False
@@ -89,6 +94,11 @@ class Frame:
         """What it has started and what may go on beside it."""
         self.guests: dict[int, Self] = {}
         """Threads that work for it."""
+        self.keeps = runtime.keeps_steps
+        if run.recall is not None:
+            self.replaying = True
+        self.rewritten: dict[str, Any] = {}
+        """What it has kept since the last step that it took again: it may have been lost."""
 
     @property
     def cause(self) -> VrError | None:
@@ -152,18 +162,20 @@ class Frame:
     def next_guest(self) -> Self:
         """Return a part of it for a thread that is not known yet."""
         self.steps += 1
-        guest = self.guests[-self.steps] = self._guest(str(self.steps))
+        guest = self.guests[-self.steps] = self._guest(f"{self.run.lap}{self.steps}")
         return guest
 
     def part(self, number: str, worker: Worker) -> Self:
         """Return a part of this command that runs on another worker; its keys begin with ours."""
         context = msgspec.structs.replace(self.context, key=f"{self.context.key}/{number}")
         part = type(self)(self.runtime, self.run, context, worker, self.call_key)
-        part.deadline_at, part.shield = self.deadline_at, self.shield
+        part.deadline_at, part.shield, part.commander = self.deadline_at, self.shield, self
         part.dropped = self._ended() if self.over else self.dropped
         return part
 
     def _guest(self, number: str) -> Self:
+        if self.keeps:
+            self.runtime.keep_step(self.call_key, on.THREAD, on.Step(on.THREAD))
         guest = self.part(number, Worker(self.worker.process))
         guest.guest, guest.depth, guest.worker.top = True, 1, guest
         return guest
@@ -189,7 +201,7 @@ class Frame:
                 if outcome is None:
                     outcome = (None, Interrupted())
                     try:
-                        if (self.run.cause or self.dropped) and self.shield <= worker.now():
+                        if self.cancelled and not self.replaying and self.shield <= worker.now():
                             outcome = (None, self.cause)
                         else:
                             context = contextvars.Context()
@@ -231,7 +243,72 @@ class Frame:
         if self.looks:
             raise RuntimeError("the condition of wait_until only reads; call commands before or after it")
         self.steps += 1
-        return f"{self.context.key}/{self.steps}"
+        return f"{self.context.key}/{self.run.lap}{self.steps}"
+
+    # -- what it has done before its process was started again -------------------------------------
+
+    def recalled(self, path: str, kind: str, content: Any = None) -> on.Step | None:
+        """Return what a step gave before; None: it is taken for the first time.
+
+        Args:
+            path: key of the step.
+            kind: see `events.Step`; so is the next.
+            content: what tells it from another step.
+
+        Raises:
+            Diverged: the page takes another step than before.
+        """
+        if not self.replaying:
+            return None
+        recall = self.run.recall
+        step = None if recall is None else recall.pop(self._suffix(path), None)
+        if step is None:
+            self._catch_up()
+            return None
+        if step.kind != kind or (content is not None and step.content != content):
+            raise Diverged(
+                robot=self.runtime.name,
+                command=self.context.command,
+                step=self._suffix(path),
+                before=words_of_step(step.kind, step.content),
+                now=words_of_step(kind, content),
+            )
+        self.rewritten.clear()
+        return step
+
+    def keep_step(self, path: str, step: on.Step) -> None:
+        """Keep what a step gave, if steps are kept. From any thread."""
+        if self.keeps:
+            self.runtime.keep_step(self.call_key, self._suffix(path), step)
+
+    def taken(self, kind: str, take: Callable[[], Any], content: Any = None) -> Any:
+        """Take a step that gives plain data, or return what it gave before."""
+        path = self.step()
+        if not self.keeps:
+            return take()
+        step = self.recalled(path, kind, content)
+        if step is not None:
+            return step.value
+        value = take()
+        self.keep_step(path, on.Step(kind, content, value))
+        return value
+
+    def _suffix(self, path: str) -> str:
+        return path[len(self.call_key) + 1 :]
+
+    def _catch_up(self) -> None:
+        """Go on with what was not done before; a part waits until the command is so far."""
+        commander = self.commander
+        if commander is not None and commander.replaying:
+            self.run.waiting.append(self)
+            self.wait(lambda: not commander.replaying)
+        self.replaying = False
+        if self.rewritten:
+            self.runtime.keep_fields(self.rewritten)
+        waiting, self.run.waiting = self.run.waiting, []
+        for part in waiting:
+            part.wake()
+        self.expect_to_go_on()
 
     # -- what is blocked, blocks here and nowhere else --------------------------------------------
 
@@ -262,11 +339,18 @@ class Frame:
         """
         if self.worker.dead:
             raise self._once_more(Abandoned())
+        if self.replaying and self.dropped is None and not self._ended_here():
+            return
         now = self.worker.now()
         if self.deadline_at > now and not (self.run.cause or self.dropped or self.group):
             return
         if now >= self.shield:
             self._end(now)
+
+    def _ended_here(self) -> bool:
+        """Whether the end of the command was raised at this step, before its process was started again."""
+        mark = (self.run.recall or {}).get(self._suffix(f"{self.context.key}/{on.END}"))
+        return mark is not None and self.steps >= mark.value
 
     def _end(self, now: float) -> None:
         """Raise what ends it, if it is to end and no clean-up is under way."""
@@ -279,6 +363,8 @@ class Frame:
             if worker.interrupt_next:
                 worker.interrupt_next = False
                 raise Interrupted
+            if self.keeps and not (self.raised or self.dropped or self.replaying):
+                self.keep_step(f"{self.context.key}/{on.END}", on.Step(on.END, None, self.steps))
             raise self._once_more(type(cause)(**cause.data))
         if self.group is not None:
             self.group.check()
@@ -461,3 +547,12 @@ class Branch(Started):
         """Take note that the command is asked to end. From any thread."""
         if self._own is not None and not self.at_rest:
             self._own.interrupt()
+
+
+def words_of_step(kind: str, content: Any) -> str:
+    """Return a step in words: `call arm.go_to(x=0.3)`."""
+    if kind in {"call", "tell"}:  # see `call_child`
+        slot, command, arguments = content
+        given = ", ".join(f"{name}={value!r}" for name, value in arguments.items())
+        return f"{slot}.{command}({given})"
+    return kind if content is None else f"{kind} {content}"

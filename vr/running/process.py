@@ -114,6 +114,11 @@ class Worker:
 class Journal(Protocol):
     """Where the events of robots are written, in their order, before they have consequences."""
 
+    @property
+    def keeps_steps(self) -> bool:
+        """Whether running commands tell what their steps gave, so that they can go on after a crash."""
+        ...
+
     def append(self, robot: str, now: float, event: CoreEvent) -> int:
         """Take an event; never blocks.
 
@@ -153,6 +158,10 @@ class Process(Generic[R]):
         self.runner: Runner = Threads() if runner is None else runner
         self.core = core
         self.journal = journal
+        self.life = 1
+        """How often a process was started with this journal."""
+        self.returns = 0.0
+        """[s] in which its robots come back after a crash; 0: they do not."""
         self.robots: dict[Address, R] = {}
         """The robots that live here."""
         self.on_raise: Callable[[str, BaseException], None] = lambda _robot, _error: None

@@ -152,6 +152,8 @@ class RobotRuntime:
         self._unremind: Callable[[], None] = _nothing
         self.neighbours = process.robots
         """The robots in this process."""
+        self._life = "" if process.life == 1 else f"/{process.life}"
+        """Of the process, in the name by which it numbers calls: another life counts from 1 again."""
         self._ledgers: dict[str, _Ledger] = {}  # the numbered calls of each distant child: parent/slot/epoch
 
     # -- the one door -----------------------------------------------------------------------------
@@ -308,6 +310,45 @@ class RobotRuntime:
         if self._journal is not None:
             self._written = self._journal.append(self.key, now, event)
         return effects
+
+    @property
+    def keeps_steps(self) -> bool:
+        """Whether what the steps of its commands give is kept, so that they can go on after a crash."""
+        return self._journal is not None and self._journal.keeps_steps
+
+    def keep_step(self, key: str, path: str, step: on.Step) -> None:
+        """Keep what a step of a running command gave. From any thread."""
+        now = self._runner.now()
+        with self._lock:
+            self._handle(on.StepTaken(key=key, path=path, step=step), now)
+
+    def keep_fields(self, values: dict[str, Any]) -> None:
+        """Keep what code wrote before its process ended, where it was not written down."""
+        now = self.look(lambda state: dict(state.fields))
+        if changed := {name: value for name, value in values.items() if now.get(name) != value}:
+            self._keep(changed)
+
+    def has_forgotten(self, key: str) -> bool:
+        """Whether a running command has taken more steps than are kept."""
+        return self.look(lambda state: state.calls.live[key].forgotten)
+
+    def checkpoint(self, key: str) -> None:
+        """Have a running command begin anew from here, if it is interrupted."""
+        self.post(on.Checkpoint(key=key))
+        run = self.runs[key]
+        run.lap = f"{self.look(lambda state: state.calls.live[key].lap)}."
+
+    def begin_again(self) -> None:
+        """Have the commands that ran when the process ended go on, from a state that was kept."""
+        with self._lock:
+            running = [call for call in self.core.state.calls.live.values() if call.running]
+            for call in running:
+                run = self._run_of(call.key)
+                run.recall, run.recalled_fields = dict(call.steps), dict(call.fields)
+                run.lap = f"{call.lap}." if call.lap else ""
+                if call.cause is not None:
+                    run.cause, run.final = call.cause.revive(), call.final
+        self.post(on.Restored(calls=tuple(call.key for call in running)))
 
     def _remind_at(self, due: float) -> None:
         """Have the watchdog look when something is due, if that is earlier than it will look.
@@ -700,7 +741,7 @@ class RobotRuntime:
 
     def numbered(self, call: Call, slot: str) -> tuple[Call, Callable[[], None]]:
         """Return a call of a child in another process with its number, and how to say that it has ended."""
-        source = f"{self.key}/{slot}/{call.epoch}"
+        source = f"{self.key}/{slot}/{call.epoch}{self._life}"
         with self._lock:
             ledger = self._ledgers.setdefault(source, _Ledger())
             number, lowest = ledger.open()

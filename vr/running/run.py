@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, Protocol
 
 from robotree.vr.base.errors import VrError
 from robotree.vr.base.requests import Raised, Returned
+from robotree.vr.core.events import Step
 from robotree.vr.running.process import Worker
 
 NO_PROGRESS = (math.nan, "")
@@ -23,6 +24,14 @@ class Listener(Protocol):
 
     def settle(self, reply: Returned | Raised) -> None:
         """Take how it ended."""
+        ...
+
+
+class Waiting(Protocol):
+    """A part of a command that waits."""
+
+    def wake(self) -> None:
+        """Have it look again. From any thread."""
         ...
 
 
@@ -46,11 +55,19 @@ class Run:
     """The same without the progress of its children."""
     waited: bool = False
     """Whether the person who called it was told that it waits."""
+    recall: dict[str, Step] | None = None
+    """The steps that it took before its process was started again, by path; None: it begins now."""
+    lap: str = ""
+    """What its steps begin with since its last checkpoint."""
     callers: frozenset[str] = frozenset()
     """Keys under which those are present with whom it ends; empty: it goes on without them."""
 
     def __init__(self) -> None:
         """Begin without anybody who listens."""
+        self.recalled_fields: dict[str, Any] = {}
+        """What its robot kept at the place of the page where it is, while it takes steps again."""
+        self.waiting: list[Waiting] = []
+        """Parts of it that have taken all their steps again before the command itself has."""
         self.listeners: list[Listener] = []
         """Those who are told how it fares."""
 

@@ -1,0 +1,310 @@
+"""The journal of a host: what its robots were told is written before anything that follows leaves it.
+
+*Output commit*: `append` only fills a buffer. `barrier` writes it, and `Outlet` calls that before any byte
+leaves the process: a request, a reply, a published state. What nobody outside has seen may be lost by a
+crash: it is done again. What is written survives the process; after `sync` it survives a loss of power.
+
+A disk that takes nothing more must not keep robots from being stopped: then the journal removes itself, for an
+old one would repeat what has been done since, and begins anew with the whole state when there is room again.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from functools import partial
+from pathlib import Path
+from typing import Protocol
+
+from robotree.vr.base.errors import VrError
+from robotree.vr.core.events import CoreEvent
+from robotree.vr.core.machine import RobotState
+from robotree.vr.journal.records import (
+    VERSION,
+    Began,
+    Gone,
+    Happened,
+    Made,
+    Offered,
+    Page,
+    Record,
+    Snapshot,
+    Whole,
+    encoder,
+)
+from robotree.vr.journal.recovery import Recovered
+from robotree.vr.journal.segments import HEAD, Disk, OSDisk, Segments
+
+FULL = 64 * 1024
+"""[bytes] that are written though nobody waits for them."""
+LONG = 8 * 1024 * 1024
+"""[bytes] of a segment after which a new one begins, with the states as they are then."""
+AGAIN = 10.0
+"""[s] after which a disk that was full is tried again."""
+
+_ARRAY = b"\xdd"
+"""MessagePack's array whose length is a u32."""
+_EMPTY = bytes(HEAD.size) + _ARRAY + bytes(4)
+
+
+class Clocks(Protocol):
+    """The clocks and locks of the process: a `running.runner.Runner`."""
+
+    def now(self) -> float:
+        """Return the time [s] on a monotonic clock."""
+        ...
+
+    def unix(self) -> float:
+        """Return the time [s] since 1970."""
+        ...
+
+    def lock(self) -> AbstractContextManager[object]:
+        """Make a lock."""
+        ...
+
+
+LookAtState = Callable[[Callable[[RobotState], None]], None]
+"""Hands the state of a robot to a function, while nothing changes it."""
+
+_log = logging.getLogger(__name__)
+
+
+class HostJournal:
+    """See the module. It is a `running.process.Journal`; every method may be called from any thread."""
+
+    keeps_steps = True
+    """Whether running commands tell what their steps gave."""
+
+    def __init__(self, folder: Path, clocks: Clocks, *, boot: str = "", disk: Disk | None = None) -> None:
+        """Take a folder, and read what is in it.
+
+        Args:
+            folder: of the log; it is made if it is not there.
+            clocks: of the process.
+            boot: of the machine: monotonic moments hold within one.
+            disk: where the folder is; None: the operating system's.
+
+        Raises:
+            JournalInUse: another host has it.
+            DamagedJournal: it cannot be read.
+            OtherJournal: another version of robotree has written it.
+            OSError: the folder cannot be made or read.
+        """
+        self._clocks, self._boot = clocks, boot
+        self._segments = Segments(folder, OSDisk() if disk is None else disk)
+        self.found = Recovered()
+        try:
+            self.found.read(self._segments.frames(), str(folder))
+        except BaseException:
+            self._segments.close()
+            raise
+        before = self.found.began
+        self.life = 1 if before is None else before.life + 1
+        """How often a host has begun with this log."""
+        self._buffer, self._count = bytearray(_EMPTY), 0
+        self._lock, self._writing = clocks.lock(), clocks.lock()
+        self._busy = False
+        self._numbers: dict[str, int] = {}
+        self._last_number = 0
+        self._made: dict[str, Made] = {}
+        self._looks: dict[str, LookAtState] = {}
+        self._offers: dict[str, Page] = {}
+        self._sealed = False
+        self._retry_at = 0.0
+        self.suspended = ""
+        """Why nothing is kept at the moment; empty: all is."""
+        self.on_suspend: Callable[[str], None] = lambda _: None
+
+    @property
+    def shift(self) -> float:
+        """[s] by which moments that were kept are later on the present monotonic clock."""
+        began = self.found.began
+        if began is None or (began.boot == self._boot and self._boot):
+            return 0.0
+        return (began.unix - began.now) - (self._clocks.unix() - self._clocks.now())
+
+    @property
+    def folder(self) -> Path:
+        """Where the log is."""
+        return self._segments.folder
+
+    def begin(self) -> None:
+        """Begin a segment with all robots that are here, and forget the older ones.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        with self._writing:
+            self._begin()
+
+    def _begin(self) -> None:
+        """Under `_writing`."""
+        with self._lock:
+            self._buffer, self._count = bytearray(_EMPTY), 0
+        self._segments.begin()
+        self._put(Began(VERSION, self.life, self._boot, self._clocks.unix(), self._clocks.now()))
+        for made in list(self._made.values()):
+            self._put(made)
+            look = self._looks.get(made.key)
+            if look is not None:
+                look(partial(self._enter, made.robot))
+            if made.key in self._offers:
+                self._put(Offered(made.robot, self._offers[made.key]))
+        self._put(Whole())
+        self._flush()
+        self._segments.sync()
+        self._segments.drop_older()
+        self.suspended = ""
+
+    # -- what a robot's runtime tells -------------------------------------------------------------
+
+    def append(self, robot: str, now: float, event: CoreEvent) -> int:
+        """See `Journal.append`."""
+        number = self._numbers.get(robot)
+        if number is not None:
+            self._put(Happened(number, now, event))
+        return 0
+
+    def commit(self, _: int) -> None:
+        """Wait for nothing: `Outlet` does, before anything leaves the process."""
+        if len(self._buffer) > FULL:
+            self.barrier()
+
+    # -- what the host tells ----------------------------------------------------------------------
+
+    def made(self, key: str, name: str, page: Page, look: LookAtState) -> None:
+        """Take in a robot that was made; its events count from now on.
+
+        Args:
+            key: of its address.
+            name: of the robot.
+            page: its source.
+            look: hands its state on.
+        """
+        self._last_number += 1
+        made = Made(self._last_number, key, name, page)
+        self._made[key], self._looks[key] = made, look
+        self._put(made)
+
+        def enter(state: RobotState) -> None:
+            self._numbers[key] = made.robot
+            self._enter(made.robot, state)
+
+        look(enter)
+
+    def _enter(self, number: int, state: RobotState) -> None:
+        self._put(Snapshot(number, state))
+
+    def offered(self, key: str, page: Page) -> None:
+        """Take the page with which a robot is to go on; it counts when `PageReloaded` follows."""
+        if key in self._made:
+            self._offers[key] = page
+            self._put(Offered(self._numbers[key], page))
+
+    def turned(self, key: str, page: Page) -> None:
+        """Take note that a robot goes on with the page that was offered."""
+        self._offers.pop(key, None)
+        if key in self._made:
+            before = self._made[key]
+            self._made[key] = Made(before.robot, key, before.name, page)
+
+    def gone(self, key: str) -> None:
+        """Take note that a robot was deleted."""
+        number = self._numbers.pop(key, None)
+        self._made.pop(key, None)
+        self._looks.pop(key, None)
+        if number is not None:
+            self._put(Gone(number))
+
+    # -- writing ----------------------------------------------------------------------------------
+
+    def barrier(self) -> None:
+        """Return when all that was appended would survive the process."""
+        if self._count or self._busy:
+            with self._writing:
+                self._write()
+
+    def sync(self) -> None:
+        """Return when all that was appended would survive a loss of power."""
+        with self._writing:
+            self._write()
+            if not (self.suspended or self._sealed):
+                self._attempt(self._segments.sync)
+
+    def seal(self) -> None:
+        """Write nothing more: what happens from now on belongs to the end of this process."""
+        with self._writing:
+            self._write()
+            self._sealed = True
+
+    def close(self) -> None:
+        """Leave the log to the next host. Twice is once."""
+        self.seal()
+        self._segments.close()
+
+    def _put(self, record: Record) -> None:
+        with self._lock:
+            encoder.encode_into(record, self._buffer, -1)
+            self._count += 1
+
+    def _write(self) -> None:
+        """Write what was appended. Under `_writing`."""
+        if self._sealed:
+            with self._lock:
+                self._buffer, self._count = bytearray(_EMPTY), 0
+            return
+        if self.suspended:
+            self._resume()
+            return
+        self._attempt(self._flush)
+        if self._segments.size > LONG and not self.suspended:
+            self._attempt(self._begin)
+
+    def _flush(self) -> None:
+        with self._lock:
+            if not self._count:
+                return
+            self._busy = True
+            body, count = self._buffer, self._count
+            self._buffer, self._count = bytearray(_EMPTY), 0
+        try:
+            body[HEAD.size + 1 : len(_EMPTY)] = count.to_bytes(4, "big")
+            self._segments.write(body)
+        finally:
+            self._busy = False
+
+    # -- a disk that takes nothing ----------------------------------------------------------------
+
+    def _attempt(self, work: Callable[[], None]) -> None:
+        try:
+            work()
+        except OSError as error:
+            self._suspend(error)
+
+    def _suspend(self, error: OSError) -> None:
+        """Keep nothing: what is on the disk is not true any more."""
+        self.suspended = error.strerror or str(error)
+        self._retry_at = self._clocks.now() + AGAIN
+        try:
+            self._segments.clear()
+        except OSError as other:  # not even that: the next host must not believe it
+            _log.critical("%s cannot be written and not be removed: %s", self.folder, other)
+            raise VrError(detail=f"{self.folder} cannot be written: {error}") from None
+        _log.error("%s: nothing is kept at the moment: %s", self.folder, self.suspended)
+        self.on_suspend(self.suspended)
+
+    def _resume(self) -> None:
+        with self._lock:
+            self._buffer, self._count = bytearray(_EMPTY), 0
+        if self._clocks.now() < self._retry_at:
+            return
+        try:
+            self._begin()
+        except OSError as error:
+            self.suspended = error.strerror or str(error)
+            self._retry_at = self._clocks.now() + AGAIN
+            self._segments.clear()
+        else:
+            _log.warning("%s: the robots are kept again", self.folder)
+            self.on_suspend("")

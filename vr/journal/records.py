@@ -1,0 +1,90 @@
+"""What stands in the log of a host: what its robots are made of, what they were, what happened to them."""
+
+from __future__ import annotations
+
+import msgspec
+
+from robotree.vr.base.plain import to_plain
+from robotree.vr.core.events import CoreEvent
+from robotree.vr.core.machine import RobotState
+
+VERSION = 1
+"""Of the format; a log of another one is not read."""
+
+
+class _Record(msgspec.Struct, frozen=True, array_like=True, tag=True):
+    """One record."""
+
+
+class Began(_Record, frozen=True):
+    """A life of the host begins, or a segment: the first record of each segment."""
+
+    version: int
+    life: int
+    """How often the host was started with this log."""
+    boot: str
+    """Of the machine: monotonic moments hold within one."""
+    unix: float
+    """[s] since 1970."""
+    now: float
+    """[s] on the monotonic clock, at the same moment."""
+
+
+class Page(msgspec.Struct, frozen=True):
+    """The source of a robot, as it came: the file at its author's may be another one by now."""
+
+    source: str
+    path: str
+    wanted: str = ""
+    files: dict[str, bytes] = {}
+    origin: str = ""
+    """Where a reload finds it."""
+
+
+class Made(_Record, frozen=True):
+    """A robot was made, or is carried over from an older segment."""
+
+    robot: int
+    """Number by which the records of this log name it."""
+    key: str
+    name: str
+    page: Page
+
+
+class Offered(_Record, frozen=True):
+    """A robot goes on with another page, if `PageReloaded` follows."""
+
+    robot: int
+    page: Page
+
+
+class Snapshot(_Record, frozen=True):
+    """The whole state of a robot."""
+
+    robot: int
+    state: RobotState
+
+
+class Happened(_Record, frozen=True):
+    """The machine of a robot has taken an event."""
+
+    robot: int
+    now: float
+    """[s] on the monotonic clock, as the machine was told."""
+    event: CoreEvent
+
+
+class Gone(_Record, frozen=True):
+    """A robot was deleted."""
+
+    robot: int
+
+
+class Whole(_Record, frozen=True):
+    """This segment has the state of all robots: what is older is not needed any more."""
+
+
+Record = Began | Made | Offered | Snapshot | Happened | Gone | Whole
+
+encoder = msgspec.msgpack.Encoder(enc_hook=to_plain)
+decoder: msgspec.msgpack.Decoder[list[Record]] = msgspec.msgpack.Decoder(list[Record])

@@ -1,0 +1,166 @@
+"""What a log says: the robots that a host had, and their states after all that has happened. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import msgspec
+
+from robotree.vr.base.errors import DamagedJournal, OtherJournal, VrError
+from robotree.vr.core import events as on
+from robotree.vr.core.machine import RobotCore, RobotState, shift
+from robotree.vr.journal.records import (
+    VERSION,
+    Began,
+    Gone,
+    Happened,
+    Made,
+    Offered,
+    Page,
+    Record,
+    Snapshot,
+    Whole,
+    decoder,
+)
+
+
+class KeptRobot:
+    """One robot, as the log tells it."""
+
+    def __init__(self, made: Made) -> None:
+        """Begin with what it was made of."""
+        self.key, self.name, self.page = made.key, made.name, made.page
+        self.offered: Page | None = None
+        self.core: RobotCore | None = None
+        """None: its state does not stand in the log yet."""
+
+    def take(self, record: Snapshot | Offered) -> None:
+        """Take a record that replaces something of it."""
+        if isinstance(record, Snapshot):
+            self.core = RobotCore(record.state)
+        else:
+            self.offered = record.page
+
+    @property
+    def state(self) -> RobotState:
+        """Its state after all that has happened."""
+        assert self.core is not None  # noqa: S101 # `Recovered.robots` has only those
+        return self.core.state
+
+
+class Recovered:
+    """Reads records, the oldest first."""
+
+    def __init__(self) -> None:
+        """Begin with nothing."""
+        self._robots: dict[str, KeptRobot] = {}
+        """By key of their addresses."""
+        self._keys: dict[int, str] = {}
+        """By the numbers of the present segment."""
+        self.began: Began | None = None
+        """The beginning of the newest segment; None: there is none."""
+        self.records = 0
+
+    @property
+    def robots(self) -> list[KeptRobot]:
+        """Those whose state is known, in the order in which they were made."""
+        return [robot for robot in self._robots.values() if robot.core is not None]
+
+    def read(self, frames: Iterable[bytes], path: str) -> None:
+        """Read all frames of a log.
+
+        Args:
+            frames: as `Segments.frames` returns them.
+            path: of the log, for messages.
+
+        Raises:
+            DamagedJournal: a frame cannot be read though its checksum fits.
+            OtherJournal: another version of robotree has written it.
+        """
+        for frame in frames:
+            try:
+                records = decoder.decode(frame)
+            except msgspec.DecodeError as error:
+                self._expect_version(frame, path)
+                raise DamagedJournal(path=path, at=0, detail=str(error)) from None
+            for record in records:
+                self.take(record, path)
+
+    def take(self, record: Record, path: str = "") -> None:
+        """Read one record."""
+        self.records += 1
+        match record:
+            case Happened(robot=number):
+                robot = self._robot(number)
+                if robot is not None and robot.core is not None:  # else its snapshot follows
+                    self._handle(robot, robot.core, record, path)
+            case Began() | Made() | Whole():
+                self._take_segment(record, path)
+            case Gone(robot=number):
+                self._robots.pop(self._keys.pop(number, ""), None)
+            case Snapshot(robot=number) | Offered(robot=number):
+                if robot := self._robot(number):
+                    robot.take(record)
+
+    def _take_segment(self, record: Began | Made | Whole, path: str) -> None:
+        """Take what a segment begins with: which robots there are."""
+        match record:
+            case Began(version=version):
+                if version != VERSION:
+                    raise OtherJournal(path=path, version=version)
+                self.began, self._keys = record, {}
+            case Made(robot=number, key=key):
+                self._keys[number] = key
+                if key in self._robots:
+                    self._robots[key].page = record.page
+                else:
+                    self._robots[key] = KeptRobot(record)
+            case Whole():
+                here = set(self._keys.values())
+                self._robots = {key: robot for key, robot in self._robots.items() if key in here}
+
+    def _robot(self, number: int) -> KeptRobot | None:
+        return self._robots.get(self._keys.get(number, ""))
+
+    def _handle(self, robot: KeptRobot, core: RobotCore, happened: Happened, path: str) -> None:
+        event = happened.event
+        try:
+            core.handle(event, happened.now)
+        except VrError as error:
+            detail = f"{robot.name} took {type(event).__name__} and now refuses it: {error}"
+            raise DamagedJournal(path=path, at=0, detail=detail) from None
+        if isinstance(event, on.PageReloaded) and robot.offered is not None:
+            robot.page, robot.offered = robot.offered, None
+
+    def _expect_version(self, frame: bytes, path: str) -> None:
+        """Name another version rather than damage, where the first record says so."""
+        with_version = msgspec.msgpack.Decoder(list[list[object]])
+        try:
+            first = with_version.decode(frame)[0]
+        except (msgspec.DecodeError, IndexError):
+            return
+        if first[:1] == [Began.__name__] and first[1:2] != [VERSION]:
+            raise OtherJournal(path=path, version=first[1] if len(first) > 1 else "?")
+
+
+def rebase(states: Sequence[RobotState], by: float, now: float) -> None:
+    """Make states that were kept fit the present moment.
+
+    Between robots of one host no time has passed while it was away: their bonds hold. A child elsewhere is
+    asked at once to prolong its lease.
+
+    Args:
+        states: of the robots of one host.
+        by: [s] by which moments are later on the present clock.
+        now: [s] on that clock.
+    """
+    here = {state.address for state in states}
+    for state in states:
+        shift(state, by)
+        lease = state.lease
+        if lease.current is not None and lease.current.parent in here:
+            expires = now + lease.term_granted  # and the next process of the parent is its heir
+            lease.current = msgspec.structs.replace(lease.current, expires=expires, away=True)
+        for bond in state.slots.bonds().values():
+            held = bond.lease
+            held.confirmed = held.last_asked = now if bond.child in here else now - held.term / 2
