@@ -220,6 +220,8 @@ class RobotAgent:
         """Have a restored robot go on: its parent and callers are looked for, its commands begin again."""
         if (lease := self.runtime.lease) is not None:
             self._watch(lease.parent)
+            if lease.waits and not self.transport.presence.there(lease.parent.key):
+                self.runtime.post(on.ParentAway(parent=lease.parent))
         for key, caller in self.runtime.look(_callers):
             self._callers.attend(caller, key)
         self.runtime.begin_again()
@@ -502,7 +504,7 @@ class RobotAgent:
         self._watch(request.parent)
         description = self.description()
         self._known_to_parent = description.commands
-        return _granted(effects, description)
+        return _granted(effects, description, self._process.returns)
 
     def _expect_to_fit(self, request: Petition) -> None:
         """Refuse a slot for which this robot is not made.
@@ -535,10 +537,10 @@ class RobotAgent:
             self._watch(request.parent)
         commands = self.runtime.look(self.runtime.specs)
         if commands == self._known_to_parent:
-            return _granted(effects, None)
+            return _granted(effects, None, self._process.returns)
         description = self.description()
         self._known_to_parent = description.commands
-        return _granted(effects, description)
+        return _granted(effects, description, self._process.returns)
 
     def _retract(self, request: Retract, asker: Principal) -> Reply:
         parent = request.parent
@@ -653,7 +655,7 @@ class RobotAgent:
         task.add_done_callback(self._asides.discard)
 
 
-def _granted(effects: Sequence[CoreEffect], news: RobotDescription | None) -> Granted:
+def _granted(effects: Sequence[CoreEffect], news: RobotDescription | None, returns: float) -> Granted:
     lease = next(effect for effect in effects if isinstance(effect, on.LeaseGranted))
     return Granted(
         epoch=lease.epoch,
@@ -662,6 +664,7 @@ def _granted(effects: Sequence[CoreEffect], news: RobotDescription | None) -> Gr
         depth=lease.depth,
         ways=lease.ways,
         stopped=lease.stopped,
+        returns=returns,
     )
 
 

@@ -193,13 +193,18 @@ class ChildKeeper:
         """Lose a child when its presence goes."""
 
         def look(_: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
-            if not there:
+            if not there and not self._waits_for(slot, child, epoch):
                 hangs = not self._presence.left(child.key) and self._presence.lives(child.key)
                 how = "hung: its process did not answer" if hangs else "has ended or cannot be reached"
                 reason = f"{child.name} {how}"
                 self._runtime.post(on.Lose(slot=slot, child=child, epoch=epoch, reason=reason))
 
         self._watching[slot] = self._presence.watch(child.key, look)
+
+    def _waits_for(self, slot: str, child: Address, epoch: int) -> bool:
+        """Whether a child that is gone comes back: then it is lost when its lease runs out, not before."""
+        bond = self._runtime.look(lambda state: state.slots.held(slot, child, epoch))
+        return bond is not None and bond.returns > 0.0 and not self._presence.lives(child.key)
 
     def gone(self, effect: on.ChildGone) -> None:
         """A slot is empty again."""
@@ -296,7 +301,12 @@ class ChildKeeper:
             raise Garbled(key=child.key, detail="it grants a lease but does not say who it is")
         lease = HeldLease.begin(epoch=granted.epoch, term=granted.term, sent=sent, now=_now())
         return Bond(
-            child=child, lease=lease, description=granted.robot, depth=granted.depth, ways=granted.ways
+            child=child,
+            lease=lease,
+            description=granted.robot,
+            depth=granted.depth,
+            ways=granted.ways,
+            returns=granted.returns,
         )
 
     def _promises(self, slot: str) -> tuple[CommandSpec, ...]:
@@ -331,7 +341,8 @@ class ChildKeeper:
         def take(reply: Reply | None) -> None:
             nonlocal answered
             if reply is None:
-                if not (answered or self._presence.there(child.key)):
+                gone = not (answered or self._presence.there(child.key))
+                if gone and not self._waits_for(slot, child, epoch):
                     lose(f"{child.name} has ended")
                 return
             answered = True

@@ -61,7 +61,7 @@ class OutsideCaller:
         """Say that the call is accepted, once and only before its end."""
         if not self._accepted and not self._over:
             self._accepted = True
-            self._respond(encode(Accepted(key=self._call.key)))
+            self._respond(encode(Accepted(key=self._call.key, returns=self._runtime.process.returns)))
 
     def note(self, fraction: float, text: str) -> None:
         now, waiting = self._runtime.process.runner.now(), bool(self._pending)

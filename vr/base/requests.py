@@ -381,6 +381,9 @@ class Accepted(_Message, frozen=True, kw_only=True):
 
     key: str
     """Of the call, or the stop's order."""
+    returns: float = 0.0
+    """[s] in which the robot comes back after a crash: asked again under the same key, it goes on. 0: it does
+    not come back."""
 
 
 class Progress(_Message, frozen=True, kw_only=True):
@@ -473,6 +476,8 @@ class Granted(_Message, frozen=True, kw_only=True):
     """[s] that the ways down through these levels and back take together, as measured."""
     stopped: int = 0
     """Number of the last stop of the granter that came while the parent's process was away."""
+    returns: float = 0.0
+    """[s] in which the granter comes back after a crash; 0: it does not."""
 
 
 class HostDescribed(_Message, frozen=True, kw_only=True):

@@ -443,6 +443,8 @@ class Bond(msgspec.Struct, kw_only=True):
     """[s] for the way down through these levels and back, in its latest report."""
     stopped: int = 0
     """Number of the last stop of the child that came while the parent's process was away."""
+    returns: float = 0.0
+    """[s] in which the child comes back after a crash, if its lease holds so long; 0: it does not."""
 
     def copied(self) -> Bond:
         """Return a copy, which stays as it is now."""

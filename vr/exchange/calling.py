@@ -6,10 +6,13 @@ thread that calls.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
 from typing import Any
+
+from msgspec.structs import replace
 
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import FieldSpec
@@ -28,6 +31,10 @@ from robotree.vr.base.requests import (
 from robotree.vr.base.transport import Transport
 from robotree.vr.exchange.asking import send_request
 
+LOOK_AGAIN = 0.02
+"""[s] after which a thread looks again whether a robot is back whose process has ended."""
+NEWS = 0.5
+"""[s] in which the news that a process has ended reaches the table of those who are present."""
 MARGIN = LONGEST_CLEANUP + 5.0
 """[s] after the deadline in which the robot may still report how its command ended."""
 
@@ -50,8 +57,9 @@ class CallOutcome:
     ) -> None:
         """Nothing is known yet."""
         self.call, self.robot, self._on_progress, self._on_fields = call, robot, on_progress, on_fields
-        self.accepted = False
-        self.over = False
+        self.accepted = self.over = self.away = False
+        self.returns = 0.0
+        """[s] in which the robot comes back if its process ends; 0: it does not."""
         self._value: Any = None
         self._error: VrError | None = None
 
@@ -60,8 +68,8 @@ class CallOutcome:
         if self.over:
             return
         match reply:
-            case Accepted():
-                self.accepted = True
+            case Accepted(returns=returns):
+                self.accepted, self.returns = True, returns
                 self.over = self.call.oneway
             case Progress(fraction=fraction, text=text):
                 if self._on_progress is not None:
@@ -74,23 +82,43 @@ class CallOutcome:
                 error = raised.revive()
                 error.entered = self.accepted
                 self.fail(error)
-            case None if self.accepted:
-                self.fail(
-                    CommandFailed(
-                        robot=self.robot.name,
-                        command=self.call.command,
-                        detail="it ended in the middle; look where the robot stands before you go on",
-                    )
-                )
             case None:
-                self.fail(Unreachable(key=self.robot.key))
+                self._lose_contact()
             case other:
                 answer = f"{type(other).__name__} is no answer to a call"
                 self.fail(Garbled(key=self.robot.key, detail=answer))
 
+    def _lose_contact(self) -> None:
+        """There are no more replies: the robot's process has ended."""
+        name, command = self.robot.name, self.call.command
+        if not self.accepted:
+            self.fail(Unreachable(key=self.robot.key))
+        elif self.returns:
+            self.away = True
+            if self._on_progress is not None:
+                self._on_progress(math.nan, f"the process of {name} has ended; it may come back")
+        else:
+            detail = "it ended in the middle; look where the robot stands before you go on"
+            self.fail(CommandFailed(robot=name, command=command, detail=detail))
+
     def fail(self, error: VrError) -> None:
         """Note that it has failed."""
         self._error, self.over = error, True
+
+    def again(self, ends: float, now: float) -> Call:
+        """Return the call as it is asked again of a robot that may be back.
+
+        Args:
+            ends: [s] when it must be done, on the clock of `now`.
+            now: [s]
+        """
+        self.away = False
+        return replace(self.call, deadline=ends - now)
+
+    def give_up(self) -> None:
+        """Wait for the robot no longer: it did not come back in time."""
+        self.returns = 0.0
+        self._lose_contact()
 
     @property
     def longest(self) -> float:
@@ -134,22 +162,42 @@ def call_and_wait(
 
     def take(reply: Reply | None) -> None:
         outcome.take(reply)
-        if outcome.over and news.locked():
+        if (outcome.over or outcome.away) and news.locked():
             news.release()
 
     now = time.monotonic()
-    latest = now + outcome.longest
+    latest, ends = now + outcome.longest, now + call.deadline
     try:
         send_request(transport, key, call, take, now=now, within=patience, sender=sender)
-        if not news.acquire(timeout=patience):
-            left = min(latest - time.monotonic(), threading.TIMEOUT_MAX) if outcome.accepted else 0.0
-            if not news.acquire(timeout=max(0.0, left)):
-                outcome.fail(NoAnswer(key=key, seconds=latest - now if outcome.accepted else patience))
-                _call_off(transport, outcome, sender)
+        while not outcome.over:
+            if not news.acquire(timeout=patience):
+                left = min(latest - time.monotonic(), threading.TIMEOUT_MAX) if outcome.accepted else 0.0
+                if not news.acquire(timeout=max(0.0, left)):
+                    outcome.fail(NoAnswer(key=key, seconds=latest - now if outcome.accepted else patience))
+                    _call_off(transport, outcome, sender)
+            if outcome.away:
+                back = _await_return(transport, outcome)
+                now = time.monotonic()
+                if back:
+                    again = outcome.again(ends, now)
+                    send_request(transport, key, again, take, now=now, within=patience, sender=sender)
+                else:
+                    outcome.give_up()
     except BaseException:
         _call_off(transport, outcome, sender)
         raise
     return outcome.result()
+
+
+def _await_return(transport: Transport, outcome: CallOutcome) -> bool:
+    """Wait until a robot is back whose process has ended, as long as it said; returns whether it is."""
+    presence, key = transport.presence, outcome.robot.key
+    began = time.monotonic()
+    while presence.there(key) and time.monotonic() < began + NEWS:
+        time.sleep(LOOK_AGAIN)
+    while not presence.there(key) and time.monotonic() < began + outcome.returns:
+        time.sleep(LOOK_AGAIN)
+    return presence.there(key)
 
 
 def _call_off(transport: Transport, outcome: CallOutcome, sender: str) -> None:

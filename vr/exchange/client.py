@@ -10,7 +10,7 @@ from typing import Any, Protocol, TypeVar
 
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import Arguments, RobotDescription
-from robotree.vr.base.errors import NoAnswer, VrError
+from robotree.vr.base.errors import NoAnswer, Unreachable, VrError
 from robotree.vr.base.requests import (
     PATIENCE,
     AnyRequest,
@@ -47,7 +47,7 @@ from robotree.vr.base.requests import (
 from robotree.vr.base.transport import Transport
 from robotree.vr.core.confirmation import unmeasured
 from robotree.vr.exchange.asking import ReplyStream, ask, fresh_key
-from robotree.vr.exchange.calling import CallOutcome, OnFields, OnProgress
+from robotree.vr.exchange.calling import NEWS, CallOutcome, OnFields, OnProgress
 
 DEFAULT_DEADLINE = 60.0
 """[s] for a command when the caller names none."""
@@ -161,9 +161,23 @@ class RobotClient:
             raise
 
     async def _follow(self, outcome: CallOutcome, sender: str) -> Any:
+        loop = asyncio.get_running_loop()
+        call, ends = outcome.call, loop.time() + outcome.call.deadline
+        while not outcome.over:
+            await self._take_replies(call, outcome, sender)
+            if outcome.away:
+                presence, key = self._transport.presence, self.address.key
+                await presence.until(key, there=False, within=NEWS)
+                if await presence.until(key, there=True, within=outcome.returns):
+                    call = outcome.again(ends, loop.time())
+                else:
+                    outcome.give_up()
+        return outcome.result()
+
+    async def _take_replies(self, call: Call, outcome: CallOutcome, sender: str) -> None:
         key = self.address.key
         replies = ReplyStream(
-            self._transport, key, outcome.call, within=self._patience, timeout=outcome.longest, sender=sender
+            self._transport, key, call, within=self._patience, timeout=outcome.longest, sender=sender
         )
         try:
             async with asyncio.timeout(self._patience) as until_accepted:
@@ -177,7 +191,10 @@ class RobotClient:
                     outcome.take(None)
         except TimeoutError:
             raise NoAnswer(key=key, seconds=self._patience) from None
-        return outcome.result()
+        except Unreachable:
+            if not outcome.accepted:
+                raise
+            outcome.take(None)
 
     def _cancel_late(self, call: Call) -> None:
         async def cancel() -> None:

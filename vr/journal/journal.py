@@ -4,8 +4,8 @@
 leaves the process: a request, a reply, a published state. What nobody outside has seen may be lost by a
 crash: it is done again. What is written survives the process; after `sync` it survives a loss of power.
 
-A disk that takes nothing more must not keep robots from being stopped: then the journal removes itself, for an
-old one would repeat what has been done since, and begins anew with the whole state when there is room again.
+A disk that takes nothing more must not keep robots from being stopped: then the journal removes itself, for
+an old one would repeat what was done since, and begins anew with the whole state when there is room again.
 """
 
 from __future__ import annotations

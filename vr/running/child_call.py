@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
 from msgspec import to_builtins
+from msgspec.structs import replace
 
 from robotree.vr.author.child import readable
 from robotree.vr.author.context import Activity, CallLimit
@@ -45,6 +46,8 @@ from robotree.vr.running.frame import Frame
 from robotree.vr.running.process import Worker
 from robotree.vr.running.robot_runtime import NotDescribed, RobotRuntime
 
+ABSENCE = 0.02
+"""[s] after which a caller looks again whether a child is back whose process has ended."""
 DEEPEST = 32
 """Frames on one worker; a call below that is handed to another one."""
 
@@ -131,6 +134,8 @@ class ChildCall(Started):
     """The child, if it lives in this process."""
     _sent: Call | None = None
     """The call, if a child in another process was asked."""
+    _ends: float = math.inf
+    """[s] when the child must have ended it."""
     _leave: Callable[[], None] | None = None
     """Called once it has ended; None: nobody is to be told."""
     _unlimit: Callable[[], None] | None = None
@@ -242,8 +247,8 @@ class ChildCall(Started):
     def ask(self, call: Call) -> None:
         """Call a child in another process; its answers come to `take_reply`."""
         runtime, now = self.frame.runtime, self.frame.worker.now()
-        self._sent, self.accept_by = call, now + PATIENCE
         call, closed = runtime.numbered(call, self.slot)
+        self._sent, self.accept_by, self._ends = call, now + PATIENCE, now + call.deadline
         forget = None if call.oneway else runtime.when_gone(self.slot, self.fail)
 
         def leave() -> None:
@@ -257,13 +262,7 @@ class ChildCall(Started):
     def take_reply(self, reply: Reply | None) -> None:
         """Take one reply from another process; None: there are no more."""
         if reply is None:
-            if self.reply is not None or (self._awaited and self.accepted):
-                return
-            if self.accepted:
-                detail = "it ended in the middle; look where the robot stands before you go on"
-                self.fail(CommandInDoubt(robot=self.child.name, command=self.command, detail=detail))
-            else:
-                self.fail(Unreachable(key=self.child.key))
+            self._lose_contact()
             return
         if isinstance(reply, (Returned, Raised)):
             self.settle(reply)
@@ -277,6 +276,37 @@ class ChildCall(Started):
                 self._leave()
             if self._awaited:
                 self.frame.worker.wake()
+
+    def _lose_contact(self) -> None:
+        """There are no more replies: the child's process has ended."""
+        if self.reply is not None or (self._awaited and self.accepted):
+            return
+        if self._comes_back():
+            self.accept_by = math.inf
+            process = self.frame.worker.process
+            process.at(process.runner.now() + ABSENCE, self._ask_again)
+        elif self.accepted:
+            detail = "it ended in the middle; look where the robot stands before you go on"
+            self.fail(CommandInDoubt(robot=self.child.name, command=self.command, detail=detail))
+        else:
+            self.fail(Unreachable(key=self.child.key))
+
+    def _comes_back(self) -> bool:
+        """Whether the child is still bound, and comes back with all that it had accepted."""
+        epoch = None if self._sent is None else self._sent.epoch
+        return epoch is not None and self.frame.runtime.comes_back(self.slot, self.child, epoch)
+
+    def _ask_again(self) -> None:
+        """Ask the child once more under the same key when it is back: it goes on, or tells how it ended."""
+        runtime, sent, now = self.frame.runtime, self._sent, self.frame.worker.process.runner.now()
+        if self.reply is not None or sent is None:
+            return
+        if runtime.is_there(self.child.key):
+            self.accept_by = math.inf if self.accepted else now + PATIENCE
+            again = replace(sent, deadline=self._ends - now)
+            runtime.ask(self.child.key, again, self.take_reply, now=now)
+        else:
+            self._lose_contact()
 
     # -- how it fares -----------------------------------------------------------------------------
 

@@ -751,6 +751,15 @@ class RobotRuntime:
     def spaces(self, name: str) -> list[str]:
         """Return the keys of the spaces of a name that run; empty: of all."""
         return self._transport.presence.keys(everyone("space", name or "*"))
+    def is_there(self, key: str) -> bool:
+        """Whether an agent is present under a key."""
+        return self._transport.presence.there(key)
+
+    def comes_back(self, slot: str, child: Address, epoch: int) -> bool:
+        """Whether a child whose process has ended is still bound and comes back."""
+        return self.look(
+            lambda state: (bond := state.slots.held(slot, child, epoch)) is not None and bond.returns > 0.0
+        )
 
     def ask(
         self,
