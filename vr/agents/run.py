@@ -95,7 +95,7 @@ async def run_host(
         stack.push_async_callback(transport.close)
         if journal is not None:
             stack.callback(journal.close)
-            process.life, process.returns = journal.life, returns
+            process.life, process.returns, process.keeps_steps = journal.life, returns, True
             transport = Outlet(transport, journal.barrier)
         registrar = Registrar(transport)
         stack.push_async_callback(registrar.close)

@@ -73,9 +73,6 @@ _log = logging.getLogger(__name__)
 class HostJournal:
     """See the module. It is a `running.process.Journal`; every method may be called from any thread."""
 
-    keeps_steps = True
-    """Whether running commands tell what their steps gave."""
-
     def __init__(self, folder: Path, clocks: Clocks, *, boot: str = "", disk: Disk | None = None) -> None:
         """Take a folder, and read what is in it.
 

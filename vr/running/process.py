@@ -114,11 +114,6 @@ class Worker:
 class Journal(Protocol):
     """Where the events of robots are written, in their order, before they have consequences."""
 
-    @property
-    def keeps_steps(self) -> bool:
-        """Whether running commands tell what their steps gave, so that they can go on after a crash."""
-        ...
-
     def append(self, robot: str, now: float, event: CoreEvent) -> int:
         """Take an event; never blocks.
 
@@ -162,6 +157,8 @@ class Process(Generic[R]):
         """How often a process was started with this journal."""
         self.returns = 0.0
         """[s] in which its robots come back after a crash; 0: they do not."""
+        self.keeps_steps = False
+        """Whether the journal also takes what the steps of commands give, so that they can go on."""
         self.robots: dict[Address, R] = {}
         """The robots that live here."""
         self.on_raise: Callable[[str, BaseException], None] = lambda _robot, _error: None

@@ -314,7 +314,7 @@ class RobotRuntime:
     @property
     def keeps_steps(self) -> bool:
         """Whether what the steps of its commands give is kept, so that they can go on after a crash."""
-        return self._journal is not None and self._journal.keeps_steps
+        return self.process.keeps_steps
 
     def keep_step(self, key: str, path: str, step: on.Step) -> None:
         """Keep what a step of a running command gave. From any thread."""
