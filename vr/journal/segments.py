@@ -1,6 +1,6 @@
 """Files to which frames of bytes are appended, each with its length and a checksum, oldest file first.
 
-    NUMBER.log    frames: length (u32), CRC-32 (u32), body
+    NUMBER.log    frames: length (u32), CRC-32 of the length (u32), CRC-32 of the body (u32), body
     lock          held by the host that writes: of two, the second is refused
 
 A frame that the end of the newest file cuts short was never finished, so nothing has depended on it: it is
@@ -20,8 +20,9 @@ from typing import Protocol
 from robotree.files import private_folder
 from robotree.vr.base.errors import DamagedJournal, JournalInUse
 
-HEAD = struct.Struct("<II")
-"""Length and checksum of the body that follows."""
+HEAD = struct.Struct("<III")
+"""Length of the body that follows, the checksum of these four bytes, and that of the body."""
+_LENGTH = struct.Struct("<I")
 
 
 class Disk(Protocol):
@@ -152,7 +153,9 @@ class Segments:
         Raises:
             OSError: it cannot be written whole.
         """
-        HEAD.pack_into(body, 0, len(body) - HEAD.size, zlib.crc32(memoryview(body)[HEAD.size :]))
+        length = len(body) - HEAD.size
+        check = zlib.crc32(_LENGTH.pack(length))
+        HEAD.pack_into(body, 0, length, check, zlib.crc32(memoryview(body)[HEAD.size :]))
         if self._disk.write(self._open, body) < len(body):
             raise OSError(28, "it was written in part only: the disk is full")
         self.size += len(body)
@@ -194,11 +197,18 @@ def _frames(data: bytes, path: str, *, newest: bool) -> Iterator[bytes]:
     at, view = 0, memoryview(data)
     while at < len(data):
         begin = at + HEAD.size
-        length, checksum = HEAD.unpack_from(data, at) if begin <= len(data) else (len(data), 0)
-        end = begin + length
-        if end > len(data) or zlib.crc32(view[begin:end]) != checksum:
-            if newest and end >= len(data):
-                return  # cut short
-            raise DamagedJournal(path=path, at=at, detail="its checksum is another one")
+        whole = begin <= len(data)
+        if whole:
+            length, check, checksum = HEAD.unpack_from(data, at)
+            if zlib.crc32(_LENGTH.pack(length)) != check:
+                raise DamagedJournal(path=path, at=at, detail="that is no length of a record")
+            end = begin + length
+            whole = end <= len(data)
+            if whole and zlib.crc32(view[begin:end]) != checksum:
+                raise DamagedJournal(path=path, at=at, detail="its checksum is another one")
+        if not whole:
+            if newest:
+                return  # the end of the process has cut it short
+            raise DamagedJournal(path=path, at=at, detail="the end of the file is missing")
         yield data[begin:end]
         at = end

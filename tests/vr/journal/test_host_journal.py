@@ -1,0 +1,221 @@
+"""The journal of a host: what stands in it after each event, and what it does when the disk takes nothing."""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotree.vr.base.address import Address
+from robotree.vr.base.errors import OtherJournal
+from robotree.vr.base.requests import Call, Returned
+from robotree.vr.core import events as on
+from robotree.vr.core.bonds import GrantedLease, Slots
+from robotree.vr.core.machine import Calls, RobotCore, RobotState, encode_state
+from robotree.vr.core.stop import Stop
+from robotree.vr.journal import journal as journals
+from robotree.vr.journal import records
+from robotree.vr.journal.journal import HostJournal
+from robotree.vr.journal.records import Page
+from robotree.vr.journal.segments import OSDisk
+
+PAGE = Page("class It(VirtualRobot): ...", "/it.py")
+
+
+class Clock:
+    """A clock that stands still."""
+
+    unix_now, now_now = 1000.0, 10.0
+    lock = staticmethod(threading.Lock)
+
+    def now(self) -> float:
+        return self.now_now
+
+    def unix(self) -> float:
+        return self.unix_now
+
+
+class FullDisk(OSDisk):
+    """A disk on which there is room only for a while."""
+
+    room = True
+
+    def write(self, descriptor: int, data: Any) -> int:
+        if not self.room:
+            raise OSError(28, "No space left on device")
+        return super().write(descriptor, data)
+
+    def create(self, path: Path) -> int:
+        if not self.room:
+            raise OSError(28, "No space left on device")
+        return super().create(path)
+
+
+def core(name: str = "it") -> RobotCore:
+    lease = GrantedLease.free(name, unix=0.0)
+    address = Address("robot", name, "1")
+    return RobotCore(
+        RobotState(address=address, home="h", lease=lease, slots=Slots(name), calls=Calls(), stop=Stop())
+    )
+
+
+class Kept:
+    """A robot whose events go to a journal."""
+
+    def __init__(self, journal: HostJournal, name: str = "it") -> None:
+        self.core, self.journal = core(name), journal
+        self.key = self.core.state.address.key
+        journal.made(self.key, name, PAGE, lambda query: query(self.core.state))
+
+    def take(self, event: Any) -> None:
+        self.core.handle(event, 1.0)
+        self.journal.append(self.key, 1.0, event)
+
+    def call(self, key: str) -> None:
+        call = Call(key=key, command="go", deadline=9.0)
+        self.take(on.Invoke(call=call, arguments={"x": 1.0}, deadline_at=9.0))
+
+
+def opened(folder: Path, **options: Any) -> HostJournal:
+    return HostJournal(folder, Clock(), boot="this", **options)
+
+
+def reopened(journal: HostJournal) -> dict[str, bytes]:
+    """Close a journal; return the states that the next host finds, by name."""
+    journal.close()
+    following = opened(journal.folder)
+    try:
+        return {robot.name: encode_state(robot.state) for robot in following.found.robots}
+    finally:
+        following.close()
+
+
+def test_the_next_host_finds_the_state_after_all_that_has_happened(tmp_path: Path) -> None:
+    journal = opened(tmp_path / "h")
+    journal.begin()
+    robot = Kept(journal)
+    robot.call("k")
+    robot.take(on.StepTaken(key="k", path="1", step=on.Step("look", None, 3.5)))
+    robot.take(
+        on.StepTaken(key="k", path="2", step=on.Step("call", ["arm", "go", {}], None, Returned(key="k/2")))
+    )
+    robot.take(on.Finish(key="k", reply=Returned(key="k", value=[1])))
+    robot.call("l")
+    assert reopened(journal) == {"it": encode_state(robot.core.state)}
+
+
+def test_a_robot_that_was_deleted_is_not_found(tmp_path: Path) -> None:
+    journal = opened(tmp_path / "h")
+    journal.begin()
+    one, other = Kept(journal, "one"), Kept(journal, "other")
+    journal.gone(one.key)
+    assert list(reopened(journal)) == [other.core.name]
+
+
+def test_a_new_segment_says_what_the_older_ones_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(journals, "LONG", 2000)
+    journal = opened(tmp_path / "h")
+    journal.begin()
+    robot, other = Kept(journal), Kept(journal, "other")
+    for number in range(60):
+        robot.call(f"k{number}")
+        robot.take(on.Finish(key=f"k{number}", reply=Returned(key="k")))
+        journal.barrier()
+    journal.gone(other.key)
+    assert len(list(journal.folder.glob("*.log"))) == 1
+    assert sum(file.stat().st_size for file in journal.folder.glob("*.log")) < 40_000
+    assert reopened(journal) == {"it": encode_state(robot.core.state)}
+
+
+def test_what_nobody_waited_for_may_be_lost_and_what_somebody_waited_for_is_there(tmp_path: Path) -> None:
+    journal = opened(tmp_path / "h")
+    journal.begin()
+    robot = Kept(journal)
+    journal.barrier()
+    waited = encode_state(robot.core.state)
+    robot.call("k")
+    folder, _ = journal.folder, journal._segments.close()  # the process ends here
+    following = opened(folder)
+    assert [encode_state(kept.state) for kept in following.found.robots] == [waited]
+    following.close()
+
+
+def test_a_page_counts_when_the_robot_has_turned_to_it(tmp_path: Path) -> None:
+    journal = opened(tmp_path / "h")
+    journal.begin()
+    robot, other = Kept(journal), Kept(journal, "other")
+    news = Page("class It(VirtualRobot): 'news'", "/it.py")
+    for each in (robot, other):
+        journal.offered(each.key, news)
+    robot.take(on.PageReloaded(slots=(), fields={}))
+    journal.close()
+    following = opened(journal.folder)
+    assert [kept.page for kept in following.found.robots] == [news, PAGE]
+    following.close()
+
+
+def test_a_full_disk_keeps_nothing_and_says_so_and_later_all_again(tmp_path: Path) -> None:
+    disk, said = FullDisk(), []
+    journal = opened(tmp_path / "h", disk=disk)
+    journal.on_suspend = said.append
+    journal.begin()
+    robot = Kept(journal)
+    journal.barrier()
+    disk.room = False
+    robot.call("k")
+    journal.barrier()
+    assert said == ["No space left on device"]
+    assert not list(journal.folder.glob("*.log"))  # an old one would repeat what is done from now on
+    robot.take(on.Finish(key="k", reply=Returned(key="k")))
+    disk.room = True
+    Clock.now_now += journals.AGAIN + 1.0
+    journal.barrier()
+    assert said[1:] == [""]
+    robot.call("l")
+    assert reopened(journal) == {"it": encode_state(robot.core.state)}
+
+
+def test_another_version_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(journals, "VERSION", 99)
+    journal = opened(tmp_path / "h")
+    journal.begin()
+    journal.close()
+    assert records.VERSION == 1
+    with pytest.raises(OtherJournal, match="format 99"):
+        opened(journal.folder)
+
+
+def test_after_a_restart_of_the_machine_moments_are_as_far_away_as_before(tmp_path: Path) -> None:
+    journal = opened(tmp_path / "h")
+    journal.begin()
+    journal.close()
+    clock = Clock()
+    clock.unix_now, clock.now_now = 1060.0, 5.0  # a minute later, on a clock that began anew
+    following = HostJournal(journal.folder, clock, boot="another")
+    # a moment 30 s ahead then (40) is 30 s ago now (-25): 65 s less on this clock
+    assert following.shift == pytest.approx((1000.0 - Clock.now_now) - (1060.0 - 5.0))
+    following.close()
+
+
+def test_several_threads_write_and_nothing_is_lost(tmp_path: Path) -> None:
+    journal = opened(tmp_path / "h")
+    journal.begin()
+    robots = [Kept(journal, f"r{number}") for number in range(4)]
+
+    def work(robot: Kept) -> None:
+        for number in range(200):
+            robot.call(f"k{number}")
+            robot.take(on.Finish(key=f"k{number}", reply=Returned(key="k")))
+            journal.barrier()
+
+    threads = [threading.Thread(target=work, args=(robot,)) for robot in robots]
+    began = time.monotonic()
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60)
+    assert time.monotonic() - began < 60
+    assert reopened(journal) == {robot.core.name: encode_state(robot.core.state) for robot in robots}
