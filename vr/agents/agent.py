@@ -138,20 +138,7 @@ class RobotAgent:
         self._shared = Shared() if shared is None else shared
         self._unix = unix or self._process.runner.unix
         self._restored = state is not None
-        if state is None:
-            granted = GrantedLease.free(robot.name, term=term, unix=self._unix())
-            state = _new_state(robot, self.address, self._shared.host, granted)
-        self.runtime = RobotRuntime(
-            robot,
-            self._process.core(state),
-            self._process,
-            execute=execute,
-            transport=transport,
-            describe_child=self._describe_child,
-            follow_child=self._follow_child,
-            obeyed=obeyed,
-            on_effect=self._take_effect,
-        )
+        self.runtime = self._new_runtime(robot, state or self._new_state(robot, term), obeyed)
         self._hooks = Hooks(robot, self._process.runner, partial(self.runtime.say, ""))
         self._publisher = Publisher(self.runtime, self._hooks, transport, self._shared, registrar)
         self._children = self._new_children(term) if isinstance(robot, VirtualRobot) else None
@@ -164,6 +151,25 @@ class RobotAgent:
     def robot(self) -> Robot:
         """What it answers for; another one after a reload."""
         return self.runtime.robot
+
+    def _new_runtime(
+        self, robot: Robot, state: RobotState, obeyed: Callable[[], int | None] | None
+    ) -> RobotRuntime:
+        return RobotRuntime(
+            robot,
+            self._process.core(state),
+            self._process,
+            execute=execute,
+            transport=self.transport,
+            describe_child=self._describe_child,
+            follow_child=self._follow_child,
+            obeyed=obeyed,
+            on_effect=self._take_effect,
+        )
+
+    def _new_state(self, robot: Robot, term: float) -> RobotState:
+        granted = GrantedLease.free(robot.name, term=term, unix=self._unix())
+        return _new_state(robot, self.address, self._shared.host, granted)
 
     def _new_children(self, term: float) -> ChildKeeper:
         return ChildKeeper(self.runtime, self.transport, term=term)

@@ -43,7 +43,7 @@ from robotree.vr.exchange.claim import claim, expect_free, new_address
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.exchange.dispatcher import Dispatcher, not_for
 from robotree.vr.journal.journal import HostJournal
-from robotree.vr.journal.records import Page
+from robotree.vr.journal.records import KeptPage
 from robotree.vr.journal.recovery import KeptRobot, rebase
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.running.heard import speaking
@@ -370,8 +370,8 @@ class Host:
         return HostDescribed(address=self.address, robots=robots, abandoned=abandoned, pages=pages)
 
 
-def _page(bundle: Bundle, origin: str) -> Page:
-    return Page(bundle.source, bundle.path, bundle.wanted, dict(bundle.files), origin)
+def _page(bundle: Bundle, origin: str) -> KeptPage:
+    return KeptPage(bundle.source, bundle.path, bundle.wanted, dict(bundle.files), origin)
 
 
 def _bundle(page: Create) -> Bundle:

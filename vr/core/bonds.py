@@ -134,7 +134,6 @@ class GrantedLease(msgspec.Struct, kw_only=True):
         key: str = "",
         returns: int | None = None,
         patience: float = 0.0,
-        waits: float = 0.0,
         principal: Principal = ITSELF,
     ) -> Lease:
         """Grant the lease, anew if the same slot of the same parent asks again.
@@ -150,7 +149,6 @@ class GrantedLease(msgspec.Struct, kw_only=True):
             returns: epoch of the lease that the parent has lost by silence; `FRESH`: it was a lease on an
                 earlier incarnation; None: it asks anew.
             patience: [s] after its end in which that lease shall return; 0: `RETURN`.
-            waits: [s] that the robot is to wait if the parent's process ends.
             principal: who asks.
 
         Raises:
@@ -180,9 +178,13 @@ class GrantedLease(msgspec.Struct, kw_only=True):
             lineage=lineage,
             petition=key,
             principal=principal,
-            waits=min(max(waits, 0.0), LONGEST_WAIT),
         )
         return self.current
+
+    def promise(self, waits: float) -> None:
+        """Promise to wait so long [s] for the parent if its process ends."""
+        if self.current is not None:
+            self.current = msgspec.structs.replace(self.current, waits=min(max(waits, 0.0), LONGEST_WAIT))
 
     def wait_for(self, parent: Address, now: float) -> bool:
         """Wait for a parent whose process has ended; returns whether the lease has it so."""
@@ -351,8 +353,8 @@ class GrantedLease(msgspec.Struct, kw_only=True):
         """
         if principal in (held.principal, ITSELF) or parent != held.parent:
             return
-        heir = msgspec.structs.replace(principal, process=held.principal.process)
-        if not held.away or heir != held.principal:
+        heir = (principal.user, principal.agent) == (held.principal.user, parent.key)
+        if not (held.away and heir):
             raise NotInControl(robot=self.robot, holder=held.parent.name, slot=held.slot)
 
     def _in_force(self, now: float) -> Lease | None:

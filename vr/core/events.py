@@ -17,7 +17,7 @@ class _Value(msgspec.Struct, frozen=True, kw_only=True, tag=True, omit_defaults=
     """One event or one effect."""
 
 
-class Step(msgspec.Struct, frozen=True, array_like=True):
+class StepResult(msgspec.Struct, frozen=True, array_like=True):
     """What one step of a running command gave: enough to take it again without doing anything twice."""
 
     kind: str
@@ -77,7 +77,7 @@ class StepTaken(_Event, frozen=True, kw_only=True):
     """Of the call."""
     path: str
     """Of the step: what follows the call's key in the key of the step."""
-    step: Step
+    step: StepResult
 
 
 class Checkpoint(_Event, frozen=True, kw_only=True):

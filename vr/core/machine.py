@@ -98,7 +98,7 @@ class AcceptedCall(msgspec.Struct, kw_only=True):
     """[s] when it was accepted, on the robot's clock; so is the next."""
     began: float = -1.0
     """[s] when its turn came; below 0: not yet."""
-    steps: dict[str, on.Step] = {}
+    steps: dict[str, on.StepResult] = {}
     """What its steps gave since it began, or since its last checkpoint, by path; see `StepTaken`."""
     fields: dict[str, Any] = {}
     """What the robot kept when it began, or at its last checkpoint."""
@@ -572,9 +572,9 @@ class RobotCore:
             key=event.key,
             returns=event.returns,
             patience=event.patience,
-            waits=event.waits,
             principal=event.principal,
         )
+        self.state.lease.promise(event.waits)
         return [
             self._granted(),
             LeaseChanged(),

@@ -23,13 +23,13 @@ from robotree.vr.core.machine import RobotState
 from robotree.vr.journal.records import (
     VERSION,
     Began,
-    Gone,
+    Deleted,
+    Entry,
     Happened,
+    KeptPage,
     Made,
-    Offered,
-    Page,
-    Record,
-    Snapshot,
+    PageOffered,
+    StateKept,
     Whole,
     encoder,
 )
@@ -106,8 +106,8 @@ class HostJournal:
         self._last_number = 0
         self._made: dict[str, Made] = {}
         self._looks: dict[str, LookAtState] = {}
-        self._offers: dict[str, Page] = {}
-        self._sealed = False
+        self._offers: dict[str, KeptPage] = {}
+        self._sealed, self._unfit = False, ""
         self._retry_at = 0.0
         self.suspended = ""
         """Why nothing is kept at the moment; empty: all is."""
@@ -147,7 +147,7 @@ class HostJournal:
             if look is not None:
                 look(partial(self._enter, made.robot))
             if made.key in self._offers:
-                self._put(Offered(made.robot, self._offers[made.key]))
+                self._put(PageOffered(made.robot, self._offers[made.key]))
         self._put(Whole())
         self._flush()
         self._segments.sync()
@@ -163,14 +163,15 @@ class HostJournal:
             self._put(Happened(number, now, event))
         return 0
 
-    def commit(self, _: int) -> None:
+    def commit(self, number: int) -> None:
         """Wait for nothing: `Outlet` does, before anything leaves the process."""
+        del number
         if len(self._buffer) > FULL:
             self.barrier()
 
     # -- what the host tells ----------------------------------------------------------------------
 
-    def made(self, key: str, name: str, page: Page, look: LookAtState) -> None:
+    def made(self, key: str, name: str, page: KeptPage, look: LookAtState) -> None:
         """Take in a robot that was made; its events count from now on.
 
         Args:
@@ -191,15 +192,15 @@ class HostJournal:
         look(enter)
 
     def _enter(self, number: int, state: RobotState) -> None:
-        self._put(Snapshot(number, state))
+        self._put(StateKept(number, state))
 
-    def offered(self, key: str, page: Page) -> None:
+    def offered(self, key: str, page: KeptPage) -> None:
         """Take the page with which a robot is to go on; it counts when `PageReloaded` follows."""
         if key in self._made:
             self._offers[key] = page
-            self._put(Offered(self._numbers[key], page))
+            self._put(PageOffered(self._numbers[key], page))
 
-    def turned(self, key: str, page: Page) -> None:
+    def turned(self, key: str, page: KeptPage) -> None:
         """Take note that a robot goes on with the page that was offered."""
         self._offers.pop(key, None)
         if key in self._made:
@@ -212,13 +213,13 @@ class HostJournal:
         self._made.pop(key, None)
         self._looks.pop(key, None)
         if number is not None:
-            self._put(Gone(number))
+            self._put(Deleted(number))
 
     # -- writing ----------------------------------------------------------------------------------
 
     def barrier(self) -> None:
         """Return when all that was appended would survive the process."""
-        if self._count or self._busy:
+        if self._count or self._busy or self._unfit:
             with self._writing:
                 self._write()
 
@@ -240,10 +241,16 @@ class HostJournal:
         self.seal()
         self._segments.close()
 
-    def _put(self, record: Record) -> None:
+    def _put(self, record: Entry) -> None:
         with self._lock:
-            encoder.encode_into(record, self._buffer, -1)
-            self._count += 1
+            size = len(self._buffer)
+            try:
+                encoder.encode_into(record, self._buffer, -1)
+            except (TypeError, ValueError, OverflowError) as error:  # it must not be left out in silence
+                del self._buffer[size:]
+                self._unfit = f"{type(record).__name__} cannot be written: {error}"
+            else:
+                self._count += 1
 
     def _write(self) -> None:
         """Write what was appended. Under `_writing`."""
@@ -251,6 +258,9 @@ class HostJournal:
             with self._lock:
                 self._buffer, self._count = bytearray(_EMPTY), 0
             return
+        if self._unfit:
+            reason, self._unfit = self._unfit, ""
+            self._suspend(OSError(reason))
         if self.suspended:
             self._resume()
             return

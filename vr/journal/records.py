@@ -12,11 +12,11 @@ VERSION = 1
 """Of the format; a log of another one is not read."""
 
 
-class _Record(msgspec.Struct, frozen=True, array_like=True, tag=True):
+class _Entry(msgspec.Struct, frozen=True, array_like=True, tag=True):
     """One record."""
 
 
-class Began(_Record, frozen=True):
+class Began(_Entry, frozen=True):
     """A life of the host begins, or a segment: the first record of each segment."""
 
     version: int
@@ -30,7 +30,7 @@ class Began(_Record, frozen=True):
     """[s] on the monotonic clock, at the same moment."""
 
 
-class Page(msgspec.Struct, frozen=True):
+class KeptPage(msgspec.Struct, frozen=True):
     """The source of a robot, as it came: the file at its author's may be another one by now."""
 
     source: str
@@ -41,31 +41,31 @@ class Page(msgspec.Struct, frozen=True):
     """Where a reload finds it."""
 
 
-class Made(_Record, frozen=True):
+class Made(_Entry, frozen=True):
     """A robot was made, or is carried over from an older segment."""
 
     robot: int
     """Number by which the records of this log name it."""
     key: str
     name: str
-    page: Page
+    page: KeptPage
 
 
-class Offered(_Record, frozen=True):
+class PageOffered(_Entry, frozen=True):
     """A robot goes on with another page, if `PageReloaded` follows."""
 
     robot: int
-    page: Page
+    page: KeptPage
 
 
-class Snapshot(_Record, frozen=True):
+class StateKept(_Entry, frozen=True):
     """The whole state of a robot."""
 
     robot: int
     state: RobotState
 
 
-class Happened(_Record, frozen=True):
+class Happened(_Entry, frozen=True):
     """The machine of a robot has taken an event."""
 
     robot: int
@@ -74,17 +74,17 @@ class Happened(_Record, frozen=True):
     event: CoreEvent
 
 
-class Gone(_Record, frozen=True):
+class Deleted(_Entry, frozen=True):
     """A robot was deleted."""
 
     robot: int
 
 
-class Whole(_Record, frozen=True):
+class Whole(_Entry, frozen=True):
     """This segment has the state of all robots: what is older is not needed any more."""
 
 
-Record = Began | Made | Offered | Snapshot | Happened | Gone | Whole
+Entry = Began | Made | PageOffered | StateKept | Happened | Deleted | Whole
 
 encoder = msgspec.msgpack.Encoder(enc_hook=to_plain)
-decoder: msgspec.msgpack.Decoder[list[Record]] = msgspec.msgpack.Decoder(list[Record])
+decoder: msgspec.msgpack.Decoder[list[Entry]] = msgspec.msgpack.Decoder(list[Entry])

@@ -12,13 +12,13 @@ from robotree.vr.core.machine import RobotCore, RobotState, shift
 from robotree.vr.journal.records import (
     VERSION,
     Began,
-    Gone,
+    Deleted,
+    Entry,
     Happened,
+    KeptPage,
     Made,
-    Offered,
-    Page,
-    Record,
-    Snapshot,
+    PageOffered,
+    StateKept,
     Whole,
     decoder,
 )
@@ -30,22 +30,22 @@ class KeptRobot:
     def __init__(self, made: Made) -> None:
         """Begin with what it was made of."""
         self.key, self.name, self.page = made.key, made.name, made.page
-        self.offered: Page | None = None
-        self.core: RobotCore | None = None
+        self.offered: KeptPage | None = None
+        self.machine: RobotCore | None = None
         """None: its state does not stand in the log yet."""
 
-    def take(self, record: Snapshot | Offered) -> None:
+    def take(self, record: StateKept | PageOffered) -> None:
         """Take a record that replaces something of it."""
-        if isinstance(record, Snapshot):
-            self.core = RobotCore(record.state)
+        if isinstance(record, StateKept):
+            self.machine = RobotCore(record.state)
         else:
             self.offered = record.page
 
     @property
     def state(self) -> RobotState:
         """Its state after all that has happened."""
-        assert self.core is not None  # noqa: S101 # `Recovered.robots` has only those
-        return self.core.state
+        assert self.machine is not None  # noqa: S101 # `Recovered.robots` has only those
+        return self.machine.state
 
 
 class Recovered:
@@ -64,7 +64,7 @@ class Recovered:
     @property
     def robots(self) -> list[KeptRobot]:
         """Those whose state is known, in the order in which they were made."""
-        return [robot for robot in self._robots.values() if robot.core is not None]
+        return [robot for robot in self._robots.values() if robot.machine is not None]
 
     def read(self, frames: Iterable[bytes], path: str) -> None:
         """Read all frames of a log.
@@ -86,19 +86,19 @@ class Recovered:
             for record in records:
                 self.take(record, path)
 
-    def take(self, record: Record, path: str = "") -> None:
+    def take(self, record: Entry, path: str = "") -> None:
         """Read one record."""
         self.records += 1
         match record:
             case Happened(robot=number):
                 robot = self._robot(number)
-                if robot is not None and robot.core is not None:  # else its snapshot follows
-                    self._handle(robot, robot.core, record, path)
+                if robot is not None and robot.machine is not None:  # else its snapshot follows
+                    self._handle(robot, robot.machine, record, path)
             case Began() | Made() | Whole():
                 self._take_segment(record, path)
-            case Gone(robot=number):
+            case Deleted(robot=number):
                 self._robots.pop(self._keys.pop(number, ""), None)
-            case Snapshot(robot=number) | Offered(robot=number):
+            case StateKept(robot=number) | PageOffered(robot=number):
                 if robot := self._robot(number):
                     robot.take(record)
 

@@ -196,19 +196,18 @@ class Segments:
 def _frames(data: bytes, path: str, *, newest: bool) -> Iterator[bytes]:
     at, view = 0, memoryview(data)
     while at < len(data):
-        begin = at + HEAD.size
-        whole = begin <= len(data)
-        if whole:
+        begin = end = at + HEAD.size
+        checksum = 0
+        if begin <= len(data):
             length, check, checksum = HEAD.unpack_from(data, at)
             if zlib.crc32(_LENGTH.pack(length)) != check:
                 raise DamagedJournal(path=path, at=at, detail="that is no length of a record")
             end = begin + length
-            whole = end <= len(data)
-            if whole and zlib.crc32(view[begin:end]) != checksum:
-                raise DamagedJournal(path=path, at=at, detail="its checksum is another one")
-        if not whole:
+        if end > len(data):
             if newest:
                 return  # the end of the process has cut it short
             raise DamagedJournal(path=path, at=at, detail="the end of the file is missing")
+        if zlib.crc32(view[begin:end]) != checksum:
+            raise DamagedJournal(path=path, at=at, detail="its checksum is another one")
         yield data[begin:end]
         at = end

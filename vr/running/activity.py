@@ -121,8 +121,9 @@ class CommandActivity(Frame):
             return step.value
         value = look()
         if step is None:  # what is no plain data is looked at again
-            plain = isinstance(value, (float, int, str, bool, bytes, type(None)))
-            self.keep_step(path, on.Step("look", None, value) if plain else on.Step("look", "object"))
+            plain = isinstance(value, (float, bool, str, bytes, type(None))) or value in _SMALL
+            result = on.StepResult("look", None, value) if plain else on.StepResult("look", "object")
+            self.keep_step(path, result)
         return value
 
     @_from_author
@@ -218,9 +219,9 @@ class CommandActivity(Frame):
             try:
                 self.feeds.wait_until(condition, limit)
             except TimeoutError as late:
-                self.keep_step(path, on.Step("until", None, str(late)))
+                self.keep_step(path, on.StepResult("until", None, str(late)))
                 raise
-            self.keep_step(path, on.Step("until"))
+            self.keep_step(path, on.StepResult("until"))
 
     # -- calls of children ------------------------------------------------------------------------
 
@@ -268,11 +269,11 @@ class CommandActivity(Frame):
         try:
             return part.get(timeout if step is None else math.inf)
         except TimeoutError:
-            self.keep_step(path, on.Step("result", None, "late"))
+            self.keep_step(path, on.StepResult("result", None, "late"))
             raise
         finally:
             if step is None and part.done:
-                self.keep_step(path, on.Step("result"))
+                self.keep_step(path, on.StepResult("result"))
 
     @_from_author
     def let_go_on(self, part: Started) -> None:
@@ -358,7 +359,7 @@ class CommandActivity(Frame):
             self.wait(group.is_over)
             return
         self.wait(group.is_over)
-        self.keep_step(path, on.Step("group", None, group.number_of_decisive))
+        self.keep_step(path, on.StepResult("group", None, group.number_of_decisive))
 
     # -- the space --------------------------------------------------------------------------------
 
@@ -537,6 +538,10 @@ def _reply(
         error = CommandFailed(robot=name, command=context.command, detail=f"{words}{place}")
     runtime.process.on_raise(name, error)
     return raised(name, context, error, source=runtime.source_of(context.command))
+
+
+_SMALL = range(-(2**63), 2**63)
+"""Whole numbers that MessagePack can write."""
 
 
 def _never() -> bool:

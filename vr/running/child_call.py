@@ -81,43 +81,22 @@ def call_child(  # who calls whom, how, and for how long
     Raises:
         VrError: the slot is empty, or the child refuses.
     """
-    runtime, key = frame.runtime, frame.step()
+    key = frame.step()
     content = _plain([slot, command, arguments]) if frame.keeps else None
     kind = "tell" if manner == "told" else "call"
     if (step := frame.recalled(key, kind, content)) is not None:
         return ChildCall.recalled(frame, slot, key, command, step)
     try:
-        child, epoch = runtime.child_in(slot)
-    except VrError as error:  # interrupted, it must be as empty again, whoever is in it then
-        frame.keep_step(key, on.Step(kind, content, None, Raised.of(error)))
+        child, epoch = frame.runtime.child_in(slot)
+        pending = ChildCall(frame, slot, key, child, command, limit, passes_on=manner == "passed on")
+        pending.content = content
+        if instead:
+            pending.fail(CommandCancelled(robot=child.name, command=command, reason=instead))
+        else:
+            pending.begin(dict(arguments), epoch, manner)
+    except VrError as error:  # the page has seen it: after a crash it must see the same
+        frame.keep_step(key, on.StepResult(kind, content, None, Raised.of(error)))
         raise
-    pending = ChildCall(frame, slot, key, child, command, limit, passes_on=manner == "passed on")
-    pending.content = content
-    now, deadline_at = frame.worker.now(), frame.deadline_at
-    if limit is not None:
-        deadline_at = min(deadline_at, now + limit.seconds)
-    call = Call(
-        key=pending.key,
-        command=command,
-        arguments=dict(arguments),
-        epoch=epoch,
-        caller=runtime.name,
-        deadline=deadline_at - now,
-        oneway=manner == "told",
-    )
-    neighbour = runtime.neighbours.get(child)
-    if instead:
-        pending.fail(CommandCancelled(robot=child.name, command=command, reason=instead))
-    elif neighbour is None:
-        pending.ask(call)
-    else:
-        try:
-            pending.enter(neighbour, call, deadline_at, nested=manner in {"awaited", "passed on"})
-        except VrError as error:
-            frame.keep_step(key, on.Step(kind, content, None, Raised.of(error)))
-            raise
-    if limit is not None:
-        pending.watch_limit(limit.seconds)
     return pending
 
 
@@ -180,7 +159,7 @@ class ChildCall(Started):
         """Emptied by the first who knows how it ended."""
 
     @classmethod
-    def recalled(cls, frame: Frame, slot: str, key: str, command: str, step: on.Step) -> ChildCall:
+    def recalled(cls, frame: Frame, slot: str, key: str, command: str, step: on.StepResult) -> ChildCall:
         """Return a call as it ended before the process of its caller was started again."""
         call = cls(frame, slot, key, Address("robot", slot, ""), command, None, passes_on=False)
         call.accepted, call.reply = True, step.reply
@@ -190,6 +169,32 @@ class ChildCall(Started):
     def activity(self) -> Activity:
         """The command, or the part of it, that has started it."""
         return self.frame.activity
+
+    def begin(self, arguments: dict[str, Any], epoch: int, manner: CallManner) -> None:
+        """Call the child, under the lease of an epoch.
+
+        Raises:
+            VrError: it refuses.
+        """
+        runtime, now, deadline_at = self.frame.runtime, self.frame.worker.now(), self.frame.deadline_at
+        if self.limit is not None:
+            deadline_at = min(deadline_at, now + self.limit.seconds)
+        call = Call(
+            key=self.key,
+            command=self.command,
+            arguments=arguments,
+            epoch=epoch,
+            caller=runtime.name,
+            deadline=deadline_at - now,
+            oneway=manner == "told",
+        )
+        neighbour = runtime.neighbours.get(self.child)
+        if neighbour is None:
+            self.ask(call)
+        else:
+            self.enter(neighbour, call, deadline_at, nested=manner in {"awaited", "passed on"})
+        if self.limit is not None:
+            self.watch_limit(self.limit.seconds)
 
     # -- to a child in this process ---------------------------------------------------------------
 
@@ -223,7 +228,7 @@ class ChildCall(Started):
                 break
         self.accepted = True
         if call.oneway:
-            self.frame.keep_step(self.key, on.Step("tell", self.content))
+            self.frame.keep_step(self.key, on.StepResult("tell", self.content))
 
     def _describe(self, child: RobotRuntime, unknown: NotDescribed) -> None:
         """Wait until a child has asked its own child for a command.
@@ -271,7 +276,7 @@ class ChildCall(Started):
         elif isinstance(reply, Accepted):
             self.accepted, self.accept_by = True, math.inf
             if self._sent is not None and self._sent.oneway:
-                self.frame.keep_step(self.key, on.Step("tell", self.content))
+                self.frame.keep_step(self.key, on.StepResult("tell", self.content))
             if self._sent is not None and self._sent.oneway and self._leave is not None:
                 self._leave()
             if self._awaited:
@@ -325,7 +330,7 @@ class ChildCall(Started):
         except IndexError:
             return
         # before anybody knows of it, and before the child may forget the call
-        self.frame.keep_step(self.key, on.Step("call", self.content, None, reply))
+        self.frame.keep_step(self.key, on.StepResult("call", self.content, None, reply))
         self.reply = reply
         if self._unlimit is not None:
             self._unlimit()

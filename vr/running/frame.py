@@ -175,7 +175,7 @@ class Frame:
 
     def _guest(self, number: str) -> Self:
         if self.keeps:
-            self.runtime.keep_step(self.call_key, on.THREAD, on.Step(on.THREAD))
+            self.runtime.keep_step(self.call_key, on.THREAD, on.StepResult(on.THREAD))
         guest = self.part(number, Worker(self.worker.process))
         guest.guest, guest.depth, guest.worker.top = True, 1, guest
         return guest
@@ -247,7 +247,7 @@ class Frame:
 
     # -- what it has done before its process was started again -------------------------------------
 
-    def recalled(self, path: str, kind: str, content: Any = None) -> on.Step | None:
+    def recalled(self, path: str, kind: str, content: Any = None) -> on.StepResult | None:
         """Return what a step gave before; None: it is taken for the first time.
 
         Args:
@@ -276,7 +276,7 @@ class Frame:
         self.rewritten.clear()
         return step
 
-    def keep_step(self, path: str, step: on.Step) -> None:
+    def keep_step(self, path: str, step: on.StepResult) -> None:
         """Keep what a step gave, if steps are kept. From any thread."""
         if self.keeps:
             self.runtime.keep_step(self.call_key, self._suffix(path), step)
@@ -290,7 +290,7 @@ class Frame:
         if step is not None:
             return step.value
         value = take()
-        self.keep_step(path, on.Step(kind, content, value))
+        self.keep_step(path, on.StepResult(kind, content, value))
         return value
 
     def _suffix(self, path: str) -> str:
@@ -364,7 +364,7 @@ class Frame:
                 worker.interrupt_next = False
                 raise Interrupted
             if self.keeps and not (self.raised or self.dropped or self.replaying):
-                self.keep_step(f"{self.context.key}/{on.END}", on.Step(on.END, None, self.steps))
+                self.keep_step(f"{self.context.key}/{on.END}", on.StepResult(on.END, None, self.steps))
             raise self._once_more(type(cause)(**cause.data))
         if self.group is not None:
             self.group.check()

@@ -316,7 +316,7 @@ class RobotRuntime:
         """Whether what the steps of its commands give is kept, so that they can go on after a crash."""
         return self.process.keeps_steps
 
-    def keep_step(self, key: str, path: str, step: on.Step) -> None:
+    def keep_step(self, key: str, path: str, step: on.StepResult) -> None:
         """Keep what a step of a running command gave. From any thread."""
         now = self._runner.now()
         with self._lock:

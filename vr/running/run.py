@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 from robotree.vr.base.errors import VrError
 from robotree.vr.base.requests import Raised, Returned
-from robotree.vr.core.events import Step
+from robotree.vr.core.events import StepResult
 from robotree.vr.running.process import Worker
 
 NO_PROGRESS = (math.nan, "")
@@ -55,7 +55,7 @@ class Run:
     """The same without the progress of its children."""
     waited: bool = False
     """Whether the person who called it was told that it waits."""
-    recall: dict[str, Step] | None = None
+    recall: dict[str, StepResult] | None = None
     """The steps that it took before its process was started again, by path; None: it begins now."""
     lap: str = ""
     """What its steps begin with since its last checkpoint."""

@@ -230,8 +230,8 @@ RESERVED = frozenset({
     "end", "fail", "remember", "forget", "update", "slot", "multislot", "default",
 })  # fmt: skip
 TAKEN = frozenset({
-    "attributes", "begins", "cancelled", "check", "child_slots", "cleanup", "condition", "context",
-    "facts", "finish", "first", "halted", "hear", "isolated", "kinds", "lead", "learn_role",
+    "attributes", "begins", "cancelled", "check", "checkpoint", "child_slots", "cleanup", "condition",
+    "context", "facts", "finish", "first", "halted", "hear", "isolated", "kinds", "lead", "learn_role",
     "message", "name", "now", "one_at_a_time", "online", "play", "program", "progress", "random",
     "reading_units", "readings", "resume", "safe_stop", "sleep", "slots_now", "start", "together",
     "wait_until", "why",

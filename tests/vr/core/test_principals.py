@@ -24,6 +24,7 @@ from robotree.vr.base.requests import (
     SafeStop,
 )
 from robotree.vr.core import events as on
+from robotree.vr.core.bonds import GrantedLease
 from robotree.vr.core.events import CoreEvent
 from robotree.vr.exchange.asking import ask
 from robotree.vr.exchange.authority import authorise
@@ -189,3 +190,29 @@ def test_a_terminal_that_cannot_be_one_is_called_a_script(terminal: str) -> None
     person = principal_of(this_process(), "", terminal).person
     assert person.endswith(f"@{SCRIPT}")
     assert isinstance(principal_of(this_process(), "", terminal), Principal)
+
+
+def test_the_next_process_of_a_parent_that_is_away_is_its_heir_and_nobody_else() -> None:
+    parent = Address("robot", "pair", "1")
+    before, after = (Principal(user="anna", process=number, agent=parent.key) for number in (7, 8))
+    lease = GrantedLease.free("left", unix=0.0)
+    lease.petition(parent, "left", ("pair",), 5.0, now=1.0, unix=1.0, principal=before)
+    lease.promise(10.0)
+    epoch = lease.epoch
+    others = (
+        Principal(user="bob", process=8, agent=parent.key),
+        Principal(user="anna", process=8, agent="robot/other/1"),
+    )
+    for principal in (after, *others):
+        with pytest.raises(NotInControl):
+            lease.renew(parent, epoch, ("pair",), now=2.0, principal=principal)
+    assert lease.wait_for(parent, 2.0)
+    for principal in others:
+        with pytest.raises(NotInControl):
+            lease.renew(parent, epoch, ("pair",), now=9.0, principal=principal)
+    lease.renew(parent, epoch, ("pair",), now=9.0, principal=after)
+    lease.check(epoch, 9.5, after)
+    with pytest.raises(NotInControl):  # the process before, should it have been paused only
+        lease.check(epoch, 9.5, before)
+    with pytest.raises(NotInControl):
+        lease.renew(parent, epoch, ("pair",), now=9.5, principal=before)

@@ -19,10 +19,10 @@ from robotree.vr.core.stop import Stop
 from robotree.vr.journal import journal as journals
 from robotree.vr.journal import records
 from robotree.vr.journal.journal import HostJournal
-from robotree.vr.journal.records import Page
+from robotree.vr.journal.records import KeptPage
 from robotree.vr.journal.segments import OSDisk
 
-PAGE = Page("class It(VirtualRobot): ...", "/it.py")
+PAGE = KeptPage("class It(VirtualRobot): ...", "/it.py")
 
 
 class Clock:
@@ -98,9 +98,12 @@ def test_the_next_host_finds_the_state_after_all_that_has_happened(tmp_path: Pat
     journal.begin()
     robot = Kept(journal)
     robot.call("k")
-    robot.take(on.StepTaken(key="k", path="1", step=on.Step("look", None, 3.5)))
+    look = on.StepResult("look", None, 3.5)
+    robot.take(on.StepTaken(key="k", path="1", step=look))
     robot.take(
-        on.StepTaken(key="k", path="2", step=on.Step("call", ["arm", "go", {}], None, Returned(key="k/2")))
+        on.StepTaken(
+            key="k", path="2", step=on.StepResult("call", ["arm", "go", {}], None, Returned(key="k/2"))
+        )
     )
     robot.take(on.Finish(key="k", reply=Returned(key="k", value=[1])))
     robot.call("l")
@@ -147,7 +150,7 @@ def test_a_page_counts_when_the_robot_has_turned_to_it(tmp_path: Path) -> None:
     journal = opened(tmp_path / "h")
     journal.begin()
     robot, other = Kept(journal), Kept(journal, "other")
-    news = Page("class It(VirtualRobot): 'news'", "/it.py")
+    news = KeptPage("class It(VirtualRobot): 'news'", "/it.py")
     for each in (robot, other):
         journal.offered(each.key, news)
     robot.take(on.PageReloaded(slots=(), fields={}))
