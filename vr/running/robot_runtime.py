@@ -751,6 +751,7 @@ class RobotRuntime:
     def spaces(self, name: str) -> list[str]:
         """Return the keys of the spaces of a name that run; empty: of all."""
         return self._transport.presence.keys(everyone("space", name or "*"))
+
     def is_there(self, key: str) -> bool:
         """Whether an agent is present under a key."""
         return self._transport.presence.there(key)
