@@ -24,9 +24,9 @@ from robotree.vr.journal.records import (
     VERSION,
     Began,
     Deleted,
-    Entry,
     Happened,
     KeptPage,
+    LogRecord,
     Made,
     PageOffered,
     StateKept,
@@ -241,7 +241,7 @@ class HostJournal:
         self.seal()
         self._segments.close()
 
-    def _put(self, record: Entry) -> None:
+    def _put(self, record: LogRecord) -> None:
         with self._lock:
             size = len(self._buffer)
             try:

@@ -12,11 +12,11 @@ VERSION = 1
 """Of the format; a log of another one is not read."""
 
 
-class _Entry(msgspec.Struct, frozen=True, array_like=True, tag=True):
+class _LogRecord(msgspec.Struct, frozen=True, array_like=True, tag=True):
     """One record."""
 
 
-class Began(_Entry, frozen=True):
+class Began(_LogRecord, frozen=True):
     """A life of the host begins, or a segment: the first record of each segment."""
 
     version: int
@@ -41,7 +41,7 @@ class KeptPage(msgspec.Struct, frozen=True):
     """Where a reload finds it."""
 
 
-class Made(_Entry, frozen=True):
+class Made(_LogRecord, frozen=True):
     """A robot was made, or is carried over from an older segment."""
 
     robot: int
@@ -51,21 +51,21 @@ class Made(_Entry, frozen=True):
     page: KeptPage
 
 
-class PageOffered(_Entry, frozen=True):
+class PageOffered(_LogRecord, frozen=True):
     """A robot goes on with another page, if `PageReloaded` follows."""
 
     robot: int
     page: KeptPage
 
 
-class StateKept(_Entry, frozen=True):
+class StateKept(_LogRecord, frozen=True):
     """The whole state of a robot."""
 
     robot: int
     state: RobotState
 
 
-class Happened(_Entry, frozen=True):
+class Happened(_LogRecord, frozen=True):
     """The machine of a robot has taken an event."""
 
     robot: int
@@ -74,17 +74,17 @@ class Happened(_Entry, frozen=True):
     event: CoreEvent
 
 
-class Deleted(_Entry, frozen=True):
+class Deleted(_LogRecord, frozen=True):
     """A robot was deleted."""
 
     robot: int
 
 
-class Whole(_Entry, frozen=True):
+class Whole(_LogRecord, frozen=True):
     """This segment has the state of all robots: what is older is not needed any more."""
 
 
-Entry = Began | Made | PageOffered | StateKept | Happened | Deleted | Whole
+LogRecord = Began | Made | PageOffered | StateKept | Happened | Deleted | Whole
 
 encoder = msgspec.msgpack.Encoder(enc_hook=to_plain)
-decoder: msgspec.msgpack.Decoder[list[Entry]] = msgspec.msgpack.Decoder(list[Entry])
+decoder: msgspec.msgpack.Decoder[list[LogRecord]] = msgspec.msgpack.Decoder(list[LogRecord])

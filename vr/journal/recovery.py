@@ -13,9 +13,9 @@ from robotree.vr.journal.records import (
     VERSION,
     Began,
     Deleted,
-    Entry,
     Happened,
     KeptPage,
+    LogRecord,
     Made,
     PageOffered,
     StateKept,
@@ -86,7 +86,7 @@ class Recovered:
             for record in records:
                 self.take(record, path)
 
-    def take(self, record: Entry, path: str = "") -> None:
+    def take(self, record: LogRecord, path: str = "") -> None:
         """Read one record."""
         self.records += 1
         match record:
