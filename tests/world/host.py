@@ -1,8 +1,8 @@
 """Stories of one host: parents and children on it, groups and clean-up, two operators, and a slow disk.
 
-A story lasts 14 s. Until 7.5 s the operators call, cancel, stop, release, bind anew, reload and delete; one
+A story lasts 13 s. Until 7.5 s the operators call, cancel, stop, release, bind anew, reload and delete; one
 of them is killed at times. Threads lose the processor where the seed has it so. Then all is healed, and at
-12 s a call through the whole tree must succeed.
+11.5 s a call through the whole tree must succeed.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from robotree.vr.world.machine_world import MachineWorld
 from robotree.vr.world.world import SimulatedProcess, TracedCore
 from tests.world import pages
 from tests.world.laws import network_is_whole
-from tests.world.pages import DETACHED, SOURCE
+from tests.world.pages import DETACHED, SOURCES
 from tests.world.points import at_every_statement
 
-LENGTH, BUILT, CALM, PROBE = 14.0, 1.5, 7.5, 12.0
+LENGTH, BUILT, CALM, PROBE = 13.0, 1.5, 7.5, 11.5
 """[s] of a story; from when on operators call; from when on nothing goes wrong; when all must be whole."""
 DEADLINE = 4.0
 """[s] of a call."""
@@ -181,7 +181,8 @@ class HostStory:
     async def _operator(self, process: SimulatedProcess) -> None:
         fleet = self.fleets[process.name] = Fleet(process.transport)
         await fleet.start()
-        await fleet.watch_state(None)
+        if process.name == OPERATORS[0]:
+            await fleet.watch_state(None)
         await asyncio.Event().wait()
 
     def _core(self, state: RobotState) -> RobotCore:
@@ -205,7 +206,7 @@ class HostStory:
         there = {address.name for address in fleet.directory.present("robot")}
         for name, kind in ROBOTS.items():
             if name not in there:
-                await host.create(Bundle(SOURCE, "/wheels.py", kind), name)
+                await host.create(Bundle(SOURCES[kind], "/wheels.py", kind), name)
         for parent, slot, child in BONDS:
             with contextlib.suppress(VrError):
                 await fleet.enslave(parent, slot, child)
@@ -310,7 +311,8 @@ class HostStory:
         async def reload() -> None:
             fleet = self.fleets["operator-2"]
             host = HostClient(fleet._transport, await fleet.directory.resolve("host-1", "host"))
-            page = Bundle(f"{SOURCE}\n# page {self.deeds}\n", "/wheels.py", ROBOTS[name])
+            kind = ROBOTS[name]
+            page = Bundle(f"{SOURCES[kind]}\n# page {self.deeds}\n", "/wheels.py", kind)
             await host.reload(page, name, now=now, within=1.0)
 
         self._as_operator(reload(), "reload", "operator-2")

@@ -363,18 +363,21 @@ class MeshStory:
         stranger.spawn(live, "stranger")
 
     def _stop_by_a_command_line(self) -> None:
-        """`robotree stop` reaches each member to which nothing happens."""
+        """`robotree stop` is heard by each member that it could send it to, if nothing happens to that."""
+        sent: list[str] = []
         before = {one: one.stops for one in self._ready() if self.quiet(one)}
         now = self.world.runner.now()
 
         def stop(system: SimulatedSystem) -> None:
             for tag in realms.members(FOLDER, system):
                 if meant := realms.to_be_asked(FOLDER, tag, "", system):
-                    lean_stop._tell(FOLDER, tag, meant, "order", system)
+                    with contextlib.suppress(OSError):
+                        lean_stop._tell(FOLDER, tag, meant, "order", system)
+                        sent.extend(meant)
 
         def look() -> None:
             for one, stops in before.items():
-                if one in self._undisturbed_since(now) and one.stops == stops:
+                if one.key in sent and one in self._undisturbed_since(now) and one.stops == stops:
                     self.complain(f"{one.name} has not heard the stop of {now:.3f}")
 
         self._visit(stop)
@@ -456,7 +459,13 @@ class MeshStory:
         def wake() -> None:
             process, now = victim.process, self.world.runner.now()
             same = self._disturbed[victim.name] == began  # else another pause has begun meanwhile
-            if same and process.alive and process.runner.halted and now - began > SILENT:
+            if (
+                same
+                and self._starve < SEEN
+                and process.alive
+                and process.runner.halted
+                and now - began > SILENT
+            ):
                 observers = self._undisturbed_since(began)
                 self._expect_silent(victim, observers)
                 self._after(SEEN, self._expect_awake, victim, observers, now)
@@ -477,8 +486,8 @@ class MeshStory:
                 self.complain(f"{one.name} takes {victim.name} for awake, which is frozen")
 
     def _expect_awake(self, victim: Member, observers: list[Member], since: float) -> None:
-        """A member that goes on is seen at once; who loses the processor for long may be late."""
-        if self._starve > SEEN or not victim.ready or self.last_fault > since:
+        """A member that goes on is seen at once."""
+        if not victim.ready or self.last_fault > since:
             return
         for one in set(observers) & set(self._undisturbed_since(since - SILENT)):
             if victim.key not in one.transport.presence.keys("robot/*/*"):

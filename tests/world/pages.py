@@ -8,10 +8,11 @@ from greenlet import getcurrent
 
 from robotree.vr.world.virtual_runner import VirtualProcess
 
-SOURCE = '''
+_BEGIN = """
 from robotree.vr import Child, VirtualRobot, command, state
 from tests.world.pages import block, note, toil
-
+"""
+_WHEEL = '''
 class Wheel(VirtualRobot):
     """A wheel, whose commands note when they begin and end."""
     turns: int = state(0)
@@ -61,7 +62,8 @@ class Wheel(VirtualRobot):
     def where(self, ticket: float, seconds: float) -> float:
         return ticket
 
-
+'''
+_AXLE = '''
 class Axle(VirtualRobot):
     """Two wheels, which can live on the same host."""
     left = Child("Wheel")
@@ -139,7 +141,8 @@ class Axle(VirtualRobot):
     def reads(self, ticket: float, seconds: float) -> float:
         return self.left.where(ticket=ticket, seconds=0.0)
 
-
+'''
+_CART = '''
 class Cart(VirtualRobot):
     """An axle."""
     axle = Child("Axle")
@@ -155,6 +158,9 @@ class Cart(VirtualRobot):
         toil(20 * seconds)
         return ticket
 '''
+
+SOURCES = {"Wheel": _BEGIN + _WHEEL, "Axle": _BEGIN + _AXLE, "Cart": _BEGIN + _CART}
+"""A page for each kind: a host loads each of its robots anew, and so loads no more than it needs."""
 
 DETACHED = (7, 8, 9)
 """Last digits of tickets that go on without the command that has begun them."""

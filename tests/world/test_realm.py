@@ -69,10 +69,3 @@ def test_a_cancelled_command_is_not_waited_for_where_nothing_can_interrupt_it() 
 def test_a_cancel_that_a_paused_robot_did_not_confirm_promises_nothing() -> None:
     """With seed 1185 the operator gets NoAnswer, and the call begins when the process continues."""
     assert played(1185).broken == []
-
-
-@pytest.mark.soak
-@pytest.mark.timeout(1800)
-def test_no_seed_breaks_a_law() -> None:
-    outcomes = [play(seed) for seed in range(500)]
-    assert [(one.seed, one.broken) for one in outcomes if one.broken] == []

@@ -9,7 +9,6 @@ import asyncio
 from collections import Counter
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from types import ModuleType
 from typing import Any, cast
 
@@ -17,7 +16,8 @@ from robotree.vr.agents import callers
 from robotree.vr.agents.callers import Callers
 from robotree.vr.base import presence
 from robotree.vr.base.presence import Presence
-from robotree.vr.network import refusals, rendezvous
+from robotree.vr.network import mesh, refusals, rendezvous
+from robotree.vr.network.mesh import Mesh
 from robotree.vr.network.realms import keys_of
 from robotree.vr.network.refusals import Refusals
 from robotree.vr.network.rendezvous import Rendezvous
@@ -27,6 +27,7 @@ from robotree.vr.running.log import Log
 from robotree.vr.running.process import Process, Worker
 from robotree.vr.running.serial_worker import SerialWorker
 from robotree.vr.world.machine import Machine
+from robotree.vr.world.machine_world import ROOT
 from robotree.vr.world.virtual_runner import VirtualProcess, VirtualRunner, virtual_runner
 from tests.world.points import at_every_statement
 
@@ -195,7 +196,7 @@ def _callers(stage: Stage) -> Law:
 
 def _rendezvous(stage: Stage) -> Law:
     """What is written down is what is held."""
-    place = Rendezvous("r", Path("/run/realms"), system=stage.system)
+    place = Rendezvous("r", ROOT, system=stage.system)
     key = "robot/a{}/1".format
 
     def work(number: int) -> None:
@@ -218,6 +219,27 @@ def _rendezvous(stage: Stage) -> Law:
     return lambda: sorted(found[0] or []) == wanted
 
 
+def _mesh(stage: Stage) -> Law:
+    """Another process knows what is wanted here, though many threads change it."""
+    machine = stage.system.machine
+    other = machine.boot(VirtualProcess(stage.runner, "other"))
+    here, there = (Mesh(Rendezvous("r", ROOT, system=system)) for system in (stage.system, other))
+    for one in (here, there):
+        one.place.system.spawn(one.open, "open")
+
+    def work(_: int) -> None:
+        for _ in range(3):
+            here.unsubscribe(here.subscribe("robot/*/1", lambda _key, _body: None))
+
+    stage.runner.at(1.0, lambda: stage.start(work))
+
+    def law() -> bool:
+        peer = there._peers.get(here.place.tag)
+        return peer is not None and all(keys == set(here._known[topic]) for topic, keys in peer.known.items())
+
+    return law
+
+
 SCENES: dict[str, tuple[Callable[[Stage], Law], ModuleType]] = {
     "presence": (_presence, presence),
     "refusals": (_refusals, refusals),
@@ -227,6 +249,7 @@ SCENES: dict[str, tuple[Callable[[Stage], Law], ModuleType]] = {
     "worker": (_worker, process),
     "callers": (_callers, callers),
     "rendezvous": (_rendezvous, rendezvous),
+    "mesh": (_mesh, mesh),
 }
 """Each scene, and the module before whose statements threads lose the processor."""
 
