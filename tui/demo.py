@@ -28,7 +28,7 @@ from robotree.tui.realm_file.applying import Done, apply_plan
 from robotree.tui.realm_file.content import NAMELESS, ProcessEntry, RealmFile
 from robotree.tui.realm_file.controllers import Controller
 from robotree.tui.realm_file.pages import pages_of
-from robotree.tui.realm_file.plan import plan
+from robotree.tui.realm_file.plan import Plan, Step, plan
 from robotree.tui.realm_file.present import ROLES, present
 from robotree.tui.realm_file.verbs import read_realm_file
 from robotree.tui.terminal import aside, complain, note, put
@@ -175,21 +175,33 @@ async def cast(
     pages = await asyncio.to_thread(pages_of, wanted)
     starter, one_at_a_time = CrewStarter(crew), asyncio.Lock()
 
-    async def bring_about(fleet: Fleet, *, robots_alone: bool) -> list[Done]:
-        found = plan(wanted, await present(fleet, starter.controllers), pages)
-        if robots_alone:  # the crew itself starts its processes again
-            found = structs.replace(found, steps=tuple(step for step in found.steps if step.entry is None))
-        return await apply_plan(found, wanted, fleet, starter, lambda _: None)
-
-    async def back(_member: Member) -> None:
+    async def bring_about(chosen: Callable[[Plan], Plan]) -> list[Done]:
         async with one_at_a_time, joined(crew.realm) as fleet:
-            await bring_about(fleet, robots_alone=True)
+            found = chosen(plan(wanted, await present(fleet, starter.controllers), pages))
+            return await apply_plan(found, wanted, fleet, starter, lambda _: None)
 
-    async with joined(crew.realm) as fleet:
-        for done in await bring_about(fleet, robots_alone=False):
-            if done.outcome == "failed":
-                raise MemberFailed(done.step.text.split(), "failed", done.reason)
+    async def back(member: Member) -> None:
+        await bring_about(lambda found: gone_with(member, found))
+
+    for done in await bring_about(lambda found: found):
+        if done.outcome == "failed":
+            raise MemberFailed(done.step.text.split(), "failed", done.reason)
     return back
+
+
+def gone_with(member: Member, found: Plan) -> Plan:
+    """Return the steps of a plan that bring back what went with a process.
+
+    With a host its robots have gone, with a proxy the bond of its robot. What a person has changed since stays.
+    """
+    verb, *_, name = member.words[:3]
+    made = {step.id for step in found.steps if step.line and step.line.verb == "create" and verb == "host"}
+
+    def lost(step: Step) -> bool:
+        bond = verb == "proxy" and step.line is not None and name in step.line.many("CHILD")
+        return bond or step.id in made or bool(step.needs & made)
+
+    return structs.replace(found, steps=tuple(filter(lost, found.steps)))
 
 
 def adapted(wanted: RealmFile, realm: str, wire: Wire, speedup: str) -> RealmFile:

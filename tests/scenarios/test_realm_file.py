@@ -331,9 +331,11 @@ async def test_a_changed_setting_page_or_bond_is_changed_where_it_runs(small: Pl
 
 async def test_the_robots_of_a_demo_come_back_when_the_crew_starts_their_host_again(cell: Place) -> None:
     cell.write("low.py", TEAM)
-    file = cell.write("small.yaml", SMALL)
+    file = cell.write("small.yaml", SMALL.replace("slots: {mover", "settings: {speed: 0.2}, slots: {mover"))
     async with Crew(REALM, cell.folder) as crew:
         back, over = await cast(crew, file=file), asyncio.Event()
+        async with joined(REALM) as fleet:
+            await fleet.call("team", "set", {"speed": 0.05})
         before = await cell.shape()
 
         async def again(member: Member) -> None:
@@ -344,7 +346,7 @@ async def test_the_robots_of_a_demo_come_back_when_the_crew_starts_their_host_ag
         host = next(member for member in crew.members if member.words == ("host", "host-1"))
         os.kill(host.pid, signal.SIGKILL)
         await over.wait()
-        assert await cell.shape() == before
+        assert await cell.shape() == before, "also what a person has set since"
 
 
 async def test_a_bad_file_starts_nothing(cell: Place) -> None:
