@@ -8,9 +8,10 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import shutil
 import time
-from collections.abc import Awaitable, Callable, Mapping, Sequence
-from contextlib import chdir
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import chdir, contextmanager, suppress
 from enum import Enum
 from importlib.resources import files
 from pathlib import Path
@@ -22,14 +23,15 @@ from robotree.client.joining import joined
 from robotree.files import own_folder
 from robotree.tui import exit_codes
 from robotree.tui.errors import DemoRuns, MemberFailed
-from robotree.tui.processes.crew import Crew, Member
+from robotree.tui.processes.crew import Crew
 from robotree.tui.processes.realm import anybody_met, chosen
-from robotree.tui.realm_file.applying import Done, apply_plan
+from robotree.tui.processes.state_files import state_file
+from robotree.tui.realm_file.applying import Done, bring_about
 from robotree.tui.realm_file.content import NAMELESS, ProcessEntry, RealmFile
 from robotree.tui.realm_file.controllers import Controller
 from robotree.tui.realm_file.pages import pages_of
-from robotree.tui.realm_file.plan import Plan, Step, plan
-from robotree.tui.realm_file.present import ROLES, present
+from robotree.tui.realm_file.plan import Plan
+from robotree.tui.realm_file.present import ROLES
 from robotree.tui.realm_file.verbs import read_realm_file
 from robotree.tui.terminal import aside, complain, note, put
 from robotree.tui.wire.security import NOTHING, REALM, key_file
@@ -40,6 +42,8 @@ if TYPE_CHECKING:
 
 ARM, ROVER, VIEW = "arm-1", "rover-1", "cell"
 EXAMPLES = Path(str(files("robotree.examples")))
+DEMOS = "demos"
+"""Folder of what demos keep, beside those of the realms."""
 FAREWELL = "The demo ends with this screen: its robots, its lookup services and its host end, too."
 
 
@@ -121,18 +125,38 @@ async def demo(
         wanted = await asyncio.to_thread(read_realm_file, str(story.file))
         await _alone(realm, wanted)
         file = await asyncio.to_thread(key_file, key, realm)
-        async with Crew(realm, key=str(file or NOTHING)) as crew:
-            note(f"starting the demo in realm {realm!r}: {len(wanted.processes)} programs …")
-            crew.again = await cast(crew, wire=wire, speedup=speedup, file=story.file)
-            if headless:
-                return await story.play(realm, folder, readonly=readonly)
-            return await _supervise(story, realm, readonly=readonly)
+        with kept_apart(realm) as state:
+            async with Crew(realm, key=str(file or NOTHING), state=state, restarts=True) as crew:
+                note(f"starting the demo in realm {realm!r}: {len(wanted.processes)} programs …")
+                await cast(crew, wire=wire, speedup=speedup, file=story.file)
+                if headless:
+                    return await story.play(realm, folder, readonly=readonly)
+                return await _supervise(story, realm, readonly=readonly)
     except (MemberFailed, DemoRuns) as failure:
         complain(failure)
         return exit_codes.REFUSED
     except asyncio.CancelledError:
         note("the demo was ended from outside")
         return exit_codes.INTERRUPTED
+
+
+@contextmanager
+def kept_apart(realm: str) -> Generator[Path | None]:
+    """Give a folder for what the processes of a demo keep, which goes with it: each demo begins anew.
+
+    Yields:
+        The folder; None: it cannot be made.
+    """
+    folder = state_file(DEMOS, realm)
+    if folder is not None:
+        shutil.rmtree(folder, ignore_errors=True)  # of one that was killed
+    try:
+        yield folder
+    finally:
+        if folder is not None:
+            shutil.rmtree(folder, ignore_errors=True)
+            with suppress(OSError):  # there is another demo
+                folder.parent.rmdir()
 
 
 async def _alone(realm: str, wanted: RealmFile) -> None:
@@ -152,9 +176,7 @@ async def _alone(realm: str, wanted: RealmFile) -> None:
         raise DemoRuns(realm, taken)
 
 
-async def cast(
-    crew: Crew, *, wire: Wire = Wire.TCP, speedup: str = "1", file: Path | None = None
-) -> Callable[[Member], Awaitable[None]]:
+async def cast(crew: Crew, *, wire: Wire = Wire.TCP, speedup: str = "1", file: Path | None = None) -> None:
     """Bring up what a realm file says, as `robotree apply` does, with processes of a crew.
 
     Args:
@@ -163,9 +185,6 @@ async def cast(
         speedup: seconds of the simulated world in a second.
         file: which; None: the demo's cell.
 
-    Returns:
-        What brings the robots of the file back to a host that was started again.
-
     Raises:
         MemberFailed: a step could not be done.
     """
@@ -173,35 +192,19 @@ async def cast(
         await asyncio.to_thread(read_realm_file, str(file or CELL.file)), crew.realm, wire, speedup
     )
     pages = await asyncio.to_thread(pages_of, wanted)
-    starter, one_at_a_time = CrewStarter(crew), asyncio.Lock()
+    failed: list[Done] = []
 
-    async def bring_about(chosen: Callable[[Plan], Plan]) -> list[Done]:
-        async with one_at_a_time, joined(crew.realm) as fleet:
-            found = chosen(plan(wanted, await present(fleet, starter.controllers), pages))
-            return await apply_plan(found, wanted, fleet, starter, lambda _: None)
-
-    async def back(member: Member) -> None:
-        await bring_about(lambda found: gone_with(member, found))
-
-    for done in await bring_about(lambda found: found):
+    def report(done: Done) -> None:
         if done.outcome == "failed":
-            raise MemberFailed(done.step.text.split(), "failed", done.reason)
-    return back
+            failed.append(done)
 
+    async def agree(_: Plan) -> None:
+        pass
 
-def gone_with(member: Member, found: Plan) -> Plan:
-    """Return the steps of a plan that bring back what went with a process.
-
-    With a host its robots have gone, with a proxy the bond of its robot. What a person has changed since stays.
-    """
-    verb, *_, name = member.words[:3]
-    made = {step.id for step in found.steps if step.line and step.line.verb == "create" and verb == "host"}
-
-    def lost(step: Step) -> bool:
-        bond = verb == "proxy" and step.line is not None and name in step.line.many("CHILD")
-        return bond or step.id in made or bool(step.needs & made)
-
-    return structs.replace(found, steps=tuple(filter(lost, found.steps)))
+    async with joined(crew.realm) as fleet:
+        await bring_about(wanted, pages, fleet, CrewStarter(crew), report, agree)
+    for done in failed[:1]:
+        raise MemberFailed(done.step.text.split(), "failed", done.reason)
 
 
 def adapted(wanted: RealmFile, realm: str, wire: Wire, speedup: str) -> RealmFile:

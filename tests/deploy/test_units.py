@@ -41,7 +41,7 @@ def test_a_service_starts_a_line_that_robotree_understands(unit: Path) -> None:
     assert program == "/home/anna/.local/bin/robotree"
     found = manual.shell().parse(words)
     kind = unit.name.removeprefix("robotree-").partition("@")[0]
-    assert found.verb == {"realm": "apply"}.get(kind, kind)
+    assert found.verb == {"realm": "apply", "space": "space serve"}.get(kind, kind)
 
 
 @pytest.mark.parametrize("unit", SERVICES, ids=lambda unit: unit.name)

@@ -19,7 +19,7 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
@@ -124,7 +124,15 @@ class Member:
 class Crew:
     """Starts members, in order or at once, and ends them all, the last one first."""
 
-    def __init__(self, realm: str, logs: Path | None = None, *, key: str = "") -> None:
+    def __init__(
+        self,
+        realm: str,
+        logs: Path | None = None,
+        *,
+        key: str = "",
+        state: Path | None = None,
+        restarts: bool = False,
+    ) -> None:
         """Prepare a crew without members.
 
         Args:
@@ -132,12 +140,14 @@ class Crew:
             logs: folder of the files to which they write what they have to say. Without one those files have
                 no name, so that nothing of them stays behind, whatever ends us.
             key: file with the key of all links between members, or `none`; empty: `$ROBOTREE_KEY` decides.
+            state: folder of what the members keep; None: that of this user.
+            restarts: whether a member that crashes is started again.
         """
         self.realm, self.logs = realm, logs
         self._environment = {"ROBOTREE_REALM": realm, **({"ROBOTREE_KEY": key} if key else {})}
+        self._environment |= {"XDG_STATE_HOME": str(state)} if state else {}
+        self.restarts = restarts
         self.members: list[Member] = []
-        self.again: Callable[[Member], Awaitable[object]] | None = None
-        """Called with a member that was started again after a crash; None: what crashes stays down."""
         self._watches: set[asyncio.Task[None]] = set()
         self._numbers = itertools.count()
 
@@ -172,7 +182,7 @@ class Crew:
     async def _watch(self, member: Member) -> None:
         """Start a member again whenever it crashes."""
         crashes = 0
-        while (code := await member.process.wait()) and self.again is not None:
+        while (code := await member.process.wait()) and self.restarts:
             crashes = 1 if time.monotonic() - member.began > SOUND else crashes + 1
             line = " ".join(member.words[:3])
             _log.warning("%s has ended with code %d, and is started again", line, code)
@@ -182,12 +192,9 @@ class Crew:
             member = await self._spawn(member.words_again)
             try:
                 await member.ready()
-                await self.again(member)
             except MemberFailed as failure:
                 _log.warning("%s did not come up again: %s", line, failure)
                 member.kill()
-            except Exception:  # noqa: BLE001 # the outermost handler of this task
-                _log.exception("%s is up again, and what belongs to it is not", line)
 
     def _open_log(self, words: Sequence[str]) -> IO[bytes]:
         if self.logs is None:

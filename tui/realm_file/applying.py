@@ -1,6 +1,7 @@
 """The steps of a plan, carried out: each as soon as what it needs is done, several at once.
 
-A step that fails keeps back those that need it, and no others.
+A step that fails keeps back those that need it, and no others. A host brings the robots back that it has kept,
+so hosts are started first, and what is still to be done then is planned anew.
 """
 
 from __future__ import annotations
@@ -8,19 +9,20 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Literal, Protocol
 
 import msgspec
+from msgspec import structs
 
 from robotree.tui.errors import SupervisorError, sentence
 from robotree.tui.line.carrying import Refusal, Silent, carry_out
 from robotree.tui.processes.programs import KEY_VARIABLE, program_of
 from robotree.tui.realm_file.content import CONTROLLER, KEYWORDS, NAMELESS, ProcessEntry, RealmFile, placed
 from robotree.tui.realm_file.controllers import Controller
-from robotree.tui.realm_file.plan import Plan, Step
-from robotree.tui.realm_file.present import ROLES
+from robotree.tui.realm_file.plan import Page, Plan, Step, plan
+from robotree.tui.realm_file.present import ROLES, present
 from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
@@ -61,17 +63,72 @@ Report = Callable[[Done], object]
 """Hears of each step when it is over."""
 
 
-async def apply_plan(
-    plan: Plan, wanted: RealmFile, fleet: Fleet, starter: Starter, report: Report
-) -> list[Done]:
-    """Carry out a plan, and return what became of each step, in the order in which they ended."""
-    return await _Work(plan, wanted, fleet, starter, report).carry_out()
+Agree = Callable[[Plan], Awaitable[None]]
+"""Takes what is about to be done; raises what ends it."""
+
+
+async def bring_about(
+    wanted: RealmFile,
+    pages: Mapping[str, Page],
+    fleet: Fleet,
+    starter: Starter,
+    report: Report,
+    agree: Agree,
+    *,
+    prune: bool = False,
+) -> tuple[Plan, list[Done]]:
+    """Bring about what a file says.
+
+    Args:
+        wanted: the file.
+        pages: of its robots, by name.
+        fleet: of the realm.
+        starter: of its processes.
+        report: hears of each step when it is over.
+        agree: is asked before anything is done, and again if what a host has brought back needs more steps.
+        prune: whether what is not in the file is ended.
+
+    Returns:
+        All that was planned; what became of each step, in the order in which they ended.
+
+    Raises:
+        BadRealmFile: the file names what is nowhere, or cannot be.
+    """
+
+    async def planned() -> Plan:
+        return plan(wanted, await present(fleet, starter.controllers), pages, prune=prune)
+
+    first = await planned()
+    await agree(first)
+    hosts = {step.id: step for step in first.steps if step.entry is not None and step.entry.verb == "host"}
+    done = await _Work(hosts.values(), wanted, fleet, starter, report).carry_out()
+    then = await planned() if hosts else first
+    known, still = {step.text for step in first.steps}, {step.text for step in then.steps}
+    new = tuple(step for step in then.steps if step.text not in known)
+    if new:
+        await agree(structs.replace(then, steps=new, left=()))
+    for step in first.steps:
+        if step.id not in hosts and step.text not in still:
+            done.append(Done(step, "done", "its host has kept it"))
+            report(done[-1])
+    rest = [step for step in then.steps if step.id not in hosts]
+    done += await _Work(rest, wanted, fleet, starter, report, done).carry_out()
+    return structs.replace(then, steps=(*first.steps, *new)), done
 
 
 class _Work:
-    def __init__(self, plan: Plan, wanted: RealmFile, fleet: Fleet, starter: Starter, report: Report) -> None:
-        self._steps = {step.id: step for step in plan.steps}
+    def __init__(
+        self,
+        steps: Iterable[Step],
+        wanted: RealmFile,
+        fleet: Fleet,
+        starter: Starter,
+        report: Report,
+        before: Iterable[Done] = (),
+    ) -> None:
+        self._steps = {step.id: step for step in steps}
         self._wanted, self._fleet, self._starter, self._report = wanted, fleet, starter, report
+        self._before = {one.step.id: one for one in before}
         self._over: dict[str, Done] = {}
         self._tasks: dict[str, asyncio.Task[None]] = {}
 
@@ -86,9 +143,10 @@ class _Work:
         needs = [self._tasks[one] for one in step.needs if one in self._tasks]
         if needs:
             await asyncio.wait(needs)
-        broken = [one for one in step.needs if one in self._over and self._over[one].outcome != "done"]
+        over = self._before | self._over
+        broken = sorted(one for one in step.needs if one in over and over[one].outcome != "done")
         if broken:
-            done = Done(step, "kept back", f"it needs `{self._steps[min(broken)].text}`")
+            done = Done(step, "kept back", f"it needs `{over[broken[0]].step.text}`")
         else:
             reason = await self._do(step)
             done = Done(step, "failed" if reason else "done", reason)

@@ -21,6 +21,7 @@ SECTIONS: Mapping[str, str] = {
     "hosts": "host",
     "proxies": "proxy",
     "views": "view",
+    "spaces": "space serve",
 }
 """Sections of processes, in the order of their start, and the verb that is each process."""
 
@@ -30,8 +31,8 @@ ONCE = frozenset({"reset-epoch", "take-over"})
 KIND, CONTROLLER = "kind", "controller"
 """Keys of a process that are no options: the value behind the verb; the file's controller that it dials."""
 
-KEYWORDS = frozenset({"realm", "none"})
-"""What may stand for a key file or a state file and is none."""
+KEYWORDS = frozenset({"realm", "none", "memory"})
+"""What may stand for a file of keys, state or entries and is none."""
 
 NAMELESS = "sim"
 """The verb whose process is in no realm: its name stands in the file alone."""
@@ -74,15 +75,15 @@ class ProcessEntry(msgspec.Struct, frozen=True, kw_only=True):
         facets = {key: word.text for key, word in self.facets.items() if key in options}
         if address:
             facets["listen" if self.verb == NAMELESS else "connect"] = address
-        found = [self.verb]
+        found = self.verb.split()
         if KIND in self.facets:
             kind = self.text(KIND)
             found.append(placed(kind, folder) if ".py" in kind else kind)
         if self.verb != NAMELESS:
             found.append(self.name)
         for key, text in facets.items():
-            is_path = options[key] == "FILE" and text not in KEYWORDS
-            found += [f"--{key}", placed(text, folder) if is_path else text] if options[key] else [f"--{key}"]
+            value = placed(text, folder) if names_file(options[key], text) else text
+            found += [f"--{key}", value] if options[key] else [f"--{key}"]
         return tuple(found)
 
 
@@ -135,6 +136,11 @@ class RealmFile(msgspec.Struct, frozen=True, kw_only=True):
     def error(self, mark: Mark, reason: str) -> BadRealmFile:
         """Return the error for a mistake at a place of the file."""
         return BadRealmFile(self.path, mark.line, reason)
+
+
+def names_file(option: str, text: str) -> bool:
+    """Whether the value of an option, by the name of its blank, is the path of a file."""
+    return option in {"FILE", "STORE"} and text not in KEYWORDS and "://" not in text
 
 
 def placed(path: str, folder: Path) -> str:

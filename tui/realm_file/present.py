@@ -23,7 +23,13 @@ if TYPE_CHECKING:
     from robotree.vr.base.description import RobotDescription
     from robotree.vr.supervision.fleet import Fleet
 
-ROLES: Mapping[str, Role] = {"proxy": "robot", "view": "view", "host": "host", "lookup": "lookup"}
+ROLES: Mapping[str, Role] = {
+    "proxy": "robot",
+    "view": "view",
+    "host": "host",
+    "lookup": "lookup",
+    "space serve": "space",
+}
 """Role of the agent of a process, by its verb."""
 
 
@@ -95,8 +101,7 @@ async def present(fleet: Fleet, known: Mapping[str, Controller]) -> Present:
 
 def line_of(program: Program) -> Line | None:
     """Return the line with which a process was started; None: it is no process that a file can say."""
-    if not program.words or program.words[0] not in SECTIONS.values():
-        return None
     with suppress(SupervisorError, VrError):
-        return manual.shell().parse(program.words)
+        line = manual.shell().parse(program.words)
+        return line if line.verb in SECTIONS.values() else None
     return None

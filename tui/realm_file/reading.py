@@ -53,6 +53,8 @@ from robotree.vr.base.written import (
 )
 
 ROBOT_KEYS = ("page", "hash", "host", "settings", "role", "slots")
+NOUNS = {NAMELESS: "controller", "space serve": "space"}
+"""What a process is called where its verb is no noun."""
 KEYS = ("key", *SECTIONS, "robots")
 HASH = re.compile(r"[0-9a-f]{8,64}")
 
@@ -117,7 +119,7 @@ def _process(verb: str, name: Word, given: Written | None) -> ProcessEntry:
     _expect_name(name)
     options = BY_VERB[verb].shape.options
     listed = entries(given, f"{verb} {name.text}", name.mark)
-    listed.expect(keys_of(verb), f"a {'controller' if verb == NAMELESS else verb}")
+    listed.expect(keys_of(verb), f"a {NOUNS.get(verb, verb)}")
     facets: dict[str, Word] = {}
     for key, thing in listed:
         if key.text in options and not options[key.text]:

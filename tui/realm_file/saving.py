@@ -20,6 +20,7 @@ from robotree.tui.realm_file.content import (
     RealmFile,
     RobotEntry,
     keys_of,
+    names_file,
 )
 from robotree.tui.realm_file.present import Present, Process, line_of
 from robotree.tui.seen import wording
@@ -108,7 +109,7 @@ class _Saving:
             if key == KIND and ".py" in text:
                 file, wanted = values.source(text)
                 text = self._near(process.path(file)) + (f":{wanted}" if wanted else "")
-            elif options.get(key) == "FILE" and text and text not in KEYWORDS:
+            elif text and names_file(options.get(key, ""), text):
                 text = self._near(process.path(text))
             if text or line.flag(f"--{key}"):
                 facets[key] = _word(text)

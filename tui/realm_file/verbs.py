@@ -21,7 +21,7 @@ from robotree.tui.errors import BadRealmFile, ValueRefused
 from robotree.tui.line.grammar import Line
 from robotree.tui.processes.detached import start_detached
 from robotree.tui.processes.realm import anybody_met, nothing_to_ask
-from robotree.tui.realm_file.applying import Done, apply_plan
+from robotree.tui.realm_file.applying import Done, bring_about
 from robotree.tui.realm_file.content import NAMELESS, ProcessEntry, RealmFile
 from robotree.tui.realm_file.controllers import Controller, controllers, keep
 from robotree.tui.realm_file.pages import pages_of
@@ -53,7 +53,7 @@ class Detached:
 
     async def start(self, entry: ProcessEntry, words: Sequence[str], environment: Mapping[str, str]) -> str:
         """See `Starter`."""
-        name = f"{entry.verb}-{entry.name}"
+        name = f"{entry.verb}-{entry.name}".replace(" ", "-")
         started = await asyncio.to_thread(start_detached, self._realm, name, words, environment)
         if entry.verb == NAMELESS:
             keep(self._realm, entry.name, Controller(started.process.pid, started.address))
@@ -117,14 +117,18 @@ async def apply(line: Line, realm: str, kinds: Kinds) -> int:
         found = plan(wanted, Present(realm=realm, controllers=starter.controllers), pages, prune=prune)
         _show(found)
         return _tell(found, [], dry=True)
-    async with joined(realm) as fleet:
-        found = plan(wanted, await present(fleet, starter.controllers), pages, prune=prune)
+
+    async def agree(found: Plan) -> None:
         _show(found)
-        if dry or not found.steps:
-            return _tell(found, [], dry=dry)
         if prune and not line.flag("--yes"):
             await _confirm(found)
-        done = await apply_plan(found, wanted, fleet, starter, _report)
+
+    async with joined(realm) as fleet:
+        if dry:
+            found = plan(wanted, await present(fleet, starter.controllers), pages, prune=prune)
+            _show(found)
+            return _tell(found, [], dry=True)
+        found, done = await bring_about(wanted, pages, fleet, starter, _report, agree, prune=prune)
     return _tell(found, done, dry=False)
 
 
@@ -191,7 +195,7 @@ def _tell(found: Plan, done: Sequence[Done], *, dry: bool) -> int:
     else:
         text = f"{len(done) - len(bad)} of {len(done)} steps are done"
     text += f"; not in the file, and left as it is: {len(found.left)} (--prune ends it)" if found.left else ""
-    outcomes = {one.step.id: one for one in done}
+    outcomes = {one.step.text: one for one in done}
     data: dict[str, Any] = {
         "ok": ok,
         "changed": len(done) - len(bad),
@@ -199,8 +203,8 @@ def _tell(found: Plan, done: Sequence[Done], *, dry: bool) -> int:
             {
                 "sign": step.sign,
                 "line": step.text,
-                "outcome": outcomes[step.id].outcome if step.id in outcomes else "planned",
-                "reason": outcomes[step.id].reason if step.id in outcomes else "",
+                "outcome": outcomes[step.text].outcome if step.text in outcomes else "planned",
+                "reason": outcomes[step.text].reason if step.text in outcomes else "",
             }
             for step in found.steps
         ],
