@@ -1,7 +1,7 @@
 """The steps of a plan, carried out: each as soon as what it needs is done, several at once.
 
-A step that fails keeps back those that need it, and no others. A host brings the robots back that it has kept,
-so hosts are started first, and what is still to be done then is planned anew.
+A step that fails keeps back those that need it, and no others. A host brings the robots back that it has
+kept, so hosts are started first, and what is still to be done then is planned anew.
 """
 
 from __future__ import annotations
