@@ -22,6 +22,7 @@ from robotree.vr.base.errors import (
     DeadlineExceeded,
     KeyReused,
     NotConfirmed,
+    NothingAsked,
     NotInControl,
     SlotHeld,
     StaleEpoch,
@@ -334,6 +335,24 @@ class CoreMachine(RuleBasedStateMachine):
         assert not self.handle(on.Checkpoint(key=key))
         call = self.core.state.calls.live.get(key)
         assert call is None or (call.steps, call.lap, call.fields) == ({}, lap + 1, self.core.state.fields)
+
+    @precondition(lambda self: self.running or self.readers)
+    @rule(data=st.data(), answer=st.sampled_from(["done", "again", "abort"]))
+    def a_command_asks_and_a_person_answers(self, data: st.DataObject, answer: str) -> None:
+        self.handle(on.Tick(unix=UNIX + self.now))
+        key = data.draw(st.sampled_from(self.running + self.readers))
+        asks = key in self.core.state.calls.live
+        self.handle(on.DoubtRaised(key=key, question="what now?"))
+        reply = on.DoubtSettled(answer=answer, epoch=self.right(), principal=HOLDER)
+        if not asks:
+            with pytest.raises(NothingAsked):
+                self.handle(reply)
+            return
+        with pytest.raises((NotInControl, StaleEpoch)):
+            self.handle(on.DoubtSettled(answer=answer, epoch=self.wrong(), principal=STRANGER))
+        assert on.Decided(key=key, answer=answer) in self.handle(reply)
+        with pytest.raises(NothingAsked):
+            self.handle(reply)
 
     @rule(who=st.sampled_from(["parent", "another"]))
     def the_process_of_a_parent_ends(self, who: str) -> None:

@@ -232,6 +232,16 @@ ACTIONS: tuple[Action, ...] = (
         alters=True,
     ),
     Action(
+        usage="decide NAME ANSWER",
+        help="Answer a command that asks after a crash: it is done, goes on (again), or ends (abort).",
+        group=COMMAND,
+        run="decide",
+        where=ANYWHERE,
+        about=About.ROBOT,
+        examples=("decide mover again",),
+        alters=True,
+    ),
+    Action(
         usage="stop [NAME] [--everywhere]",
         help="Protective stop of one robot, or of everything, now; --everywhere: in all your realms.",
         shell_options=("--everywhere",),

@@ -659,6 +659,15 @@ async def cancel(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     return Outcome({"cancelled": line.text("NAME")}, f"the commands of {line.text('NAME')} are cancelled")
 
 
+async def decide(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+    """Answer a command that asks after a crash."""
+    name, answer = line.text("NAME"), line.text("ANSWER")
+    if answer not in {"done", "again", "abort"}:
+        raise ValueRefused("ANSWER", f"{answer!r} is none of: done, again, abort")
+    await fleet.decide(name, cast("Any", answer))
+    return Outcome({"decided": name, "answer": answer}, f"{name} has its answer: {answer}")
+
+
 async def stop(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
     """Stop one robot, or all, protectively."""
     return stopped(await fleet.stop(line.text("NAME") or None, on_late=teller.warn))

@@ -46,6 +46,7 @@ from robotree.vr.base.principal import Principal
 from robotree.vr.base.requests import (
     Accepted,
     AnyRequest,
+    Decide,
     Delete,
     Describe,
     Described,
@@ -466,7 +467,7 @@ class RobotAgent:
         if asker.person:
             self.runtime.log.say("info", f"{order} by {asker.person}")
 
-    def _reply(self, request: AnyRequest, asker: Principal) -> Reply:
+    def _reply(self, request: AnyRequest, asker: Principal) -> Reply:  # noqa: PLR0911 # one for each
         """Answer a request that takes no time.
 
         Raises:
@@ -479,6 +480,8 @@ class RobotAgent:
                 return Logged(lines=tuple(self.runtime.log.since(after)))
             case Petition():
                 return self._petition(request, asker)
+            case Decide():
+                return self._decide(request, asker)
             case Retract():
                 return self._retract(request, asker)
             case Renew():
@@ -488,6 +491,11 @@ class RobotAgent:
                 return Done()
             case _:
                 raise not_for("robot", request)
+
+    def _decide(self, request: Decide, asker: Principal) -> Reply:
+        self.runtime.post(on.DoubtSettled(answer=request.answer, epoch=request.epoch, principal=asker))
+        self._note_order(f"answered with {request.answer}", asker)
+        return Done()
 
     # -- who commands it --------------------------------------------------------------------------
 

@@ -164,8 +164,9 @@ class Host:
         journal = self._journal
         if journal is None:
             return
-        robots = journal.found.robots
-        rebase([kept.state for kept in robots], journal.shift, self._process.runner.now())
+        robots, now = journal.found.robots, self._process.runner.now()
+        self._process.gap = max(0.0, now - journal.found.latest - journal.shift)
+        rebase([kept.state for kept in robots], journal.shift, now)
         made = [(kept, agent) for kept in robots if (agent := await self._made_again(kept)) is not None]
         for kept, agent in made:
             journal.made(kept.key, kept.name, kept.page, agent.runtime.look)

@@ -10,16 +10,21 @@ A command is plain sequential code and runs in its own thread, one at a time per
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
-from typing import Any, TypeVar, overload
+from typing import Any, TypeVar, get_args, overload
+
+import msgspec
 
 from robotree.vr.author.fields import SET, settings_spec
 from robotree.vr.author.robot import Robot, attributes_of
-from robotree.vr.author.signature import Command, signature_of
+from robotree.vr.author.signature import Command, ResumePolicy, Resumption, signature_of
 from robotree.vr.base.description import Effect
+from robotree.vr.base.units import seconds as seconds_of
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 _MARK = "__robotree_effect__"
+_RESUMPTION = "__robotree_resumption__"
 _CACHE = "__robotree_commands__"
 _HIDING: tuple[type[Any], ...] = (property, staticmethod, classmethod)
 """What makes something else of a method."""
@@ -28,20 +33,35 @@ _HIDING: tuple[type[Any], ...] = (property, staticmethod, classmethod)
 @overload
 def command(function: _F, /) -> _F: ...
 @overload
-def command(*, effect: Effect = "once") -> Callable[[_F], _F]: ...
-def command(function: _F | None = None, /, *, effect: Effect = "once") -> _F | Callable[[_F], _F]:
+def command(
+    *, effect: Effect = "once", resume: ResumePolicy = "continue", stale_after: float | str | None = None
+) -> Callable[[_F], _F]: ...
+def command(
+    function: _F | None = None,
+    /,
+    *,
+    effect: Effect = "once",
+    resume: ResumePolicy = "continue",
+    stale_after: float | str | None = None,
+) -> _F | Callable[[_F], _F]:
     """Make a method callable by others.
 
     Args:
         function: the method; its docstring and annotations are what callers see.
         effect: what a repetition does: `read` changes nothing, `repeat` ends the same, `once` adds up.
+        resume: what it does when its host has crashed in the middle and is back: `continue` at its next
+            step, `restart` from its beginning, `ask` a person, or `abort` with `CommandInDoubt`.
+        stale_after: [s] or text with a unit: after a longer absence a person is asked.
 
     Returns:
         The method, which stays an ordinary method for its own class.
 
     Raises:
-        TypeError: it is no plain method.
+        TypeError: it is no plain method, or there is no such way to resume.
     """
+    if resume not in get_args(ResumePolicy):
+        raise TypeError(f"no resume {resume!r}; write one of {', '.join(get_args(ResumePolicy))}")
+    resumption = Resumption(resume, math.inf if stale_after is None else seconds_of(stale_after))
 
     def mark(function: _F) -> _F:
         if isinstance(function, _HIDING):
@@ -51,6 +71,7 @@ def command(function: _F | None = None, /, *, effect: Effect = "once") -> _F | C
         if getattr(function, "__name__", "") == "<lambda>":
             raise TypeError("a command is a method with a name; write it with def instead of lambda")
         setattr(function, _MARK, effect)
+        setattr(function, _RESUMPTION, resumption)
         return function
 
     return mark if function is None else mark(function)
@@ -91,7 +112,8 @@ def _collect(cls: type[Any]) -> dict[str, Command]:
             raise TypeError(
                 f"{cls.__name__}.{name}: a command cannot have this name; every robot uses it itself"
             )
-        found[name] = signature_of(value, effect)
+        resumption = getattr(value, _RESUMPTION, Resumption())
+        found[name] = msgspec.structs.replace(signature_of(value, effect), resumption=resumption)
     spec = settings_spec(cls)
     if spec.parameters:
         if SET in found:

@@ -179,6 +179,15 @@ class Robot:
         """
         return running().cleanup(within)
 
+    def on_resume(self, gap: float) -> None:
+        """Look how the world is when a command goes on after a crash of its host, before its next step.
+
+        A page that overrides it may call children and raise: then the command ends with that error.
+
+        Args:
+            gap: [s] for which the host was away.
+        """
+
     def checkpoint(self) -> None:
         """Say that a command needs none of its steps so far any more.
 
@@ -197,7 +206,7 @@ class Robot:
         running().progress(fraction, text)
 
 
-HOOKS = ("readings", "safe_stop", "resume")
+HOOKS = ("readings", "safe_stop", "resume", "on_resume")
 """Methods that the agent calls, so that an author may write them: with the parameters of `Robot`."""
 OPTIONS = frozenset(
     {"begins", "one_at_a_time", "reading_units", "isolated", "online", "halted", "attributes"}

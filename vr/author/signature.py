@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import copy
 import inspect
+import math
 import types
 from collections.abc import Callable, Iterator, Mapping
-from typing import Annotated, Any, get_args, get_origin
+from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin
 
 import msgspec
 
@@ -32,6 +33,18 @@ Within = Annotated[float | str | None, "longest time of a call: [s], or text wit
 """The type of `within`, which interfaces name for type checkers; the command itself has no such parameter."""
 
 
+ResumePolicy = Literal["continue", "restart", "ask", "abort"]
+"""What a command does whose process has ended in the middle, when it is started again."""
+
+
+class Resumption(NamedTuple):
+    """What a command does after a crash of its process."""
+
+    policy: ResumePolicy = "continue"
+    stale_after: float = math.inf
+    """[s] without its process after which a person is asked instead."""
+
+
 class Command(msgspec.Struct, frozen=True):
     """One command of a class: how it looks, and what runs."""
 
@@ -44,6 +57,8 @@ class Command(msgspec.Struct, frozen=True):
     """Annotations of the parameters that the function takes in another form than they travel in."""
     changeable: Mapping[str, Any] = {}
     """Defaults that code can change: each call gets a copy of its own."""
+    resumption: Resumption = Resumption()
+    """What it does after a crash."""
 
     def run(self, robot: Robot, arguments: Arguments) -> Any:
         """Call the function, in the thread of the command.

@@ -292,6 +292,12 @@ class CommandInDoubt(CommandError):
     sentence = "{robot}.{command} may have been carried out or not: {detail}"
 
 
+class NothingAsked(CommandError):
+    """A person answers a question that no command has asked."""
+
+    sentence = "no command of {robot} waits for an answer"
+
+
 class Diverged(CommandError):
     """A command that was interrupted takes another step now than it took before."""
 

@@ -76,6 +76,14 @@ class Cancel(_Message, frozen=True, kw_only=True):
     reason: str = ""
 
 
+class Decide(_Message, frozen=True, kw_only=True):
+    """Answer what a command of the robot asks after a crash. Answered by `Done`."""
+
+    answer: Literal["done", "again", "abort"]
+    """It is done; it goes on; it ends as `CommandInDoubt`."""
+    epoch: int | None = None
+
+
 class Petition(_Message, frozen=True, kw_only=True):
     """A parent asks to enslave the robot. Answered by `Granted`."""
 
@@ -682,9 +690,9 @@ class State(_Message, frozen=True, kw_only=True):
 
 
 AnyRequest = (
-    Describe | Call | Detach | Cancel | Petition | Retract | Renew | Release | SafeStop | Resume | Enslave
-    | Free | Delete | Create | Reload | ReadLog | ReadHistory | DescribeHost | Register | Query | Look
-    | DescribeView | WriteEntry | FindEntries | GiveUp | RenewEntry | OpenTransaction | CloseTransaction
+    Describe | Call | Detach | Cancel | Decide | Petition | Retract | Renew | Release | SafeStop | Resume
+    | Enslave | Free | Delete | Create | Reload | ReadLog | ReadHistory | DescribeHost | Register | Query
+    | Look | DescribeView | WriteEntry | FindEntries | GiveUp | RenewEntry | OpenTransaction | CloseTransaction
     | RollBack | AcquireFence | RenewFence | WatchEntries | DescribeSpace
 )  # fmt: skip
 Reply = (

@@ -32,6 +32,8 @@ class StepResult(msgspec.Struct, frozen=True, array_like=True):
 
 END = "!"
 """Path and kind of the mark where the end of a command was raised in its code, after so many steps."""
+BEGUN = "~"
+"""End of the path under which a step keeps whom it was given, while it is not known how it ends."""
 THREAD = "thread"
 """Path and kind of the step with which a command uses a thread of its author's own: it cannot go on."""
 
@@ -85,6 +87,23 @@ class Checkpoint(_Event, frozen=True, kw_only=True):
 
     key: str
     """Of the call."""
+
+
+class DoubtRaised(_Event, frozen=True, kw_only=True):
+    """A running command cannot go on before a person has answered."""
+
+    key: str
+    """Of the call."""
+    question: str
+
+
+class DoubtSettled(_Event, frozen=True, kw_only=True):
+    """A person answers what a command has asked."""
+
+    answer: str
+    """`done`, `again` or `abort`."""
+    epoch: int | None = None
+    """Of the asker's lease."""
 
 
 class DetachAsked(_Event, frozen=True, kw_only=True):
@@ -317,7 +336,7 @@ class ReleaseAsked(_Event, frozen=True, kw_only=True):
 
 
 CoreEvent = (
-    StepTaken | Checkpoint | ParentAway | Invoke | Finish
+    StepTaken | Checkpoint | DoubtRaised | DoubtSettled | ParentAway | Invoke | Finish
     | DetachAsked | CancelAsked | CancelAll | Abandon | Gone | Tick | ParentAsked
     | Prolong | EndLease | Obeyed | Reserve | Unreserve | Bind | FreeAsked | Lose | Renewed
     | ChildDescribed | Set | PageReloaded | StopAsked | Halted | Restored | StopAnswered | ReleaseAsked
@@ -340,6 +359,13 @@ class Interrupt(_Value, frozen=True, kw_only=True):
     cause: Raised
     final: bool = False
     """Whether not even its clean-up may command children any more."""
+
+
+class Decided(_Value, frozen=True, kw_only=True):
+    """A person has answered what the command of a key has asked."""
+
+    key: str
+    answer: str
 
 
 class Ended(msgspec.Struct, frozen=True):
@@ -451,6 +477,6 @@ class FieldsChanged(_Value, frozen=True, kw_only=True):
 
 
 CoreEffect = (
-    Begin | Interrupt | Settled | LeaseGranted | LeaseChanged | LeaseEnded | RenewLease | ChildGone
+    Begin | Decided | Interrupt | Settled | LeaseGranted | LeaseChanged | LeaseEnded | RenewLease | ChildGone
     | FieldsChanged | AskPart | StopTaken | StopSettled
 )  # fmt: skip

@@ -26,6 +26,7 @@ from robotree.vr.base.errors import (
     DeadlineExceeded,
     KeyReused,
     NotConfirmed,
+    NothingAsked,
     StillRunning,
     Stopped,
     UnderWay,
@@ -41,6 +42,7 @@ from robotree.vr.core.events import (
     ChildGone,
     CoreEffect,
     CoreEvent,
+    Decided,
     Ended,
     FieldsChanged,
     Interrupt,
@@ -104,6 +106,8 @@ class AcceptedCall(msgspec.Struct, kw_only=True):
     """What the robot kept when it began, or at its last checkpoint."""
     lap: int = 0
     """How many checkpoints it has made: a part of the keys of its steps."""
+    doubt: str = ""
+    """What it asks a person before it goes on; empty: nothing."""
     forgotten: bool = False
     """Whether it has taken more steps than are kept: it cannot go on after an interruption."""
 
@@ -451,6 +455,7 @@ class RobotCore:
         call = self.state.calls.live.get(event.key)
         if call is not None and not call.forgotten:
             call.steps[event.path] = event.step
+            call.steps.pop(f"{event.path}{on.BEGUN}", None)
             if len(call.steps) > MOST_STEPS:
                 call.steps, call.forgotten = {}, True
         return []
@@ -461,6 +466,19 @@ class RobotCore:
             call.steps, call.forgotten, call.lap = {}, False, call.lap + 1
             call.fields = dict(self.state.fields)
         return []
+
+    def _doubt(self, event: on.DoubtRaised, _: float) -> Effects:
+        if call := self.state.calls.live.get(event.key):
+            call.doubt = event.question
+        return [FieldsChanged()]
+
+    def _decide(self, event: on.DoubtSettled, now: float) -> Effects:
+        self.state.lease.check(event.epoch, now, event.principal)
+        asking = next((call for call in self.state.calls.live.values() if call.doubt), None)
+        if asking is None:
+            raise NothingAsked(robot=self.name)
+        asking.doubt = ""
+        return [Decided(key=asking.key, answer=event.answer), FieldsChanged()]
 
     def _cancel(self, event: on.CancelAsked, now: float) -> Effects:
         call = self._call_of(event, now)
@@ -731,6 +749,8 @@ class RobotCore:
         stop, calls = self.state.stop, self.state.calls
         orders = {generation: order for order, generation in stop.orders.items()}
         calls.abandoned, calls.places = {}, {}  # that code has ended with its process
+        for call in calls.live.values():
+            call.doubt = ""  # it asks again
         effects: Effects = [Begin(key=key) for key in event.calls if key in calls.live]
         for generation in stop.parts if stop.reason else ():  # what is released is not to be stopped again
             order = on.StopAsked(reason=stop.reason, order=orders.get(generation, ""))
@@ -758,6 +778,8 @@ class RobotCore:
         on.Finish: _finish,
         on.StepTaken: _step_taken,
         on.Checkpoint: _checkpoint,
+        on.DoubtRaised: _doubt,
+        on.DoubtSettled: _decide,
         on.ParentAway: _parent_away,
         on.DetachAsked: _detach,
         on.CancelAsked: _cancel,

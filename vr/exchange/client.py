@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol, TypeVar
+from typing import Any, Literal, Protocol, TypeVar
 
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import Arguments, RobotDescription
@@ -17,6 +17,7 @@ from robotree.vr.base.requests import (
     Call,
     Cancel,
     Create,
+    Decide,
     Delete,
     Describe,
     Described,
@@ -208,6 +209,15 @@ class RobotClient:
     async def cancel(self, key: str = "", *, epoch: int | None = None, reason: str = "") -> None:
         """End the command of a key, or all of them."""
         await self._ask(Cancel(key=key, epoch=epoch, reason=reason), Done, urgent=True)
+
+    async def decide(self, answer: Literal["done", "again", "abort"]) -> None:
+        """Answer what a command asks after a crash: it is done, goes on, or ends in doubt.
+
+        Raises:
+            NothingAsked: no command asks anything.
+            NotInControl: a parent commands the robot.
+        """
+        await self._ask(Decide(answer=answer), Done)
 
     async def safe_stop(
         self,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 
 import msgspec
@@ -60,6 +61,8 @@ class Recovered:
         self.began: Began | None = None
         """The beginning of the newest segment; None: there is none."""
         self.records = 0
+        self.latest = -math.inf
+        """[s] when the last event happened, on the monotonic clock of then."""
 
     @property
     def robots(self) -> list[KeptRobot]:
@@ -90,7 +93,8 @@ class Recovered:
         """Read one record."""
         self.records += 1
         match record:
-            case Happened(robot=number):
+            case Happened(robot=number, now=now):
+                self.latest = max(self.latest, now)
                 robot = self._robot(number)
                 if robot is not None and robot.machine is not None:  # else its snapshot follows
                     self._handle(robot, robot.machine, record, path)

@@ -12,7 +12,7 @@ from robotree.vr.author.child import ChildCommand, Exposed
 from robotree.vr.author.context import CallFuture, CallLimit, CommandContext
 from robotree.vr.author.readings import Record
 from robotree.vr.author.robot import Robot
-from robotree.vr.author.signature import Command
+from robotree.vr.author.signature import Command, ResumePolicy
 from robotree.vr.author.together import Group, Race, Started, Together
 from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.arguments import check_arguments
@@ -131,6 +131,31 @@ class CommandActivity(Frame):
         """Need none of the steps so far any more: interrupted, the command begins anew with what it keeps."""
         self.runtime.checkpoint(self.call_key)
         self.steps = 0
+
+    def forget_steps(self) -> None:
+        """Begin anew, with other keys: what was done before is done once more."""
+        self.runtime.checkpoint(self.call_key)
+        self.run.recall, self.replaying = None, False
+
+    @_from_author
+    def decide(self, question: str) -> str:
+        """Ask a person, and wait for the answer: `done`, `again` or `abort`."""
+        self.replaying = False  # so that an order to end it counts at once
+        try:
+            self.runtime.ask_person(self.call_key, question)
+            self.wait(lambda: bool(self.run.answer))
+        finally:
+            self.replaying = True
+        return self.run.answer
+
+    def resume(self) -> None:
+        """Have the page look how the world is after a crash, before the first new step."""
+        process = self.runtime.process
+        part = self.part(f"r{process.life}", self.worker)
+        part.replaying = False
+        _, error = part.carry_out(partial(self.runtime.robot.on_resume, process.gap))
+        if error is not None:
+            raise error
 
     def keep(self, change: Callable[[], None]) -> None:
         """Change what the robot keeps; no cancellation point."""
@@ -419,7 +444,7 @@ class CommandActivity(Frame):
         It has taken all steps again, and nothing since.
         """
         recall = self.run.recall or {}
-        left = [path for path in recall if "/" not in path and path != on.END]
+        left = [path for path in recall if path.isdigit() or path.partition(".")[2].isdigit()]
         if left:
             step = recall[left[0]]
             before = words_of_step(step.kind, step.content)
@@ -442,7 +467,7 @@ def execute(runtime: RobotRuntime, key: str, run: Run, worker: Worker) -> None:
     """Carry out a call whose turn it is, on a worker, on top of what is there."""
     context, robot, command, arguments, exposed = runtime.turn_of(key)
     activity = CommandActivity(runtime, run, context, worker)
-    run.interrupt = activity.interrupt
+    run.interrupt, run.wake = activity.interrupt, activity.wake
     work = _work_of(activity, robot, command, arguments, exposed)
     if worker.top is None:
         worker.process.runner.name_thread(f"{robot.name}.{context.command}")
@@ -473,9 +498,26 @@ def _work_of(
     exposed: Exposed | None,
 ) -> Callable[[], Any]:
     """Return what carries out a call: see `RobotRuntime.turn_of`."""
+    if activity.replaying:
+        if refusal := _cannot_go_on(activity, command):
+            return partial(_refuse, refusal)
+        policy = _policy(activity, command)
+        if policy == "ask":
+            run = _work_of_page(activity, robot, command, arguments, exposed)
+            return partial(_asked, activity, run)
+        if policy == "restart":
+            activity.forget_steps()
+    return _work_of_page(activity, robot, command, arguments, exposed)
+
+
+def _work_of_page(
+    activity: CommandActivity,
+    robot: Robot,
+    command: Command | None,
+    arguments: Arguments,
+    exposed: Exposed | None,
+) -> Callable[[], Any]:
     runtime = activity.runtime
-    if activity.replaying and (refusal := _cannot_go_on(activity)):
-        return partial(_refuse, refusal)
     if command is not None:
         if runtime.turned:
             return partial(_check_again, command, robot, arguments)
@@ -485,22 +527,47 @@ def _work_of(
     return partial(runtime.spec, activity.context.command)  # it was accepted for another page
 
 
+def _policy(activity: CommandActivity, command: Command | None) -> ResumePolicy:
+    """Return what an interrupted command does: what its author has said, if it is not too late for that."""
+    if command is None:
+        return "continue"
+    policy, stale_after = command.resumption
+    return "ask" if policy == "continue" and activity.runtime.process.gap > stale_after else policy
+
+
 def _refuse(error: VrError) -> None:
     raise error
 
 
-def _cannot_go_on(activity: CommandActivity) -> VrError | None:
+def _asked(activity: CommandActivity, work: Callable[[], Any]) -> Any:
+    """Let a person decide whether an interrupted command goes on."""
+    label = f"{activity.runtime.name}.{activity.context.command}"
+    answer = activity.decide(f"{label} was interrupted {activity.runtime.process.gap:.0f} s ago")
+    if answer == "done":
+        activity.run.recall = {}
+        return None
+    if answer == "abort":
+        raise _in_doubt(activity, "a person has ended it")
+    return work()
+
+
+def _in_doubt(activity: CommandActivity, reason: str) -> CommandInDoubt:
+    detail = f"its process ended in the middle, and it does not go on: {reason}"
+    return CommandInDoubt(robot=activity.runtime.name, command=activity.context.command, detail=detail)
+
+
+def _cannot_go_on(activity: CommandActivity, command: Command | None) -> VrError | None:
     """Return why a command that was interrupted cannot go on; None: it can."""
     recall, forgotten = activity.run.recall or {}, activity.runtime.has_forgotten(activity.call_key)
-    if on.THREAD in recall:
+    if command is not None and command.resumption.policy == "abort":
+        reason = "its page says resume='abort'"
+    elif on.THREAD in recall:
         reason = "it used a thread of its page's own, whose steps are not kept"
     elif forgotten:
         reason = "it took more steps than are kept, without self.checkpoint()"
     else:
         return None
-    name, command = activity.runtime.name, activity.context.command
-    detail = f"its process ended in the middle, and it cannot go on, because {reason}"
-    return CommandInDoubt(robot=name, command=command, detail=detail)
+    return _in_doubt(activity, reason)
 
 
 def _check_again(command: Command, robot: Robot, sent: Arguments) -> Any:

@@ -86,8 +86,12 @@ def call_child(  # who calls whom, how, and for how long
     kind = "tell" if manner == "told" else "call"
     if (step := frame.recalled(key, kind, content)) is not None:
         return ChildCall.recalled(frame, slot, key, command, step)
+    before = frame.begun_before(key)
     try:
         child, epoch = frame.runtime.child_in(slot)
+        if before not in {"", child.key}:
+            detail = f"{child.name} was started again meanwhile, and does not know whether it had done it"
+            raise CommandInDoubt(robot=child.name, command=command, detail=detail)
         pending = ChildCall(frame, slot, key, child, command, limit, passes_on=manner == "passed on")
         pending.content = content
         if instead:
@@ -190,6 +194,7 @@ class ChildCall(Started):
         )
         neighbour = runtime.neighbours.get(self.child)
         if neighbour is None:
+            self._note_begin()
             self.ask(call)
         else:
             self.enter(neighbour, call, deadline_at, nested=manner in {"awaited", "passed on"})
@@ -248,6 +253,13 @@ class ChildCall(Started):
             raise error
 
     # -- to a child in another process ------------------------------------------------------------
+
+    def _note_begin(self) -> None:
+        """Keep whom a command was given that adds up: another life of that child must not get it again."""
+        if self.frame.keeps:
+            spec = self.frame.runtime.child_spec(self.slot, self.command)
+            if spec is None or spec.effect == "once":
+                self.frame.keep_step(f"{self.key}{on.BEGUN}", on.StepResult("begun", None, self.child.key))
 
     def ask(self, call: Call) -> None:
         """Call a child in another process; its answers come to `take_reply`."""

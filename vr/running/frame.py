@@ -276,6 +276,15 @@ class Frame:
         self.rewritten.clear()
         return step
 
+    def begun_before(self, path: str) -> str:
+        """Return the key of the child that was given the call of a step before a crash; empty: of none."""
+        recall = self.run.recall
+        step = None if recall is None else recall.pop(f"{self._suffix(path)}{on.BEGUN}", None)
+        return "" if step is None else str(step.value)
+
+    def resume(self) -> None:
+        """Do what is to be done before the first new step after a crash."""
+
     def keep_step(self, path: str, step: on.StepResult) -> None:
         """Keep what a step gave, if steps are kept. From any thread."""
         if self.keeps:
@@ -309,6 +318,8 @@ class Frame:
         for part in waiting:
             part.wake()
         self.expect_to_go_on()
+        if commander is None:
+            self.resume()
 
     # -- what is blocked, blocks here and nowhere else --------------------------------------------
 

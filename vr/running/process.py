@@ -157,6 +157,8 @@ class Process(Generic[R]):
         """How often a process was started with this journal."""
         self.returns = 0.0
         """[s] in which its robots come back after a crash; 0: they do not."""
+        self.gap = 0.0
+        """[s] for which its robots were away, before it was started."""
         self.keeps_steps = False
         """Whether the journal also takes what the steps of commands give, so that they can go on."""
         self.robots: dict[Address, R] = {}

@@ -338,6 +338,13 @@ class RobotRuntime:
         run = self.runs[key]
         run.lap = f"{self.look(lambda state: state.calls.live[key].lap)}."
 
+    def ask_person(self, key: str, question: str) -> None:
+        """Have a person asked before a running command goes on; the answer comes as `Run.answer`."""
+        self.runs[key].answer = ""
+        self.log.say("warning", f"{question}: `robotree decide {self.name} done|again|abort`")
+        self.post(on.DoubtRaised(key=key, question=question))
+        self.note(key, math.nan, f"asks: {question}")
+
     def begin_again(self) -> None:
         """Have the commands that ran when the process ended go on, from a state that was kept."""
         with self._lock:
@@ -433,6 +440,11 @@ class RobotRuntime:
         run.tell(math.nan, text)
 
     def _carry_out_other(self, effect: CoreEffect) -> None:
+        if isinstance(effect, on.Decided):
+            asking = self._run_of(effect.key)
+            asking.answer = effect.answer
+            asking.wake()
+            return
         if isinstance(effect, Interrupt):
             with self._lock:  # it may have ended since the effect was decided
                 live = effect.key in self.core.state.calls.live

@@ -57,6 +57,10 @@ class Run:
     """Whether the person who called it was told that it waits."""
     recall: dict[str, StepResult] | None = None
     """The steps that it took before its process was started again, by path; None: it begins now."""
+    wake: Callable[[], None] = staticmethod(lambda: None)
+    """Has its code look again at what it waits for."""
+    answer: str = ""
+    """What a person has answered to its question; empty: nothing yet."""
     lap: str = ""
     """What its steps begin with since its last checkpoint."""
     callers: frozenset[str] = frozenset()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 from robotree.vr.base.address import Address, Role, check_name, everyone
 from robotree.vr.base.chance import token
@@ -373,6 +373,10 @@ class Fleet:
     async def cancel(self, name: str) -> None:
         """End all commands of a robot."""
         await self._ask(name, lambda robot: robot.cancel(reason="the operator ended it"))
+
+    async def decide(self, name: str, answer: Literal["done", "again", "abort"]) -> None:
+        """Answer what a command of a robot asks after a crash; see `RobotClient.decide`."""
+        await self._ask(name, lambda robot: robot.decide(answer))
 
     async def stop(
         self, name: str | None, *, on_late: OnLate = lambda _: None, order: str = ""
