@@ -137,7 +137,7 @@ def _mark(value: Any) -> str:
 
     Numbers are equal by value (1 and 1.0), truth values are no numbers.
     """
-    kind: type[object] = type(value)
+    kind = cast("type[object]", type(value))
     if kind is str:
         text = cast("str", value)
         if len(text) <= LONGEST_MARK and "\0" not in text:

@@ -34,6 +34,7 @@ from robotree.vr.base.requests import (
     Cancel,
     CloseTransaction,
     Create,
+    Decide,
     Delete,
     Enslave,
     FindEntries,
@@ -54,7 +55,7 @@ FRESH = 3.0
 and longer than it takes to see that a process hangs, so that an asker who gives up has little to wait."""
 
 BEGINS = (
-    *(Call, Resume, Enslave, Free, Delete, Create, Reload),
+    *(Call, Decide, Resume, Enslave, Free, Delete, Create, Reload),
     *(WriteEntry, FindEntries, OpenTransaction, CloseTransaction, AcquireFence),
 )
 """Requests that begin something: they must not begin after their asker gave up."""

@@ -690,10 +690,11 @@ class State(_Message, frozen=True, kw_only=True):
 
 
 AnyRequest = (
-    Describe | Call | Detach | Cancel | Decide | Petition | Retract | Renew | Release | SafeStop | Resume
-    | Enslave | Free | Delete | Create | Reload | ReadLog | ReadHistory | DescribeHost | Register | Query
-    | Look | DescribeView | WriteEntry | FindEntries | GiveUp | RenewEntry | OpenTransaction | CloseTransaction
-    | RollBack | AcquireFence | RenewFence | WatchEntries | DescribeSpace
+    Describe | Call | Detach | Cancel | Decide | Petition | Retract | Renew | Release | SafeStop
+    | Resume | Enslave | Free | Delete | Create | Reload | ReadLog | ReadHistory | DescribeHost
+    | Register | Query | Look | DescribeView | WriteEntry | FindEntries | GiveUp | RenewEntry
+    | OpenTransaction | CloseTransaction | RollBack | AcquireFence | RenewFence | WatchEntries
+    | DescribeSpace
 )  # fmt: skip
 Reply = (
     Described | Accepted | Progress | Returned | Granted | HostDescribed | Reloaded | Logged | History

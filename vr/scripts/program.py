@@ -233,8 +233,8 @@ TAKEN = frozenset({
     "attributes", "begins", "cancelled", "check", "checkpoint", "child_slots", "cleanup", "condition",
     "context", "facts", "finish", "first", "halted", "hear", "isolated", "kinds", "lead", "learn_role",
     "message", "name", "now", "on_resume", "one_at_a_time", "online", "play", "program", "progress",
-    "random", "reading_units", "readings", "resume", "safe_stop", "sleep", "slots_now", "start", "together",
-    "wait_until", "why",
+    "random", "reading_units", "readings", "resume", "safe_stop", "sleep", "slots_now", "space", "start",
+    "together", "wait_until", "why",
 })  # fmt: skip
 """Names that the script's robot uses itself."""
 

@@ -232,9 +232,9 @@ class SpaceService:
         """End all that belongs to an agent which has gone."""
         for number in [n for n, asked in self._waiting.items() if asked.agent == agent]:
             del self._waiting[number]
-        for transaction in self._transactions.pop(agent, ()):
+        for transaction in sorted(self._transactions.pop(agent, ())):
             self._store.roll_back(transaction)
-        for name, epoch in self._fences.pop(agent, ()):
+        for name, epoch in sorted(self._fences.pop(agent, ())):
             with contextlib.suppress(SpaceError):
                 self._store.renew_fence(name, epoch, 0.0)
                 self._fence_news = True

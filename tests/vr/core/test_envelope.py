@@ -22,6 +22,7 @@ from robotree.vr.base.requests import (
     Cancel,
     Describe,
     DescribeHost,
+    DescribeSpace,
     DescribeView,
     Detach,
     Look,
@@ -32,6 +33,8 @@ from robotree.vr.base.requests import (
     ReadLog,
     Register,
     Renew,
+    RenewEntry,
+    RenewFence,
     Reply,
     SafeStop,
     decode_reply,
@@ -42,7 +45,7 @@ from tests.vr.recorder import Recorder
 
 ASKS_OR_PROLONGS = {
     Describe, Detach, Petition, Renew, ReadLog, ReadHistory, DescribeHost, Register, Query, Look,
-    DescribeView,
+    DescribeView, RenewEntry, RenewFence, WatchEntries, DescribeSpace,
 }  # fmt: skip
 """Requests that are void when their caller no longer waits."""
 
