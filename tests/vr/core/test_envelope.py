@@ -37,6 +37,7 @@ from robotree.vr.base.requests import (
     RenewFence,
     Reply,
     SafeStop,
+    WatchEntries,
     decode_reply,
 )
 from robotree.vr.exchange.client import RobotClient
