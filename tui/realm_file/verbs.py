@@ -156,9 +156,7 @@ async def _confirm(found: Plan) -> None:
     if not ending:
         return
     if not sys.stdin.isatty():
-        raise ValueRefused(
-            "--prune", f"{len(ending)} things would end; --yes says so where nobody can be asked"
-        )
+        raise ValueRefused("--prune", "give --yes, too, where nobody can be asked; nothing was ended")
     note(f"this ends what is marked with -: {len(ending)}. Type yes to go on:")
     loop, typed = asyncio.get_running_loop(), asyncio.Event()
     loop.add_reader(sys.stdin.fileno(), typed.set)
@@ -167,7 +165,7 @@ async def _confirm(found: Plan) -> None:
     finally:
         loop.remove_reader(sys.stdin.fileno())
     if os.read(sys.stdin.fileno(), 64).strip() != b"yes":
-        raise ValueRefused("--prune", "nothing was changed")
+        raise ValueRefused("--prune", "nothing was ended")
 
 
 # -- what people and programs are told -------------------------------------------------------------
