@@ -177,7 +177,7 @@ def test_a_slot_that_a_derived_page_replaces_is_refused_too() -> None:
     ("line", "hook"),
     [
         ("def safe_stopp(self, reason): ...", "safe_stop(reason)"),
-        ("def on_resume(self): ...", "resume()"),
+        ("def on_release(self): ...", "resume()"),
         ("def reading(self): return {}", "readings()"),
         ('begin = "work"', "begins"),
     ],

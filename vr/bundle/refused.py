@@ -15,7 +15,7 @@ _NEAR = 0.75
 """Likeness of two names, 0 to 1, from which on one is taken for a misspelling of the other."""
 _OTHER_NAMES = {
     **dict.fromkeys(("on_stop", "on_safe_stop", "on_halt", "emergency_stop", "on_emergency"), "safe_stop"),
-    **dict.fromkeys(("on_resume", "on_release", "on_go"), "resume"),
+    **dict.fromkeys(("on_release", "on_go"), "resume"),
     **dict.fromkeys(("on_readings", "get_readings", "on_read", "telemetry"), "readings"),
 }
 """What other libraries call the hooks."""
