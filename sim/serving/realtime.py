@@ -1,8 +1,9 @@
 """Real time: runs a controller in a thread, in step with the wall clock.
 
 Deadlines are absolute, one per batch. Physics and control run in lock step on simulated time, so jitter of
-the thread cannot disturb the contact. A debt of more than a quarter second (a suspended laptop) is dropped
-and counted, not made up.
+the thread cannot disturb the contact. A debt is made good slowly: a controller whose clock jumped would end a
+goal long before its time to live, and move faster than its limits. A debt of more than a quarter second (a
+suspended laptop) is dropped and counted, not made up.
 """
 
 import threading
@@ -21,6 +22,8 @@ LOAD_SHARE: Final = 0.01
 
 LARGEST_DEBT: Final = 0.25
 """[s] behind the wall clock that is still made good."""
+FASTEST: Final = 1.25
+"""Seconds of the controller in one of the wall clock, at most, while a debt is made good."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +44,7 @@ class Pacer:
 
     def __init__(self, period: float, now: float) -> None:
         self._period = period
-        self._due = now
+        self._due = self._begins = now
         self.dropped = 0.0
         """[s] of debt that was dropped so far."""
 
@@ -52,7 +55,8 @@ class Pacer:
         if debt > LARGEST_DEBT:
             self.dropped += debt
             self._due = now
-        return max(-debt, 0.0)
+        self._begins = max(self._due, self._begins + self._period / FASTEST, now)
+        return self._begins - now
 
 
 class RealTime:

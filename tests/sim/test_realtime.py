@@ -13,7 +13,7 @@ from robotree.protocol.messages import Heartbeat, LocalPositionNed
 from robotree.sim.controller.controller import Controller
 from robotree.sim.firmware import Outgoing
 from robotree.sim.kinds import kind
-from robotree.sim.serving.realtime import LARGEST_DEBT, Pacer, RealTime
+from robotree.sim.serving.realtime import FASTEST, LARGEST_DEBT, Pacer, RealTime
 
 PERIOD = 0.005
 
@@ -29,15 +29,33 @@ def test_whatever_a_batch_costs_below_its_period_no_time_is_lost(costs: list[flo
     assert pacer.dropped == 0.0
 
 
-def test_a_stall_is_made_good() -> None:
+@given(stall=st.floats(PERIOD, LARGEST_DEBT), cost=st.floats(0.0, 0.9 * PERIOD / FASTEST))
+def test_a_stall_is_made_good_by_a_clock_that_never_jumps(stall: float, cost: float) -> None:
     pacer = Pacer(PERIOD, 0.0)
-    now = 0.2
-    batches = 0
-    while (wait := pacer.wait(now)) == 0.0:
-        batches += 1
-    assert batches == pytest.approx(0.2 / PERIOD, abs=2)
-    assert wait <= PERIOD
+    now, batches, began = stall, 1, -PERIOD
+    while (begins := now + pacer.wait(now)) > batches * PERIOD + 1e-9:
+        assert begins - began >= PERIOD / FASTEST - 1e-9
+        began, now, batches = begins, begins + cost, batches + 1
+    debt_per_batch = PERIOD - PERIOD / FASTEST
+    assert batches == pytest.approx(stall / debt_per_batch, abs=3 + PERIOD / debt_per_batch)
     assert pacer.dropped == 0.0
+
+
+def test_a_controller_that_was_late_does_not_hurry_through_its_goals() -> None:
+    class Late(Controller):
+        def advance(self) -> list[Outgoing]:
+            begins.append(time.monotonic())
+            if len(begins) == 10:
+                time.sleep(LARGEST_DEBT - 0.05)
+            return []
+
+    begins: list[float] = []
+    whole = kind("rover").build(1, 2.0)
+    running = RealTime(Late(whole.cell, whole.firmware, {}), lambda _: None, lambda _: None)
+    while len(begins) < 60:
+        time.sleep(0.01)
+    running.close()
+    assert begins[50] - begins[11] >= 0.75 * 39 * PERIOD  # a goal of 0.4 s lasts 0.3 s at least
 
 
 @given(nap=st.floats(LARGEST_DEBT + 2 * PERIOD, 1e6))
