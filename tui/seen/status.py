@@ -10,7 +10,18 @@ if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.description import Lack, RobotDescription
 
 Status = Literal[
-    "hangs", "gone", "late", "silent", "offline", "stopped", "abandoned", "busy", "needs", "free", "enslaved"
+    "hangs",
+    "gone",
+    "late",
+    "silent",
+    "offline",
+    "stopped",
+    "abandoned",
+    "busy",
+    "waits",
+    "needs",
+    "free",
+    "enslaved",
 ]
 """The worst first. `hangs`, `gone` and `late` are found out by others; a robot does not say so itself."""
 
@@ -22,7 +33,7 @@ CALM: frozenset[Status] = frozenset({"free", "enslaved"})
 PROBLEMS: frozenset[Status] = frozenset(STATUSES[: STATUSES.index("abandoned") + 1])
 """Statuses of robots that somebody must look after."""
 
-COUNTED: Mapping[Status, str] = {"hangs": "hang", "needs": "need others"}
+COUNTED: Mapping[Status, str] = {"hangs": "hang", "needs": "need others", "waits": "wait for their parent"}
 """A status as the verb of several robots, where that is another word."""
 
 LONG = 120.0
@@ -64,6 +75,11 @@ class Condition(Protocol):
         ...
 
     @property
+    def away(self) -> float | None:
+        """[s] that it still waits for a parent whose process has ended; None: it does not."""
+        ...
+
+    @property
     def bond(self) -> object | None:
         """Who commands it; None: nobody."""
         ...
@@ -71,17 +87,19 @@ class Condition(Protocol):
 
 def status_of(robot: Condition, lacks: Sequence[Lack] = ()) -> Status:
     """Return how a robot is, in one word: what it says of itself, and what it lacks (`lacks_of`)."""
-    if not robot.online:
-        return "offline"
-    if robot.stopped:
-        return "stopped"
-    if robot.abandoned:
-        return "abandoned"
-    if robot.busy:
-        return "busy"
-    if lacks:
-        return "needs"
-    return "enslaved" if robot.bond is not None else "free"
+    ladder: tuple[tuple[Status, object], ...] = (
+        ("offline", not robot.online),
+        ("stopped", robot.stopped),
+        ("abandoned", robot.abandoned),
+        ("busy", robot.busy),
+        ("waits", robot.away is not None),
+        ("needs", lacks),
+        ("enslaved", robot.bond is not None),
+    )
+    for status, holds in ladder:
+        if holds:
+            return status
+    return "free"
 
 
 Described = Callable[[str], "RobotDescription | None"]
@@ -165,6 +183,8 @@ def doing(
                 note,
             ]
             return " ".join(filter(None, parts))
+        case "waits":
+            return f"its parent is away, {robot.away or 0.0:.0f} s left"
         case "needs":
             return needs(lacks)
         case calm:

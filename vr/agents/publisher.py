@@ -240,7 +240,13 @@ class Publisher:
             bond = None
             if lease := state.lease.current:
                 left = max(lease.expires - now, 0.0)
-                bond = BondSpec(parent=lease.parent, slot=lease.slot, epoch=lease.epoch, remaining=left)
+                bond = BondSpec(
+                    parent=lease.parent,
+                    slot=lease.slot,
+                    epoch=lease.epoch,
+                    remaining=left,
+                    away=lease.away,
+                )
             return RobotDescription(
                 commands=runtime.specs(state),
                 slots=state.slots.specs(),
@@ -264,13 +270,14 @@ class Publisher:
         runtime.look_at_robot()
 
         def describe(state: RobotState) -> State:
-            lease, calls = state.lease.current, state.calls
+            lease, calls, now = state.lease.current, state.calls, runtime.process.runner.now()
             runtime.enter_asked(calls)
             running = calls.live.get(calls.running)
             return State(
                 caller="" if running is None else running.caller,
                 note="" if running is None else runtime.progress_of(running.key)[1],
                 bond=None if lease is None else lease.parent,
+                away=None if lease is None or not lease.away else max(lease.expires - now, 0.0),
                 readings=readings,
                 **self._condition(state),
             )

@@ -110,13 +110,13 @@ class Stops:
         """
         runtime, name, began = self._runtime, self._runtime.robot.name, _now()
         budget = self._budget(request.within)
-        runtime.expect_to_command(request.epoch, asker)
+        runtime.expect_to_command(request.epoch, asker, ends=True)
         confirmations, seen = Confirmations("the resume"), self._stops_seen(request)
         if seen == runtime.stops and not await self._hooks.has_stopped(budget.wait / 2):
             confirmations.deny(name, STILL_STOPPING)
         if self._children is not None and seen == runtime.stops and confirmations.complete:
             await self._children.resume(request, confirmations, budget, waited=_now() - began)
-            runtime.expect_to_command(request.epoch, asker)  # that may have taken time
+            runtime.expect_to_command(request.epoch, asker, ends=True)  # that may have taken time
         allowed = seen == runtime.stops and confirmations.complete
         doubt = await self._release_own(budget.wait - (_now() - began)) if allowed else ""
         if seen != runtime.stops:

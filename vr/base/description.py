@@ -152,6 +152,8 @@ class BondSpec(msgspec.Struct, frozen=True, kw_only=True):
     epoch: int
     remaining: float
     """[s] left of the lease, on the child's clock."""
+    away: bool = False
+    """Whether the parent's process has ended and the child waits for it so long."""
 
 
 class _Agent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -219,6 +221,11 @@ class RobotDescription(_Agent, frozen=True, kw_only=True, omit_defaults=True):
     """Its declared state, by name; a value that is too large to show is left out."""
     calls: dict[str, int] = {}
     """How often each command was called, over all incarnations of this name."""
+
+    @property
+    def away(self) -> float | None:
+        """[s] that it still waits for a parent whose process has ended; None: it does not."""
+        return self.bond.remaining if self.bond is not None and self.bond.away else None
 
     def command(self, name: str) -> CommandSpec | None:
         """Return the command of this name, or None."""

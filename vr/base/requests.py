@@ -674,6 +674,8 @@ class State(_Message, frozen=True, kw_only=True):
     waiting: int = 0
     epoch: int = 0
     bond: Address | None = None
+    away: float | None = None
+    """[s] that it still waits for a parent whose process has ended; None: it does not."""
     online: bool = True
     stopped: bool = False
     stop_reason: str = ""

@@ -282,7 +282,8 @@ class GrantedLease(msgspec.Struct, kw_only=True):
         held = self.current
         if held is None or (held.parent.identity, held.epoch) != (parent.identity, epoch):
             return None
-        self._expect_holder(held, parent, principal)
+        if not (held.away and principal.person):
+            self._expect_holder(held, parent, principal)
         return self.end(unix)
 
     def tick(self, now: float, unix: float) -> Lease | None:
@@ -325,13 +326,16 @@ class GrantedLease(msgspec.Struct, kw_only=True):
         elif obeyed > max(self.epoch, self.found):
             self.rival = obeyed
 
-    def check(self, epoch: int | None, now: float, principal: Principal = ITSELF) -> None:
+    def check(
+        self, epoch: int | None, now: float, principal: Principal = ITSELF, *, ends: bool = False
+    ) -> None:
         """Refuse a caller who may not command the robot.
 
         Args:
             epoch: of the caller's lease; None: the caller has none.
             now: [s] monotonic.
             principal: the caller. Who only knows the epoch, which every state publishes, has no lease.
+            ends: whether the caller only wants to end something: while the parent is away anybody may.
 
         Raises:
             NotInControl: a parent commands the robot, and the caller has no lease.
@@ -339,7 +343,7 @@ class GrantedLease(msgspec.Struct, kw_only=True):
         """
         held = self._in_force(now)
         if epoch is None:
-            if held is not None:
+            if held is not None and not (ends and held.away):
                 raise NotInControl(robot=self.robot, holder=held.parent.name, slot=held.slot)
         elif held is None or epoch != held.epoch:
             raise StaleEpoch(robot=self.robot, epoch=epoch, current=self.epoch)

@@ -501,7 +501,7 @@ class RobotCore:
         """
         call = self.state.calls.live.get(event.key)
         if event.principal != ITSELF and (call is None or call.principal != event.principal):
-            self.state.lease.check(event.epoch, now, event.principal)
+            self.state.lease.check(event.epoch, now, event.principal, ends=True)
         return call
 
     def _end(
@@ -525,7 +525,7 @@ class RobotCore:
         free = event.epoch is None and self.state.lease.current is not None
         alone = detached and free and event.principal != ITSELF
         if event.principal != ITSELF and not alone:
-            self.state.lease.check(event.epoch, now, event.principal)
+            self.state.lease.check(event.epoch, now, event.principal, ends=True)
         effects: Effects = []
         for call in reversed(list(self.state.calls.live.values())):
             if (alone and not call.detached) or (event.but_readers and call.reads):

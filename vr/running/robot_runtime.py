@@ -277,14 +277,14 @@ class RobotRuntime:
         with self._lock:
             return query(self.core.state)
 
-    def expect_to_command(self, epoch: int | None, principal: Principal) -> None:
+    def expect_to_command(self, epoch: int | None, principal: Principal, *, ends: bool = False) -> None:
         """Refuse a principal who may not command the robot, under the lease of an epoch or without any.
 
         Raises:
             LeaseError: he may not.
         """
         now = self._runner.now()
-        self.look(lambda state: state.lease.check(epoch, now, principal))
+        self.look(lambda state: state.lease.check(epoch, now, principal, ends=ends))
 
     @property
     def lease(self) -> Lease | None:

@@ -13,7 +13,16 @@ from typing import Any, Literal, TypeVar
 from robotree.vr.base.address import Address, Role, check_name, everyone
 from robotree.vr.base.chance import token
 from robotree.vr.base.description import Listing, RobotDescription, Template
-from robotree.vr.base.errors import HostReserved, NoAnswer, NoHost, NoPage, NotVirtual, Unreachable, VrError
+from robotree.vr.base.errors import (
+    HostReserved,
+    NoAnswer,
+    NoHost,
+    NoPage,
+    NoSuchRobot,
+    NotVirtual,
+    Unreachable,
+    VrError,
+)
 from robotree.vr.base.presence import Held
 from robotree.vr.base.requests import (
     PATIENCE,
@@ -507,8 +516,21 @@ class Fleet:
         return await self._ask(parent, lambda robot: robot.enslave(slot, address))
 
     async def release(self, parent: str, slot: str) -> RobotDescription:
-        """Release the child in a slot; returns the parent's description."""
-        return await self._ask(parent, lambda robot: robot.free(slot))
+        """Release the child in a slot; returns the description of the parent, or of the child if it waits.
+
+        Raises:
+            NoSuchRobot: the parent is not there, and no child waits for it in this slot.
+        """
+        try:
+            return await self._ask(parent, lambda robot: robot.free(slot))
+        except NoSuchRobot:
+            for robot in await self.tree():
+                bond = robot.bond
+                if bond is not None and bond.away and (bond.parent.name, bond.slot) == (parent, slot):
+                    child = RobotClient(self._transport, robot.address)
+                    await child.release(bond.parent, bond.epoch)
+                    return await child.describe()
+            raise
 
     async def delete(self, name: str) -> str:
         """End a virtual robot; its children are released.

@@ -9,7 +9,7 @@ import pytest
 
 from robotree.vr import Child, Robot, VirtualRobot, command
 from robotree.vr.base.address import Address
-from robotree.vr.base.errors import NotAllowed, NotInControl, VrError
+from robotree.vr.base.errors import NotAllowed, NotInControl, StaleEpoch, VrError
 from robotree.vr.base.principal import ITSELF, SCRIPT, Credentials, Principal, principal_of, this_process
 from robotree.vr.base.requests import (
     Cancel,
@@ -216,3 +216,26 @@ def test_the_next_process_of_a_parent_that_is_away_is_its_heir_and_nobody_else()
         lease.check(epoch, 9.5, before)
     with pytest.raises(NotInControl):
         lease.renew(parent, epoch, ("pair",), now=9.5, principal=before)
+
+
+def test_while_its_parent_is_away_a_person_may_end_what_a_robot_does_and_begin_nothing() -> None:
+    parent = Address("robot", "pair", "1")
+    holder = Principal(user="anna", process=7, agent=parent.key)
+    person = Principal(user="anna", process=9, agent="caller/1", terminal="pts/3")
+    lease = GrantedLease.free("left", unix=0.0)
+    lease.petition(parent, "left", ("pair",), 5.0, now=1.0, unix=1.0, principal=holder)
+    lease.promise(10.0)
+    epoch = lease.epoch
+    for ends in (False, True):
+        with pytest.raises(NotInControl):
+            lease.check(None, 2.0, person, ends=ends)
+    with pytest.raises(NotInControl):
+        lease.release(parent, epoch, unix=2.0, principal=person)
+    assert lease.wait_for(parent, 2.0)
+    with pytest.raises(NotInControl):
+        lease.check(None, 2.0, person)
+    lease.check(None, 2.0, person, ends=True)
+    assert lease.release(parent, epoch, unix=2.0, principal=person) is not None
+    assert lease.current is None
+    with pytest.raises(StaleEpoch):  # the parent that comes back does not get it again
+        lease.petition(parent, "left", ("pair",), 5.0, now=3.0, unix=3.0, returns=epoch, principal=holder)

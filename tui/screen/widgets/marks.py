@@ -22,6 +22,7 @@ STATUSES: Mapping[Status, tuple[str, str]] = {
     "stopped": ("■", "error"),
     "abandoned": ("▲", "error"),
     "busy": ("◐", "accent"),
+    "waits": ("◔", "warning"),
     "needs": ("○", "warning"),
     "free": ("●", "success"),
     "enslaved": ("◆", "primary"),
