@@ -95,7 +95,7 @@ def test_all_mistakes_of_a_session_are_plain_data(tmp_path: Path, capsys: pytest
 
 
 CHANGES = {
-    *("create", "enslave", "release", "delete", "role", "call", "cancel", "resume"),
+    *("create", "enslave", "release", "delete", "role", "call", "cancel", "decide", "resume"),
     *("wire replay", "wire inject", "set", "reload", "apply"),
     "wire conform",
 }
