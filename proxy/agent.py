@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncGenerator, Callable, Coroutine, Mapping
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from pathlib import Path
 from typing import Any
 
 from robotree.protocol.errors import BadUrl
@@ -21,16 +22,18 @@ from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.run import Ready
 from robotree.vr.agents.view import ViewAgent
 from robotree.vr.base.transport import Transport
+from robotree.vr.history.writer import HistoryWriter
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.network.local import join
 from robotree.vr.running.process import Process
+from robotree.vr.running.runner import runner_of
 
 
 def _ignore(_: str) -> None:
     """Do nothing with the address."""
 
 
-async def run_proxy(
+async def run_proxy(  # noqa: PLR0913 # what a person can say of it
     kind: str,
     name: str,
     url: str,
@@ -39,6 +42,7 @@ async def run_proxy(
     security: LinkSecurity = UNSIGNED,
     take_over: bool = False,
     component: int = CONTROLLER.component,
+    keep: Path | None = None,
     ready: Ready = _ignore,
 ) -> None:
     """Run the proxy of one robot in a realm until cancelled. The controller may come and go.
@@ -51,6 +55,7 @@ async def run_proxy(
         security: the keys of the link to the controller.
         take_over: have the controller obey this proxy also if another one holds it.
         component: MAVLink component of the controller that moves the robot.
+        keep: folder in which the history of the robot is kept; None: nowhere.
         ready: called with the address once the robot can be called.
 
     Raises:
@@ -61,7 +66,18 @@ async def run_proxy(
         TransportError: the realm cannot be joined.
     """
     robot = kinds.make(kind, name, _checked(url), security=security, take_over=take_over, component=component)
-    await _serve(lambda transport: running_proxy(robot, transport), realm, ready)
+    if keep is None:
+        await _serve(lambda transport: running_proxy(robot, transport), realm, ready)
+        return
+    runner = runner_of(asyncio.get_running_loop())
+    history = HistoryWriter(keep, runner.now, runner.unix)
+    process: Process = Process(runner, None, history.machine_of)
+    history.start()
+    try:
+        await _serve(lambda transport: running_proxy(robot, transport, process=process), realm, ready)
+    finally:
+        process.close()
+        history.close()
 
 
 async def run_view(

@@ -389,6 +389,7 @@ async def _sim(line: Line, _realm: str, ready: Ready) -> None:
 
 async def _proxy(line: Line, realm: str, ready: Ready) -> None:
     from robotree.proxy.agent import run_proxy
+    from robotree.tui.processes.state_files import history_folder
     from robotree.tui.wire.security import securing
 
     kind, name, url = line.text("KIND"), line.text("NAME"), line.text("--connect")
@@ -403,6 +404,7 @@ async def _proxy(line: Line, realm: str, ready: Ready) -> None:
             security=security,
             take_over=take_over,
             component=component,
+            keep=history_folder(realm, name),
             ready=ready,
         )
 

@@ -80,6 +80,23 @@ ACTIONS: tuple[Action, ...] = (
         examples=("log team", "log team --follow --json"),
     ),
     Action(
+        usage="history NAME [--since TIME] [--verify]",
+        help="Print what a robot did, also before its host was started again: who asked, under which lease,"
+        " how each command ended. --since: 10min, 14:30 or 2026-11-24T14:30. --verify: examine what is kept"
+        " where the robot lives, and name the first event that is missing or changed.",
+        group=LOOK,
+        run="history",
+        examples=("history arm-1 --since 10min", "history team --verify"),
+    ),
+    Action(
+        usage="why NAME",
+        help="Print who asked for the last motion of a robot, or for the command of a key: each step with its"
+        " lease, the line of the page and the times, up to the person at the top.",
+        group=LOOK,
+        run="why",
+        examples=("why arm-1", "why arm-1 --json"),
+    ),
+    Action(
         usage="info",
         help="Print versions, paths, what the terminal can, and the realm.",
         group=LOOK,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 from robotree.tui.errors import NotForRobots, SupervisorError, sentence
-from robotree.tui.line import verbs
+from robotree.tui.line import past, verbs
 from robotree.tui.line.actions import BY_VERB
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import Outcome, Run, Teller
@@ -46,7 +46,7 @@ def function_of(verb: str) -> Run:
     name = BY_VERB[verb].run
     if not name:
         raise NotForRobots(verb)
-    run: Run = getattr(verbs, name)
+    run: Run = getattr(verbs, name, None) or getattr(past, name)
     return run
 
 

@@ -97,6 +97,21 @@ def journal_folder(realm: str, host: str) -> Path | None:
     return path / host
 
 
+def history_folder(realm: str, robot: str) -> Path | None:
+    """Return the folder in which a proxy keeps what its robot did; None: it cannot be made."""
+    path = state_file(realm, "robots")
+    return None if path is None else path / robot
+
+
+def history_files(realm: str) -> dict[tuple[str, str], Path]:
+    """Return the files with what robots did, by `host` or `robot` and its name; looking makes nothing."""
+    top, found = state_home() / realm, dict[tuple[str, str], Path]()
+    for role, folder in (("host", "hosts"), ("robot", "robots")):
+        for path in sorted(top.glob(f"{folder}/*/history.db")):
+            found[role, path.parent.name] = path
+    return found
+
+
 def state_home() -> Path:
     """Return the folder of all realms; looking makes nothing."""
     return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "robotree"

@@ -25,14 +25,18 @@ from robotree.vr.base.requests import (
     Create,
     Described,
     DescribeHost,
+    EventsRead,
+    EventsVerified,
     History,
     HostDescribed,
     Level,
+    ReadEvents,
     ReadHistory,
     Reload,
     Reloaded,
     Remembered,
     Reply,
+    VerifyEvents,
 )
 from robotree.vr.base.transport import Registration, Transport
 from robotree.vr.bundle import Bundle
@@ -42,6 +46,7 @@ from robotree.vr.core.machine import LONGEST_DEADLINE, RobotState
 from robotree.vr.exchange.claim import claim, expect_free, new_address
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.exchange.dispatcher import Dispatcher, not_for
+from robotree.vr.history.writer import HistoryWriter, answer_of
 from robotree.vr.journal.journal import HostJournal
 from robotree.vr.journal.records import KeptPage
 from robotree.vr.journal.recovery import KeptRobot, rebase
@@ -101,6 +106,7 @@ class Host:
             BadName: the name cannot be one.
         """
         self._journal = journal
+        self._history: HistoryWriter | None = None
         self.address = new_address("host", name)
         self.agents: dict[str, RobotAgent] = {}
         """The robots that live here, by name."""
@@ -135,6 +141,11 @@ class Host:
         except BaseException:
             await self.close()
             raise
+
+    def keeps_history(self, history: HistoryWriter) -> None:
+        """Begin to keep what its robots do, and answer who asks for it."""
+        self._history, history.page_of = history, self.page_of
+        history.start()
 
     async def close(self) -> None:
         """End its robots politely, then itself; a journal keeps those that are here now. Twice is once."""
@@ -359,8 +370,17 @@ class Host:
                 return History(lines=tuple(self._remembered))
             case DescribeHost():
                 return self.description()
+            case ReadEvents() | VerifyEvents() if self._history is not None:
+                ask = partial(answer_of, self._history, request)
+                return await asyncio.get_running_loop().run_in_executor(None, ask)
+            case ReadEvents() | VerifyEvents():
+                return EventsRead() if isinstance(request, ReadEvents) else EventsVerified()
             case _:
                 raise not_for("host", request)
+
+    def page_of(self, name: str) -> str:
+        """Return the hash of the page of a robot; empty: it is not here."""
+        return self._pages.get(name, "")
 
     def description(self) -> HostDescribed:
         """Describe the host: which robots live here."""

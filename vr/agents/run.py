@@ -13,6 +13,8 @@ from robotree.vr.agents.host import Host
 from robotree.vr.base.address import check_name
 from robotree.vr.base.transport import Transport
 from robotree.vr.core.bonds import DEFAULT_TERM
+from robotree.vr.core.machine import RobotCore
+from robotree.vr.history.writer import HistoryWriter
 from robotree.vr.journal.journal import HostJournal
 from robotree.vr.journal.outlet import Outlet
 from robotree.vr.lookup.registrar import Registrar
@@ -20,7 +22,7 @@ from robotree.vr.lookup.service import LookupService
 from robotree.vr.network.local import join
 from robotree.vr.running.heard import listening
 from robotree.vr.running.process import Process
-from robotree.vr.running.runner import runner_of
+from robotree.vr.running.runner import Runner, runner_of
 
 Ready = Callable[[str], None]
 """Called with the key of an agent that runs."""
@@ -48,6 +50,12 @@ def _boot() -> str:
         return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
     except OSError:
         return ""
+
+
+def _settle_interpreter() -> None:
+    """Make the process fit for authors' commands beside its loop."""
+    sys.setswitchinterval(TURN)
+    gc.freeze()  # what is imported never goes: no collection needs to look at it again
 
 
 def _nobody(_: str) -> None:
@@ -84,17 +92,15 @@ async def run_host(
     """
     for one in (name, only or name):
         check_name(one)
-    sys.setswitchinterval(TURN)
-    gc.freeze()  # what is imported never goes: no collection needs to look at it again
+    _settle_interpreter()
     async with contextlib.AsyncExitStack() as stack:
         stack.enter_context(listening())
         runner = runner_of(asyncio.get_running_loop())
-        journal = None if keep is None else HostJournal(keep, runner, boot=_boot())
-        process: Process = Process(runner, journal)
+        journal, history = (None, None) if keep is None else _kept_in(keep, runner, stack)
+        process: Process = Process(runner, journal, history.machine_of if history else RobotCore)
         transport: Transport = await join(realm)
         stack.push_async_callback(transport.close)
         if journal is not None:
-            stack.callback(journal.close)
             process.life, process.returns, process.keeps_steps = journal.life, returns, True
             transport = Outlet(transport, journal.barrier)
         registrar = Registrar(transport)
@@ -105,11 +111,27 @@ async def run_host(
         stack.push_async_callback(host.close)
         await host.start()
         await host.restore()
+        if history is not None:
+            host.keeps_history(history)
         ready(host.address.key)
         if only:
             await host.deserted(ARRIVAL)
         else:
             await asyncio.get_running_loop().create_future()
+
+
+def _kept_in(
+    folder: Path, runner: Runner, stack: contextlib.AsyncExitStack
+) -> tuple[HostJournal, HistoryWriter]:
+    """Open what a host keeps of its robots, and of what they did; `stack` closes both."""
+    history = HistoryWriter(folder, runner.now, runner.unix)
+    journal = HostJournal(folder, runner, boot=_boot(), machine_of=history.machine_of)
+    began = journal.found.began
+    history.replayed(0.0 if began is None else began.unix - began.now)
+    history.before_writing = journal.barrier
+    stack.callback(history.close)
+    stack.callback(journal.close)
+    return journal, history
 
 
 async def run_lookup(name: str, *, realm: str | None = None, ready: Ready = _nobody) -> None:

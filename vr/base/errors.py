@@ -16,6 +16,8 @@ that a caller on the far side of the network catches the same class with the sam
                       EmptyRealm · NetworkUnusable
       BundleError     NoSuchFile · BrokenSource · OtherKind · NoPage · ReloadWaits
                       NoVirtualRobot · SeveralVirtualRobots · BrokenScript
+      JournalError    JournalInUse · DamagedJournal · OtherJournal
+      HistoryError    NoHistory · HistoryChanged · HistoryUnusable
       RoleError       NoSuchRole · NoRoles · TooWide
       SpaceError      NoSpace · SeveralSpaces · SpaceLost · SpaceFull · SpaceUnusable · SpaceDamaged
                       BadEntry · EntryUnfit · KeyTaken · NoSuchEntry · TransactionOver · FenceHeld · FenceLost
@@ -603,6 +605,31 @@ class OtherJournal(JournalError):
     sentence = (
         "{path} was written by another version of robotree (format {version}): start that one, or begin "
         "without its robots: `robotree host NAME --forget`"
+    )
+
+
+class HistoryError(VrError):
+    """What robots did cannot be told."""
+
+
+class NoHistory(HistoryError):
+    """Nothing is kept of what was asked for, as far as the hosts that answer know."""
+
+    sentence = "nothing is kept of {name}{detail}"
+
+
+class HistoryChanged(HistoryError):
+    """What is kept is not what was written."""
+
+    sentence = "{detail}; what stands before it is as it was written"
+
+
+class HistoryUnusable(HistoryError):
+    """The file with what robots did cannot be read."""
+
+    sentence = (
+        "{path} cannot be used ({detail}); the robots run on; if it is damaged, move it away, and a new one "
+        "begins"
     )
 
 

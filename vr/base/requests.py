@@ -17,6 +17,7 @@ from robotree.vr.base.address import Address
 from robotree.vr.base.description import CommandSpec, FieldSpec, Listing, RobotDescription, Template
 from robotree.vr.base.entry import Entry
 from robotree.vr.base.errors import Garbled, VrError
+from robotree.vr.base.history_event import NumberedEvent
 from robotree.vr.base.own_class import OwnClass
 
 PATIENCE = 5.0
@@ -59,6 +60,8 @@ class Call(_Message, frozen=True, kw_only=True):
     number: int = 0
     lowest: int = 0
     """Below which number none of the caller's calls matters to it any more: a late copy is refused."""
+    line: int = 0
+    """Of the caller's page, at which it is called; 0: not known."""
 
 
 class Detach(_Message, frozen=True, kw_only=True):
@@ -226,6 +229,25 @@ class ReadHistory(_Message, frozen=True, kw_only=True):
 
     Answered by `History`.
     """
+
+
+class ReadEvents(_Message, frozen=True, kw_only=True):
+    """Asks a host for the kept events of a robot, or of one command. Answered by `EventsRead`."""
+
+    robot: str = ""
+    """Its events."""
+    key: str = ""
+    """Instead: of this call, and of the calls that led to it."""
+    last: bool = False
+    """Of the robot only the last call that moved it, as by `key`."""
+    since: float = 0.0
+    """[s] since 1970: from then on."""
+    most: int = 1000
+    """How many, the latest."""
+
+
+class VerifyEvents(_Message, frozen=True, kw_only=True):
+    """Asks a host whether its kept events are those that it wrote. Answered by `EventsVerified`."""
 
 
 class Register(_Message, frozen=True, kw_only=True):
@@ -471,6 +493,30 @@ class History(_Message, frozen=True, kw_only=True):
     lines: tuple[Remembered, ...] = ()
 
 
+class EventsRead(_Message, frozen=True, kw_only=True):
+    """Kept events, the oldest first."""
+
+    events: tuple[NumberedEvent, ...] = ()
+    more: bool = False
+    """Whether there are older ones that match."""
+    waiting: int = 0
+    """Events that have happened and are not in the file yet."""
+    trouble: str = ""
+    """Why nothing is kept at the moment; empty: all is."""
+
+
+class EventsVerified(_Message, frozen=True, kw_only=True):
+    """What an examination of kept events has found."""
+
+    count: int = 0
+    first: int = 0
+    """Number of the first event that is kept; older ones were deleted for their age, or for room."""
+    last_hash: str = ""
+    """Of the last event: who has noted it elsewhere can tell that all before it is as it was."""
+    fault: str = ""
+    """The first that is missing or changed, as a sentence; empty: none is."""
+
+
 class Granted(_Message, frozen=True, kw_only=True):
     """The right to command, from now on for `term` seconds of the granter's clock."""
 
@@ -697,11 +743,12 @@ AnyRequest = (
     | Register | Query | Look | DescribeView | WriteEntry | FindEntries | GiveUp | RenewEntry
     | OpenTransaction | CloseTransaction | RollBack | AcquireFence | RenewFence | WatchEntries
     | DescribeSpace
+    | ReadEvents | VerifyEvents
 )  # fmt: skip
 Reply = (
     Described | Accepted | Progress | Returned | Granted | HostDescribed | Reloaded | Logged | History
     | Registered | Found | Picture | ViewDescribed | Done | Raised | EntryLeased | EntriesFound
-    | TransactionOpened | FenceGranted | EntriesCame | SpaceDescribed
+    | TransactionOpened | FenceGranted | EntriesCame | SpaceDescribed | EventsRead | EventsVerified
 )  # fmt: skip
 Published = LogLines | Listed | Unlisted | State
 

@@ -19,7 +19,7 @@ from typing import Protocol
 
 from robotree.vr.base.errors import VrError
 from robotree.vr.core.events import CoreEvent
-from robotree.vr.core.machine import RobotState
+from robotree.vr.core.machine import RobotCore, RobotState
 from robotree.vr.journal.records import (
     VERSION,
     Began,
@@ -73,7 +73,15 @@ _log = logging.getLogger(__name__)
 class HostJournal:
     """See the module. It is a `running.process.Journal`; every method may be called from any thread."""
 
-    def __init__(self, folder: Path, clocks: Clocks, *, boot: str = "", disk: Disk | None = None) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        clocks: Clocks,
+        *,
+        boot: str = "",
+        disk: Disk | None = None,
+        machine_of: Callable[[RobotState], RobotCore] = RobotCore,
+    ) -> None:
         """Take a folder, and read what is in it.
 
         Args:
@@ -81,6 +89,7 @@ class HostJournal:
             clocks: of the process.
             boot: of the machine: monotonic moments hold within one.
             disk: where the folder is; None: the operating system's.
+            machine_of: makes the machine that takes again what a robot took.
 
         Raises:
             JournalInUse: another host has it.
@@ -90,7 +99,7 @@ class HostJournal:
         """
         self._clocks, self._boot = clocks, boot
         self._segments = Segments(folder, OSDisk() if disk is None else disk)
-        self.found = Recovered()
+        self.found = Recovered(machine_of)
         try:
             self.found.read(self._segments.frames(), str(folder))
         except BaseException:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import msgspec
 
@@ -35,10 +35,10 @@ class KeptRobot:
         self.machine: RobotCore | None = None
         """None: its state does not stand in the log yet."""
 
-    def take(self, record: StateKept | PageOffered) -> None:
+    def take(self, record: StateKept | PageOffered, machine_of: Callable[[RobotState], RobotCore]) -> None:
         """Take a record that replaces something of it."""
         if isinstance(record, StateKept):
-            self.machine = RobotCore(record.state)
+            self.machine = machine_of(record.state)
         else:
             self.offered = record.page
 
@@ -52,8 +52,13 @@ class KeptRobot:
 class Recovered:
     """Reads records, the oldest first."""
 
-    def __init__(self) -> None:
-        """Begin with nothing."""
+    def __init__(self, machine_of: Callable[[RobotState], RobotCore] = RobotCore) -> None:
+        """Begin with nothing.
+
+        Args:
+            machine_of: makes the machine of a robot, from its state.
+        """
+        self._machine_of = machine_of
         self._robots: dict[str, KeptRobot] = {}
         """By key of their addresses."""
         self._keys: dict[int, str] = {}
@@ -104,7 +109,7 @@ class Recovered:
                 self._robots.pop(self._keys.pop(number, ""), None)
             case StateKept(robot=number) | PageOffered(robot=number):
                 if robot := self._robot(number):
-                    robot.take(record)
+                    robot.take(record, self._machine_of)
 
     def _take_segment(self, record: Began | Made | Whole, path: str) -> None:
         """Take what a segment begins with: which robots there are."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import sys
 from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
@@ -43,6 +44,7 @@ from robotree.vr.base.requests import (
 )
 from robotree.vr.core import events as on
 from robotree.vr.running.frame import Frame
+from robotree.vr.running.page_trace import page_line
 from robotree.vr.running.process import Worker
 from robotree.vr.running.robot_runtime import NotDescribed, RobotRuntime
 
@@ -191,6 +193,7 @@ class ChildCall(Started):
             caller=runtime.name,
             deadline=deadline_at - now,
             oneway=manner == "told",
+            line=page_line(sys._getframe()) if self.frame.keeps else 0,  # noqa: SLF001 # inspect's is slow
         )
         neighbour = runtime.neighbours.get(self.child)
         if neighbour is None:

@@ -28,6 +28,8 @@ MOST_LINES = 60
 MOST_CAUSES = 8
 LONGEST_LINE = 160
 """Characters of a line of a page."""
+NEAR = 12
+"""Frames between the line of a page and the call of a child that it makes, at most."""
 _VERSION = re.compile(r"@[0-9a-f]{8}\Z")
 
 
@@ -115,6 +117,22 @@ def line_at_work(frame: FrameType | None, source: str) -> PageLine | None:
             return _line(frame, frame.f_lineno)
         frame = frame.f_back
     return None
+
+
+def page_line(frame: FrameType | None) -> int:
+    """Return the number of the innermost line of a page that a thread is in; 0: none of the near ones is.
+
+    Args:
+        frame: the innermost one of the thread.
+    """
+    for _ in range(NEAR):
+        if frame is None:
+            break
+        file = frame.f_code.co_filename
+        if file[-9:-8] == "@" and authors_file(file) != file:
+            return frame.f_lineno
+        frame = frame.f_back
+    return 0
 
 
 def trace_of(label: str, error: BaseException, source: str) -> tuple[str, ...]:

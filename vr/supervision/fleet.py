@@ -28,14 +28,18 @@ from robotree.vr.base.requests import (
     PATIENCE,
     Call,
     DescribeSpace,
+    EventsRead,
+    EventsVerified,
     HostDescribed,
     LoggedLine,
     LogLines,
     Picture,
+    ReadEvents,
     Reloaded,
     Remembered,
     SpaceDescribed,
     State,
+    VerifyEvents,
     ViewDescribed,
     decode_event,
 )
@@ -62,6 +66,9 @@ CALLER = "operator"
 GLANCE = 1.5
 """[s] to wait for each agent when many are asked at once: one that hangs must not hide the others."""
 
+EXAMINATION = 120.0
+"""[s] for a host to examine all events that it has kept."""
+
 PORTION = 25
 """Agents that are asked in one go."""
 PAUSE = 0.004
@@ -71,6 +78,7 @@ _REMEMBERING: tuple[Role, ...] = ("lookup", "host")
 OnState = Callable[[str, State], None]
 _R = TypeVar("_R")
 _E = TypeVar("_E", State, LogLines)
+_K = TypeVar("_K", EventsRead, EventsVerified)
 
 
 class Fleet:
@@ -258,6 +266,25 @@ class Fleet:
         agents = [one for role in _REMEMBERING for one in self.directory.present(role)]
         asked = (read_history(self._transport, one, timeout=GLANCE) for one in agents)
         return merged(one for answer in await _all_that_answer(asked) for one in answer.lines)
+
+    async def read_events(self, request: ReadEvents) -> Mapping[str, EventsRead]:
+        """Ask all hosts what they have kept of a robot or a command; returns the answers by host.
+
+        One that does not answer is left out.
+        """
+        return dict(await self._of_hosts(request, EventsRead, GLANCE))
+
+    async def verify_events(self) -> Mapping[str, EventsVerified]:
+        """Have all hosts examine what they have kept; returns what they found, by host."""
+        return dict(await self._of_hosts(VerifyEvents(), EventsVerified, EXAMINATION))
+
+    async def _of_hosts(
+        self, request: ReadEvents | VerifyEvents, kind: type[_K], timeout: float
+    ) -> Sequence[tuple[str, _K]]:
+        async def answer(host: Address) -> tuple[str, _K]:
+            return host.name, await ask(self._transport, host.key, request, kind, timeout=timeout)
+
+        return await _all_that_answer(map(answer, self.directory.present("host")))
 
     # -- what they are ----------------------------------------------------------------------------
 

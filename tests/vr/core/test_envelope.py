@@ -29,6 +29,7 @@ from robotree.vr.base.requests import (
     Petition,
     Query,
     Raised,
+    ReadEvents,
     ReadHistory,
     ReadLog,
     Register,
@@ -37,6 +38,7 @@ from robotree.vr.base.requests import (
     RenewFence,
     Reply,
     SafeStop,
+    VerifyEvents,
     WatchEntries,
     decode_reply,
 )
@@ -47,6 +49,7 @@ from tests.vr.recorder import Recorder
 ASKS_OR_PROLONGS = {
     Describe, Detach, Petition, Renew, ReadLog, ReadHistory, DescribeHost, Register, Query, Look,
     DescribeView, RenewEntry, RenewFence, WatchEntries, DescribeSpace,
+    ReadEvents, VerifyEvents,
 }  # fmt: skip
 """Requests that are void when their caller no longer waits."""
 

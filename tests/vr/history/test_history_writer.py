@@ -1,0 +1,230 @@
+"""Stories of the thread that fills the history: it lags, loses nothing in silence, and stops no robot."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from robotree.vr.base.address import Address
+from robotree.vr.base.errors import HistoryUnusable
+from robotree.vr.base.history_event import HistoryEvent
+from robotree.vr.base.principal import Principal
+from robotree.vr.base.requests import Call, EventsVerified, Raised, ReadEvents, Returned
+from robotree.vr.core import events as on
+from robotree.vr.core.bonds import GrantedLease, Slots
+from robotree.vr.core.machine import Calls, RobotCore, RobotState
+from robotree.vr.core.stop import Stop
+from robotree.vr.history import writer as writers
+from robotree.vr.history.file import HistoryFile
+from robotree.vr.history.writer import HistoryWriter
+
+ANNA = Principal("anna", 7, "caller/x", "pts/3")
+
+
+class Robot:
+    """A machine whose events are kept."""
+
+    def __init__(self, history: HistoryWriter, name: str = "arm") -> None:
+        address = Address("robot", name, "0" * 16)
+        lease = GrantedLease.free(name, unix=1.0)
+        state = RobotState(
+            address=address, home="h", lease=lease, slots=Slots(name), calls=Calls(), stop=Stop()
+        )
+        self.core: RobotCore = history.machine_of(state)
+
+    def go(self, key: str, *, reads: bool = False, caller: str = "anna@pts/3", line: int = 0) -> None:
+        call = Call(key=key, command="go", arguments={"x": 0.3}, deadline=9.0, caller=caller, line=line)
+        now = time.monotonic()
+        self.core.handle(
+            on.Invoke(call=call, arguments={}, deadline_at=now + 9, reads=reads, principal=ANNA), now
+        )
+
+    def end(self, key: str, reply: Returned | Raised | None = None) -> None:
+        self.core.handle(on.Finish(key=key, reply=reply or Returned(key=key, value=1)), time.monotonic())
+
+
+def kept(history: HistoryWriter, robot: str = "arm") -> list[HistoryEvent]:
+    return [one.event for one in history.read(ReadEvents(robot=robot), within=20.0).events]
+
+
+@pytest.fixture
+def history(tmp_path: Path) -> HistoryWriter:
+    return HistoryWriter(tmp_path / "h1")
+
+
+def test_a_call_is_kept_with_who_asked_and_how_it_ended(history: HistoryWriter) -> None:
+    history.page_of = {"arm": "cafe"}.get  # type: ignore[assignment]
+    history.start()
+    robot = Robot(history)
+    robot.go("k", line=12)
+    robot.end("k", Raised(error="CommandFailed", data={"robot": "arm", "command": "go", "detail": "stuck"}))
+    accepted, ended = kept(history)
+    assert (accepted.kind, accepted.key, accepted.command) == ("accepted", "k", "go")
+    assert accepted.arguments == {"x": 0.3}
+    assert (accepted.person, accepted.process, accepted.page, accepted.line) == (
+        "anna@pts/3", 7, "cafe", 12,
+    )  # fmt: skip
+    assert abs(accepted.unix - time.time()) < 60
+    assert (ended.kind, ended.error) == ("ended", "CommandFailed")
+    assert accepted.unix <= ended.began <= ended.unix
+    history.close()
+
+
+def test_a_call_that_only_reads_is_not_kept(history: HistoryWriter) -> None:
+    history.start()
+    robot = Robot(history)
+    robot.go("r", reads=True)
+    robot.end("r")
+    robot.go("k")
+    assert [event.key for event in kept(history)] == ["k"]
+    history.close()
+
+
+def test_of_a_call_that_was_asked_twice_one_acceptance_and_one_end_are_kept(history: HistoryWriter) -> None:
+    history.start()
+    robot = Robot(history)
+    robot.go("k")
+    robot.end("k")
+    robot.go("k")
+    assert [event.kind for event in kept(history)] == ["accepted", "ended"]
+    history.close()
+
+
+def test_what_did_not_fit_into_the_queue_is_counted_in_the_file(tmp_path: Path) -> None:
+    history = HistoryWriter(tmp_path, longest=10)
+    robot = Robot(history)
+    for number in range(15):
+        robot.go(f"k{number}")
+    history.start()
+    assert len(kept(history)) == 10
+    missed = kept(history, "")
+    assert [event.text for event in missed] == ["5 events are missing: there were too many at once"]
+    history.close()
+
+
+def test_a_damaged_file_is_one_sentence_and_the_robots_run_on(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(writers, "AGAIN", 0.05)
+    path = tmp_path / "history.db"
+    path.write_bytes(b"no database at all" * 100)
+    history = HistoryWriter(tmp_path)
+    history.start()
+    robot = Robot(history)
+    robot.go("k")
+    until(lambda: bool(history.trouble))
+    robot.end("k")
+    assert [record.getMessage() for record in caplog.records if record.levelname == "ERROR"] == [
+        f"what robots do is not kept at the moment: {history.trouble}"
+    ]
+    assert str(path) in history.trouble
+    path.unlink()
+    robot.go("l")
+    until(lambda: not history.trouble and not history.waiting)
+    assert {"k", "l"} == {event.key for event in kept(history)}
+    history.close()
+
+
+def test_a_disk_that_is_full_leaves_events_out_and_says_how_many(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(writers, "AGAIN", 0.05)
+    history = HistoryWriter(tmp_path, longest=10)
+    full = [True]
+    append = HistoryFile.append
+
+    def refuse(file: HistoryFile, events: list[HistoryEvent]) -> None:
+        if full[0]:
+            file._file.execute("PRAGMA max_page_count = 1")
+        large = [HistoryEvent(kind="stop", unix=1.0, robot="x" * 5000)] if full[0] else []
+        append(file, [*events, *large])
+
+    monkeypatch.setattr(HistoryFile, "append", refuse)
+    history.start()
+    robot = Robot(history)
+    for number in range(15):
+        robot.go(f"k{number}")
+    until(lambda: bool(history.trouble))
+    assert "full" in history.trouble
+    full[0] = False
+    robot.go("last")
+    until(lambda: not history.trouble and not history.waiting)
+    assert kept(history)[-1].key in {"last", "k14", "k9"}
+    assert "events are missing" in kept(history, "")[0].text
+    history.close()
+
+
+def test_what_stands_in_the_journal_and_not_in_the_file_is_written_by_the_next_process(
+    tmp_path: Path,
+) -> None:
+    before = HistoryWriter(tmp_path)
+    robot = Robot(before)
+    robot.go("k")
+    before.start()
+    assert len(kept(before)) == 1
+    before.close()
+    history = HistoryWriter(tmp_path)  # its process was killed; the journal has both again
+    again = Robot(history)
+    again.go("k")
+    again.end("k")
+    history.replayed(time.time() - time.monotonic())
+    history.start()
+    until(lambda: len(kept(history)) == 2)
+    assert [event.kind for event in kept(history)] == ["accepted", "ended"]
+    history.close()
+
+
+FILLER = """
+import sys, time
+from pathlib import Path
+sys.path.insert(0, {tests!r})
+from tests.vr.history.test_history_writer import Robot
+from robotree.vr.history.writer import HistoryWriter
+history = HistoryWriter(Path({folder!r}))
+history.start()
+robot = Robot(history)
+print("begins", flush=True)
+for number in range(20_000):
+    robot.go(f"k{{number}}")
+    robot.end(f"k{{number}}")
+    time.sleep(0.0005)
+"""
+
+
+def test_the_chain_holds_whenever_the_process_that_writes_it_is_killed(tmp_path: Path) -> None:
+    source = FILLER.format(tests=str(Path(__file__).parents[3]), folder=str(tmp_path))
+    count = 0
+    for _ in range(3):
+        process = subprocess.Popen([sys.executable, "-c", source], stdout=subprocess.PIPE)
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"begins\n"
+        until(lambda before=count: verified(tmp_path).count > before + 100)
+        process.kill()  # while it writes more
+        process.wait()
+        process.stdout.close()
+        found = verified(tmp_path)
+        assert found.fault == ""
+        count = found.count
+
+
+def verified(folder: Path) -> EventsVerified:
+    try:
+        file = HistoryFile(folder / "history.db")
+    except HistoryUnusable:
+        return EventsVerified()  # not there yet
+    try:
+        return file.verify()
+    finally:
+        file.close()
+
+
+def until(condition: Callable[[], bool], within: float = 30.0) -> None:
+    end = time.monotonic() + within
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)

@@ -1,0 +1,256 @@
+"""The verbs about what robots did: `history` and `why`."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable, Iterable, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+from robotree.tui.errors import ValueRefused
+from robotree.tui.line import values
+from robotree.tui.line.grammar import Line
+from robotree.tui.line.verbs import Outcome, Teller, plain
+
+if TYPE_CHECKING:  # help must not wait for the agents
+    from robotree.vr.base.history_event import HistoryEvent
+    from robotree.vr.base.requests import EventsRead, ReadEvents
+    from robotree.vr.history.file import HistoryFile
+    from robotree.vr.supervision.fleet import Fleet
+    from robotree.vr.supervision.why import Chain, Link
+
+_CLOCK = re.compile(r"(\d{1,2}):(\d\d)(?::(\d\d))?")
+_R = TypeVar("_R")
+
+
+class _Kept(NamedTuple):
+    """What all who keep events have answered."""
+
+    answers: Mapping[str, EventsRead]
+    """By who has kept them, in words: `host h1`."""
+    notes: tuple[str, ...]
+    """What may be incomplete, as sentences."""
+
+    def events(self) -> list[tuple[str, HistoryEvent]]:
+        """Return all events, the oldest first, each with who has kept it."""
+        found = [(source, one.event) for source, read in self.answers.items() for one in read.events]
+        return sorted(found, key=lambda kept: kept[1].unix)
+
+
+async def history(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
+    """Tell what a robot did; or whether what is kept of it is what was written."""
+    from robotree.vr.base.errors import NoHistory
+    from robotree.vr.base.requests import ReadEvents
+
+    name = line.text("NAME")
+    kept = await _ask(fleet, ReadEvents(robot=name, since=_since(line.text("--since"))))
+    if line.flag("--verify"):
+        return await _verified(fleet, name, kept)
+    events = kept.events()
+    for note in kept.notes:
+        teller.warn(note)
+    if not events:
+        raise NoHistory(name=name, detail=_nothing(line.text("--since"), kept))
+    if any(read.more for read in kept.answers.values()):
+        teller.warn("there are older events; ask with --since, from a later time on")
+    text = "\n".join(event_line(event) for _, event in events)
+    return Outcome([{"source": source, **plain(event)} for source, event in events], text)
+
+
+async def why(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
+    """Tell who asked for the last motion of a robot, or for the command of a key."""
+    from robotree.vr.base.errors import NoHistory
+    from robotree.vr.base.requests import ReadEvents
+    from robotree.vr.supervision.why import explain, last_motion
+
+    name = line.text("NAME")
+    kept = await _ask(fleet, ReadEvents(robot=name, last=True))
+    key = last_motion((event for _, event in kept.events()), name) or name
+    kept = await _ask(fleet, ReadEvents(key=key))
+    for note in kept.notes:
+        teller.warn(note)
+    chain = explain(key, kept.events())
+    if chain is None:
+        raise NoHistory(name=name, detail=_nothing("", kept))
+    return Outcome({"person": chain.person, **plain(chain)}, chain_text(chain))
+
+
+# -- who has kept it -------------------------------------------------------------------------------
+
+
+async def _ask(fleet: Fleet, request: ReadEvents) -> _Kept:
+    """Ask the hosts that live, and read the files of the others and of proxies on this machine."""
+    answers = {f"host {name}": read for name, read in (await fleet.read_events(request)).items()}
+    notes = [
+        f"{source} is behind by {read.waiting} events; what has just happened may be missing"
+        for source, read in answers.items()
+        if read.waiting
+    ]
+    notes += [f"{source} keeps nothing at the moment: {read.trouble}" for source, read in answers.items()
+              if read.trouble]  # fmt: skip
+    read, faults = await _from_files(fleet, answers, lambda file: file.read(request))
+    return _Kept(answers | read, (*notes, *faults))
+
+
+async def _from_files(
+    fleet: Fleet, answered: Iterable[str], look: Callable[[HistoryFile], _R]
+) -> tuple[dict[str, _R], list[str]]:
+    """Look into the files of all whose process has not answered."""
+    import asyncio
+
+    from robotree.tui.processes.state_files import history_files
+    from robotree.vr.base.errors import HistoryUnusable
+    from robotree.vr.history.file import HistoryFile
+
+    found, faults = dict[str, _R](), list[str]()
+    silent = set(answered)
+
+    def read() -> None:
+        for (role, name), path in history_files(fleet.realm).items():
+            source = f"{role} {name}"
+            if source in silent:
+                continue
+            try:
+                file = HistoryFile(path)
+                try:
+                    found[source] = look(file)
+                finally:
+                    file.close()
+            except HistoryUnusable as error:
+                faults.append(str(error))
+
+    await asyncio.to_thread(read)
+    return found, faults
+
+
+async def _verified(fleet: Fleet, name: str, kept: _Kept) -> Outcome:
+    """Examine the files of all who have kept anything of a robot."""
+    from robotree.vr.base.errors import HistoryChanged, NoHistory
+
+    of_robot = [source for source, read in kept.answers.items() if read.events]
+    if not of_robot:
+        raise NoHistory(name=name, detail=_nothing("", kept))
+    answers = {f"host {host}": found for host, found in (await fleet.verify_events()).items()}
+    files, _ = await _from_files(fleet, answers, lambda file: file.verify())
+    rows: list[dict[str, Any]] = []
+    lines: list[str] = []
+    faults: list[str] = []
+    for source in of_robot:
+        found = (answers | files)[source]
+        rows.append({"source": source, **plain(found)})
+        if found.fault:
+            faults.append(f"{source}: {found.fault}")
+        lines.append(
+            f"{source}: {found.count} events from number {found.first} on are as they were written; "
+            f"the last has the hash {found.last_hash}"
+        )
+    if faults:
+        raise HistoryChanged(detail="; ".join(faults))
+    return Outcome(rows, "\n".join(lines))
+
+
+def _nothing(since: str, kept: _Kept) -> str:
+    """Say why nothing may be kept."""
+    if since:
+        return f" since {since}"
+    if kept.notes:
+        return f": {'; '.join(kept.notes)}"
+    return "; is the name right? A host keeps what its robots did, but not with --only, nor after --forget"
+
+
+def _since(text: str) -> float:
+    """Read a time as seconds since 1970: how long ago, a clock of today, or a date.
+
+    Raises:
+        ValueRefused: it is none.
+    """
+    if not text:
+        return 0.0
+    now = time.time()
+    if found := _CLOCK.fullmatch(text):
+        hour, minute, second = (int(part or 0) for part in found.groups())
+        at = time.mktime((*time.localtime(now)[:3], hour, minute, second, 0, 0, -1))
+        return at if at <= now else at - 24 * 3600.0
+    try:
+        return now - values.duration(text)
+    except ValueRefused:
+        from datetime import datetime
+
+        try:
+            return datetime.fromisoformat(text).timestamp()
+        except ValueError:
+            raise ValueRefused(
+                "TIME", f"{text!r} is no time; write for example 10min, 14:30 or 2026-11-24T14:30"
+            ) from None
+
+
+# -- in words --------------------------------------------------------------------------------------
+
+
+def event_line(event: HistoryEvent) -> str:
+    """Return one event as a line: when, what, who, under which lease."""
+    return f"{_at(event.unix, day=True)}  {event.kind:9}  {_said(event)}"
+
+
+def _said(event: HistoryEvent) -> str:
+    match event.kind:
+        case "accepted":
+            lease = f", epoch {event.epoch}" if event.epoch else ""
+            line = f", line {event.line} of its page" if event.line else ""
+            return f"{_call(event)}  by {event.person or event.caller}{line}{lease}  [{event.key}]"
+        case "ended" | "answered":
+            return f"{event.command}: {_outcome(event)}  [{event.key}]"
+        case "observed":
+            return f"{event.arguments} = {event.value}  [{event.key}]"
+        case "lease":
+            return f"{event.text}, epoch {event.epoch}"
+        case _:
+            return event.text
+
+
+def _call(event: HistoryEvent) -> str:
+    given: dict[str, Any] = event.arguments if isinstance(event.arguments, dict) else {}
+    return " ".join([f"{event.robot}.{event.command}", *(f"{name}={value}" for name, value in given.items())])
+
+
+def _outcome(event: HistoryEvent) -> str:
+    return f"{event.error}: {event.text}" if event.error else "done"
+
+
+def _at(unix: float, *, day: bool = False) -> str:
+    form = "%Y-%m-%d %H:%M:%S" if day else "%H:%M:%S"
+    return f"{time.strftime(form, time.localtime(unix))}.{int(unix % 1 * 1000):03}"
+
+
+def chain_text(chain: Chain) -> str:
+    """Return why a robot moved, for people: the motion first, who asked for it last."""
+    lines = [line for link, over in zip(chain.links, (*chain.links[1:], None), strict=True)
+             for line in _link_lines(link, over)]  # fmt: skip
+    if chain.missing:
+        lines.append(f"asked by {chain.missing}, of whose command nothing is kept")
+    else:
+        top = chain.links[-1].call
+        lines.append(f"asked by {chain.person or 'nobody who has a name'} (process {top.process})")
+    return "\n".join(lines)
+
+
+def _link_lines(link: Link, over: Link | None) -> list[str]:
+    call, ended = link.call, link.ended
+    lines = [f"{_call(call)}   on {link.source}, key {call.key}"]
+    times = [f"accepted {_at(call.unix, day=True)}"]
+    if ended is not None:
+        began = f"began {_at(ended.began)}" if ended.began else "never began"
+        times += [began, f"ended {_at(ended.unix)} ({_outcome(ended)})"]
+    else:
+        times.append("its end is not known: it goes on, or was interrupted")
+    if link.answered is not None:
+        times.append(f"its caller heard that {_at(link.answered.unix)}")
+    lines.append(f"  {', '.join(times)}")
+    page = f", page {call.page[:12]}" if call.page else ""
+    lease = f"  under epoch {call.epoch} of {call.caller}" if call.epoch else "  under no lease"
+    lines.append(f"{lease}{page}")
+    lines += [f"  observed {_at(one.unix)}: {one.arguments} = {one.value}" for one in link.observed]
+    if over is not None:
+        line = f", line {call.line} of its page {over.call.page[:12]}" if call.line else ""
+        lines.append(f"step {link.step} of {over.call.robot}.{over.call.command}{line}:")
+    return lines
