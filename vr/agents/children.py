@@ -18,6 +18,7 @@ from robotree.vr.base.errors import (
     CycleOfBonds,
     Garbled,
     LeaseError,
+    NoAnswer,
     NoSuchCommand,
     SlotEmpty,
     TransportClosed,
@@ -31,7 +32,7 @@ from robotree.vr.base.requests import Granted, Petition, Raised, Renew, Reply, R
 from robotree.vr.base.transport import Transport
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import DEFAULT_TERM, FRESH, RETURN, Bond, HeldLease
-from robotree.vr.core.confirmation import LEAST, Budget, Confirmations
+from robotree.vr.core.confirmation import HOPELESS, LEAST, Budget, Confirmations
 from robotree.vr.exchange.asking import fresh_key
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.running.robot_runtime import RobotRuntime
@@ -398,7 +399,7 @@ class ChildKeeper:
     # -- orders -----------------------------------------------------------------------------------
 
     async def safe_stop(self, slot: str, reason: str, order: str, budget: Budget) -> Sequence[str]:
-        """Stop the child in a slot, and all below it.
+        """Stop the child in a slot, and all below it; one whose process is stopped is not waited for long.
 
         Args:
             slot: of the child.
@@ -413,8 +414,23 @@ class ChildKeeper:
             VrError: not all have.
         """
         bond = self._runtime.bond_in(slot)
-        within = budget.below(bond.lease.round_trip)
-        return await self._client(bond).safe_stop(reason, order=order, timeout=budget.wait, within=within)
+        within, acknowledged = budget.below(bond.lease.round_trip), asyncio.Event()
+        asking = asyncio.ensure_future(
+            self._client(bond).safe_stop(
+                reason, order=order, timeout=budget.wait, within=within, accepted=acknowledged.set
+            )
+        )
+        try:
+            await asyncio.wait([asking], timeout=HOPELESS)
+            if not (asking.done() or acknowledged.is_set()) and self._asleep(bond.child):
+                raise NoAnswer(key=bond.child.key, seconds=HOPELESS)
+            return await asking
+        finally:
+            asking.cancel()
+
+    def _asleep(self, child: Address) -> bool:
+        """Whether the process of a child is stopped, as the kernel says: a slow one is not."""
+        return any(held.asleep for held in self._presence.held(child.key))
 
     async def resume(
         self,

@@ -19,6 +19,9 @@ FOOT = 20
 LEAST = 0.001
 """[s] A shorter time is none: the order is carried out, and nobody waits for what follows from it."""
 
+HOPELESS = 0.6
+"""[s] after which a stop no longer waits for a robot whose process is stopped; somebody may wake it."""
+
 LONGEST = 60.0
 """[s] Nobody waits longer for a stop."""
 

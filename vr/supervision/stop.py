@@ -18,7 +18,7 @@ from robotree.vr.base.errors import NoAnswer, NoSuchRobot, Unreachable, VrError
 from robotree.vr.base.presence import Held
 from robotree.vr.base.requests import SafeStop
 from robotree.vr.base.transport import Transport
-from robotree.vr.core.confirmation import LEAST, Confirmations, unmeasured
+from robotree.vr.core.confirmation import HOPELESS, LEAST, Confirmations, unmeasured
 from robotree.vr.exchange.asking import fresh_key, send_request
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.lookup.directory import Directory
@@ -35,9 +35,6 @@ LATE = 0.5
 
 ASLEEP = 0.2
 """[s] without an answer from a robot whose process is stopped, after which it is named."""
-
-HOPELESS = 0.6
-"""[s] after which the stop no longer waits for a robot whose process is stopped; somebody may wake it."""
 
 UNLISTED = 0.8
 """[s] for a process without an entry to write one: each checks twice a second that its entry exists."""

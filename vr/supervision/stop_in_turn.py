@@ -18,7 +18,7 @@ from robotree.vr.base.os_files import OS_FILES
 from robotree.vr.base.pattern import matches
 from robotree.vr.base.requests import Done, Raised, SafeStop, decode_reply
 from robotree.vr.base.system import Socket
-from robotree.vr.core.confirmation import Confirmations, unmeasured
+from robotree.vr.core.confirmation import HOPELESS, Confirmations, unmeasured
 from robotree.vr.network.lean_stop import REASON
 from robotree.vr.network.link import (
     PIECE,
@@ -38,7 +38,7 @@ from robotree.vr.network.living import asleep
 from robotree.vr.network.mesh import LOST_FILES, held_by
 from robotree.vr.network.realms import dial, process_of
 from robotree.vr.network.rendezvous import Rendezvous
-from robotree.vr.supervision.stop import CONFIRM, HOPELESS
+from robotree.vr.supervision.stop import CONFIRM
 
 Answer = Sequence[str] | VrError
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import signal
 import statistics
 import threading
@@ -19,9 +20,18 @@ from robotree.vr import Child, VirtualRobot
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.base.address import Address
 from robotree.vr.base.envelope import seal
-from robotree.vr.base.errors import Hanging, NoSuchRobot, SlotEmpty, StaleEpoch, TransportError, VrError
+from robotree.vr.base.errors import (
+    Hanging,
+    NoSuchRobot,
+    NotConfirmed,
+    SlotEmpty,
+    StaleEpoch,
+    TransportError,
+    VrError,
+)
 from robotree.vr.base.requests import Call, Describe, Described
 from robotree.vr.core.bonds import DEFAULT_TERM
+from robotree.vr.core.confirmation import HOPELESS
 from robotree.vr.exchange.asking import ask
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.network.local import LocalTransport
@@ -29,6 +39,7 @@ from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.world.testing import until
 from tests.vr.network.member import BRIEF
 from tests.vr.network.processes import Start, start_all
+from tests.withheld import Withheld
 
 Enter = Callable[[], Awaitable[LocalTransport]]
 
@@ -126,6 +137,25 @@ async def test_a_frozen_parent_loses_its_child_within_the_term_and_knows_it_when
     await fleet.enslave("carrier", "rover", "rover")
     assert (await fleet.describe("rover")).epoch > bound.epoch
     assert await fleet.call("carrier", "move", {"x": 4.0}) == 4.0
+
+
+async def test_a_stop_waits_for_a_frozen_child_no_longer_than_for_any_frozen_robot(
+    start: Start, fleet: Fleet, tmp_path: Path
+) -> None:
+    _, _, frozen = await start_all(start, ("lookup", "l1"), ("host", "h1"), ("robot", "rover"))
+    (tmp_path / "carrier.py").write_text(CARRIER)
+    await until(lambda: len(fleet.robots()) == 1, "the rover is listed")
+    await fleet.create(str(tmp_path / "carrier.py"), "carrier")
+    await fleet.enslave("carrier", "rover", "rover")
+    await frozen.freeze()
+    withheld, began = Withheld(os.getpid()), time.monotonic()
+    with pytest.raises(NotConfirmed, match="confirmed by carrier but NOT by rover"):
+        await fleet.stop(None)
+    took = time.monotonic() - began - withheld.seconds
+    assert HOPELESS < took < 2 * HOPELESS, "each has its time; the parent of a frozen child takes none more"
+    waking = asyncio.get_running_loop().call_later(HOPELESS / 2, frozen.signal, signal.SIGCONT)
+    assert {*await fleet.stop(None)} == {"carrier", "rover"}, "who wakes in time is waited for"
+    waking.cancel()
 
 
 async def test_what_a_killed_parent_has_begun_ends_at_once(
