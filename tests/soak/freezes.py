@@ -8,6 +8,7 @@ import re
 import time
 from collections.abc import Sequence
 
+from robotree.vr.supervision.stop import CONFIRM
 from tests.soak.observer import holds
 from tests.soak.stage import ARM, ROVER, SQUARE, Said, Stage, missed, names
 from tests.soak.table import Row, Trial
@@ -42,6 +43,13 @@ SPOKE = Row(
     "from the start of the command line to its end",
     1.5,
 )
+SPOKE_OF_A_CONTROLLER = Row(
+    "freeze",
+    "`stop` while one controller is frozen: names the robots it did not reach",
+    "from the start of the command line to its end",
+    CONFIRM,
+)
+"""It is no process of the realm: on the wire a frozen one looks like one that needs its time to stop."""
 
 
 def how_long(chance: random.Random) -> float:
@@ -88,7 +96,8 @@ async def _stop(stage: Stage, victim: str) -> list[Trial]:
     reached = await holds(lambda: all(one.stopped for one in watched), 10.0)
     standing = Trial(STOPPED, reached, time.monotonic() - began)
     said = await verb.end()
-    spoke = Trial(SPOKE, said.code is not None, said.seconds)
+    row = SPOKE_OF_A_CONTROLLER if victim.endswith("controller") else SPOKE
+    spoke = Trial(row, said.code is not None, said.seconds)
     spoke.false = lies(stage, said, victim)
     if not standing.reached:
         standing.note = f"{victim} was frozen: {said}"
