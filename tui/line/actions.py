@@ -86,14 +86,20 @@ ACTIONS: tuple[Action, ...] = (
         " where the robot lives, and name the first event that is missing or changed.",
         group=LOOK,
         run="history",
+        where=ANYWHERE,
+        key="H",
+        about=About.ROBOT,
         examples=("history arm-1 --since 10min", "history team --verify"),
     ),
     Action(
-        usage="why NAME",
+        usage="why NAME|KEY",
         help="Print who asked for the last motion of a robot, or for the command of a key: each step with its"
         " lease, the line of the page and the times, up to the person at the top.",
         group=LOOK,
         run="why",
+        where=ANYWHERE,
+        key="W",
+        about=About.ROBOT,
         examples=("why arm-1", "why arm-1 --json"),
     ),
     Action(

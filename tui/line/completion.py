@@ -14,7 +14,9 @@ from robotree.tui.line.grammar import Blank, Group, Part, Shape, Word
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.description import RobotDescription
 
-OF_THE_REALM = frozenset({"NAME", "CHILD", "VIEW", "HOST", "PARENT.SLOT", "ROBOT.COMMAND", "PARAMETER=VALUE"})
+OF_THE_REALM = frozenset(
+    {"NAME", "NAME|KEY", "CHILD", "VIEW", "HOST", "PARENT.SLOT", "ROBOT.COMMAND", "PARAMETER=VALUE"}
+)
 """The blanks whose words are names of the realm."""
 
 
@@ -55,6 +57,7 @@ def words_of(
     commands = {f"{robot.name}.{command.name}": command for robot in described for command in robot.commands}
     blanks = {
         "NAME": sorted({*free, *(robot.name for robot in described)}),
+        "NAME|KEY": sorted({*free, *(robot.name for robot in described)}),
         "CHILD": sorted(free),
         "VIEW": sorted(views),
         "HOST": sorted(hosts),

@@ -63,7 +63,7 @@ async def why(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
     from robotree.vr.base.requests import ReadEvents
     from robotree.vr.supervision.why import explain, last_motion
 
-    name = line.text("NAME")
+    name = line.text("NAME|KEY")
     kept = await _ask(fleet, ReadEvents(robot=name, last=True))
     key = last_motion((event for _, event in kept.events()), name) or name
     kept = await _ask(fleet, ReadEvents(key=key))

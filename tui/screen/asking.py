@@ -198,10 +198,10 @@ def _resume(app: OperatorApp, _place: Place) -> None:
         app.tell("no robot is in protective stop", "plain")
 
 
-def _about_robot(verb: str) -> Ask:
+def _about_robot(verb: str, blank: str = "NAME") -> Ask:
     def ask(app: OperatorApp, place: Place) -> None:
         if place.name:
-            app.do(verb, NAME=place.name)
+            app.do(verb, **{blank: place.name})
         else:
             app.tell("no robot is selected", "warning")
 
@@ -352,6 +352,8 @@ ASK: Mapping[str, Ask] = {
     "release": _release,
     "delete": _delete,
     "show": _about_robot("show"),
+    "history": _about_robot("history"),
+    "why": _about_robot("why", "NAME|KEY"),
     "cancel": _cancel,
     "stop": _stop,
     "resume": _resume,

@@ -67,7 +67,7 @@ class WatchedCore(RobotCore):
 
     def handle(self, event: CoreEvent, now: float) -> list[CoreEffect]:
         """See `RobotCore.handle`."""
-        effects = super().handle(event, now)
+        effects = RobotCore.handle(self, event, now)
         kind = type(event)
         if kind is on.Invoke:
             if not event.reads and event.call.key in self.state.calls.live:  # type: ignore[union-attr]
@@ -105,7 +105,7 @@ class HistoryWriter:
         self._again: list[tuple[_Item, float]] = []
         """What an earlier process wrote to its journal, with what makes its moments times since 1970."""
         self._missed = 0
-        self._taken = self._written = 0
+        self._written = 0
         self._file: HistoryFile | None = None
         self._retry_at = self._trim_at = 0.0
         self.trouble = ""
@@ -116,7 +116,7 @@ class HistoryWriter:
         """Called before events go into the file: the journal writes them first."""
         self._known: dict[str, None] = {}
         self._observed: dict[str, int] = {}
-        self._bell, self._ended = threading.Event(), False
+        self._bell, self._rung, self._ended = threading.Event(), False, False
         self._thread: threading.Thread | None = None
 
     # -- what happens -----------------------------------------------------------------------------
@@ -127,12 +127,13 @@ class HistoryWriter:
 
     def take(self, item: _Item) -> None:
         """Take an event; never blocks. From any thread."""
-        if len(self._queue) >= self._longest:
+        queue = self._queue
+        if len(queue) >= self._longest:
             self._missed += 1
             return
-        self._queue.append(item)
-        self._taken += 1
-        if not self._bell.is_set():
+        queue.append(item)
+        if not self._rung:
+            self._rung = True
             self._bell.set()
 
     def replayed(self, offset: float) -> None:
@@ -142,7 +143,6 @@ class HistoryWriter:
             offset: [s] from its monotonic clock to the time since 1970.
         """
         self._again = [(item, offset) for item in self._queue]
-        self._taken -= len(self._queue)
         self._queue.clear()
 
     # -- writing ----------------------------------------------------------------------------------
@@ -163,7 +163,7 @@ class HistoryWriter:
     @property
     def waiting(self) -> int:
         """Events that have happened and are not in the file yet."""
-        return self._taken - self._written
+        return len(self._queue)
 
     def _main(self) -> None:
         self._attempt(self._catch_up)
@@ -172,6 +172,7 @@ class HistoryWriter:
             if not self._ended:
                 time.sleep(GATHERS)
             self._bell.clear()
+            self._rung = False
             while self._queue or self._missed:
                 begun = time.thread_time()
                 if not self._attempt(self._write):
@@ -334,7 +335,7 @@ class HistoryWriter:
         Raises:
             HistoryUnusable: the file cannot be read.
         """
-        until, goal = time.monotonic() + within, self._taken
+        until, goal = time.monotonic() + within, self._written + len(self._queue)
         while self._written < goal and not self.trouble and time.monotonic() < until:
             time.sleep(0.01)
         file = HistoryFile(self.path)
