@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from robotree.tui.demo_companion import ROBOT, SCRIPT
 from tests.command_line import ROBOTREE
 from tests.terminal import Terminal, living
 from tests.withheld import Withheld
@@ -80,6 +81,17 @@ def test_a_demo_ends_with_its_terminal_and_leaves_nobody(
     assert len(family) == 2 + CREW, "make, the demo, and its crew"
     terminal.close()
     gone(terminal, family)
+
+
+def test_the_demo_of_the_companion_shows_its_next_step_and_the_robots_that_it_names(
+    open_terminal: type[Terminal],
+) -> None:
+    terminal = open_terminal(*ROBOTREE, "demo", "companion", "--realm", "flat", "--speedup", "3")
+    terminal.shows(SCREEN)
+    terminal.shown = terminal.shown.partition(SCREEN)[2]  # what was written before it is not on the screen
+    terminal.shows(f"next: select {SCRIPT}, ⏎ opens its panel, ^r runs start".encode())
+    terminal.shows(ROBOT.encode())
+    terminal.shows(b"Evening")  # the kind of the script, in its row
 
 
 def test_a_demo_whose_terminal_closes_while_it_starts_leaves_nobody_after_many_signals(
