@@ -389,7 +389,7 @@ class RobotCore:
             came=now,
         )
         begins = calls.enter(call, name)
-        if begins:
+        if begins and self.state.fields:
             call.fields = dict(self.state.fields)
         if not event.reads:
             self.state.lease.used()

@@ -142,6 +142,7 @@ class CommandActivity(Frame):
         """Ask a person, and wait for the answer: `done`, `again` or `abort`."""
         self.replaying = False  # so that an order to end it counts at once
         try:
+            self.run.wake = self.wake
             self.runtime.ask_person(self.call_key, question)
             self.wait(lambda: bool(self.run.answer))
         finally:
@@ -181,7 +182,7 @@ class CommandActivity(Frame):
         """Keep other values in fields; no cancellation point."""
         if self.replaying:
             self.run.recalled_fields = {**self.run.recalled_fields, **values}
-            self.rewritten.update(values)
+            self.rewritten = {**(self.rewritten or {}), **values}
         else:
             self.keep(lambda: change(values))
 
@@ -467,8 +468,10 @@ def execute(runtime: RobotRuntime, key: str, run: Run, worker: Worker) -> None:
     """Carry out a call whose turn it is, on a worker, on top of what is there."""
     context, robot, command, arguments, exposed = runtime.turn_of(key)
     activity = CommandActivity(runtime, run, context, worker)
-    run.interrupt, run.wake = activity.interrupt, activity.wake
+    run.interrupt = activity.interrupt
     work = _work_of(activity, robot, command, arguments, exposed)
+    if activity.replaying:
+        work = _resumed(activity, command, work)
     if worker.top is None:
         worker.process.runner.name_thread(f"{robot.name}.{context.command}")
     value, error = activity.carry_out(work)
@@ -498,25 +501,6 @@ def _work_of(
     exposed: Exposed | None,
 ) -> Callable[[], Any]:
     """Return what carries out a call: see `RobotRuntime.turn_of`."""
-    if activity.replaying:
-        if refusal := _cannot_go_on(activity, command):
-            return partial(_refuse, refusal)
-        policy = _policy(activity, command)
-        if policy == "ask":
-            run = _work_of_page(activity, robot, command, arguments, exposed)
-            return partial(_asked, activity, run)
-        if policy == "restart":
-            activity.forget_steps()
-    return _work_of_page(activity, robot, command, arguments, exposed)
-
-
-def _work_of_page(
-    activity: CommandActivity,
-    robot: Robot,
-    command: Command | None,
-    arguments: Arguments,
-    exposed: Exposed | None,
-) -> Callable[[], Any]:
     runtime = activity.runtime
     if command is not None:
         if runtime.turned:
@@ -525,6 +509,18 @@ def _work_of_page(
     if exposed is not None:
         return partial(_pass_on, activity, exposed, arguments)
     return partial(runtime.spec, activity.context.command)  # it was accepted for another page
+
+
+def _resumed(
+    activity: CommandActivity, command: Command | None, work: Callable[[], Any]
+) -> Callable[[], Any]:
+    """Return what carries out a call whose process has ended in the middle."""
+    if refusal := _cannot_go_on(activity, command):
+        return partial(_refuse, refusal)
+    policy = _policy(activity, command)
+    if policy == "restart":
+        activity.forget_steps()
+    return partial(_asked, activity, work) if policy == "ask" else work
 
 
 def _policy(activity: CommandActivity, command: Command | None) -> ResumePolicy:

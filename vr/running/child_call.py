@@ -84,14 +84,16 @@ def call_child(  # who calls whom, how, and for how long
         VrError: the slot is empty, or the child refuses.
     """
     key = frame.step()
-    content = _plain([slot, command, arguments]) if frame.keeps else None
     kind = "tell" if manner == "told" else "call"
-    if (step := frame.recalled(key, kind, content)) is not None:
-        return ChildCall.recalled(frame, slot, key, command, step)
-    before = frame.begun_before(key)
+    content, given_to = None, ""
+    if frame.keeps:
+        content = _plain([slot, command, arguments])
+        if (step := frame.recalled(key, kind, content)) is not None:
+            return ChildCall.recalled(frame, slot, key, command, step)
+        given_to = frame.begun_before(key)
     try:
         child, epoch = frame.runtime.child_in(slot)
-        if before not in {"", child.key}:
+        if given_to and given_to != child.key:
             detail = f"{child.name} was started again meanwhile, and does not know whether it had done it"
             raise CommandInDoubt(robot=child.name, command=command, detail=detail)
         pending = ChildCall(frame, slot, key, child, command, limit, passes_on=manner == "passed on")
@@ -344,8 +346,8 @@ class ChildCall(Started):
             self._may_settle.pop()
         except IndexError:
             return
-        # before anybody knows of it, and before the child may forget the call
-        self.frame.keep_step(self.key, on.StepResult("call", self.content, None, reply))
+        if self.frame.keeps:  # before anybody knows of it, and before the child may forget the call
+            self.frame.keep_step(self.key, on.StepResult("call", self.content, None, reply))
         self.reply = reply
         if self._unlimit is not None:
             self._unlimit()

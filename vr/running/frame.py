@@ -61,6 +61,8 @@ class Frame:
     """Whether its code has ended."""
     replaying: bool = False
     """Whether it takes steps that it took before its process was started again: nothing is done twice."""
+    rewritten: dict[str, Any] | None = None
+    """What it has kept since the last step that it took again: it may have been lost."""
     commander: Frame | None = None
     """The frame of which this one is a part; None: it is the command itself."""
     looks: bool = False
@@ -94,11 +96,9 @@ class Frame:
         """What it has started and what may go on beside it."""
         self.guests: dict[int, Self] = {}
         """Threads that work for it."""
-        self.keeps = runtime.keeps_steps
+        self.keeps = runtime.process.keeps_steps
         if run.recall is not None:
             self.replaying = True
-        self.rewritten: dict[str, Any] = {}
-        """What it has kept since the last step that it took again: it may have been lost."""
 
     @property
     def cause(self) -> VrError | None:
@@ -273,7 +273,7 @@ class Frame:
                 before=words_of_step(step.kind, step.content),
                 now=words_of_step(kind, content),
             )
-        self.rewritten.clear()
+        self.rewritten = None
         return step
 
     def begun_before(self, path: str) -> str:
@@ -309,12 +309,12 @@ class Frame:
         """Go on with what was not done before; a part waits until the command is so far."""
         commander = self.commander
         if commander is not None and commander.replaying:
-            self.run.waiting.append(self)
+            self.run.waiting += (self,)
             self.wait(lambda: not commander.replaying)
         self.replaying = False
         if self.rewritten:
             self.runtime.keep_fields(self.rewritten)
-        waiting, self.run.waiting = self.run.waiting, []
+        waiting, self.run.waiting = self.run.waiting, ()
         for part in waiting:
             part.wake()
         self.expect_to_go_on()

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any, Protocol
 
 from robotree.vr.base.errors import VrError
@@ -57,6 +58,10 @@ class Run:
     """Whether the person who called it was told that it waits."""
     recall: dict[str, StepResult] | None = None
     """The steps that it took before its process was started again, by path; None: it begins now."""
+    recalled_fields: Mapping[str, Any] = MappingProxyType({})
+    """What its robot kept at the place of the page where it is, while it takes steps again."""
+    waiting: tuple[Waiting, ...] = ()
+    """Parts of it that have taken all their steps again before the command itself has."""
     wake: Callable[[], None] = staticmethod(lambda: None)
     """Has its code look again at what it waits for."""
     answer: str = ""
@@ -68,10 +73,6 @@ class Run:
 
     def __init__(self) -> None:
         """Begin without anybody who listens."""
-        self.recalled_fields: dict[str, Any] = {}
-        """What its robot kept at the place of the page where it is, while it takes steps again."""
-        self.waiting: list[Waiting] = []
-        """Parts of it that have taken all their steps again before the command itself has."""
         self.listeners: list[Listener] = []
         """Those who are told how it fares."""
 
