@@ -447,7 +447,7 @@ async def _view(line: Line, realm: str, ready: Ready) -> None:
 
 
 async def _host(line: Line, realm: str, ready: Ready) -> None:
-    from robotree.tui.processes.state_files import journal_folder
+    from robotree.tui.processes.state_files import history_folder, journal_folder
     from robotree.vr.agents.run import run_host
 
     name, only = line.text("NAME"), line.text("--only")
@@ -455,7 +455,8 @@ async def _host(line: Line, realm: str, ready: Ready) -> None:
     if folder is not None and line.flag("--forget"):
         shutil.rmtree(folder, ignore_errors=True)
         folder = None
-    await run_host(name, realm=realm, only=only, keep=folder, ready=ready)
+    past = history_folder(realm, only) if only else None
+    await run_host(name, realm=realm, only=only, keep=folder, past=past, ready=ready)
 
 
 async def _lookup(line: Line, realm: str, ready: Ready) -> None:

@@ -155,7 +155,7 @@ def _nothing(since: str, kept: _Kept) -> str:
         return f" since {since}"
     if kept.notes:
         return f": {'; '.join(kept.notes)}"
-    return "; is the name right? A host keeps what its robots did, but not with --only, nor after --forget"
+    return "; is the name right? A host keeps what its robots did until it is started with --forget"
 
 
 def _since(text: str) -> float:

@@ -69,6 +69,7 @@ async def run_host(
     term: float = DEFAULT_TERM,
     only: str = "",
     keep: Path | None = None,
+    past: Path | None = None,
     returns: float = RETURNS,
     ready: Ready = _nobody,
 ) -> None:
@@ -79,7 +80,8 @@ async def run_host(
         realm: None: `$ROBOTREE_REALM`, else `default`.
         term: [s] of the leases that its robots grant and ask for.
         only: name of the one robot that it runs; empty: it runs any number.
-        keep: folder in which it keeps its robots; None: they end with it.
+        keep: folder in which it keeps its robots, and what they did; None: they end with it.
+        past: folder in which it keeps what they did, if it does not keep them; None: nobody does.
         returns: [s] that the children of its robots wait for it after a crash.
         ready: told the key once robots can be made, and those that were kept are back.
 
@@ -96,7 +98,7 @@ async def run_host(
     async with contextlib.AsyncExitStack() as stack:
         stack.enter_context(listening())
         runner = runner_of(asyncio.get_running_loop())
-        journal, history = (None, None) if keep is None else _kept_in(keep, runner, stack)
+        journal, history = _kept_in(keep, past, runner, stack)
         process: Process = Process(runner, journal, history.machine_of if history else RobotCore)
         transport: Transport = await join(realm)
         stack.push_async_callback(transport.close)
@@ -121,11 +123,17 @@ async def run_host(
 
 
 def _kept_in(
-    folder: Path, runner: Runner, stack: contextlib.AsyncExitStack
-) -> tuple[HostJournal, HistoryWriter]:
+    keep: Path | None, past: Path | None, runner: Runner, stack: contextlib.AsyncExitStack
+) -> tuple[HostJournal | None, HistoryWriter | None]:
     """Open what a host keeps of its robots, and of what they did; `stack` closes both."""
+    folder = keep or past
+    if folder is None:
+        return None, None
     history = HistoryWriter(folder, runner.now, runner.unix)
-    journal = HostJournal(folder, runner, boot=_boot(), machine_of=history.machine_of)
+    if keep is None:
+        stack.callback(history.close)
+        return None, history
+    journal = HostJournal(keep, runner, boot=_boot(), machine_of=history.machine_of)
     began = journal.found.began
     history.replayed(0.0 if began is None else began.unix - began.now)
     history.before_writing = journal.barrier

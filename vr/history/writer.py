@@ -22,7 +22,7 @@ from robotree.vr.base.history_event import HistoryEvent
 from robotree.vr.base.plain import to_plain
 from robotree.vr.base.requests import EventsRead, EventsVerified, Raised, ReadEvents, Returned, VerifyEvents
 from robotree.vr.core import events as on
-from robotree.vr.core.events import CoreEffect, CoreEvent, Ended, Settled
+from robotree.vr.core.events import CoreEffect, CoreEvent, Ended, LeaseEnded, Settled, StopTaken
 from robotree.vr.core.machine import RobotCore, RobotState
 from robotree.vr.history.file import PORTION, HistoryFile
 
@@ -46,7 +46,7 @@ OBSERVED = 50
 MOST_KNOWN = 4096
 """Calls that ended in this process and are remembered: that their parents know it is nothing new."""
 
-_KEPT = frozenset({on.Invoke, on.ParentAsked, on.EndLease, on.StopAsked, on.Halted, on.StepTaken})
+_KEPT = frozenset({on.ParentAsked, on.StepTaken})
 """Classes of events of which the thread makes something itself."""
 _STEPS = frozenset({"call", "reading"})
 _Item = tuple[str, float, object, int]
@@ -70,13 +70,19 @@ class WatchedCore(RobotCore):
         effects = RobotCore.handle(self, event, now)
         kind = type(event)
         if kind is on.Invoke:
-            if not event.reads and event.call.key in self.state.calls.live:  # type: ignore[union-attr]
+            call = None if event.reads else self.state.calls.live.get(event.call.key)  # type: ignore[union-attr]
+            if call is not None and call.came == now:  # else it had been accepted before
                 self._queue((self.name, now, event, self.state.lease.epoch))
         elif kind in _KEPT and (kind is not on.StepTaken or event.step.kind in _STEPS):  # type: ignore[union-attr]
             self._queue((self.name, now, event, self.state.lease.epoch))
         for effect in effects:
-            if type(effect) is Settled and effect.call is not None and not effect.call.reads:
-                self._queue((self.name, now, effect.call, self.state.lease.epoch))
+            if type(effect) is Settled:
+                if effect.call is not None and not effect.call.reads:
+                    self._queue((self.name, now, effect.call, self.state.lease.epoch))
+            elif type(effect) is LeaseEnded:
+                self._queue((self.name, now, effect, self.state.lease.epoch))
+            elif type(effect) is StopTaken and effect.fresh:  # a copy of an order is no other stop
+                self._queue((self.name, now, event, self.state.lease.epoch))
         return effects
 
 
@@ -284,11 +290,12 @@ class HistoryWriter:
                     person=happened.principal.person, process=happened.principal.process,
                     text=f"{happened.parent.name} commands it",
                 )  # fmt: skip
-            case on.EndLease():
+            case LeaseEnded():
+                text = f"{happened.parent.name} commands it no more: {happened.reason}"
                 return HistoryEvent(
-                    kind="lease", unix=unix, robot=robot, epoch=epoch, text=happened.reason,
-                )  # fmt: skip
-            case on.StopAsked() | on.Halted():
+                    kind="lease", unix=unix, robot=robot, epoch=epoch, parent=happened.parent.name, text=text
+                )
+            case on.StopAsked():
                 person = happened.principal.person
                 return HistoryEvent(kind="stop", unix=unix, robot=robot, text=happened.reason, person=person)
             case _:

@@ -89,9 +89,34 @@ def test_of_a_call_that_was_asked_twice_one_acceptance_and_one_end_are_kept(hist
     history.start()
     robot = Robot(history)
     robot.go("k")
+    robot.go("k")
     robot.end("k")
     robot.go("k")
     assert [event.kind for event in kept(history)] == ["accepted", "ended"]
+    history.close()
+
+
+def test_a_lease_that_ends_by_silence_is_kept_as_one_that_is_released(history: HistoryWriter) -> None:
+    history.start()
+    robot, parent = Robot(history), Address("robot", "team", "1" * 16)
+    now = time.monotonic()
+    robot.core.handle(
+        on.ParentAsked(parent=parent, slot="arm", lineage=("team",), term=1.0, unix=5.0), now
+    )  # fmt: skip
+    robot.core.handle(on.Tick(unix=9.0), now + 100.0)
+    begin, end = kept(history)
+    assert (begin.kind, begin.parent, begin.text) == ("lease", "team", "team commands it")
+    assert end.text.startswith("team commands it no more: ")
+    history.close()
+
+
+def test_one_order_to_stop_that_comes_twice_is_one_stop(history: HistoryWriter) -> None:
+    history.start()
+    robot = Robot(history)
+    for _ in range(2):
+        order = on.StopAsked(reason="anna@pts/3's protective stop", order="o", principal=ANNA)
+        robot.core.handle(order, time.monotonic())
+    assert [(event.kind, event.person) for event in kept(history)] == [("stop", "anna@pts/3")]
     history.close()
 
 
