@@ -62,6 +62,8 @@ def _from_author(
 class CommandActivity(Frame):
     """A running command, or a part of it: what `context.Activity` describes."""
 
+    done_by_person: bool = False
+    """Whether a person has said after a crash that it is done: its result is not known."""
     opened: Feeds | None = None
     """What `feeds` gives; None: nobody has asked for it."""
 
@@ -486,7 +488,7 @@ def execute(runtime: RobotRuntime, key: str, run: Run, worker: Worker) -> None:
             robot.field_values.settle(key)
         except TypeError as refusal:
             error = error or refusal
-    reply = _reply(runtime, context, command, value, error)
+    reply = _reply(runtime, context, None if activity.done_by_person else command, value, error)
     if worker.dead:
         runtime.gone(key)
     else:
@@ -540,7 +542,7 @@ def _asked(activity: CommandActivity, work: Callable[[], Any]) -> Any:
     label = f"{activity.runtime.name}.{activity.context.command}"
     answer = activity.decide(f"{label} was interrupted {activity.runtime.process.gap:.0f} s ago")
     if answer == "done":
-        activity.run.recall = {}
+        activity.replaying, activity.done_by_person = False, True
         return None
     if answer == "abort":
         raise _in_doubt(activity, "a person has ended it")
