@@ -84,6 +84,8 @@ def measure_families(seeds: int) -> int:
             laws = play_one(seed)[1]
             taken.append(time.process_time() - begin)
             broken += bool(laws)
+            if laws:
+                print(f"{family}: seed {seed}: {laws[0]}")
         print(f"{family:30} {count:5} stories, {1 / statistics.median(taken):7.1f} a second")
         if family in COUNTED:
             sys.setprofile(lambda frame, event, _: event == "call" and ran.add(frame.f_code))

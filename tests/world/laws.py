@@ -35,7 +35,7 @@ def _sees_otherwise(mesh: Mesh, tags: set[str], held: list[str]) -> Iterator[str
         yield f"sees {mesh.presence.keys('**')}, and there is {held}"
     if {entry.key for entry in mesh.held("**")} != set(held):
         yield "finds other keys in the record than there are"
-    if late := mesh.late("**"):
+    if late := mesh.presence.late("**"):
         yield f"finds others late: {late}"
     if waiting := [number for peer in mesh._peers.values() for number in peer.exchanges]:
         yield f"still waits for the replies to {len(waiting)} requests"

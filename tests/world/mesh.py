@@ -76,6 +76,8 @@ class Member:
     async def main(self, process: SimulatedProcess) -> None:
         assert isinstance(process, MachineProcess)
         transport = self.transport = process.transport
+        if transport.realm != REALM:
+            self.story.complain(f"{self.name} is in the realm {transport.realm}")
         missing = set(self.story.undisturbed_keys()) - set(transport.presence.keys("robot/*/*"))
         if missing and self.story.last_fault < self.began:
             self.story.complain(f"{self.name} has joined and does not know {sorted(missing)}")
@@ -369,8 +371,9 @@ class MeshStory:
         now = self.world.runner.now()
 
         def stop(system: SimulatedSystem) -> None:
+            line = lean_stop.understood(["stop"])
             for tag in realms.members(FOLDER, system):
-                if meant := realms.to_be_asked(FOLDER, tag, "", system):
+                if line is not None and (meant := realms.to_be_asked(FOLDER, tag, line.name, system)):
                     with contextlib.suppress(OSError):
                         lean_stop._tell(FOLDER, tag, meant, "order", system)
                         sent.extend(meant)

@@ -15,9 +15,11 @@ from typing import Any, cast
 from robotree.vr.agents import callers
 from robotree.vr.agents.callers import Callers
 from robotree.vr.base import presence
+from robotree.vr.base.os_files import AT_ONCE
 from robotree.vr.base.presence import Presence
-from robotree.vr.network import mesh, refusals, rendezvous
+from robotree.vr.network import mesh, readers, refusals, rendezvous
 from robotree.vr.network.mesh import Mesh
+from robotree.vr.network.readers import Readers, Sockets, What
 from robotree.vr.network.realms import keys_of
 from robotree.vr.network.refusals import Refusals
 from robotree.vr.network.rendezvous import Rendezvous
@@ -32,6 +34,8 @@ from robotree.vr.world.virtual_runner import VirtualProcess, VirtualRunner, virt
 from tests.world.points import at_every_statement
 
 THREADS = 3
+SENT = 20
+"""Bytes that come one by one."""
 LENGTH = 10.0
 """[s] of virtual time; the threads begin at 0."""
 Law = Callable[[], bool]
@@ -219,6 +223,56 @@ def _rendezvous(stage: Stage) -> Law:
     return lambda: sorted(found[0] or []) == wanted
 
 
+def _readers(stage: Stage) -> Law:
+    """There is always a thread that reads, though each carries out what it has read."""
+    system, sockets = stage.system, Sockets(stage.system)
+    near, far = system.socketpair()
+    nudged, nudge = system.socketpair()
+    for end in (near, nudged):
+        end.setblocking(False)
+    come: list[bytes] = []
+
+    def work(seconds: float) -> bool:
+        stage.process.waiter().wait(seconds)
+        return True
+
+    def wake() -> None:
+        nudge.send(b"x", AT_ONCE)
+
+    def serve(what: What, _events: int) -> bool:
+        if what is wake:
+            nudged.recv(100)
+            return False
+        try:
+            come.append(near.recv(1))
+        except BlockingIOError:
+            return False
+        pool.after_reading(partial(work, 0.01 * (len(come) % 3)))
+        return True
+
+    pool = Readers(
+        sockets,
+        serve=serve,
+        tick=lambda: None,
+        period=1000.0,
+        system=system,
+        wake=wake,
+        release=come.clear,
+    )
+
+    def begin() -> None:
+        pool.due = 1000.0
+        sockets.add(near, lambda: None)
+        sockets.add(nudged, wake)
+        pool.start()
+        for _ in range(SENT):
+            far.sendall(b"x")
+            system.sleep(0.01)
+
+    stage.process.spawn(begin, "begin")
+    return lambda: len(come) == SENT
+
+
 def _mesh(stage: Stage) -> Law:
     """Another process knows what is wanted here, though many threads change it."""
     machine = stage.system.machine
@@ -250,6 +304,7 @@ SCENES: dict[str, tuple[Callable[[Stage], Law], ModuleType]] = {
     "callers": (_callers, callers),
     "rendezvous": (_rendezvous, rendezvous),
     "mesh": (_mesh, mesh),
+    "readers": (_readers, readers),
 }
 """Each scene, and the module before whose statements threads lose the processor."""
 
