@@ -44,7 +44,7 @@ CAUGHT = {
     "the peers of a mesh": ("threads of mesh", 114),
     "the one who reads": ("mesh", 0),
     "the number of readers": ("threads of readers", 223),
-    "the state of a robot": ("host", 6),
+    "the state of a robot": ("threads of robot", 0),
     "the table of presence": ("threads of presence", 7),
     "refusals": ("threads of refusals", 3),
     "the log of a robot": ("threads of log", 0),

@@ -9,24 +9,33 @@ import asyncio
 from collections import Counter
 from collections.abc import Callable
 from functools import partial
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any, cast
 
 from robotree.vr.agents import callers
 from robotree.vr.agents.callers import Callers
+from robotree.vr.author.robot import Robot
 from robotree.vr.base import presence
+from robotree.vr.base.address import Address
 from robotree.vr.base.os_files import AT_ONCE
 from robotree.vr.base.presence import Presence
+from robotree.vr.base.principal import Credentials
+from robotree.vr.core import events as on
+from robotree.vr.core.bonds import GrantedLease, Slots
+from robotree.vr.core.events import CoreEffect, CoreEvent
+from robotree.vr.core.machine import Calls, RobotCore, RobotState
+from robotree.vr.core.stop import Stop
 from robotree.vr.network import mesh, readers, refusals, rendezvous
 from robotree.vr.network.mesh import Mesh
 from robotree.vr.network.readers import Readers, Sockets, What
 from robotree.vr.network.realms import keys_of
 from robotree.vr.network.refusals import Refusals
 from robotree.vr.network.rendezvous import Rendezvous
-from robotree.vr.running import log, process, serial_worker
+from robotree.vr.running import log, process, robot_runtime, serial_worker
 from robotree.vr.running.interruptible import Interrupted
 from robotree.vr.running.log import Log
 from robotree.vr.running.process import Process, Worker
+from robotree.vr.running.robot_runtime import RobotRuntime
 from robotree.vr.running.serial_worker import SerialWorker
 from robotree.vr.world.machine import Machine
 from robotree.vr.world.machine_world import ROOT
@@ -294,6 +303,60 @@ def _mesh(stage: Stage) -> Law:
     return law
 
 
+class _Book:
+    """A journal, and the core whose events it takes; both in the order in which they got them."""
+
+    def __init__(self) -> None:
+        self.written: list[CoreEvent] = []
+        self.handled: list[CoreEvent] = []
+
+    def append(self, _robot: str, _now: float, event: CoreEvent) -> int:
+        self.written.append(event)
+        return len(self.written)
+
+    def commit(self, _number: int) -> None: ...
+
+    def core(self, state: RobotState) -> RobotCore:
+        book = self
+
+        class Core(RobotCore):
+            def handle(self, event: CoreEvent, now: float) -> list[CoreEffect]:
+                book.handled.append(event)
+                return super().handle(event, now)
+
+        return Core(state)
+
+
+def _robot(stage: Stage) -> Law:
+    """The journal has the order of what has happened."""
+    book = _Book()
+    home = Process[Any](stage.process, journal=book)
+    lease = GrantedLease.free("a", term=5.0, unix=stage.process.unix())
+    address = Address("robot", "a", "1")
+    state = RobotState(
+        address=address, home="host", lease=lease, slots=Slots("a"), calls=Calls(), stop=Stop()
+    )
+    identity = Credentials(stage.process.pid(), stage.system.user())
+    runtime = RobotRuntime(
+        Robot("a"),
+        book.core(state),
+        home,
+        execute=cast("Any", None),
+        transport=cast("Any", SimpleNamespace(identity=identity)),
+        describe_child=cast("Any", None),
+        follow_child=cast("Any", None),
+        obeyed=None,
+        on_effect=lambda _: None,
+    )
+
+    def work(number: int) -> None:
+        for turn in range(3):
+            runtime.post(on.Set(values={"number": 10 * number + turn}))
+
+    stage.start(work)
+    return lambda: book.written == book.handled and len(book.written) == 3 * THREADS
+
+
 SCENES: dict[str, tuple[Callable[[Stage], Law], ModuleType]] = {
     "presence": (_presence, presence),
     "refusals": (_refusals, refusals),
@@ -305,6 +368,7 @@ SCENES: dict[str, tuple[Callable[[Stage], Law], ModuleType]] = {
     "rendezvous": (_rendezvous, rendezvous),
     "mesh": (_mesh, mesh),
     "readers": (_readers, readers),
+    "robot": (_robot, robot_runtime),
 }
 """Each scene, and the module before whose statements threads lose the processor."""
 
