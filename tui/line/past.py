@@ -51,6 +51,13 @@ async def history(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
         teller.warn(note)
     if not events:
         raise NoHistory(name=name, detail=_nothing(line.text("--since"), kept))
+    if line.flag("--otel"):
+        from robotree.tui.line.otel import export
+        from robotree.vr.supervision.spans import spans_of
+
+        spans = spans_of(event for _, event in events)
+        printed = export(spans)
+        return Outcome(plain(spans), printed or f"{len(spans)} spans are exported")
     if any(read.more for read in kept.answers.values()):
         teller.warn("there are older events; ask with --since, from a later time on")
     text = "\n".join(event_line(event) for _, event in events)

@@ -106,6 +106,8 @@ def history_folder(realm: str, robot: str) -> Path | None:
 def history_files(realm: str) -> dict[tuple[str, str], Path]:
     """Return the files with what robots did, by `host` or `robot` and its name; looking makes nothing."""
     top, found = state_home() / realm, dict[tuple[str, str], Path]()
+    if not realm:
+        return found
     for role, folder in (("host", "hosts"), ("robot", "robots")):
         for path in sorted(top.glob(f"{folder}/*/history.db")):
             found[role, path.parent.name] = path
