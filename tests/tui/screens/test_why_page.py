@@ -39,7 +39,7 @@ async def test_w_tells_who_had_the_selected_robot_move_and_h_what_it_did(
         await operator.sees("arm-1.go_to x=0.3", "step 2 of team.fetch, line 12", "asked by anna@pts/3")
         await operator.press("escape", "H")
         await operator.at(Reading)
-        await operator.sees("accepted", "by team, line 12 of its page, epoch 7")
+        await operator.sees("accepted", "go_to x=0.3")
 
 
 async def test_of_a_robot_of_which_nothing_is_kept_the_screen_says_so(realm: Realm, operate: Operate) -> None:
