@@ -313,7 +313,8 @@ class HistoryWriter:
         """Return what a step says that nobody else here does: how a child elsewhere has ended, a reading."""
         step, key = happened.step, f"{happened.key}/{happened.path}"
         if step.kind == "call" and step.reply is not None and key not in self._known:
-            slot, command, arguments = step.content if isinstance(step.content, list) else ("", "", None)
+            content: Any = step.content
+            slot, command, arguments = content or ("", "", None)
             return HistoryEvent(
                 kind="answered", unix=unix, robot=robot, key=key, command=f"{slot}.{command}",
                 arguments=_small(arguments), **_outcome(step.reply),
