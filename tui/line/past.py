@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Callable, Iterable, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
 from robotree.tui.errors import ValueRefused
 from robotree.tui.line import values
@@ -216,7 +216,8 @@ def _said(event: HistoryEvent) -> str:
 
 
 def _call(event: HistoryEvent) -> str:
-    given: dict[str, Any] = event.arguments if isinstance(event.arguments, dict) else {}
+    kept: Any = event.arguments
+    given = cast("dict[str, Any]", kept) if isinstance(kept, dict) else {}
     return " ".join([f"{event.robot}.{event.command}", *(f"{name}={value}" for name, value in given.items())])
 
 
