@@ -61,7 +61,7 @@ class Act:
         self.done, self.error = True, error
         self._tell()
 
-    def result(self, _timeout: float | None = None) -> None:
+    def get(self, _timeout: float) -> None:
         if self.error is not None:
             raise self.error
 
@@ -95,10 +95,8 @@ class Activity:
     def now(self) -> float:
         return 0.0
 
-    def wait_for(self, condition: Callable[[], bool], _timeout: float) -> bool:
-        return condition()
-
-    def sleep(self, _seconds: float) -> None: ...
+    def receive(self, look: Callable[[], Any], _every: float) -> Any:
+        return look()
 
     def progress(self, _fraction: float, text: str) -> None:
         self.said = text
@@ -125,13 +123,8 @@ class PartnersThatComeAndGo(RuleBasedStateMachine):
 
     def drain(self) -> None:
         """Let the thread of the script do all that there is to do."""
-        self.run._look_around()
-        while (next_one := self.run.inbox.take(0.0)) is not None:
-            if isinstance(next_one, int):
-                self.run._close(next_one)
-            else:
-                self.run._tell(next_one)
-            self.run._look_around()
+        while (happening := self.run.look()) is not None:
+            self.run.take(happening)
 
     def bound(self, slot: str) -> bool:
         return self.robot.child_slots[slot].bond is not None

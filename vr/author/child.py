@@ -401,17 +401,27 @@ class ChildCommand:
             ChildTimeout: the limit is over; the child's command is cancelled.
             VrError: what the child raised, or why it could not be asked.
         """
-        limit = self._limit(arguments) if WITHIN in arguments else None
-        return running().call(self._slot, self._command, self._named(values, arguments), limit)
+        return running().call(self._slot, self._command, *self.asked(values, arguments))
 
     def start(self, *values: Any, **arguments: Any) -> CallFuture:
         """Have it carried out meanwhile; it ends with the running command, or when its `within` is over."""
-        limit = self._limit(arguments) if WITHIN in arguments else None
-        return running().start(self._slot, self._command, self._named(values, arguments), limit)
+        return running().start(self._slot, self._command, *self.asked(values, arguments))
 
     def tell(self, *values: Any, **arguments: Any) -> None:
         """Have it carried out, wait only until the child has accepted it; it goes on after this command."""
         running().tell(self._slot, self._command, self._named(values, arguments))
+
+    def asked(
+        self, values: tuple[Any, ...], arguments: dict[str, Any]
+    ) -> tuple[Mapping[str, Any], CallLimit | None]:
+        """Return the arguments of a call by name, and its own limit.
+
+        Raises:
+            BadArgument: there are too many, one of them twice, or the limit is no time.
+            SlotEmpty: there is no child that would know the names.
+        """
+        limit = self._limit(arguments) if WITHIN in arguments else None
+        return self._named(values, arguments), limit
 
     def _limit(self, arguments: dict[str, Any]) -> CallLimit | None:
         """Take the limit of this call out of its arguments, if it is none of the command.

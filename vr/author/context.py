@@ -150,7 +150,20 @@ class Activity(Protocol):
         ...
 
     def wake(self) -> None:
-        """Have `wait_for` look again. From any thread."""
+        """Have `wait_for` and `receive` look again. From any thread."""
+        ...
+
+    def receive(self, look: Callable[[], T | None], every: float) -> T:
+        """Wait for something from outside, as one step: after a crash the same is received in the same order.
+
+        Args:
+            look: returns it as plain data, or None: there is nothing yet. It may read, and takes no steps.
+            every: [s] after which it is asked again at the latest; see `wake`.
+        """
+        ...
+
+    def is_under_way(self, command: str) -> bool:
+        """Whether a command of the robot has begun and not ended; after a crash also before it goes on."""
         ...
 
     def next_reading(self, slot: str, after: int, at: float) -> tuple[int, Any]:

@@ -37,6 +37,8 @@ BEGUN = "~"
 THREAD = "thread"
 """Path and kind of the step with which a command uses a thread of its author's own: it cannot go on."""
 
+RECEIVED, AT = "received", "at"
+"""Kind of the steps that keep what came from outside, and the name under which these say when [s]."""
 MOMENTS = ("sleep", "cleanup")
 """Kinds of steps whose value is a moment [s] on the robot's clock."""
 

@@ -314,6 +314,9 @@ def shift(state: RobotState, by: float) -> None:
         for path, step in call.steps.items():
             if step.kind in on.MOMENTS:
                 call.steps[path] = msgspec.structs.replace(step, value=step.value + by)
+            elif step.kind == on.RECEIVED and type(step.value) is dict and on.AT in step.value:
+                value = {**step.value, on.AT: step.value[on.AT] + by}
+                call.steps[path] = msgspec.structs.replace(step, value=value)
     stop.moment += by
 
 

@@ -6,7 +6,7 @@ import contextlib
 import math
 from collections.abc import Callable, Generator, Mapping
 from functools import partial, wraps
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypeVar, cast
 
 from robotree.vr.author.child import ChildCommand, Exposed
 from robotree.vr.author.context import CallFuture, CallLimit, CommandContext
@@ -28,6 +28,7 @@ from robotree.vr.base.errors import (
 )
 from robotree.vr.base.requests import LONGEST_CLEANUP, AnyRequest, Level, Raised, Reply, Returned, State
 from robotree.vr.core import events as on
+from robotree.vr.core.machine import RobotState
 from robotree.vr.running.child_call import CallManner, ChildCall, call_child
 from robotree.vr.running.feed import Feeds, NoReadingYet
 from robotree.vr.running.frame import Abandoned, Branch, Frame, words_of_step
@@ -40,6 +41,7 @@ from robotree.vr.running.space_asking import ask_space, tell_space
 
 P = ParamSpec("P")
 R = TypeVar("R")
+T = TypeVar("T")
 A = TypeVar("A", bound=Frame)
 
 
@@ -103,6 +105,35 @@ class CommandActivity(Frame):
     def wait_for(self, condition: Callable[[], bool], timeout: float = math.inf) -> bool:
         """Wait until something is so, `timeout` [s] at most; returns whether it is."""
         return bool(self.taken("wait", lambda: self.wait(condition, timeout)))
+
+    @_from_author
+    def receive(self, look: Callable[[], T | None], every: float) -> T:
+        """Wait for something from outside, as one step; it is asked for every so often [s], and when woken."""
+        return self.taken(on.RECEIVED, partial(self._received, look, every))
+
+    def _received(self, look: Callable[[], T | None], every: float) -> T:
+        found: T | None = None
+
+        def is_there() -> bool:
+            nonlocal found
+            self.worker.arm(self)  # code of the page is at work
+            try:
+                found = look()
+            finally:
+                self.worker.disarm()
+            return found is not None
+
+        while not self.wait(is_there, every):
+            pass
+        return cast("T", found)
+
+    def is_under_way(self, command: str) -> bool:
+        """Whether a command of the robot has begun and not ended."""
+
+        def look(state: RobotState) -> bool:
+            return any(call.running and call.command == command for call in state.calls.live.values())
+
+        return self.runtime.look(look)
 
     @_from_author
     def progress(self, fraction: float, text: str) -> None:

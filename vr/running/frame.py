@@ -63,6 +63,8 @@ class Frame:
     """Whether it takes steps that it took before its process was started again: nothing is done twice."""
     rewritten: dict[str, Any] | None = None
     """What it has kept since the last step that it took again: it may have been lost."""
+    last_step: int = -1
+    """Number of the last step that it took before; -1: nobody has asked for it. See `_last_step`."""
     commander: Frame | None = None
     """The frame of which this one is a part; None: it is the command itself."""
     looks: bool = False
@@ -263,7 +265,8 @@ class Frame:
         recall = self.run.recall
         step = None if recall is None else recall.pop(self._suffix(path), None)
         if step is None:
-            self._catch_up()
+            if kind != "call" or self.steps >= self._last_step():  # else it was under way while others were taken
+                self._catch_up()
             return None
         if step.kind != kind or (content is not None and step.content != content):
             raise Diverged(
@@ -275,6 +278,14 @@ class Frame:
             )
         self.rewritten = None
         return step
+
+    def _last_step(self) -> int:
+        """Return the number of the last step that it took before."""
+        before = self._suffix(f"{self.context.key}/{self.run.lap}")
+        if self.last_step < 0:
+            taken = (path.removeprefix(before) for path in self.run.recall or {} if path.startswith(before))
+            self.last_step = max((int(number) for number in taken if number.isdigit()), default=0)
+        return self.last_step
 
     def begun_before(self, path: str) -> str:
         """Return the key of the child that was given the call of a step before a crash; empty: of none."""

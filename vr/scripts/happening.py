@@ -32,6 +32,12 @@ class Happening(msgspec.Struct, frozen=True, kw_only=True):
     """Slot that has been filled or emptied, or whose robot was stopped or released."""
     robot: str = ""
     """Who is in it now; empty: nobody."""
+    choices: tuple[tuple[str, str], ...] = ()
+    """Of a robot that is found: arguments of its commands, and values that they take."""
+    number: int = 0
+    """Of the act that has ended; 0: none has."""
+    key: str = ""
+    """Of the call that brought it; empty: none did."""
 
 
 class Do(msgspec.Struct, frozen=True, kw_only=True):

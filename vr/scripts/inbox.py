@@ -1,10 +1,10 @@
-"""What has happened and was not told to the rules yet, and how their command waits for it."""
+"""What has happened and was not told to the rules yet."""
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 
-from robotree.vr.author.context import Activity
 from robotree.vr.scripts.happening import Happening
 
 LONGEST = 500
@@ -14,19 +14,23 @@ LONGEST = 500
 class ScriptInbox:
     """Takes happenings from any thread; one command takes them out."""
 
-    def __init__(self, activity: Activity) -> None:
+    def __init__(self, wake: Callable[[], None]) -> None:
         """Begin empty.
 
         Args:
-            activity: the command that takes them out.
+            wake: has the command look that takes them out.
         """
         self._waiting: deque[Happening | int] = deque()
-        self._activity = activity
+        self._wake = wake
 
     def put(self, happening: Happening | int) -> None:
-        """Take in what the script's own acts and partners cause, or the number of an act that has ended."""
+        """Take in what happens, or the number of an act that has ended."""
         self._waiting.append(happening)
-        self._activity.wake()
+        self._wake()
+
+    def put_back(self, number: int) -> None:
+        """Take in the number of an act that has ended, to be taken out next."""
+        self._waiting.appendleft(number)
 
     def offer(self, happening: Happening) -> bool:
         """Take in what somebody else says; return False if too much waits already."""
@@ -35,12 +39,6 @@ class ScriptInbox:
         self.put(happening)
         return True
 
-    def take(self, within: float) -> Happening | int | None:
-        """Return the oldest one, waiting `within` [s] for it at most.
-
-        Raises:
-            VrError: the command is to end.
-        """
-        if not self._waiting:
-            self._activity.wait_for(lambda: bool(self._waiting), within)
+    def take(self) -> Happening | int | None:
+        """Return the oldest one; None: nothing waits."""
         return self._waiting.popleft() if self._waiting else None

@@ -10,18 +10,21 @@ import math
 import shlex
 import threading
 import time
-from collections.abc import Iterable, Mapping
-from typing import Any, cast
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, NamedTuple, cast
 
 import msgspec
 
 from robotree.vr.author.child import ChildCommand
-from robotree.vr.author.context import Activity, CallFuture, running
+from robotree.vr.author.context import Activity, CallFuture, CallLimit, running
 from robotree.vr.author.readings import Record
+from robotree.vr.author.together import Started
 from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.description import CommandSpec
 from robotree.vr.base.errors import CommandCancelled, CommandFailed, SlotEmpty, Stopped, VrError
 from robotree.vr.base.written import Mark, Scalar, Word, value_of
+from robotree.vr.core.events import AT
 from robotree.vr.scripts.engine import Engine, ScriptError
 from robotree.vr.scripts.happening import (
     CancelAct,
@@ -47,19 +50,40 @@ QUIET = 1.0
 """[s] Least time between two looks at the readings of a partner."""
 STEP = 0.05
 """Share of an act after which its progress is told again."""
+REMEMBERED = 1000
+"""Messages that are remembered as told; their senders have their answers long before."""
+TIMER = "(timer)"
+"""Sender of the end of a timer of the script's own: no message comes from it."""
 
 
 class _Act(msgspec.Struct):
     """An act under way."""
 
     order: Do
-    call: CallFuture
-    told: float = 0.0
-    cancelled: bool = False
+    call: CallFuture | None
+    """None: it could not begin."""
+    error: VrError | None = None
+    """Why it could not."""
+    progress: float = 0.0
+    """How far it was when the rules were told of it last, 0 to 1."""
+
+
+class _Asked(NamedTuple):
+    """The arguments of an act, by the names that its partner has for them."""
+
+    named: Mapping[str, Any]
+    limit: CallLimit | None
+    error: str
+    """Why it has none; empty: it has."""
 
 
 class ScriptRun:
-    """Leads the partners of one script until it ends."""
+    """Leads the partners of one script until it ends.
+
+    All that comes from outside comes by one way, `_next`, as a step of the command: messages, the ends of acts,
+    timers, who is in a slot and how he is. What it knows changes only when such a happening is told, and the
+    acts are steps, too. So after a crash of the host the same happenings give the same facts and acts.
+    """
 
     def __init__(
         self, robot: VirtualRobot, program: Program, parameters: Mapping[str, Scalar], activity: Activity
@@ -75,18 +99,29 @@ class ScriptRun:
         Raises:
             ScriptError: they cannot be built.
         """
-        # in virtual time only firings are counted: a trace must not depend on how quick the machine is
-        self.engine = Engine(program, parameters, spent=_no_time if activity.simulated else time.thread_time)
+        self.is_current = False
+        """Whether it has told the rules all that they were told before a crash of its host."""
+        self._simulated = activity.simulated
+        self.engine = Engine(program, parameters, spent=self._spent)
         self.lock = threading.Lock()
         """Held while the rules work or are looked at, never during a wait: CLIPS takes one thread."""
-        self.inbox = ScriptInbox(activity)
+        self.inbox = ScriptInbox(activity.wake)
         self.missing = ""
         """What it needs and does not have, as words; empty: it is active."""
         self.answers: dict[str, ScriptReply] = {}
+        """To conversations that are open."""
         self.open_conversations: set[str] = set()
         """Conversations in which somebody waits for an answer."""
+        self.taken: dict[str, str] = {}
+        """The conversations of messages that the rules were told, by key of the call; the newest `REMEMBERED`."""
+        self.talks = 0
+        """Number of the latest conversation that the rules were told of."""
+        self.waiting: dict[str, Callable[[], None]] = {}
+        """Wakes who waits until a message is taken, or answered: by key of the call that brought it."""
         self.last_log = ""
         self._robot, self._program, self._now = robot, program, activity.now
+        self._at = 0.0
+        """[s] When the latest happening was taken out."""
         self._seats = dict.fromkeys((one.name for one in program.partners), "")
         self._held: dict[str, str] = {}
         """The partners that are stopped, with the reason."""
@@ -94,6 +129,8 @@ class ScriptRun:
         """What the rules were told of the readings of each partner."""
         self._looked: dict[str, float] = {}
         """When the readings of a partner were looked at [s]."""
+        self._news: deque[Happening] = deque()
+        """What was seen at a look, beside what was taken out there."""
         self._wants_readings = _names_in(program, READING, "name")
         self._wants_choices = _names_in(program, CHOICE, "argument")
         self._acts: dict[int, _Act] = {}
@@ -108,6 +145,14 @@ class ScriptRun:
         """How many acts are under way."""
         return len(self._acts)
 
+    def _spent(self) -> float:
+        """Return processor time [s], which counts for rules at work.
+
+        In virtual time, and while it is told again what has happened, only firings are counted: what follows
+        must not depend on how quick the machine is.
+        """
+        return 0.0 if self._simulated or not self.is_current else time.thread_time()
+
     # -- the loop ----------------------------------------------------------------------------------
 
     def whole(self) -> str:
@@ -121,13 +166,7 @@ class ScriptRun:
             self._await_partners()
             self._tell(Happening(act="start"))
             while self._over is None:
-                running().check()
-                next_one = self.inbox.take(self._patience())
-                if isinstance(next_one, int):
-                    self._close(next_one)
-                elif next_one is not None:
-                    self._tell(next_one)
-                self._look_around()
+                self.take(self._next(self.look))
         except ScriptError as error:
             raise self._failed(str(error)) from None
         finally:
@@ -140,29 +179,77 @@ class ScriptRun:
         return CommandFailed(robot=self._robot.name, command="start", detail=detail)
 
     def _await_partners(self) -> None:
-        while missing := lacking(self._robot, self._program):
-            if missing != self.missing:
-                self.missing = missing
-                self._say(f"inactive: {missing}")
-            running().sleep(TICK)
-        self.missing = ""
+        self._next(self._whether_whole)
         self._say("active")
-        self._look_at_partners()
+
+    def _next(self, look: Callable[[], Happening | None]) -> Happening:
+        """Wait for what happens next, as one step of the command."""
+
+        def kept() -> dict[str, Any] | None:
+            self.is_current = True
+            happening = look()
+            return None if happening is None else {AT: self._now(), "happening": msgspec.to_builtins(happening)}
+
+        received = running().receive(kept, TICK)
+        self._at = received[AT]
+        return msgspec.convert(received["happening"], Happening)
+
+    def _whether_whole(self) -> Happening | None:
+        missing = lacking(self._robot, self._program)
+        if missing and missing != self.missing:
+            self._say(f"inactive: {missing}")
+        self.missing = missing
+        return None if missing else Happening(act="whole")
+
+    # -- what the rules are told -------------------------------------------------------------------
+
+    def take(self, happening: Happening) -> None:
+        """Take note of what has happened, and tell the rules."""
+        if happening.number and self._acts.pop(happening.number, None) is None:
+            return
+        partner = happening.partner
+        match happening.act:
+            case "found" | "lost" if partner:
+                self._seats[partner] = happening.robot
+                for kept in (self._held, self._readings, self._looked):
+                    kept.pop(partner, None)
+            case "stopped" if partner:
+                self._held[partner] = str(happening.arguments[-1])
+            case "released" if partner:
+                self._held.pop(partner, None)
+            case "timer" if happening.sender == TIMER:
+                due = next(one for one in self._timers if _is_of(one[1], happening))
+                self._timers.remove(due)
+                happening = msgspec.structs.replace(happening, sender="script")
+        if happening.key:
+            self._take_message(happening)
+        self._tell(happening)
+
+    def _take_message(self, happening: Happening) -> None:
+        """Remember a message as told, so that its sender is answered and it is not told twice."""
+        key = happening.key
+        if happening.reply_by:
+            self.open_conversations.add(happening.conversation)
+        self.taken[key] = happening.conversation
+        number = happening.conversation.rpartition("-")[2]
+        self.talks = max(self.talks, int(number) if number.isdigit() else 0)
+        if len(self.taken) > REMEMBERED:
+            del self.taken[next(iter(self.taken))]
+        self.waiting.get(key, _nobody)()
 
     def _tell(self, happening: Happening) -> None:
         if self._over is not None:
             return
-        if happening.act == "role":
-            with self.lock:
-                self.engine.role(happening.sender, str(happening.arguments[0]))
-        if happening.act == "reading":
-            with self.lock:
-                self.engine.reading(
-                    happening.sender, str(happening.arguments[0]), float(happening.arguments[1])
-                )
-        if happening.act == "found" and self._wants_choices:
-            self._tell_choices(happening.partner)
+        sender, arguments = happening.sender, happening.arguments
         with self.lock:
+            if happening.act == "role":
+                self.engine.role(sender, str(arguments[0]))
+            elif happening.act == "reading":
+                self.engine.reading(sender, str(arguments[0]), float(arguments[1]))
+            elif happening.number and arguments[0] == "play" and len(arguments) > 1:
+                self.engine.role(sender, str(arguments[1]))
+            for argument, value in happening.choices:
+                self.engine.choice(happening.partner, argument, value)
             orders = self.engine.feed(happening)
         played: dict[str, str] = {}
         for order in orders:
@@ -174,89 +261,82 @@ class ScriptRun:
             self._carry_out(order)
         if happening.act == "finish":
             self._over = self._over or ScriptEnd(text="finished on request")
-        here = self._seats.get(happening.sender, "")
+        here = self._seats.get(sender, "")
         if happening.performative == "failure" and here and not self.engine.handled:
-            raise ScriptError(
-                f"{happening.sender}.{happening.act} failed ({happening.arguments[0]}) and no rule handles it"
-            )
+            raise ScriptError(f"{sender}.{happening.act} failed ({arguments[0]}) and no rule handles it")
 
-    def _patience(self) -> float:
-        due = min((at for at, _ in self._timers), default=math.inf) - self._now()
-        return max(0.0, min(due, TICK))
+    # -- what happens ------------------------------------------------------------------------------
 
-    def _look_around(self) -> None:
-        now = self._now()
-        for timer in [one for one in self._timers if one[0] <= now]:
-            self._timers.remove(timer)
-            wait = timer[1]
-            self.inbox.put(Happening(act="timer", arguments=(wait.name,), conversation=wait.conversation))
-        self._look_at_partners()
-        if self._wants_progress:
+    def look(self) -> Happening | None:
+        """Return what has happened and was not told yet; None: nothing. Nothing changes that the rules know."""
+        if not self._news and (change := self._change_of_partners()) is not None:
+            return change
+        if not self._news and self._wants_progress:
             self._look_at_progress()
+        if self._news:
+            return self._news.popleft()
+        now = self._now()
+        for due, timer in self._timers:
+            if due <= now:
+                return Happening(
+                    act="timer", sender=TIMER, arguments=(timer.name,), conversation=timer.conversation
+                )
+        while (item := self.inbox.take()) is not None:
+            happening = self._end_of(item) if isinstance(item, int) else item
+            if happening is not None:
+                return happening
+        return None
 
-    def _look_at_partners(self) -> None:
+    def _change_of_partners(self) -> Happening | None:
+        """Return that a partner is there, gone, stopped or released, where the rules do not know it yet."""
+        self.missing = lacking(self._robot, self._program)
         for partner in self._program.partners:
-            bond = self._robot.child_slots[partner.name].bond
+            slot = self._robot.child_slots[partner.name]
+            bond = slot.bond
             name = "" if bond is None or unfit(self._robot, partner.name, self._program) else bond.child.name
             before = self._seats[partner.name]
-            if name != before:
-                self._seats[partner.name] = name
-                for kept in (self._held, self._readings, self._looked):
-                    kept.pop(partner.name, None)
-                if before:
-                    reason = self._robot.child_slots[partner.name].lost or "it was released"
-                    self._changed("lost", partner.name, "", before, reason)
-                if name:
-                    self._changed("found", partner.name, name, name)
-            if name:
-                self._look_at_stop(partner.name)
-        self.missing = lacking(self._robot, self._program)
+            if before and name != before:
+                return _changed("lost", partner.name, "", before, slot.lost or "it was released")
+            if name != before and bond is not None:
+                found = _changed("found", partner.name, name, name)
+                choices = choices_of(bond.description.commands) if self._wants_choices else []
+                meant = tuple(one for one in choices if is_meant(one[0], self._wants_choices))
+                return msgspec.structs.replace(found, choices=meant)
+            if name and (change := self._change_of_stop(partner.name)) is not None:
+                return change
+        return None
 
-    def _look_at_stop(self, partner: str) -> None:
-        """Tell the rules that a partner is stopped or released, as it publishes it."""
+    def _change_of_stop(self, partner: str) -> Happening | None:
+        """Return that a partner is stopped or released, as it publishes it; look at its readings at times."""
         try:
             state = running().published(partner)
         except SlotEmpty:  # it has just been lost
-            return
-        if state is not None:
-            self._stopped(partner, state.stop_reason)
-            if self._wants_readings and self._now() >= self._looked.get(partner, -math.inf) + QUIET:
-                self._looked[partner] = self._now()
-                self._tell_readings(partner, state.readings)
+            return None
+        if state is None:
+            return None
+        name = self._seats[partner]
+        if state.stop_reason and partner not in self._held:
+            return _changed("stopped", partner, name, name, state.stop_reason)
+        if not state.stop_reason and partner in self._held:
+            return _changed("released", partner, name, name)
+        if self._wants_readings and self._now() >= self._looked.get(partner, -math.inf) + QUIET:
+            self._looked[partner] = self._now()
+            self._look_at_readings(partner, state.readings)
+        return None
 
-    def _tell_readings(self, partner: str, readings: Mapping[str, float]) -> None:
+    def _look_at_readings(self, partner: str, readings: Mapping[str, float]) -> None:
         told = self._readings.setdefault(partner, {})
         for name, value in readings.items():
             if is_meant(name, self._wants_readings) and value != told.get(name) and math.isfinite(value):
                 told[name] = value
-                self.inbox.put(Happening(act="reading", sender=partner, arguments=(name, value)))
-
-    def _tell_choices(self, partner: str) -> None:
-        bond = self._robot.child_slots[partner].bond
-        with self.lock:
-            for argument, value in () if bond is None else choices_of(bond.description.commands):
-                if is_meant(argument, self._wants_choices):
-                    self.engine.choice(partner, argument, value)
-
-    def _stopped(self, partner: str, reason: str) -> None:
-        """Take note whether a partner is stopped, and why; empty: it is not."""
-        name = self._seats[partner]
-        if reason and partner not in self._held:
-            self._changed("stopped", partner, name, name, reason)
-        elif not reason and self._held.pop(partner, ""):
-            self._changed("released", partner, name, name)
-        if reason:
-            self._held[partner] = reason
-
-    def _changed(self, act: str, partner: str, robot: str, *arguments: str) -> None:
-        self.inbox.put(Happening(act=act, sender=partner, partner=partner, robot=robot, arguments=arguments))
+                self._news.append(Happening(act="reading", sender=partner, arguments=(name, value)))
 
     def _look_at_progress(self) -> None:
         for act in self._acts.values():
-            share = act.call.progress
-            if not math.isnan(share) and abs(share - act.told) >= STEP:
-                act.told = share
-                self.inbox.put(
+            share = math.nan if act.call is None or act.call.done else act.call.progress
+            if not math.isnan(share) and abs(share - act.progress) >= STEP:
+                act.progress = share
+                self._news.append(
                     Happening(
                         act="progress",
                         sender=act.order.partner,
@@ -264,6 +344,42 @@ class ScriptRun:
                         conversation=act.order.conversation,
                     )
                 )
+
+    def _end_of(self, number: int) -> Happening | None:
+        """Return how an act has ended, or what is to be told before that; None: nobody wants to know."""
+        act = self._acts.get(number)
+        if act is None:
+            return None
+        order = act.order
+        try:
+            value = None if act.call is None else cast("Started", act.call).get(0.0)
+            if act.error is not None:
+                raise act.error  # noqa: TRY301 # it fails as one that was under way
+        except VrError as error:
+            running().check()
+            failure = Happening(
+                performative="failure",
+                act=order.act,
+                sender=order.partner,
+                arguments=(str(error),),
+                conversation=order.conversation,
+                number=number,
+            )
+            if (change := self._change_of_partners()) is not None:  # that one is lost is told before
+                self.inbox.put_back(number)
+                return change
+            name = self._seats.get(order.partner)
+            if isinstance(error, Stopped) and error.data["robot"] == name and order.partner not in self._held:
+                self._news.append(failure)  # and that it is stopped, though it has not published that
+                return _changed("stopped", order.partner, name, name, str(error.data["reason"]))
+            return failure
+        return Happening(
+            act="done",
+            sender=order.partner,
+            arguments=(order.act, *flat(value)),
+            conversation=order.conversation,
+            number=number,
+        )
 
     # -- orders ------------------------------------------------------------------------------------
 
@@ -277,8 +393,10 @@ class ScriptRun:
             case ScriptReply(conversation=conversation):
                 if conversation in self.open_conversations:
                     self.answers[conversation] = order
+                    for key in [key for key, talk in self.taken.items() if talk == conversation]:
+                        self.waiting.get(key, _nobody)()
             case Wait(seconds=seconds):
-                self._timers.append((self._now() + seconds, order))
+                self._timers.append((self._at + seconds, order))
             case CancelAct(what=what):
                 self._cancel(what)
             case LogLine(text=text):
@@ -288,9 +406,8 @@ class ScriptRun:
                 self._over = self._over or order
 
     def _count(self) -> None:
-        now = self._now()
-        if now - self._second >= 1.0:
-            self._second, self._orders = now, 0
+        if self._at - self._second >= 1.0:
+            self._second, self._orders = self._at, 0
         self._orders += 1
         if self._orders > MOST_A_SECOND:
             raise ScriptError(f"it floods: more than {MOST_A_SECOND} orders in one second")
@@ -302,68 +419,55 @@ class ScriptRun:
             raise ScriptError(
                 f"it floods: {MOST_ACTS} acts are under way, {order.partner}.{order.act} would be one more"
             )
+        self._numbers += 1
+        number = self._numbers
+        asked = msgspec.convert(running().receive(lambda: self._asked(order), TICK), _Asked)
+        act = self._acts[number] = _Act(order, None)
         try:
-            call = ChildCommand(self._robot, order.partner, order.act).start(*order.values, **order.named)
+            if asked.error:
+                raise VrError(detail=asked.error)  # noqa: TRY301 # it fails as what its partner refuses
+            act.call = running().start(order.partner, order.act, asked.named, asked.limit)
         except CommandCancelled:
             raise
         except VrError as error:
-            self._ended(order, error, None)
-            return
-        self._numbers += 1
-        number = self._numbers
-        self._acts[number] = _Act(order, call)
-        call.when_done(lambda: self.inbox.put(number))
-
-    def _close(self, number: int) -> None:
-        """Tell the rules how an act has ended."""
-        act = self._acts.pop(number)
-        if act.cancelled:
-            return
-        try:
-            value = act.call.result(0.0)
-        except VrError as error:
-            running().check()
-            self._look_at_partners()  # that one is lost is told before what failed because of it
-            self._ended(act.order, error, None)
+            act.error = error
+            self.inbox.put(number)
         else:
-            self._ended(act.order, None, value)
+            act.call.when_done(lambda: self.inbox.put(number))
 
-    def _ended(self, order: Do, error: VrError | None, value: Any) -> None:
-        if error is not None:
-            if isinstance(error, Stopped) and error.data["robot"] == self._seats.get(order.partner):
-                self._stopped(order.partner, str(error.data["reason"]))  # before it publishes that
-            self.inbox.put(
-                Happening(
-                    performative="failure",
-                    act=order.act,
-                    sender=order.partner,
-                    arguments=(str(error),),
-                    conversation=order.conversation,
-                )
+    def _asked(self, order: Do) -> Any:
+        """Return an `_Asked` as plain data: the names are known only while the partner is there."""
+        try:
+            named, limit = ChildCommand(self._robot, order.partner, order.act).asked(
+                order.values, dict(order.named)
             )
-            return
-        if order.act == "play" and isinstance(value, str):
-            with self.lock:
-                self.engine.role(order.partner, value)
-        self.inbox.put(
-            Happening(
-                act="done",
-                sender=order.partner,
-                arguments=(order.act, *flat(value)),
-                conversation=order.conversation,
-            )
-        )
+        except VrError as error:
+            return [{}, None, str(error)]
+        return [dict(named), None if limit is None else [*limit], ""]
 
     def _cancel(self, what: str | None) -> None:
-        for act in list(self._acts.values()):
+        for number, act in list(self._acts.items()):
             if what is None or what in {act.order.conversation, act.order.partner}:
-                act.cancelled = True
-                act.call.cancel()
+                del self._acts[number]
+                if act.call is not None:
+                    act.call.cancel()
         self._timers = [] if what is None else [one for one in self._timers if one[1].conversation != what]
 
     def _say(self, text: str) -> None:
         self.last_log = text
         running().progress(math.nan, text)
+
+
+def _nobody() -> None:
+    """Wake nobody: nobody waits."""
+
+
+def _changed(act: str, partner: str, robot: str, *arguments: str) -> Happening:
+    return Happening(act=act, sender=partner, partner=partner, robot=robot, arguments=arguments)
+
+
+def _is_of(timer: Wait, happening: Happening) -> bool:
+    return (timer.name, timer.conversation) == (happening.arguments[0], happening.conversation)
 
 
 def _names_in(program: Program, template: str, slot: str) -> frozenset[str]:
@@ -390,6 +494,8 @@ def flat(value: Any) -> tuple[Scalar, ...]:
         return tuple(one for part in cast("dict[str, Any]", value).values() for one in flat(part))
     if isinstance(value, list | tuple):
         return tuple(one for part in cast("list[Any]", value) for one in flat(part))
+    if isinstance(value, int) and not -(2**63) <= value < 2**63:
+        return (float(value),)
     return (value if isinstance(value, bool | int | float | str) else str(value),)
 
 
@@ -430,7 +536,3 @@ def words(text: str) -> tuple[Scalar, ...]:
         return tuple(value_of(Word(one, Mark())) for one in shlex.split(text))
     except ValueError:
         return (text,)
-
-
-def _no_time() -> float:
-    return 0.0

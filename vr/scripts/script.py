@@ -25,13 +25,13 @@ from robotree.vr.scripts.engine import ScriptError
 from robotree.vr.scripts.happening import Happening
 from robotree.vr.scripts.program import Hears, Program
 from robotree.vr.scripts.roles.player import forward
-from robotree.vr.scripts.run import ScriptRun, lacking, words
+from robotree.vr.scripts.run import ScriptRun, flat, lacking, words
 from robotree.vr.scripts.when_then import read_yaml
 
 OPERATOR = "operator"
 """How scripts call every person who asks."""
-PAUSE = 0.01
-"""[s] between two looks for an answer."""
+PAUSE = 0.1
+"""[s] after which a message looks again whether it was taken, or answered: it is woken before."""
 _TYPES: Mapping[str, Any] = {"text": str, "number": float, "yes/no": bool}
 
 
@@ -105,17 +105,15 @@ class Script(VirtualRobot):
 
     def hear(self, act: str, values: tuple[Scalar, ...]) -> None:
         """Take a message of a caller in."""
-        self._deliver(
-            Happening(act=act, sender=self._sender, arguments=values, conversation=self._conversation())
-        )
+        self._deliver(act, arguments=values)
 
-    @command(effect="read")
+    @command(effect="read", resume="restart")
     def finish(self) -> None:
         """End the script; what it has begun is cancelled."""
-        self._deliver(Happening(act="finish", sender=self._sender))
+        self._deliver("finish")
         self._end()
 
-    @command(effect="read")
+    @command(effect="read", resume="restart")
     def message(
         self,
         act: Annotated[str, "what it is about"],
@@ -124,24 +122,16 @@ class Script(VirtualRobot):
         reply_by: Annotated[float, Unit("s"), Range(0, 3600), "time for the answer to a request"] = 10.0,
     ) -> str:
         """Say something to the rules; a request or query waits for the answer and returns it."""
-        conversation = self._conversation()
-        waits = performative in {"request", "query"}
-        run = self._running(act)
-        if waits:
-            run.open_conversations.add(conversation)
-        self._deliver(
-            Happening(
-                act=act,
-                performative=performative,
-                sender=self._sender,
-                arguments=words(arguments),
-                conversation=conversation,
-                reply_by=reply_by if waits else 0.0,
-            )
+        waits = performative in {"request", "query"} and reply_by > 0.0
+        run = self._deliver(
+            act,
+            performative=performative,
+            arguments=words(arguments),
+            reply_by=reply_by if waits else 0.0,
         )
-        return self._answer(run, conversation, act, reply_by) if waits else ""
+        return self._answer(run, act, reply_by) if waits else ""
 
-    @command(effect="read")
+    @command(effect="read", resume="restart")
     def facts(self) -> str:
         """Show what the rules know now, or knew at their end, and which of them would fire next."""
         run = self._latest
@@ -151,7 +141,7 @@ class Script(VirtualRobot):
         with run.lock:
             return explain.state(run.engine, self.condition + over)
 
-    @command(effect="read")
+    @command(effect="read", resume="restart")
     def why(self, rule: Annotated[str, "name of a rule; empty: the latest firings of all"] = "") -> str:
         """Tell why a rule fired, or why it does not: which condition lacks which fact."""
         run = self._latest
@@ -160,7 +150,7 @@ class Script(VirtualRobot):
         with run.lock:
             return explain.why(run.engine, rule)
 
-    @command(effect="read")
+    @command(effect="read", resume="restart")
     def play(
         self,
         role: Annotated[str, "role of the partner from its next act on"],
@@ -169,12 +159,11 @@ class Script(VirtualRobot):
         """Give a partner another role; the script goes on as it is."""
         at = at or self._only_player()
         played = forward(self, role, at)
-        run = self._run
-        if run is not None and "." not in at:
-            run.inbox.put(Happening(act="role", sender=at, arguments=(played,)))
+        if self._back() is not None and "." not in at:
+            self._deliver("role", sender=at, arguments=(played,))
         return played
 
-    @command(effect="read")
+    @command(effect="read", resume="restart")
     def learn_role(self, source: str, at: str = "") -> str:
         """Teach a partner a role."""
         return forward(self, source, at or self._only_player(), act="learn_role", argument="source")
@@ -204,39 +193,81 @@ class Script(VirtualRobot):
     def _not_started(self) -> str:
         return f"it is not started; `robotree call {self.name}.start --detach` starts it"
 
-    def _conversation(self) -> str:
-        self._numbers += 1
+    def _conversation(self, run: ScriptRun) -> str:
+        self._numbers = max(self._numbers, run.talks) + 1
         return f"talk-{self._numbers}"
 
     def _failed(self, command: str, detail: str) -> CommandFailed:
         return CommandFailed(robot=self.name, command=command, detail=detail)
 
+    def _back(self) -> ScriptRun | None:
+        """Return what runs, after a crash of the host once its rules know what they knew; None: it is not started."""
+        activity = running()
+
+        def is_there() -> bool:
+            run = self._run
+            return not activity.is_under_way("start") if run is None else run.is_current
+
+        while not activity.wait_for(is_there, PAUSE):
+            pass
+        return self._run
+
     def _running(self, what: str) -> ScriptRun:
-        run = self._run
+        run = self._back()
         if run is None:
             raise self._failed(what, self._not_started)
         if run.missing and not run.engine.happened:
             raise self._failed(what, f"it is inactive: {run.missing}")
         return run
 
-    def _deliver(self, happening: Happening) -> None:
-        if not self._running(happening.act).inbox.offer(happening):
-            raise self._failed(
-                happening.act, "it is flooded: too many messages wait for its rules; send fewer"
-            )
-
-    def _answer(self, run: ScriptRun, conversation: str, act: str, within: float) -> str:
-        now = running().now
-        until = now() + within
+    def _deliver(
+        self,
+        act: str,
+        *,
+        sender: str = "",
+        performative: str = "inform",
+        arguments: tuple[Scalar, ...] = (),
+        reply_by: float = 0.0,
+    ) -> ScriptRun:
+        """Say something to the rules; return when it is kept that they are told: see `Happening`."""
+        run, activity, key = self._running(act), running(), self.context.key
+        if key in run.taken:  # before its host was started again
+            return run
+        message = Happening(
+            act=act,
+            performative=performative,
+            sender=sender or self._sender,
+            arguments=flat(arguments),
+            conversation=self._conversation(run),
+            reply_by=reply_by,
+            key=key,
+        )
+        run.waiting[key] = activity.wake
         try:
-            while now() < until and self._run is run:
+            if not run.inbox.offer(message):
+                raise self._failed(act, "it is flooded: too many messages wait for its rules; send fewer")
+            while not activity.wait_for(lambda: key in run.taken or self._run is not run, PAUSE):
+                pass
+        finally:
+            run.waiting.pop(key, None)
+        if key not in run.taken:
+            raise self._failed(act, f"it has ended before its rules were told: {self._ended}")
+        return run
+
+    def _answer(self, run: ScriptRun, act: str, within: float) -> str:
+        activity, key = running(), self.context.key
+        conversation, until = run.taken[key], activity.now() + within
+        run.waiting[key] = activity.wake
+        try:
+            while activity.now() < until and self._run is run:
                 if reply := run.answers.pop(conversation, None):
                     text = " ".join(str(value) for value in reply.values)
                     if reply.performative in {"refuse", "failure"}:
                         raise self._failed(act, f"{reply.performative}: {text or 'no reason given'}")
                     return f"{reply.performative} {text}".strip()
-                self.sleep(PAUSE)
+                activity.wait_for(lambda: conversation in run.answers, min(PAUSE, until - activity.now()))
         finally:
+            run.waiting.pop(key, None)
             run.open_conversations.discard(conversation)
         raise self._failed(act, f"no rule answered within {within:g} s")
 
@@ -300,7 +331,7 @@ def _hearing(hears: Hears) -> Callable[..., Any]:
 
     hear.__doc__ = hears.doc or f"Tell the script: {hears.name}."
     parts = [(name, _TYPES[kind], inspect.Parameter.empty) for name, kind in hears.parts]
-    return command(effect="read")(_signed(hear, hears.name, parts, None))
+    return command(effect="read", resume="restart")(_signed(hear, hears.name, parts, None))
 
 
 def _signed(

@@ -208,8 +208,9 @@ def test_in_virtual_time_rules_are_ended_by_their_number_alone(
         "(defrule a ?f <- (v (n ?x&:(< ?x 100))) => (modify ?f (n (+ ?x 1))))"
     )
     program = read_clp(FACT + rules, "x.clp", "x")
-    activity: Any = SimpleNamespace(simulated=simulated, now=lambda: 0.0)
-    engine = run.ScriptRun(script_class(program)("x"), program, {}, activity).engine
+    activity: Any = SimpleNamespace(simulated=simulated, now=lambda: 0.0, wake=lambda: None)
+    script = run.ScriptRun(script_class(program)("x"), program, {}, activity)
+    script.is_current, engine = True, script.engine
     if simulated:
         engine.feed(Happening(act="start"))
         assert engine.fired == 100

@@ -25,6 +25,7 @@ import msgspec
 
 from robotree.vr.author.child import ChildCommand
 from robotree.vr.author.command import command, commands_of
+from robotree.vr.author.fields import state
 from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.errors import BadArgument, BrokenScript, NoRoles, NoSuchRole, TooWide
 from robotree.vr.base.written import Scalar
@@ -112,6 +113,9 @@ class RolePlayer(VirtualRobot):
 
     limits: ClassVar[Mapping[str, Limit]] = {}
     """Safety limits by the name of the argument that they bound; a role can only narrow them."""
+    playing: str = state(NEUTRAL)
+    learned: dict[str, str] = state({})
+    """Sources of the roles that it has learned, by name."""
     _ways: ClassVar[dict[tuple[str, str], Callable[..., Any]]] = {}
 
     def __init_subclass__(cls) -> None:
@@ -139,15 +143,28 @@ class RolePlayer(VirtualRobot):
     def __init__(self, name: str, attributes: Mapping[str, str] | None = None) -> None:
         """Name the robot; it plays no role. See `VirtualRobot`."""
         super().__init__(name, attributes)
-        self._known = shipped()
-        self._profile = Profile(name=NEUTRAL, chain=(NEUTRAL,))
-        self._limits: dict[str, Limit] = dict(self.limits)
-        self._show()
+        self._shipped = shipped()
+
+    @property
+    def attributes(self) -> dict[str, str]:
+        """Free pairs, its role and the roles that it knows among them."""
+        return {**self._given, "role": self.role, "roles": " ".join([NEUTRAL, *sorted(self._known)])}
+
+    @attributes.setter
+    def attributes(self, given: dict[str, str]) -> None:
+        self._given = given
 
     @property
     def role(self) -> str:
         """The role that it plays."""
-        return self._profile.name
+        return self.playing
+
+    @property
+    def _known(self) -> dict[str, Profile]:
+        return {
+            **self._shipped,
+            **{name: read_profile(source, "role") for name, source in self.learned.items()},
+        }
 
     @property
     def manner(self) -> Manner:
@@ -156,13 +173,13 @@ class RolePlayer(VirtualRobot):
 
     def manner_of(self, act: str) -> Manner:
         """Return how an act is carried out from now on."""
-        profile, limits = self._profile, self._limits
+        profile, limits = self._played()
         return Manner(profile.name, {**profile.manner, **profile.acts.get(act, {})}, profile.words, limits)
 
     def way_to(self, act: str) -> Callable[..., Any] | None:
         """Return the method in which the role carries out an act; None: as everybody does."""
         return next(
-            (self._ways[role, act] for role in self._profile.chain if (role, act) in self._ways), None
+            (self._ways[role, act] for role in self._played()[0].chain if (role, act) in self._ways), None
         )
 
     @command(effect="read")
@@ -173,12 +190,12 @@ class RolePlayer(VirtualRobot):
         """Play a role from the next act on; what runs now goes on as it began."""
         if at:
             return forward(self, role, at)
-        if role == NEUTRAL:
-            self._take(Profile(name=NEUTRAL, chain=(NEUTRAL,)), self._known)
-        elif role not in self._known:
-            raise NoSuchRole(robot=self.name, role=role, known=", ".join([NEUTRAL, *sorted(self._known)]))
-        else:
-            self._take(resolve(role, self._known), self._known)
+        known = self._known
+        if role != NEUTRAL:
+            if role not in known:
+                raise NoSuchRole(robot=self.name, role=role, known=", ".join([NEUTRAL, *sorted(known)]))
+            self._narrowed(resolve(role, known), known)
+        self.playing = role
         return role
 
     @command(effect="read")
@@ -197,8 +214,7 @@ class RolePlayer(VirtualRobot):
         self._must_understand(profile)
         known = {**self._known, profile.name: profile}
         self._narrowed(resolve(profile.name, known), known)
-        self._known = known
-        self._show()
+        self.learned = {**self.learned, profile.name: source}
         return profile.name
 
     @command(effect="read")
@@ -206,10 +222,13 @@ class RolePlayer(VirtualRobot):
         """Tell which role it plays, and which ones it knows."""
         return f"{self.role} of {', '.join([NEUTRAL, *sorted(self._known)])}"
 
-    def _take(self, profile: Profile, known: Mapping[str, Profile]) -> None:
-        limits = self._narrowed(profile, known)
-        self._profile, self._limits = profile, limits
-        self._show()
+    def _played(self) -> tuple[Profile, dict[str, Limit]]:
+        """Return the role that it plays, and the limits under it."""
+        if self.role == NEUTRAL:
+            return Profile(name=NEUTRAL, chain=(NEUTRAL,)), dict(self.limits)
+        known = self._known
+        profile = resolve(self.role, known)
+        return profile, self._narrowed(profile, known)
 
     def _must_understand(self, profile: Profile) -> None:
         """Refuse a limit that nothing here would keep, and a limited value that is no number.
@@ -227,9 +246,6 @@ class RolePlayer(VirtualRobot):
             for name, value in values.items():
                 if name in self.limits and (isinstance(value, bool) or not isinstance(value, int | float)):
                     raise profile.mark.error(f"role {profile.name}: {name} must be a number, not {value!r}")
-
-    def _show(self) -> None:
-        self.attributes |= {"role": self.role, "roles": " ".join([NEUTRAL, *sorted(self._known)])}
 
     def _narrowed(self, profile: Profile, known: Mapping[str, Profile]) -> dict[str, Limit]:
         """Return the limits under a role, the narrowest of the robot's own and of those in its chain.
