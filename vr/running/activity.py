@@ -108,8 +108,8 @@ class CommandActivity(Frame):
 
     @_from_author
     def receive(self, look: Callable[[], T | None], every: float) -> T:
-        """Wait for something from outside, as one step; it is asked for every so often [s], and when woken."""
-        return self.taken(on.RECEIVED, partial(self._received, look, every))
+        """Wait for something from outside, as one step; looked for when woken and every so often [s]."""
+        return cast("T", self.taken(on.RECEIVED, partial(self._received, look, every)))
 
     def _received(self, look: Callable[[], T | None], every: float) -> T:
         found: T | None = None

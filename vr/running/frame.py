@@ -265,7 +265,9 @@ class Frame:
         recall = self.run.recall
         step = None if recall is None else recall.pop(self._suffix(path), None)
         if step is None:
-            if kind != "call" or self.steps >= self._last_step():  # else it was under way while others were taken
+            if (
+                kind != "call" or self.steps >= self._last_step()
+            ):  # else it was under way while others were taken
                 self._catch_up()
             return None
         if step.kind != kind or (content is not None and step.content != content):

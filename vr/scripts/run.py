@@ -80,7 +80,7 @@ class _Asked(NamedTuple):
 class ScriptRun:
     """Leads the partners of one script until it ends.
 
-    All that comes from outside comes by one way, `_next`, as a step of the command: messages, the ends of acts,
+    All that comes from outside comes by one way, `_next`, as a step of the command: messages, ends of acts,
     timers, who is in a slot and how he is. What it knows changes only when such a happening is told, and the
     acts are steps, too. So after a crash of the host the same happenings give the same facts and acts.
     """
@@ -113,7 +113,7 @@ class ScriptRun:
         self.open_conversations: set[str] = set()
         """Conversations in which somebody waits for an answer."""
         self.taken: dict[str, str] = {}
-        """The conversations of messages that the rules were told, by key of the call; the newest `REMEMBERED`."""
+        """Conversations of messages that the rules were told, by key of the call; the newest `REMEMBERED`."""
         self.talks = 0
         """Number of the latest conversation that the rules were told of."""
         self.waiting: dict[str, Callable[[], None]] = {}
@@ -188,7 +188,9 @@ class ScriptRun:
         def kept() -> dict[str, Any] | None:
             self.is_current = True
             happening = look()
-            return None if happening is None else {AT: self._now(), "happening": msgspec.to_builtins(happening)}
+            return (
+                None if happening is None else {AT: self._now(), "happening": msgspec.to_builtins(happening)}
+            )
 
         received = running().receive(kept, TICK)
         self._at = received[AT]
@@ -242,14 +244,7 @@ class ScriptRun:
             return
         sender, arguments = happening.sender, happening.arguments
         with self.lock:
-            if happening.act == "role":
-                self.engine.role(sender, str(arguments[0]))
-            elif happening.act == "reading":
-                self.engine.reading(sender, str(arguments[0]), float(arguments[1]))
-            elif happening.number and arguments[0] == "play" and len(arguments) > 1:
-                self.engine.role(sender, str(arguments[1]))
-            for argument, value in happening.choices:
-                self.engine.choice(happening.partner, argument, value)
+            self._note_facts(happening)
             orders = self.engine.feed(happening)
         played: dict[str, str] = {}
         for order in orders:
@@ -265,10 +260,22 @@ class ScriptRun:
         if happening.performative == "failure" and here and not self.engine.handled:
             raise ScriptError(f"{sender}.{happening.act} failed ({arguments[0]}) and no rule handles it")
 
+    def _note_facts(self, happening: Happening) -> None:
+        """Have the rules know what partners play, read and take, as it is from now on."""
+        sender, arguments = happening.sender, happening.arguments
+        if happening.act == "role":
+            self.engine.role(sender, str(arguments[0]))
+        elif happening.act == "reading":
+            self.engine.reading(sender, str(arguments[0]), float(arguments[1]))
+        elif happening.number and arguments[0] == "play" and len(arguments) > 1:
+            self.engine.role(sender, str(arguments[1]))
+        for argument, value in happening.choices:
+            self.engine.choice(happening.partner, argument, value)
+
     # -- what happens ------------------------------------------------------------------------------
 
     def look(self) -> Happening | None:
-        """Return what has happened and was not told yet; None: nothing. Nothing changes that the rules know."""
+        """Return what has happened and was not told yet; None: nothing. The rules are told later."""
         if not self._news and (change := self._change_of_partners()) is not None:
             return change
         if not self._news and self._wants_progress:
@@ -354,7 +361,7 @@ class ScriptRun:
         try:
             value = None if act.call is None else cast("Started", act.call).get(0.0)
             if act.error is not None:
-                raise act.error  # noqa: TRY301 # it fails as one that was under way
+                raise act.error  # as one that was under way
         except VrError as error:
             running().check()
             failure = Happening(
@@ -368,7 +375,7 @@ class ScriptRun:
             if (change := self._change_of_partners()) is not None:  # that one is lost is told before
                 self.inbox.put_back(number)
                 return change
-            name = self._seats.get(order.partner)
+            name = self._seats.get(order.partner, "")
             if isinstance(error, Stopped) and error.data["robot"] == name and order.partner not in self._held:
                 self._news.append(failure)  # and that it is stopped, though it has not published that
                 return _changed("stopped", order.partner, name, name, str(error.data["reason"]))

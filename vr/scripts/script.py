@@ -201,7 +201,7 @@ class Script(VirtualRobot):
         return CommandFailed(robot=self.name, command=command, detail=detail)
 
     def _back(self) -> ScriptRun | None:
-        """Return what runs, after a crash of the host once its rules know what they knew; None: it is not started."""
+        """Return what runs, once its rules know what they knew before a crash; None: it is not started."""
         activity = running()
 
         def is_there() -> bool:
