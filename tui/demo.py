@@ -25,7 +25,7 @@ from robotree.tui import exit_codes
 from robotree.tui.errors import DemoRuns, MemberFailed
 from robotree.tui.processes.crew import Crew
 from robotree.tui.processes.realm import anybody_met, chosen
-from robotree.tui.processes.state_files import state_file
+from robotree.tui.processes.state_files import DEMOS, state_file
 from robotree.tui.realm_file.applying import Done, bring_about
 from robotree.tui.realm_file.content import NAMELESS, ProcessEntry, RealmFile
 from robotree.tui.realm_file.controllers import Controller
@@ -42,8 +42,6 @@ if TYPE_CHECKING:
 
 ARM, ROVER, VIEW = "arm-1", "rover-1", "cell"
 EXAMPLES = Path(str(files("robotree.examples")))
-DEMOS = "demos"
-"""Folder of what demos keep, beside those of the realms."""
 FAREWELL = "The demo ends with this screen: its robots, its lookup services and its host end, too."
 
 

@@ -92,6 +92,7 @@ def test_the_demo_of_the_companion_shows_its_next_step_and_the_robots_that_it_na
     terminal.shows(f"next: select {SCRIPT}, ⏎ opens its panel, ^r runs start".encode())
     terminal.shows(ROBOT.encode())
     terminal.shows(b"Evening")  # the kind of the script, in its row
+    assert b"Traceback" not in terminal.shown
 
 
 def test_a_demo_whose_terminal_closes_while_it_starts_leaves_nobody_after_many_signals(

@@ -13,6 +13,9 @@ from robotree.files import opened, private_folder
 from robotree.tui.errors import StateInUse
 from robotree.tui.terminal import note
 
+DEMOS = "demos"
+"""Folder of what demos keep, beside those of the realms."""
+
 NOWHERE = "none"
 """What is given instead of a file when nothing shall be kept."""
 
@@ -104,13 +107,17 @@ def history_folder(realm: str, robot: str) -> Path | None:
 
 
 def history_files(realm: str) -> dict[tuple[str, str], Path]:
-    """Return the files with what robots did, by `host` or `robot` and its name; looking makes nothing."""
-    top, found = state_home() / realm, dict[tuple[str, str], Path]()
+    """Return the files with what robots did, by `host` or `robot` and its name; looking makes nothing.
+
+    Those of a demo of the realm count, too: it keeps them in a folder of its own.
+    """
+    found = dict[tuple[str, str], Path]()
     if not realm:
         return found
-    for role, folder in (("host", "hosts"), ("robot", "robots")):
-        for path in sorted(top.glob(f"{folder}/*/history.db")):
-            found[role, path.parent.name] = path
+    for top in (state_home() / DEMOS / realm / state_home().name / realm, state_home() / realm):
+        for role, folder in (("host", "hosts"), ("robot", "robots")):
+            for path in sorted(top.glob(f"{folder}/*/history.db")):
+                found[role, path.parent.name] = path
     return found
 
 

@@ -195,7 +195,7 @@ class ChildCall(Started):
             caller=runtime.name,
             deadline=deadline_at - now,
             oneway=manner == "told",
-            line=page_line(sys._getframe()) if self.frame.keeps else 0,  # noqa: SLF001 # inspect's is slow
+            line=page_line(sys._getframe()) if self.frame.keeps else 0,  # noqa: SLF001  # pyright: ignore[reportPrivateUsage] # inspect's is slow
         )
         neighbour = runtime.neighbours.get(self.child)
         if neighbour is None:
