@@ -223,6 +223,8 @@ class ScriptRun:
                 due = next(one for one in self._timers if _is_of(one[1], happening))
                 self._timers.remove(due)
                 happening = msgspec.structs.replace(happening, sender="script")
+            case _:
+                pass
         if happening.key:
             self._take_message(happening)
         self._tell(happening)
