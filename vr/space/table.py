@@ -163,7 +163,8 @@ class SpaceTable:
         return found
 
     def put_back(self, rows: Iterable[Row], now: float) -> None:
-        """Undo that entries were taken outside of a transaction: nobody has got them."""
+        """Undo that entries were taken outside of a transaction; a key that another has by now is lost."""
+        self.expire(now)
         for row in rows:
             key = "" if row.key in self._keys else row.key
             if row.expires > now and row.id not in self.rows:
