@@ -365,4 +365,4 @@ def test_a_space_in_postgresql_is_a_list_that_survives_its_processes(database: S
         old.close()
         return True
 
-    play(lambda: SpaceMachine(stores.postgres(database), reopen), 60)
+    play(lambda: SpaceMachine(stores.postgres(database), reopen), 100)

@@ -122,8 +122,8 @@ _BY_KIND: dict[tuple[bool, bool], LiteralString] = {
 _BY_FIELDS: dict[tuple[bool, bool], LiteralString] = {
     how: order.replace("ORDER BY id", "ORDER BY id + 0") for how, order in _BY_KIND.items()
 }
-"""The same for templates with fields. Few entries match those, and `LIMIT 1` misleads the planner into reading
-all entries in their order (12 ms of 10,000); to sort by a sum it has to find them by their marks first."""
+"""The same for templates with fields. Few entries match those, and `LIMIT 1` misleads the planner into
+reading all in their order (12 ms of 10,000); to sort by a sum it has to find them by their marks first."""
 _GIVE_KEYS_BACK: LiteralString = """
 UPDATE robotree_entry SET key = lent_key, lent_key = NULL WHERE lent_key = ANY(%s)"""
 """The entry that a transaction has taken has its key again, when what it wrote instead is gone."""

@@ -231,7 +231,8 @@ class SqliteStore(MemoryStore):
             return SpaceUnusable(where=self.where, reason=reason)
         if code in {sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB}:
             return SpaceDamaged(where=self.where, reason=str(error))
-        return SpaceUnusable(where=self.where, reason=str(error))
+        reason = f"it cannot be written or read ({error}); nothing was changed: look at its disk"
+        return SpaceUnusable(where=self.where, reason=reason)
 
 
 def _kept(row: Row | None) -> Row | None:

@@ -206,6 +206,21 @@ def an_entry_can_be_exchanged_under_its_key(timed: TimedStore) -> None:
     promise(find(timed, most=9) == [3] and _key_is_taken(timed, "k"), "the new entry has the key")
 
 
+def a_key_goes_back_to_the_entry_that_was_taken(timed: TimedStore) -> None:
+    """When what its taker wrote instead has ended, or was cancelled."""
+    write(timed, job(1), key="k")
+    within = do(timed, timed.store.open, 60.0)
+    find(timed, take=True, within=within)
+    write(timed, job(2), key="k", term=5.0, within=within)
+    timed.pass_time(6.0)
+    do(timed, timed.store.expire)
+    promise(_key_is_taken(timed, "k"), "it has ended; the taken entry may come back, with its key")
+    do(timed, timed.store.renew, write(timed, job(3), key="k", within=within), 0.0)
+    promise(_key_is_taken(timed, "k"), "it was cancelled, and the same is so")
+    do(timed, timed.store.roll_back, within)
+    promise(find(timed, most=9) == [1] and _key_is_taken(timed, "k"), "it is back, with its key")
+
+
 def what_a_transaction_has_read_stays(timed: TimedStore) -> None:
     """Others read it, too, and nobody takes it before the transaction ends."""
     write(timed, job(1))
@@ -271,6 +286,7 @@ SPACE_CHECKS: tuple[Callable[[TimedStore], None], ...] = (
     a_transaction_that_is_taken_back_has_done_nothing,
     a_transaction_ends_with_its_lease,
     an_entry_can_be_exchanged_under_its_key,
+    a_key_goes_back_to_the_entry_that_was_taken,
     what_a_transaction_has_read_stays,
     one_at_a_time_holds_a_fence,
     people_can_look_into_it,
