@@ -67,8 +67,12 @@ interpreters:  ## the test suite on every interpreter that the project supports 
 	done; \
 	printf "$$said\n"; exit $$code
 
+# Elsewhere the tests of a space in PostgreSQL are skipped where there is none.
+soak: export ROBOTREE_REQUIRE_POSTGRES = 1
 soak: $(STAMP) $(NODE_READY)  ## the slow tests, one on a fresh Debian testing, and the campaign of kills, freezes, splits and stops; SEED=2 QUICK=--quick
+	@$(BIN)/python -m tests.vr.space.postgres || $$(test $$(id -u) = 0 || echo sudo) apt-get install --yes postgresql
 	$(BIN)/python -m pytest -m soak -rs
+	$(BIN)/python -m pytest tests/vr/space
 	$(BIN)/python -m pytest --hypothesis-profile search tests/machines
 	$(BIN)/python -m tests.soak --seed $(SEED) $(QUICK)
 

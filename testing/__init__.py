@@ -16,6 +16,7 @@ Nothing here takes real time, and the same seed gives the same order of events.
     fake        fakes, their results and their faults
     journal     what was commanded, and how it differs from what a test expects
     team        the World of one rehearsal, and what a test does to it
+    space       the space of a rehearsal
     seeds       the same page under many seeds, with faults
     simulated   simulated robots; cable: the link between controller and proxy in virtual time
     plugin      for pytest, which finds it by itself

@@ -22,6 +22,7 @@ import msgspec
 from robotree.testing import watch
 from robotree.testing.journal import Commanded, Journal, Step
 from robotree.testing.parts import Fault, PageSource, Part, Parts
+from robotree.testing.space import TeamSpace
 from robotree.testing.watch import Endless, watched
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.author.fields import settings_spec
@@ -31,9 +32,10 @@ from robotree.vr.author.virtual_robot import VirtualRobot, slots_of
 from robotree.vr.base.arguments import check_arguments
 from robotree.vr.base.description import RobotDescription
 from robotree.vr.base.errors import VrError
+from robotree.vr.base.requests import AnyRequest
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.loader import built
-from robotree.vr.exchange.asking import fresh_key
+from robotree.vr.exchange.asking import ask, fresh_key
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.running.process import Process
 from robotree.vr.world.world import SimulatedProcess, World
@@ -120,6 +122,7 @@ class Team:
         self._raised: dict[str, BaseException] = {}
         """What the code of each robot has raised last, by its name."""
         self._calls: list[Going] = []
+        self._space: TeamSpace | None = None
         self.journal = Journal(self._paths, self.world.runner.now)
         self.journal.on_step = self._on_step
         self.world.__enter__()
@@ -180,6 +183,18 @@ class Team:
         """Tell what has happened, a line for each call and each fault, in their order."""
         told = [(step.at, str(step)) for step in self.steps] + self.struck
         return "\n".join(line for _, line in sorted(told, key=lambda each: each[0]))
+
+    @property
+    def space(self) -> TeamSpace:
+        """The space that the page finds as `self.space`; it begins to live when it is first used here."""
+        if self._space is None:
+            self._space = space = TeamSpace(self._ask)
+            self.start_process("space", space.live)
+            self.wait_until(lambda: space.key != "", within=ASSEMBLY)
+        return self._space
+
+    def _ask(self, key: str, request: AnyRequest, answer: type[Any]) -> Any:
+        return self._do(lambda: ask(self._operator.transport, key, request, answer, timeout=USUAL_DEADLINE))
 
     # -- what a test does -------------------------------------------------------------------------
 

@@ -32,7 +32,7 @@ SETTLED = 2.0
 """[s] of virtual time for all to be listed."""
 LONGEST = 600.0
 """[s] of virtual time for the lines of one chapter."""
-ELSEWHERE = {"demo", "new", "check", "stubs", "log", "host", "lookup", "sim", "proxy"}
+ELSEWHERE = {"space", "demo", "new", "check", "stubs", "log", "host", "lookup", "sim", "proxy"}
 """Verbs that are not for scripts: other tests run them."""
 
 

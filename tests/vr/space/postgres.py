@@ -1,4 +1,7 @@
-"""A real PostgreSQL server for tests: in a folder of its own, on a Unix socket alone."""
+"""A real PostgreSQL server for tests: in a folder of its own, on a Unix socket alone.
+
+python -m tests.vr.space.postgres     says what is missing, and ends with 1 if anything is
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ import os
 import pwd
 import shutil
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -113,3 +117,7 @@ def server(*options: str) -> Iterator[Server]:
             yield running
         finally:
             running.stop()
+
+
+if __name__ == "__main__":
+    sys.exit(lacking() or None)
