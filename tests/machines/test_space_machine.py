@@ -156,7 +156,7 @@ class SpaceMachine(RuleBasedStateMachine):
         super().__init__()
         self.timed, self.reopen = timed, reopen
         self.model = Model()
-        self.number = 0
+        self.number, self.found = 0, 0
         self.given: list[tuple[Kept, Row]] = []
         self.ended = ""
         """A transaction that is over."""
@@ -230,6 +230,7 @@ class SpaceMachine(RuleBasedStateMachine):
             return
         assert [row.entry.fields for row in rows] == [one.fields for one in expected]
         assert [row.id for row in rows] == [one.id for one in expected]
+        self.found += len(rows)
         if take and not transaction:
             self.given += zip(expected, rows, strict=True)
 
@@ -324,14 +325,27 @@ class SpaceMachine(RuleBasedStateMachine):
         ]
 
 
-def play(start: Callable[[], SpaceMachine], examples: int) -> None:
+def play(start: Callable[[], SpaceMachine], examples: int) -> int:
+    """Play many games; returns how many entries were found in them."""
+    found: list[int] = []
+
+    class Counted(SpaceMachine):
+        def teardown(self) -> None:
+            found.append(self.found)
+            super().teardown()
+
+    def begin() -> SpaceMachine:
+        machine = start()
+        return Counted(machine.timed, machine.reopen)
+
     run_state_machine_as_test(
-        start, settings=settings(max_examples=examples, stateful_step_count=2, deadline=None)
+        begin, settings=settings(max_examples=examples, stateful_step_count=2, deadline=None)
     )
+    return sum(found)
 
 
 def test_a_space_in_memory_is_a_list() -> None:
-    play(lambda: SpaceMachine(stores.memory()), 300)
+    assert play(lambda: SpaceMachine(stores.memory()), 300) > 300
 
 
 def test_a_space_in_a_file_is_a_list_that_survives_its_process(tmp_path: Path) -> None:
@@ -347,7 +361,7 @@ def test_a_space_in_a_file_is_a_list_that_survives_its_process(tmp_path: Path) -
 
         return SpaceMachine(stores.sqlite(path), reopen)
 
-    play(start, 100)
+    assert play(start, 100) > 100
 
 
 @pytest.fixture(scope="module")
@@ -365,4 +379,4 @@ def test_a_space_in_postgresql_is_a_list_that_survives_its_processes(database: S
         old.close()
         return True
 
-    play(lambda: SpaceMachine(stores.postgres(database), reopen), 100)
+    assert play(lambda: SpaceMachine(stores.postgres(database), reopen), 50) > 50

@@ -132,12 +132,12 @@ def marks_of(kinds: Iterable[str], fields: Mapping[str, Any]) -> frozenset[str]:
     return frozenset(marks)
 
 
-def _mark(value: Any) -> str:
+def _mark(value: object) -> str:
     """Return a text that two values have in common if they are equal, and only then.
 
     Numbers are equal by value (1 and 1.0), truth values are no numbers.
     """
-    kind = cast("type[object]", type(value))
+    kind = type(value)
     if kind is str:
         text = cast("str", value)
         if len(text) <= LONGEST_MARK and "\0" not in text:
@@ -146,7 +146,8 @@ def _mark(value: Any) -> str:
     if kind is bool:
         return "true" if value else "false"
     if kind is int or (kind is float and cast("float", value).is_integer()):
-        return f"n{int(value)}"
+        number = int(cast("float", value))
+        return f"n{number}"
     if kind is float:
         return f"n{value!r}"
     return f"x{blake2b(_sorted(_equal(value)), digest_size=16).hexdigest()}"
