@@ -130,6 +130,8 @@ class RobotAgent:
         self.transport = transport
         self.address = new_address("robot", robot.name) if state is None else state.address
         self.closed = asyncio.Event()
+        self.on_gone: Callable[[], None] = _nothing
+        """Called when it has ended, before anybody is told."""
         """Set when it has ended, for whatever reason."""
         self.open = False
         """Whether it takes anything new."""
@@ -273,6 +275,7 @@ class RobotAgent:
         try:
             await self._leave(grace)
         finally:
+            self.on_gone()
             left = self._left_behind()
             for say in self._farewells:  # while the way to the asker is still open
                 say(left)

@@ -334,6 +334,8 @@ class Host:
     async def _settle(self, agent: RobotAgent) -> None:
         await agent.start()
         self.agents[agent.robot.name] = agent
+        if self._journal is not None:
+            agent.on_gone = partial(self._journal.gone, agent.address.key)
         if not self._first.done():
             self._first.set_result(agent)
         watcher = asyncio.create_task(self._watch(agent), name=f"{agent.robot.name} lives")
@@ -351,8 +353,6 @@ class Host:
         if self.agents.get(name) is agent:
             del self.agents[name]
             self._pages.pop(name, None)
-        if self._journal is not None:
-            self._journal.gone(agent.address.key)
         self._ended = [ended for ended in (*self._ended, agent) if ended.abandoned]
 
     async def _answer(self, received: Received) -> Reply:

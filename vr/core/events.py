@@ -21,7 +21,8 @@ class StepResult(msgspec.Struct, frozen=True, array_like=True):
     """What one step of a running command gave: enough to take it again without doing anything twice."""
 
     kind: str
-    """`call`, `tell`, `sleep`, `wait`, `look`, `reading`, `until`, `group`, `result`, `cleanup`, `end`."""
+    """`call`, `tell`, `sleep`, `wait`, `look`, `reading`, `until`, `group`, `result`, `field`,
+    `cleanup`, `end`."""
     content: Any = None
     """What tells it from another step: of a call its slot, command and arguments."""
     value: Any = None

@@ -163,7 +163,7 @@ class CommandActivity(Frame):
     def checkpoint(self) -> None:
         """Need none of the steps so far any more: interrupted, the command begins anew with what it keeps."""
         self.runtime.checkpoint(self.call_key)
-        self.steps = 0
+        self.steps = self.reads = 0
 
     def forget_steps(self) -> None:
         """Begin anew, with other keys: what was done before is done once more."""
@@ -208,16 +208,39 @@ class CommandActivity(Frame):
             worker.arm(self)
 
     def kept(self, name: str, value: Any) -> Any:
-        """Return what the robot keeps in a field at this place of the page; `value`: what it keeps now."""
-        return self.run.recalled_fields.get(name, value) if self.replaying else value
+        """Return what the robot keeps in a field at this place of the page; `value`: what it keeps now.
+
+        A value that somebody else has changed meanwhile is a step: taken again, the page reads it here.
+        """
+        fields = self.run.recalled_fields
+        known = fields.get(name, value)
+        if not self.keeps or self.looks:
+            return known if self.replaying else value
+        self.reads += 1
+        if known is value and not self.replaying:
+            return value
+        if self.replaying:
+            path = f"{self.context.key}/{self.run.lap}{self.steps + 1}"
+            step = (self.run.recall or {}).get(self._suffix(path))
+            if step is None or step.kind != "field" or step.content != [name, self.reads]:
+                return known
+            self.recalled(self.step(), "field")
+            known = step.value
+        elif known != value:
+            content = [name, self.reads]
+            self.keep_step(self.step(), on.StepResult("field", content, value))
+            known = value
+        self.run.recalled_fields = {**fields, name: known if self.replaying else value}
+        return known
 
     def keep_values(self, values: dict[str, Any], change: Callable[[dict[str, Any]], None]) -> None:
         """Keep other values in fields; no cancellation point."""
         if self.replaying:
-            self.run.recalled_fields = {**self.run.recalled_fields, **values}
             self.rewritten = {**(self.rewritten or {}), **values}
         else:
             self.keep(lambda: change(values))
+        if self.keeps:
+            self.run.recalled_fields = {**self.run.recalled_fields, **values}
 
     def say(self, level: Level, text: str, *, piece: bool = False) -> None:
         """Enter a text, or a piece of a line, in the robot's log; no cancellation point."""

@@ -301,8 +301,10 @@ class ChildCall(Started):
 
     def _lose_contact(self) -> None:
         """There are no more replies: the child's process has ended."""
-        if self.reply is not None or (self._awaited and self.accepted):
+        if self.reply is not None:
             return
+        if self.accepted and (self._awaited or (self._sent is not None and self._sent.oneway)):
+            return  # nobody waits for its end
         if self._comes_back():
             self.accept_by = math.inf
             process = self.frame.worker.process

@@ -53,6 +53,8 @@ class Frame:
     """How often it was told to end."""
     steps: int = 0
     """How many steps it has taken: each has the path key `key/step`."""
+    reads: int = 0
+    """How often it has read what its robot keeps, since the last step."""
     shield: float = -math.inf
     """[s] Until when a clean-up may go on though the command was asked to end."""
     group: Group | None = None
@@ -244,7 +246,7 @@ class Frame:
         """
         if self.looks:
             raise RuntimeError("the condition of wait_until only reads; call commands before or after it")
-        self.steps += 1
+        self.steps, self.reads = self.steps + 1, 0
         return f"{self.context.key}/{self.run.lap}{self.steps}"
 
     # -- what it has done before its process was started again -------------------------------------

@@ -336,7 +336,8 @@ class RobotRuntime:
         """Have a running command begin anew from here, if it is interrupted."""
         self.post(on.Checkpoint(key=key))
         run = self.runs[key]
-        run.lap = f"{self.look(lambda state: state.calls.live[key].lap)}."
+        call = self.look(lambda state: state.calls.live[key])
+        run.lap, run.recalled_fields = f"{call.lap}.", call.fields
 
     def ask_person(self, key: str, question: str) -> None:
         """Have a person asked before a running command goes on; the answer comes as `Run.answer`."""
@@ -688,7 +689,9 @@ class RobotRuntime:
         """
         with self._lock:  # the page may be another one in a moment, for a command that only reads
             call = self.core.state.calls.live[key]
-            name = call.command
+            run, name = self._run_of(key), call.command
+            if run.recall is None:
+                run.recalled_fields = call.fields
             context = CommandContext(
                 key=key, command=name, caller=call.caller, epoch=call.epoch, deadline_at=call.deadline_at
             )
