@@ -1,0 +1,272 @@
+"""What it costs that a host keeps its robots, and how soon a command goes on after `kill -9`.
+
+    python bench/durable.py [--rounds N] [--restarts N] [--json]
+
+Two hosts, one with a journal and one without, take the same calls in turns, in one run. Restarts are measured
+from the start of the new process to the next effect in another process; beside it how long Python takes to
+start with an empty script, and a host without robots to be ready.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import json
+import os
+import signal
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+from robotree.client.joining import joined
+from robotree.vr import Child, Robot, VirtualRobot, command
+from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.agents.run import run_host
+from robotree.vr.journal.journal import HostJournal
+from robotree.vr.network.local import join
+from robotree.vr.running.runner import Threads
+from robotree.vr.supervision.fleet import Fleet
+
+REPEATS = 200
+"""Calls in one measurement."""
+LONG = 10_000
+"""Steps of the long command."""
+
+
+class Counter(Robot):
+    """The end of a chain: notes when it acts."""
+
+    moments: list[float] = []  # noqa: RUF012 # one list for the only process that has it
+
+    @command(effect="repeat")
+    def step(self, x: float = 0.0) -> float:
+        """Note the moment, and return the argument."""
+        Counter.moments.append(time.monotonic())
+        return x
+
+
+class Bottom(VirtualRobot):
+    """The end of a nested chain."""
+
+    @command(effect="repeat")
+    def step(self, x: float = 0.0) -> float:
+        """Return the argument."""
+        return x
+
+
+class Top(VirtualRobot):
+    """Calls its child."""
+
+    below = Child("Robot")
+
+    @command
+    def measure(self, repeats: int) -> list[float]:
+        """Call the child many times; the times of all calls [us]."""
+        times: list[float] = []
+        for _ in range(repeats):
+            began = time.perf_counter()
+            self.below.step(x=1.0)
+            times.append((time.perf_counter() - began) * 1e6)
+        return times
+
+    @command
+    def patrol(self, steps: int) -> None:
+        """Take many steps, then act every now and then."""
+        for _ in range(steps):
+            self.random()
+        while True:
+            self.below.step(x=1.0)
+            self.sleep(0.02)
+
+
+class HostProcess:
+    """A host in a process of its own."""
+
+    def __init__(self, name: str, folder: Path | None) -> None:
+        """Prepare it; None: it keeps nothing."""
+        self.name, self.folder = name, folder
+
+    def start(self) -> float:
+        """Start it; returns after how long it was ready [s]."""
+        began = time.monotonic()
+        words = [sys.executable, __file__, "--host", self.name, *([str(self.folder)] if self.folder else [])]
+        self.process = subprocess.Popen(words, stdout=subprocess.PIPE)
+        assert self.process.stdout is not None  # noqa: S101 # started with a pipe
+        self.process.stdout.readline()
+        return time.monotonic() - began
+
+    def kill(self) -> None:
+        """End it at once."""
+        self.process.send_signal(signal.SIGKILL)
+        self.process.wait()
+
+    @property
+    def size(self) -> int:
+        """[bytes] of its log."""
+        return 0 if self.folder is None else sum(file.stat().st_size for file in self.folder.glob("*.log"))
+
+    @property
+    def memory(self) -> int:
+        """[bytes] of its resident set."""
+        pages = int(Path(f"/proc/{self.process.pid}/statm").read_text().split()[1])
+        return pages * os.sysconf("SC_PAGE_SIZE")
+
+
+async def bind(fleet: Fleet, host: HostProcess, top: str, bottom: str) -> None:
+    """Make a robot on a host, on top of another one that is there or is made there, too."""
+    while not fleet.directory.present("host", host.name):  # noqa: ASYNC110 # a table, which tells nobody
+        await asyncio.sleep(0.01)
+    if not fleet.directory.present("robot", bottom):
+        await fleet.create(__file__, bottom, host.name, "Bottom")
+    await fleet.create(__file__, top, host.name, "Top")
+    await fleet.enslave(top, "below", bottom)
+
+
+async def calls(fleet: Fleet, kept: HostProcess, bare: HostProcess, rounds: int) -> dict[str, Any]:
+    """Measure calls with and without a journal, in turns."""
+    times: dict[str, list[float]] = {}
+    sizes: dict[str, int] = {}
+    for host in (kept, bare):
+        await bind(fleet, host, f"near-{host.name}", f"bottom-{host.name}")
+        await bind(fleet, host, f"far-{host.name}", f"far-of-{host.name}")
+    for _ in range(rounds):
+        for way in ("near", "far"):
+            for host in (kept, bare):
+                before = host.size
+                name = f"{way}-{host.name}"
+                times.setdefault(name, []).extend(await fleet.call(name, "measure", {"repeats": REPEATS}))
+                sizes[name] = host.size - before
+    found: dict[str, Any] = {}
+    for way in ("near", "far"):
+        with_it, without = (statistics.median(times[f"{way}-{host.name}"]) for host in (kept, bare))
+        found |= {f"{way} kept us": with_it, f"{way} bare us": without, f"{way} ratio": with_it / without}
+        found[f"{way} bytes"] = sizes[f"{way}-{kept.name}"] / REPEATS
+    return found
+
+
+async def next_effect(after: float, within: float = 60.0) -> float:
+    """Return when the counter acts for the first time after a moment [s]."""
+    async with asyncio.timeout(within):
+        while not Counter.moments or Counter.moments[-1] <= after:  # noqa: ASYNC110 # of another thread
+            await asyncio.sleep(0.002)
+    return next(moment for moment in Counter.moments if moment > after)
+
+
+async def restarts(fleet: Fleet, folder: Path, count: int) -> dict[str, Any]:
+    """Kill a host again and again in the middle of a command."""
+    host = HostProcess("again", folder / "again")
+    found: dict[str, Any] = {}
+    host.start()
+    for name, steps in (("short", 0), ("long", LONG)):
+        await bind(fleet, host, f"patrol-{name}", f"far-of-{name}")
+        before, memory, began = host.size, host.memory, time.monotonic()
+        call = asyncio.ensure_future(fleet.call(f"patrol-{name}", "patrol", {"steps": steps}, deadline=600.0))
+        await next_effect(began)
+        if steps:
+            found["step bytes"] = (host.size - before) / steps
+            found["memory of a step, bytes"] = (host.memory - memory) / steps
+        effects, ready, reading = [], [], []
+        for _ in range(count if not steps else max(3, count // 3)):
+            await asyncio.sleep(0.1)
+            host.kill()
+            reading.append(read_time(host.folder))
+            began = time.monotonic()
+            ready.append(await asyncio.to_thread(host.start))
+            effects.append(await next_effect(began) - began)
+        quantiles = statistics.quantiles(effects, n=20, method="inclusive")
+        found |= {f"{name} effect p50 s": quantiles[9], f"{name} effect p95 s": quantiles[18]}
+        found |= {f"{name} ready s": statistics.median(ready), f"{name} read s": statistics.median(reading)}
+        await fleet.cancel(f"patrol-{name}")
+        await asyncio.gather(call, return_exceptions=True)
+    found["resume of 10,000 steps s"] = found["long effect p50 s"] - found["short effect p50 s"]
+    found["read of a step us"] = (found["long read s"] - found["short read s"]) / LONG * 1e6
+    host.kill()
+    return found
+
+
+def read_time(folder: Path | None) -> float:
+    """Return how long it takes to read a log, without the start of a process [s]."""
+    assert folder is not None  # noqa: S101 # of the host that keeps its robots
+    began = time.perf_counter()
+    HostJournal(folder, Threads()).close()
+    return time.perf_counter() - began
+
+
+def bare_starts() -> dict[str, float]:
+    """Return how long Python, and a host without robots, take to start [s]."""
+    python, host = [], []
+    for _ in range(5):
+        began = time.monotonic()
+        subprocess.run([sys.executable, "-c", ""], check=True)
+        python.append(time.monotonic() - began)
+        empty = HostProcess("empty", None)
+        host.append(empty.start())
+        empty.kill()
+    return {"python s": statistics.median(python), "empty host ready s": statistics.median(host)}
+
+
+@contextlib.asynccontextmanager
+async def counters(*names: str) -> AsyncIterator[None]:
+    """Have robots in this process."""
+    transport = await join()
+    agents = [RobotAgent(Counter(name), transport) for name in names]
+    for agent in agents:
+        await agent.start()
+    try:
+        yield
+    finally:
+        for agent in agents:
+            await agent.close()
+        await transport.close()
+
+
+async def measure(folder: Path, rounds: int, count: int) -> dict[str, Any]:
+    """Measure all."""
+    found: dict[str, Any] = dict(bare_starts())
+    kept, bare = HostProcess("kept", folder / "kept"), HostProcess("bare", None)
+    far = [f"far-of-{name}" for name in ("kept", "bare", "short", "long")]
+    async with counters(*far), joined("bench") as fleet:
+        for host in (kept, bare):
+            host.start()
+        try:
+            found |= await calls(fleet, kept, bare, rounds)
+        finally:
+            for host in (kept, bare):
+                host.kill()
+        found |= await restarts(fleet, folder, count)
+    return found
+
+
+def main() -> int:
+    """Print the figures."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--rounds", type=int, default=20)
+    parser.add_argument("--restarts", type=int, default=20)
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--host", nargs="+", metavar=("NAME", "FOLDER"), help=argparse.SUPPRESS)
+    chosen = parser.parse_args()
+    if chosen.host:
+        keep = Path(chosen.host[1]) if len(chosen.host) > 1 else None
+        asyncio.run(run_host(chosen.host[0], keep=keep, ready=lambda _: print("ready", flush=True)))
+        return 0
+    with tempfile.TemporaryDirectory(prefix="rt-") as folder:
+        runtime = Path(folder, "run")
+        runtime.mkdir(mode=0o700)
+        os.environ |= {"XDG_RUNTIME_DIR": str(runtime), "ROBOTREE_REALM": "bench"}
+        found = asyncio.run(measure(Path(folder), chosen.rounds, chosen.restarts))
+    if chosen.json:
+        print(json.dumps(found))
+    else:
+        for name, value in found.items():
+            print(f"{name:32} {value:12.3f}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

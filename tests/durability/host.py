@@ -1,0 +1,172 @@
+"""A host in a process of its own that ends itself, by SIGKILL, at a place that the test has chosen.
+
+    host.py NAME FOLDER
+
+`$KILL` is `PLACE NUMBER`: the how manieth moment of that kind is its last one; empty: it lives on. Moments
+count from the first command that is called by a person, or from the start if there is one already. SIGTERM
+ends it in order. It says `ready` when its robots are back.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import signal
+import sys
+import threading
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from typing import Any
+
+from robotree.vr.agents import run
+from robotree.vr.agents.host import Host
+from robotree.vr.author.together import Group
+from robotree.vr.core import events as on
+from robotree.vr.journal import segments
+from robotree.vr.journal.journal import HostJournal
+from robotree.vr.journal.recovery import Recovered
+from robotree.vr.running.frame import Frame
+
+NAME, FOLDER = sys.argv[1], Path(sys.argv[2])
+PLACE, _, NUMBER = os.environ.get("KILL", "").rpartition(" ")
+ROOM = int(os.environ.get("ROOM", "-1"))
+"""Frames for which there is room on the disk; -1: any number."""
+KEEPS = "FORGET" not in os.environ
+
+
+class Countdown:
+    """Counts the moments of the chosen kind."""
+
+    def __init__(self) -> None:
+        self.armed, self._lock = FOLDER.exists(), threading.Lock()
+        self._left = int(NUMBER or -1)
+
+    def here(self, place: str, before: Callable[[], object] = lambda: None) -> None:
+        if place != PLACE or not self.armed:
+            return
+        with self._lock:
+            self._left -= 1
+            if self._left == 0:
+                before()
+                os.kill(os.getpid(), signal.SIGKILL)
+
+
+countdown = Countdown()
+
+
+class Disk(segments.OSDisk):
+    """The disk, with moments before, in the middle of, and after each write."""
+
+    room = ROOM
+
+    def write(self, descriptor: int, data: bytes | bytearray) -> int:
+        if self.room == 0:
+            raise OSError(28, "No space left on device")
+        self.room -= 1
+        countdown.here("before write")
+        countdown.here("torn write", lambda: os.write(descriptor, data[: max(1, len(data) * 2 // 3)]))
+        written = super().write(descriptor, data)
+        countdown.here("after write")
+        return written
+
+
+class Journal(HostJournal):
+    """The journal on that disk, with a moment after each record."""
+
+    def __init__(self, folder: Path, clocks: Any, **options: Any) -> None:
+        super().__init__(folder, clocks, disk=Disk(), **options)
+
+    def append(self, robot: str, now: float, event: on.CoreEvent) -> int:
+        if isinstance(event, on.Invoke) and not event.call.source and not event.reads:
+            countdown.armed = True
+        number = super().append(robot, now, event)
+        if isinstance(event, on.StepTaken):
+            countdown.here("after step")
+        if isinstance(event, on.Finish):
+            countdown.here("after end")
+        return number
+
+    def begin(self) -> None:
+        countdown.here("before segment")
+        super().begin()
+        countdown.here("after segment")
+
+
+class Door:
+    """A transport, with moments around each call of a robot in another process."""
+
+    def __init__(self, transport: Any) -> None:
+        self._transport = transport
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._transport, name)
+
+    def ask(self, key: str, body: bytes, *, on_reply: Callable[[Any], None], **options: Any) -> None:
+        if b"act" not in body:
+            return self._transport.ask(key, body, on_reply=on_reply, **options)
+
+        def hear(reply: Any) -> None:
+            countdown.here("reply came")
+            on_reply(reply)
+            countdown.here("reply taken")
+
+        countdown.here("before send")
+        self._transport.ask(key, body, on_reply=hear, **options)
+        return countdown.here("after send")
+
+
+def with_moments(cls: type, method: str, place: str) -> None:
+    """Have a moment before each call of a method."""
+    original = getattr(cls, method)
+
+    def called(self: Any, *values: Any, **named: Any) -> Any:
+        countdown.here(place)
+        return original(self, *values, **named)
+
+    setattr(cls, method, called)
+
+
+def prepare() -> None:
+    with_moments(Recovered, "take", "record read")
+    with_moments(Host, "_settle", "robot back")
+    with_moments(Group, "take_results", "group over")
+    recalled = Frame.recalled
+
+    def look(frame: Frame, path: str, kind: str, content: Any = None) -> Any:
+        step = recalled(frame, path, kind, content)
+        countdown.here("replay" if step is not None else "new step")
+        return step
+
+    Frame.recalled = look  # type: ignore[method-assign]
+    join = run.join
+
+    async def enter(realm: str | None) -> Any:
+        return Door(await join(realm))
+
+    run.join = enter  # type: ignore[assignment]
+    run.HostJournal = Journal  # type: ignore[misc]
+
+
+@contextlib.asynccontextmanager
+async def until_sigterm() -> AsyncIterator[None]:
+    task = asyncio.current_task()
+    assert task is not None
+    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, task.cancel)
+    with contextlib.suppress(asyncio.CancelledError):
+        yield
+
+
+async def main() -> None:
+    async with until_sigterm():
+        await run.run_host(
+            NAME,
+            keep=FOLDER if KEEPS else None,
+            returns=float(os.environ.get("RETURNS", "10")),
+            ready=lambda _: os.write(1, b"ready\n") and None,
+        )
+
+
+if __name__ == "__main__":
+    prepare()
+    asyncio.run(main())

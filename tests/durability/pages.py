@@ -1,0 +1,184 @@
+"""Pages whose commands are interrupted: each says in its result what it believes to have done."""
+
+from __future__ import annotations
+
+import threading
+
+from robotree.vr import Child, VirtualRobot, command, state
+from robotree.vr.base.errors import VrError
+
+
+class Helper(VirtualRobot):
+    """Lives beside the tourist, and has an arm of its own."""
+
+    arm = Child("Robot")
+    helped: int = state(0)
+
+    @command
+    def act(self, n: int) -> int:
+        """Do one thing."""
+        result = int(self.arm.act(n=n))
+        self.helped += 1
+        return result
+
+
+class Tourist(VirtualRobot):
+    """Takes steps of all kinds."""
+
+    arm = Child("Robot")
+    helper = Child("Robot")
+    pace: float = 0.0
+    done: int = state(0)
+    seen: list[int] = state([])
+    won: list[int] = state([])
+    chance: float = 0.0
+
+    @command
+    def tour(self, steps: int, pause: float = 0.0) -> list[float]:
+        """Act in turns, by the arm and by the helper; note each in place."""
+        began, dice = self.now(), [0.0]
+        for n in range(steps):
+            dice.append(self.random())
+            (self.helper if n % 2 else self.arm).act(n=n)
+            self.done += 1
+            self.seen.append(n)
+            self.sleep(pause)
+            assert self.now() >= began
+        assert len(set(dice)) == len(dice)
+        return [float(self.done), float(len(self.seen))]
+
+    @command
+    def pairs(self, steps: int) -> list[int]:
+        """Act by both at once."""
+        results: list[int] = []
+        for n in range(0, steps, 2):
+            with self.together() as both:
+                both.start(self.arm.act, n=n, seconds=0.02)
+                both.start(self.helper.act, n=n + 1)
+            results += [int(result) for result in both.results]
+        return results
+
+    @command
+    def parts(self, steps: int) -> int:
+        """Act by two functions of this page at once."""
+        with self.together() as both:
+            both.start(self._row, "arm", 0, steps)
+            both.start(self._row, "helper", steps, 2 * steps)
+        return sum(both.results)
+
+    def _row(self, slot: str, first: int, end: int) -> int:
+        child, total = getattr(self, slot), 0
+        for n in range(first, end):
+            total += child.act(n=n)
+            self.sleep(0.001)
+        return total
+
+    @command
+    def races(self, steps: int) -> list[int]:
+        """Have both act, and take the first."""
+        winners: list[int] = []
+        for n in range(0, steps, 2):
+            with self.first() as race:
+                race.start(self.arm.act, n=n, seconds=0.03)
+                race.start(self.helper.act, n=n + 1)
+            winners.append(int(race.winner))
+            self.won = [*self.won, int(race.winner)]
+        return winners
+
+    @command(effect="read")
+    def winners(self) -> list[int]:
+        """Return who had won, as it was kept at once."""
+        return self.won
+
+    @command
+    def careful(self, steps: int) -> int:
+        """Act, and act once more however it ends."""
+        try:
+            for n in range(steps):
+                self.arm.act(n=n, seconds=0.05)
+                self.sleep(0.01)
+        finally:
+            with self.cleanup(within=8.0):
+                for n in range(100, 104):
+                    self.arm.act(n=n, seconds=0.02)
+        return steps
+
+    @command
+    def watch(self, steps: int) -> list[float]:
+        """Act, and wait until the arm publishes it."""
+        found: list[float] = []
+        begun = self.arm.readings.done
+        for n in range(steps):
+            self.arm.act(n=n)
+            self.wait_until(lambda n=n: self.arm.readings.done >= begun + n + 1, within=20.0)
+            found.append(self.arm.readings.done - begun)
+        return found
+
+    @command
+    def telling(self, steps: int) -> int:
+        """Start what goes on by itself."""
+        for n in range(steps):
+            if n % 2:
+                self.arm.act.tell(n=n)
+            else:
+                self.arm.act.start(n=n).detach()
+            self.helper.act(n=100 + n)
+        return steps
+
+    @command
+    def paced(self, steps: int) -> list[float]:
+        """Note the setting before each act."""
+        paces: list[float] = []
+        for n in range(steps):
+            paces.append(self.pace)
+            self.arm.act(n=n, seconds=0.05)
+        return paces
+
+    @command
+    def mending(self, steps: int) -> list[str]:
+        """Catch what a child refuses, and go on."""
+        words: list[str] = []
+        for n in range(steps):
+            try:
+                self.arm.act(n="none")
+            except VrError as error:
+                words.append(type(error).__name__)
+            self.helper.act(n=n)
+        return words
+
+    @command
+    def straying(self, steps: int) -> int:
+        """Do another thing when it is done again."""
+        for n in range(steps):
+            self.arm.act(n=n + Straying.lives)
+        return steps
+
+    @command
+    def threading(self, steps: int) -> int:
+        """Act from a thread of the page's own."""
+        import contextvars
+
+        def act() -> None:
+            for n in range(steps):
+                self.arm.act(n=n, seconds=0.05)
+
+        thread = threading.Thread(target=contextvars.copy_context().run, args=(act,))
+        thread.start()
+        thread.join()
+        return steps
+
+    @command
+    def rounds(self, steps: int) -> int:
+        """Need no step of the rounds before."""
+        while self.done < steps:
+            self.arm.act(n=self.done)
+            self.helper.act(n=self.done + 100)
+            self.done += 1
+            self.checkpoint()
+        return self.done
+
+
+class Straying:
+    """Another one in each life of the process, as a clock or a file is."""
+
+    lives = __import__("os").getpid()

@@ -1,0 +1,192 @@
+"""Real processes on which commands are interrupted: a host that ends itself where a test says, and a leaf."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import re
+import signal
+import sys
+import time
+from collections import Counter
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+from robotree.client.joining import joined
+from robotree.vr.base.address import Role
+from robotree.vr.supervision.fleet import Fleet
+
+HERE = Path(__file__).parent
+PAGES = HERE / "pages.py"
+PATIENCE = 20.0
+"""[s] A busy machine may take that long."""
+COMPLAINT = re.compile(r"Traceback|Exception|CRITICAL|never awaited|AssertionError")
+
+
+class Program:
+    """One process, and what it complained of in all its lives."""
+
+    def __init__(self, stage: Stage, name: str, *words: str | Path) -> None:
+        self.stage, self.name, self.words = stage, name, [str(word) for word in words]
+        self.log = stage.folder / f"{name}.err"
+        self.lives = 0
+
+    async def start(self, **environment: str) -> None:
+        """Start it (again), and return when it is ready or has ended."""
+        with self.log.open("ab") as log:
+            self.process = await asyncio.create_subprocess_exec(
+                *(sys.executable, *self.words),
+                stdin=asyncio.subprocess.PIPE,
+                stdout=asyncio.subprocess.PIPE,
+                stderr=log,
+                env={**os.environ, "ROBOTREE_REALM": self.stage.realm, **environment},
+            )
+        self.lives += 1
+        assert self.process.stdout is not None
+        async with asyncio.timeout(PATIENCE):
+            if not await self.process.stdout.readline():
+                code = await self.process.wait()
+                assert code == -signal.SIGKILL, f"{self.name} ended with {code}: {self.complaints}"
+
+    @property
+    def runs(self) -> bool:
+        return self.process.returncode is None
+
+    async def kill(self, number: signal.Signals = signal.SIGKILL) -> None:
+        with contextlib.suppress(ProcessLookupError):
+            self.process.send_signal(number)
+        async with asyncio.timeout(PATIENCE):
+            await self.process.wait()
+
+    @property
+    def complaints(self) -> str:
+        """What it has written to its standard error, in all lives."""
+        return self.log.read_text() if self.log.exists() else ""
+
+
+class Stage:
+    """A realm with a leaf, whose robots write down what they do, and hosts."""
+
+    fleet: Fleet
+
+    def __init__(self, folder: Path, realm: str) -> None:
+        self.folder, self.realm = folder, realm
+        self.programs: list[Program] = []
+        self.effects_file = folder / "effects"
+
+    def program(self, name: str, *words: str | Path) -> Program:
+        self.programs.append(Program(self, name, *words))
+        return self.programs[-1]
+
+    def host(self, name: str = "h1") -> Program:
+        return self.program(name, HERE / "host.py", name, self.folder / f"{name}.journal")
+
+    async def furnish(self, host: Program, kill: str = "", *, other: str = "", **environment: str) -> None:
+        """Start a host, with a tourist and its helper on it, on top of the leaf's arms.
+
+        Args:
+            host: of both robots.
+            kill: where it ends; see `host.py`.
+            other: name of a host that runs, for the helper; empty: the same.
+            environment: of the host.
+        """
+        await host.start(KILL=kill, **environment)
+        await self.presence("host", host.name)
+        for name, kind, where in (
+            ("tourist", "Tourist", host.name),
+            ("helper", "Helper", other or host.name),
+        ):
+            await self.fleet.create(str(PAGES), name, where, kind)
+        for name in ("arm-1", "arm-2", "helper", "tourist"):
+            await self.presence("robot", name)
+        await self.fleet.enslave("helper", "arm", "arm-2")
+        await self.fleet.enslave("tourist", "arm", "arm-1")
+        await self.fleet.enslave("tourist", "helper", "helper")
+
+    async def presence(self, role: Role, name: str) -> None:
+        """Wait until a process has been met that has an agent of this name."""
+        async with asyncio.timeout(PATIENCE):
+            while not self.fleet.directory.present(role, name):  # noqa: ASYNC110 # a table, which tells nobody
+                await asyncio.sleep(0.005)
+
+    async def play(self, host: Program, command: str, kills: list[str], **arguments: Any) -> Any:
+        """Call a command of the tourist; start the host again, with the next kill, whenever it has ended."""
+        call = asyncio.ensure_future(self.fleet.call("tourist", command, arguments, deadline=60.0))
+        keeper = asyncio.ensure_future(keep_alive(host, kills))
+        try:
+            await asyncio.wait((call, keeper), timeout=PATIENCE, return_when=asyncio.FIRST_COMPLETED)
+            if keeper.done():
+                keeper.result()
+            assert call.done(), f"stuck after {host.lives} lives: {self.told()}"
+            return call.result()
+        finally:
+            for task in (call, keeper):
+                task.cancel()
+            await asyncio.gather(call, keeper, return_exceptions=True)
+
+    # -- what happened ----------------------------------------------------------------------------
+
+    @property
+    def effects(self) -> list[tuple[str, str, int, str, float]]:
+        """Each thing that the leaf has done: word, robot, number, key and time [s]."""
+        if not self.effects_file.exists():
+            return []
+        lines = [line.split() for line in self.effects_file.read_text().splitlines()]
+        return [(word, robot, int(n), key, float(at)) for word, robot, n, key, at in lines]
+
+    @property
+    def ended(self) -> list[int]:
+        return sorted(n for word, _, n, _, _ in self.effects if word == "end")
+
+    def twice(self) -> list[str]:
+        """Return what was begun more than once, by key and by number."""
+        begun = [(key, n) for word, _, n, key, _ in self.effects if word == "begin"]
+        keys, numbers = Counter(key for key, _ in begun), Counter(n for _, n in begun)
+        return [*(key for key, n in keys.items() if n > 1), *(str(n) for n, m in numbers.items() if m > 1)]
+
+    def expect_once(self, *numbers: int) -> None:
+        """Hold that exactly these things were done, each once, and that nobody complained."""
+        assert self.twice() == []
+        assert self.ended == sorted(numbers)
+        self.expect_silence()
+
+    def expect_silence(self) -> None:
+        assert not COMPLAINT.search(self.told()), self.told()
+
+    def told(self) -> str:
+        return "\n".join(f"{each.name}: {each.complaints}" for each in self.programs)
+
+    async def until_effects(self, count: int, word: str = "end") -> None:
+        """Wait until the leaf has done so much."""
+        latest = time.monotonic() + PATIENCE
+        while sum(each[0] == word for each in self.effects) < count:
+            assert time.monotonic() < latest, f"{self.effects}\n{self.told()}"
+            await asyncio.sleep(0.005)
+
+    def fields(self, name: str) -> Any:
+        return self.fleet.describe(name)
+
+
+async def keep_alive(host: Program, kills: list[str]) -> None:
+    """Start a host again whenever it ends, with the next kill."""
+    while True:
+        await host.process.wait()
+        assert host.process.returncode == -signal.SIGKILL, host.complaints
+        await host.start(KILL=kills.pop(0) if kills else "")
+
+
+@contextlib.asynccontextmanager
+async def staged(folder: Path, realm: str = "durable") -> AsyncIterator[Stage]:
+    """Start the leaf, and end everything afterwards."""
+    stage = Stage(folder, realm)
+    try:
+        await stage.program("leaf", HERE / "leaf.py", stage.effects_file, "arm-1", "arm-2").start()
+        async with joined(realm) as fleet:
+            stage.fleet = fleet
+            yield stage
+    finally:
+        for program in stage.programs:
+            if program.lives:
+                await program.kill()
