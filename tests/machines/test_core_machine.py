@@ -193,8 +193,9 @@ class CoreMachine(RuleBasedStateMachine):
         return None if lease is None or lease.expires <= self.now else lease.epoch
 
     def wrong(self) -> int | None:
-        """An epoch that nobody has who may command the robot."""
-        return 7 if self.right() is None else None
+        """An epoch that nobody has who may command the robot, nor end what it does."""
+        lease = self.core.state.lease.current
+        return 7 if self.right() is None or (lease is not None and lease.away) else None
 
     def outranked(self) -> bool:
         """Whether somebody else commands what stands behind the robot, and no parent the robot."""
@@ -388,14 +389,16 @@ class CoreMachine(RuleBasedStateMachine):
             principal=ITSELF if by == "itself" else HOLDER,
             final=final,
         )
-        alone = by == "none" and self.right() is not None
+        lease = self.core.state.lease.current
+        away = lease is not None and lease.away
+        alone = by == "none" and self.right() is not None and not away
         if epoch is not None and epoch != self.right():
             with pytest.raises(StaleEpoch):
                 self.handle(order)
         elif alone and by == "none" and not any(call.detached for call in live.values()):
             with pytest.raises(NotInControl):
                 self.handle(order)
-        elif order.principal == ITSELF or epoch == self.right() or alone:
+        elif order.principal == ITSELF or epoch == self.right() or alone or away:
             meant = [
                 key
                 for key, call in live.items()

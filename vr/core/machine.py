@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import msgspec
 
@@ -314,9 +314,11 @@ def shift(state: RobotState, by: float) -> None:
         for path, step in call.steps.items():
             if step.kind in on.MOMENTS:
                 call.steps[path] = msgspec.structs.replace(step, value=step.value + by)
-            elif step.kind == on.RECEIVED and type(step.value) is dict and on.AT in step.value:
-                value = {**step.value, on.AT: step.value[on.AT] + by}
-                call.steps[path] = msgspec.structs.replace(step, value=value)
+            elif step.kind == on.RECEIVED and isinstance(step.value, dict):
+                received = {**cast("dict[str, Any]", step.value)}
+                if on.AT in received:
+                    received[on.AT] += by
+                call.steps[path] = msgspec.structs.replace(step, value=received)
     stop.moment += by
 
 
@@ -504,7 +506,8 @@ class RobotCore:
         """
         call = self.state.calls.live.get(event.key)
         if event.principal != ITSELF and (call is None or call.principal != event.principal):
-            self.state.lease.check(event.epoch, now, event.principal, ends=True)
+            ends = isinstance(event, on.CancelAsked)
+            self.state.lease.check(event.epoch, now, event.principal, ends=ends)
         return call
 
     def _end(
@@ -525,7 +528,8 @@ class RobotCore:
 
     def _cancel_all(self, event: on.CancelAll, now: float) -> Effects:
         detached = any(call.detached for call in self.state.calls.live.values())
-        free = event.epoch is None and self.state.lease.current is not None
+        lease = self.state.lease.current
+        free = event.epoch is None and lease is not None and not lease.away
         alone = detached and free and event.principal != ITSELF
         if event.principal != ITSELF and not alone:
             self.state.lease.check(event.epoch, now, event.principal, ends=True)
