@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar
 
 import msgspec
 
@@ -314,8 +314,8 @@ def shift(state: RobotState, by: float) -> None:
         for path, step in call.steps.items():
             if step.kind in on.MOMENTS:
                 call.steps[path] = msgspec.structs.replace(step, value=step.value + by)
-            elif step.kind == on.RECEIVED and isinstance(step.value, dict):
-                received = {**cast("dict[str, Any]", step.value)}
+            elif step.kind == on.RECEIVED and hasattr(step.value, "keys"):
+                received: dict[str, Any] = {**step.value}
                 if on.AT in received:
                     received[on.AT] += by
                 call.steps[path] = msgspec.structs.replace(step, value=received)
