@@ -23,7 +23,6 @@ from types import TracebackType
 from typing import Any, Self, TypeVar, cast, overload
 
 from robotree.vr.author.context import running
-from robotree.vr.base.chance import token
 from robotree.vr.base.entry import entry_of, revived, template_of
 from robotree.vr.base.errors import EntryUnfit, Garbled
 from robotree.vr.base.requests import (
@@ -201,7 +200,6 @@ class SpaceEntries:
             take=take,
             most=most,
             within=_limit(within),
-            ask=token(),
             transaction=self._transaction,
         )
         found = _ask(self._name, request, EntriesFound)
@@ -209,7 +207,7 @@ class SpaceEntries:
         try:
             return [revived(entry, cls) for _, entry in found.entries]
         except EntryUnfit:
-            running().send_to_space(self._name, GiveUp(ask=request.ask))
+            running().send_to_space(self._name, GiveUp(ask=found.ask))
             raise
 
 
@@ -246,7 +244,7 @@ class Space(SpaceEntries):
             FenceHeld: somebody else holds it.
         """
         term = _seconds(ttl)
-        request = AcquireFence(name=name, term=term, within=_limit(within), ask=token())
+        request = AcquireFence(name=name, term=term, within=_limit(within))
         return Fence(self._name, name, term, _ask(self._name, request, FenceGranted))
 
     def notify(
@@ -270,7 +268,7 @@ class Space(SpaceEntries):
 
     def _hints(self, kind: str, given: dict[str, Any], number: int, end: float) -> Iterator[None]:
         while (left := end - running().now()) > 0:
-            request = WatchEntries(kind=kind, fields=given, since=number, within=left, ask=token())
+            request = WatchEntries(kind=kind, fields=given, since=number, within=left)
             came = _ask(self._name, request, EntriesCame)
             number = came.number
             if came.came:

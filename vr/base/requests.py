@@ -303,6 +303,8 @@ class WriteEntry(_Message, frozen=True, kw_only=True):
     """[s] asked for; the space may grant less."""
     key: str = ""
     """That no other entry may have; empty: it has none."""
+    ask: str = ""
+    """Asked again under the same, it is done once, and answered as before; empty: it is not known again."""
     transaction: str = ""
     """In which it is done; empty: in none. So in all that follow."""
 
@@ -320,7 +322,7 @@ class FindEntries(_Message, frozen=True, kw_only=True):
     within: float = 0.0
     """[s] to wait for the first one."""
     ask: str = ""
-    """By which it can be given up, see `GiveUp`."""
+    """By which it can be given up, see `GiveUp`, and is known again: see `WriteEntry`."""
     transaction: str = ""
 
 
@@ -343,12 +345,14 @@ class OpenTransaction(_Message, frozen=True, kw_only=True):
 
     term: float
     """[s] after which it is taken back, unless it was committed."""
+    ask: str = ""
 
 
 class CloseTransaction(_Message, frozen=True, kw_only=True):
     """Commit a transaction. Answered by `Done`."""
 
     transaction: str
+    ask: str = ""
 
 
 class RollBack(_Message, frozen=True, kw_only=True):
@@ -572,6 +576,8 @@ class EntriesFound(_Message, frozen=True, kw_only=True):
     """The entries that match, the oldest first; none: the time to wait is over."""
 
     entries: tuple[tuple[int, Entry], ...] = ()
+    ask: str = ""
+    """Of the request."""
 
 
 class TransactionOpened(_Message, frozen=True, kw_only=True):

@@ -22,7 +22,7 @@ class StepResult(msgspec.Struct, frozen=True, array_like=True):
 
     kind: str
     """`call`, `tell`, `sleep`, `wait`, `look`, `reading`, `until`, `group`, `result`, `field`,
-    `cleanup`, `end`."""
+    `cleanup`, `end`, `space`."""
     content: Any = None
     """What tells it from another step: of a call its slot, command and arguments."""
     value: Any = None

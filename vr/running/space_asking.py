@@ -3,9 +3,21 @@
 from __future__ import annotations
 
 import contextlib
+from typing import Any
+
+import msgspec
 
 from robotree.vr.base.errors import NoSpace, SeveralSpaces, SpaceError, SpaceLost
-from robotree.vr.base.requests import AnyRequest, GiveUp, Raised, Reply
+from robotree.vr.base.requests import (
+    AnyRequest,
+    GiveUp,
+    Raised,
+    Reply,
+    WriteEntry,
+    decode_reply,
+    encode,
+)
+from robotree.vr.core import events as on
 from robotree.vr.running.frame import Frame
 from robotree.vr.running.robot_runtime import RobotRuntime
 
@@ -25,6 +37,9 @@ _WORDS = {
 def ask_space(frame: Frame, space: str, request: AnyRequest) -> Reply:
     """Ask a space, as one step of a running command, and wait for its answer.
 
+    What it answers is kept with the step, so a command that goes on in another process asks once. A request
+    that was under way then is asked again under its key, and the space answers as it did before.
+
     Args:
         frame: of the command.
         space: its name; empty: the only one that runs.
@@ -34,7 +49,22 @@ def ask_space(frame: Frame, space: str, request: AnyRequest) -> Reply:
         SpaceError: the refusal of the space; or there is none, or it ended before it answered.
         VrError: the command was asked to end.
     """
-    frame.step()
+    path = frame.step()
+    content = [type(request).__name__, _about(request)]
+    step = frame.recalled(path, "space", content)
+    if step is None:
+        if hasattr(request, "ask"):
+            request = msgspec.structs.replace(request, ask=path)
+        reply = _wait_for(frame, space, request)
+        frame.keep_step(path, on.StepResult("space", content, encode(reply)))
+    else:
+        reply = decode_reply(step.value, key=space or "the space")
+    if isinstance(reply, Raised):
+        raise reply.revive()
+    return reply
+
+
+def _wait_for(frame: Frame, space: str, request: AnyRequest) -> Reply:
     runtime, replies = frame.runtime, list[Reply | None]()
     key, name = space_of(runtime, space)
 
@@ -52,9 +82,14 @@ def ask_space(frame: Frame, space: str, request: AnyRequest) -> Reply:
     reply = replies[0]
     if reply is None:
         raise SpaceLost(space=name, request=_WORDS.get(type(request).__name__, "the request"))
-    if isinstance(reply, Raised):
-        raise reply.revive()
     return reply
+
+
+def _about(request: AnyRequest) -> Any:
+    """Return what tells a request from another one, whatever its times and keys are."""
+    if isinstance(request, WriteEntry):
+        return [request.entry.kind, request.entry.fields]
+    return [getattr(request, name, "") for name in ("kind", "fields", "name")]
 
 
 def tell_space(frame: Frame, space: str, request: AnyRequest) -> None:

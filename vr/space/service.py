@@ -64,8 +64,8 @@ MOST_WAITING = 10_000
 """Requests that wait."""
 SWEEP = 1.0
 """[s] between two looks for what has ended, and for changes of which no news came."""
-KEPT_ANSWERED, MOST_ANSWERED = 10.0, 1000
-"""[s] and number of answers that can be given back afterwards."""
+KEPT_ANSWERED, MOST_ANSWERED = 600.0, 10_000
+"""[s] and number of answers that are known again, or can be given back."""
 MOST_NEWS = 1024
 """Entries that have become visible and are remembered for those who watch."""
 
@@ -124,8 +124,10 @@ class SpaceService:
         self._waiting: dict[int, SpaceRequest] = {}
         """Requests that wait, the oldest first."""
         self._number = 0
-        self._answered: OrderedDict[str, tuple[float, Callable[[], object]]] = OrderedDict()
-        """What was given lately, by `ask`: when [s], and what gives it back."""
+        self._answered: OrderedDict[str, tuple[float, Reply]] = OrderedDict()
+        """What was answered lately, by `ask`: when [s], and what."""
+        self._returns: dict[str, Callable[[], object]] = {}
+        """What gives back what was given with such an answer."""
         self._transactions: dict[str, set[str]] = {}
         """Open transactions by the agent that has opened them."""
         self._fences: dict[str, set[tuple[str, int]]] = {}
@@ -275,6 +277,10 @@ class SpaceService:
                     served[number] = asked
                     answers.append((asked, reply))
         except SpaceError as error:  # nothing of it was kept
+            for asked, _ in answers:
+                ask = getattr(asked.request, "ask", "")
+                self._answered.pop(ask, None)
+                self._returns.pop(ask, None)
             answers = [(asked, Raised.of(error)) for asked, _ in answers if asked not in served.values()]
             self._waiting.update(served)
         for asked, reply in answers:
@@ -287,9 +293,16 @@ class SpaceService:
             _log.warning("%s", error)
 
     def _answer_of(self, asked: SpaceRequest) -> Reply | None:
-        """Do what is asked; None: it has to wait."""
+        """Do what is asked, or say again what was answered before; None: it has to wait."""
+        request = asked.request
+        ask = "" if isinstance(request, GiveUp) else getattr(request, "ask", "")
+        if ask and (before := self._answered.get(ask)) is not None:
+            return before[1]
         try:
-            return self._answers[type(asked.request)](asked.request, asked)
+            reply = self._answers[type(request)](request, asked)
+            if ask and reply is not None and _changes(request):
+                self._remember(ask, reply)
+            return reply  # noqa: TRY300 # what follows is about errors alone
         except Exception as error:  # noqa: BLE001 # the asker gets an answer, whatever happens
             return refusal(error, self.address.name)
 
@@ -346,8 +359,8 @@ class SpaceService:
         if not rows and not self._is_over(asked):
             return None
         if rows and request.take and request.ask and not request.transaction:
-            self._remember(request.ask, lambda: self._store.put_back(rows))
-        return EntriesFound(entries=tuple((row.id, row.entry) for row in rows))
+            self._returns[request.ask] = lambda: self._store.put_back(rows)
+        return EntriesFound(entries=tuple((row.id, row.entry) for row in rows), ask=request.ask)
 
     def _is_over(self, asked: SpaceRequest) -> bool:
         """Whether one waits no longer.
@@ -365,16 +378,20 @@ class SpaceService:
             if getattr(asked.request, "ask", "") == ask:
                 del self._waiting[number]
                 break
-        _when, give_back = self._answered.pop(ask, (0.0, None))
-        if give_back is not None:
+        self._answered.pop(ask, None)
+        if (give_back := self._returns.pop(ask, None)) is not None:
             give_back()
         return Done()
 
-    def _remember(self, ask: str, give_back: Callable[[], object]) -> None:
-        """Take note of what gives an answer back whose asker waits no longer."""
-        self._answered[ask] = (self._now(), give_back)
-        while len(self._answered) > MOST_ANSWERED:
-            self._answered.popitem(last=False)
+    def _remember(self, ask: str, reply: Reply) -> None:
+        """Take note of an answer: its asker may ask again, or not have got it."""
+        self._answered[ask] = (self._now(), reply)
+        if len(self._answered) > MOST_ANSWERED:
+            self._forget_answer()
+
+    def _forget_answer(self) -> None:
+        ask, _ = self._answered.popitem(last=False)
+        self._returns.pop(ask, None)
 
     def _watch(self, request: WatchEntries, asked: SpaceRequest) -> Reply | None:
         if request.since < 0:
@@ -396,7 +413,7 @@ class SpaceService:
                 self._fences.setdefault(asked.agent, set()).add((request.name, fence.epoch))
             if request.ask:
                 let_go = RenewFence(name=request.name, epoch=fence.epoch, term=0.0)
-                self._remember(request.ask, lambda: self._renew_fence(let_go, asked))
+                self._returns[request.ask] = lambda: self._renew_fence(let_go, asked)
             return FenceGranted(epoch=fence.epoch, term=fence.left)
         if self._is_over(asked):
             raise FenceHeld(name=request.name, holder=fence.holder, seconds=fence.left)
@@ -459,8 +476,13 @@ class SpaceService:
         self._fence_news = True
         latest = self._now() - KEPT_ANSWERED
         while self._answered and next(iter(self._answered.values()))[0] < latest:
-            self._answered.popitem(last=False)
+            self._forget_answer()
         del self._news[:-MOST_NEWS]
+
+
+def _changes(request: AnyRequest) -> bool:
+    """Whether a request changes the space: one that only looks may look again."""
+    return request.take if isinstance(request, FindEntries) else not isinstance(request, WatchEntries)
 
 
 def _name_of(principal: Principal) -> str:

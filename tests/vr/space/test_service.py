@@ -154,6 +154,22 @@ async def test_what_was_given_up_is_there_again(stage: Stage) -> None:
     taking.cancel()
 
 
+async def test_what_is_asked_again_under_its_key_is_done_once(stage: Stage) -> None:
+    """As a robot does whose host was killed before it had the answer."""
+    one = await stage.program("one")
+    write, take, begin, commit = token(), token(), token(), token()
+    assert await one.write(1, ask=write) == await one.write(1, ask=write)
+    await one.write(2)
+    assert await one.take(ask=take) == [1] == await one.take(ask=take)
+    opened = [await one.ask(OpenTransaction(term=9, ask=begin), TransactionOpened) for _ in range(2)]
+    assert opened[0] == opened[1]
+    transaction = opened[0].transaction
+    assert await one.take(transaction=transaction) == [2]
+    for _ in range(2):
+        await one.ask(CloseTransaction(transaction=transaction, ask=commit), Done)
+    assert await one.take() == []
+
+
 async def test_the_transaction_of_a_program_that_dies_is_taken_back(stage: Stage) -> None:
     one, other = await stage.program("one"), await stage.program("other")
     await one.write(1)
