@@ -75,7 +75,7 @@ _log = logging.getLogger(__name__)
 class SpaceRequest:
     """One request that has come."""
 
-    __slots__ = ("agent", "answer", "marks", "principal", "request", "until")
+    __slots__ = ("agent", "answer", "looks_for", "marks", "principal", "request", "until")
 
     def __init__(
         self, request: AnyRequest, principal: Principal, until: float, answer: Callable[[Reply], None]
@@ -95,6 +95,9 @@ class SpaceRequest:
         """What the entries must have that it waits for; None: it waits for a fence."""
         if isinstance(request, FindEntries | WatchEntries):
             self.marks = marks_of((request.kind,) if request.kind else (), request.fields)
+        about = (getattr(request, name, None) for name in ("take", "transaction", "since", "name"))
+        self.looks_for = (type(request), self.marks, *about)
+        """Two requests that wait have the same if none of them is answered where the other is not."""
 
 
 class SpaceService:
@@ -312,17 +315,27 @@ class SpaceService:
         self._remind(asked.until)
 
     def _no_longer_waiting(self) -> list[tuple[int, SpaceRequest, Reply]]:
-        """Try those again for which something may have changed; return those that are answered."""
+        """Try those again for which something may have changed; return those that are answered.
+
+        When one has found nothing, the next one that looks for the same is not tried: of a thousand that wait
+        for one entry only two are.
+        """
         answered: list[tuple[int, SpaceRequest, Reply]] = []
         heard, fences, now = [*self._heard, *self._store.news()], self._fence_news, self._now()
         self._heard, self._fence_news = [], False
         for marks in heard:
             self._came += 1
             self._news.append((self._came, marks))
+        in_vain: set[tuple[object, ...]] = set()
         for number, asked in list(self._waiting.items()) if self._waiting else ():
             wanted = asked.marks
             concerned = fences if wanted is None else any(one is None or wanted <= one for one in heard)
-            if (concerned or asked.until <= now) and (reply := self._answer_of(asked)) is not None:
+            if not (concerned and asked.looks_for not in in_vain) and asked.until > now:
+                continue
+            reply = self._answer_of(asked)
+            if reply is None:
+                in_vain.add(asked.looks_for)
+            else:
                 del self._waiting[number]
                 answered.append((number, asked, reply))
         return answered

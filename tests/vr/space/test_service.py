@@ -248,6 +248,30 @@ async def test_a_lease_that_is_none_is_refused(stage: Stage) -> None:
         await one.ask(RenewEntry(id=id_, term=float("nan")), EntryLeased)
 
 
+async def test_of_many_that_wait_for_the_same_few_are_tried() -> None:
+    tried = 0
+
+    class Counting(MemoryStore):
+        def find(self, *values: Any, **options: Any) -> Any:
+            nonlocal tried
+            tried += 1
+            return super().find(*values, **options)
+
+    stage = Stage(lambda: Counting("jobs", time.monotonic))
+    await stage.serve()
+    one = await stage.program("one")
+    taking = [asyncio.create_task(one.take(PATIENCE)) for _ in range(100)]
+    await asyncio.sleep(0.1)
+    tried = 0
+    for number in range(10):
+        await one.write(number)
+    assert tried <= 20, "for each entry the one that gets it, and one in vain"
+    for each in taking:
+        each.cancel()
+    await asyncio.gather(*taking, return_exceptions=True)
+    await stage.close()
+
+
 async def test_requests_that_come_together_are_kept_together(tmp_path: Path) -> None:
     """One commit for all that came while another one was under way (group commit)."""
     store = SqliteStore("jobs", tmp_path / "s.db", time.monotonic, time.time)
