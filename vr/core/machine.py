@@ -615,7 +615,9 @@ class RobotCore:
         lease = self.state.lease.renew(
             event.parent, event.epoch, event.lineage, now=now, principal=event.principal
         )
-        changed = before is None or (before.parent, before.lineage) != (lease.parent, lease.lineage)
+        changed = (
+            before is None or before.away or (before.parent, before.lineage) != (lease.parent, lease.lineage)
+        )
         news = [LeaseChanged(), *self._keep_bonds(now, all_of_them=True)] if changed else []
         return [self._granted(), *news]
 
