@@ -43,11 +43,14 @@ def lacking() -> str:
 
 
 def as_somebody() -> list[str]:
-    """What a line begins with so that its program does not run as root."""
-    if os.geteuid() != 0:
+    """What a line begins with so that its program is not root, and ends when the tests were killed."""
+    if shutil.which("setpriv") is None:
         return []
+    end = ["setpriv", "--pdeathsig=QUIT"]
+    if os.geteuid() != 0:
+        return end
     group = pwd.getpwnam(USER).pw_gid
-    return ["setpriv", f"--reuid={USER}", f"--regid={group}", "--clear-groups"]
+    return [*end, f"--reuid={USER}", f"--regid={group}", "--clear-groups"]
 
 
 class Server:
