@@ -160,6 +160,9 @@ class ChildKeeper:
     async def _take_back_one(self, slot: str, bond: Bond) -> None:
         child, epoch = bond.child, bond.lease.epoch
         if not await self._presence.until(child.key, there=True, within=REUNION):
+            if bond.returns:
+                self._returning[slot] = asyncio.ensure_future(self._await_child(slot, bond))
+                return
             self._anew.add(slot)
             reason = f"{child.name} has ended while its parent was away"
             self._runtime.post(on.Lose(slot=slot, child=child, epoch=epoch, reason=reason))
@@ -172,6 +175,13 @@ class ChildKeeper:
             if now is None or now.lease.confirmed > bond.lease.confirmed:
                 return
             await asyncio.sleep(0.002)
+
+    async def _await_child(self, slot: str, bond: Bond) -> None:
+        """Hold a child again whose host is starting, too, or lose it when it does not come in time."""
+        if await self._presence.until(bond.child.key, there=True, within=bond.returns):
+            self._watch(slot, bond.child, bond.lease.epoch)
+            self.renew(on.RenewLease(slot=slot, child=bond.child, epoch=bond.lease.epoch, sent=_now()))
+        self._returning.pop(slot, None)
 
     async def close(self) -> None:
         """Release all children, and take no more."""

@@ -26,11 +26,14 @@ def authorise(principal: Principal, request: AnyRequest, state: RobotState | Non
     Raises:
         NotAllowed: the principal may not ask for this.
     """
-    del state  # the policy of a realm of several users will look at it
     if principal.user != user_name(os.geteuid()):
         reason = f"the processes of this realm belong to {user_name(os.geteuid())}"
         raise NotAllowed(who=principal.person or principal.user, what=type(request).__name__, reason=reason)
-    if isinstance(request, Petition | Retract | Renew | Release) and request.parent.key != principal.agent:
+    if not isinstance(request, Petition | Retract | Renew | Release):
+        return
+    lease = None if state is None else state.lease.current
+    away = isinstance(request, Release) and lease is not None and lease.away
+    if request.parent.key != principal.agent and not (away and principal.person):  # a person frees a child
         reason = f"it speaks for {request.parent.name} and is not {request.parent.name}"
         who = principal.agent or f"process {principal.process}"
         raise NotAllowed(who=who, what=type(request).__name__, reason=reason)

@@ -170,6 +170,11 @@ def rebase(states: Sequence[RobotState], by: float, now: float) -> None:
         if lease.current is not None and lease.current.parent in here:
             expires = now + lease.term_granted  # and the next process of the parent is its heir
             lease.current = msgspec.structs.replace(lease.current, expires=expires, away=True)
+        elif lease.current is not None and lease.current.waits:  # nobody knows what its parent did meanwhile
+            expires = now + lease.current.waits
+            lease.current = msgspec.structs.replace(lease.current, expires=expires, away=True)
         for bond in state.slots.bonds().values():
             held = bond.lease
             held.confirmed = held.last_asked = now if bond.child in here else now - held.term / 2
+            if bond.returns and bond.child not in here:  # its host may be starting, too
+                held.confirmed = now + bond.returns - held.term
