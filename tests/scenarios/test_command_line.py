@@ -140,7 +140,7 @@ def test_watching_prints_an_object_for_each_state(say: Say) -> None:
 def test_no_verb_over_a_fleet_is_left_out() -> None:
     proved = {line.split()[0] for line, _, _ in SHAPES} | {"watch"}
     proved |= {"role", "rules explain"}  # over scripts and companions: their own tests show them
-    proved |= {"decide", "space ls"}  # over a host that crashed, and over spaces
+    proved |= {"decide", "space ls", "history", "why"}  # of hosts that crashed, of spaces, of what was kept
     promised = {one.verb for one in ACTIONS if one.run and Where.SHELL in one.where} | {"run"}
     assert proved == promised
 

@@ -22,7 +22,7 @@ STATUSES: Mapping[Status, tuple[str, str]] = {
     "stopped": ("■", "error"),
     "abandoned": ("▲", "error"),
     "busy": ("◐", "accent"),
-    "waits": ("◔", "warning"),
+    "waits": ("◍", "warning"),
     "needs": ("○", "warning"),
     "free": ("●", "success"),
     "enslaved": ("◆", "primary"),
