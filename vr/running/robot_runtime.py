@@ -137,6 +137,7 @@ class RobotRuntime:
             self._give_state(robot)
         self.runs: dict[str, Run] = {}
         """Its calls that have not ended, by key."""
+        self._interrupted = self._interrupted_calls()
         self.describe_child, self.follow_child = describe_child, follow_child
         self._execute, self._transport, self._obeyed = execute, transport, obeyed
         self._on_effect = on_effect
@@ -346,17 +347,23 @@ class RobotRuntime:
         self.post(on.DoubtRaised(key=key, question=question))
         self.note(key, math.nan, f"asks: {question}")
 
+    def _interrupted_calls(self) -> tuple[str, ...]:
+        """Return the keys of the calls that ran when the process ended, and prepare what is known of them."""
+        running = [call for call in self.core.state.calls.live.values() if call.running]
+        for call in running:
+            run = self._run_of(call.key)
+            run.recall, run.recalled_fields = dict(call.steps), dict(call.fields)
+            run.lap = f"{call.lap}." if call.lap else ""
+            if call.cause is not None:
+                run.cause, run.final = call.cause.revive(), call.final
+        return tuple(call.key for call in running)
+
     def begin_again(self) -> None:
-        """Have the commands that ran when the process ended go on, from a state that was kept."""
-        with self._lock:
-            running = [call for call in self.core.state.calls.live.values() if call.running]
-            for call in running:
-                run = self._run_of(call.key)
-                run.recall, run.recalled_fields = dict(call.steps), dict(call.fields)
-                run.lap = f"{call.lap}." if call.lap else ""
-                if call.cause is not None:
-                    run.cause, run.final = call.cause.revive(), call.final
-        self.post(on.Restored(calls=tuple(call.key for call in running)))
+        """Have the commands that ran when the process ended go on, from a state that was kept.
+
+        Commands that have begun since the robot is open are no part of them: they run already.
+        """
+        self.post(on.Restored(calls=self._interrupted))
 
     def _remind_at(self, due: float) -> None:
         """Have the watchdog look when something is due, if that is earlier than it will look.

@@ -14,7 +14,7 @@ from robotree.vr.base.address import Address
 from robotree.vr.base.errors import CommandCancelled, StaleEpoch
 from robotree.vr.core import events as on
 from robotree.vr.core.events import CoreEvent
-from robotree.vr.core.machine import encode_state
+from robotree.vr.core.machine import decode_state, encode_state
 from robotree.vr.running.process import Process
 
 
@@ -44,6 +44,19 @@ class Page(VirtualRobot):
     def sort(self, numbers: list[float]) -> list[float]:
         numbers.append(9.0)
         return sorted(numbers)
+
+
+class Patient(Robot):
+    """Takes a second."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.begun = 0
+
+    @command
+    def wait(self) -> None:
+        self.begun += 1
+        self.sleep(1.0)
 
 
 def kept(book: Book, agent: Any) -> list[tuple[str, bool]]:
@@ -202,3 +215,16 @@ async def test_a_cancel_ends_the_wait_for_a_description_at_once(realm: Any) -> N
         await work
     assert realm.runner.now() - asked < 0.1
     realm.network.resume(mover.transport)
+
+
+async def test_a_command_that_comes_before_a_restored_robot_goes_on_is_carried_out_once(realm: Any) -> None:
+    before = await realm.start(Patient("patient"))
+    kept_state = decode_state(encode_state(before.runtime.core.state))
+    realm.kill(before)
+    patient = Patient("patient")
+    after = await realm.start(patient, state=kept_state)
+    call = asyncio.ensure_future(realm.client(after).call("wait", {}))
+    await realm.until(lambda: patient.begun > 0)
+    after.go_on()
+    await call
+    assert patient.begun == 1
