@@ -47,7 +47,7 @@ class LoopbackBus(BusABC):
 
     A frame reaches every member there is when it is sent, in the order of its sender. The bus has no
     bit rate: `bitrate` and its relatives are accepted and mean nothing. A sender is held up while a member
-    has no room but reads; one that reads nothing is left out after `wire.PATIENCE` seconds.
+    has no room but reads; one that reads nothing is left out after `wire.STALLED_AFTER` seconds.
 
     Args:
         channel: a port (the first of `seats.SEATS` in a row), or a name; None: the channel "robotree".

@@ -1,8 +1,8 @@
 """One connection to another member of the bus. It never blocks.
 
 What the far end has not read fills the system's buffers first and then a backlog. A far end that lets the
-backlog grow to its bound and reads nothing at all for `PATIENCE` seconds is *stalled*: from then on frames
-for it are dropped and counted, until it has read everything. It cannot hold up the others.
+backlog grow to its bound and reads nothing at all for `STALLED_AFTER` seconds is *stalled*: from then on
+frames for it are dropped and counted, until it has read everything. It cannot hold up the others.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 BOUND = 256 * 1024
 """[bytes] of the backlog; about 3000 frames of 64 bytes."""
-PATIENCE = 0.25
-"""[s]"""
+STALLED_AFTER = 0.25
+"""[s] for which it reads nothing."""
 GLANCE = 0.1
 """[s] that one look counts at most. Who looks again much later was withheld the processor, and so perhaps was
 the far end, which may live in the same process."""
@@ -95,7 +95,7 @@ class Wire:
         self._looked = now
         if not self._backlog:
             self.stalled = False
-        elif len(self._backlog) >= BOUND and self._idle > PATIENCE:
+        elif len(self._backlog) >= BOUND and self._idle > STALLED_AFTER:
             self.stalled = True
 
     def read(self) -> list[Message] | None:

@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 
 PERSIST_PERIOD = 10.0
 """[s] between two calls of `Keyring.persist`: as much may have been signed since the time in the file."""
-LOCK_PATIENCE = 0.25
+REPLACE_WITHIN = 0.25
 """[s] in which other programs must unlock the file before a key can be replaced; they lock it for ms."""
-PERSIST_PATIENCE = 2.0
+PERSIST_WITHIN = 2.0
 """[s] in which they must unlock it before the time is persisted."""
 
 
@@ -51,7 +51,7 @@ class Keyring:
         KeyFileError: others can read it, it holds no key, or a line makes no sense.
     """
 
-    def __init__(self, path: Path, patience: float = PERSIST_PATIENCE) -> None:
+    def __init__(self, path: Path, patience: float = PERSIST_WITHIN) -> None:
         self._path, self._patience = path, patience
         content = read(path)
         self._state = content.state
@@ -168,7 +168,7 @@ class Keyring:
         """
         real = self._path.resolve()  # a symbolic link stays one
         try:
-            with alone(self._path, LOCK_PATIENCE):
+            with alone(self._path, REPLACE_WITHIN):
                 self.refresh()
                 key = self.key_for(controller)
                 if key is None or key.fingerprint != old.fingerprint:

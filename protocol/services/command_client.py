@@ -3,8 +3,8 @@
 An answer names only the command, so only one command of a kind is sent to a target at a time; the others
 wait. If a command was sent more than once, more than one answer may be on its way: the next one of its kind
 waits one `RESEND` for them. A command that is given up may still run: it is cancelled, and the next one of
-its kind waits `PATIENCE` for its answers, and longer while they report progress. An answer that takes even
-longer is taken for that of the next command.
+its kind waits `LONGEST_SILENCE` for its answers, and longer while they report progress. An answer that takes
+even longer is taken for that of the next command.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ RESEND = 0.5
 """[s] between two repetitions of what was not answered."""
 ATTEMPTS = 4
 """Transmissions, after which a command that nobody answers is given up."""
-PATIENCE = 5.0
+LONGEST_SILENCE = 5.0
 """[s] of silence after which a command in progress is given up, and counts as ended when it was given up."""
 
 
@@ -102,7 +102,7 @@ class CommandClient:
         queue = self._queues.get(ack.command)
         if not queue or not queue[0].attempts:  # a further answer to the one before
             if ack.result == MavResult.IN_PROGRESS and ack.command in self._quiet:
-                self._keep_quiet(ack.command, now + PATIENCE)
+                self._keep_quiet(ack.command, now + LONGEST_SILENCE)
             return []
         asked = queue[0]
         asked.heard = now
@@ -118,7 +118,7 @@ class CommandClient:
         for queue in self._queues.values():
             asked = queue[0]
             if asked.heard is not None:
-                due = min(due, asked.heard + PATIENCE)
+                due = min(due, asked.heard + LONGEST_SILENCE)
             if asked.heard is None or asked.cancelled:
                 due = min(due, asked.asked + RESEND)
         return due
@@ -128,7 +128,7 @@ class CommandClient:
         effects: list[CommandClientEffect] = []
         for queue in list(self._queues.values()):
             asked = queue[0]
-            if asked.heard is not None and now >= asked.heard + PATIENCE:
+            if asked.heard is not None and now >= asked.heard + LONGEST_SILENCE:
                 effects += self._give_up(queue, now)
             elif (asked.heard is None or asked.cancelled) and now >= asked.asked + RESEND:
                 gone = asked.attempts >= ATTEMPTS and asked.heard is None
@@ -156,7 +156,7 @@ class CommandClient:
     def _give_up(self, queue: deque[_Asked], now: float) -> list[CommandClientEffect]:
         command = queue[0].message.command
         cancel = Send(CommandCancel(self.system, self.component, command), self.via)
-        self._keep_quiet(command, now + PATIENCE)
+        self._keep_quiet(command, now + LONGEST_SILENCE)
         return [cancel, *self._done(queue, CommandDone(command, None), now)]
 
     def _keep_quiet(self, command: int, until: float) -> None:

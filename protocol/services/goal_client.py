@@ -35,7 +35,7 @@ RESEND = 0.25
 """[s] between two repetitions of what was not answered."""
 POLL = 1.0
 """[s] of silence after which the status is asked for."""
-PATIENCE = 3.0
+LONGEST_SILENCE = 3.0
 """[s] of silence after which the goal counts as out of sight."""
 LINGER = 10.0
 """[s] after its time to live for which a cancelled goal of which nothing is heard is asked about."""
@@ -120,7 +120,7 @@ class GoalClient:
         via: Hashable = None,
         resend: float = RESEND,
         poll: float = POLL,
-        patience: float = PATIENCE,
+        patience: float = LONGEST_SILENCE,
     ) -> None:
         self.system, self.component, self.via = system, component, via
         self._resend, self._poll, self._patience = resend, poll, patience

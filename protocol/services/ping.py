@@ -11,7 +11,7 @@ from robotree.protocol.messages import Ping
 if TYPE_CHECKING:
     from robotree.protocol.services.peer import Peer
 
-PATIENCE = 5.0
+LOST_AFTER = 5.0
 """[s] after which an answer counts as lost."""
 _MICRO = 1_000_000
 
@@ -69,7 +69,7 @@ class Pinger:
 
     def tick(self, now: float) -> list[int]:
         """The numbers of the questions that grew too old without an answer."""
-        old = [number for number, each in self._questions.items() if now - each.asked >= PATIENCE]
+        old = [number for number, each in self._questions.items() if now - each.asked >= LOST_AFTER]
         missing = [number for number in old if not self._questions.pop(number).answered]
         self.lost += len(missing)
         return missing

@@ -20,7 +20,7 @@ CHUNK = 50
 """[bytes]"""
 LONGEST = CHUNK * 20
 """[bytes] of one sentence; the wire would allow 12 750."""
-PATIENCE = 2.0
+CHUNKS_WITHIN = 2.0
 """[s] until a sentence with missing chunks is told as it is."""
 MAX_PEERS = 64
 """Unfinished sentences that are kept."""
@@ -69,7 +69,7 @@ class _Unfinished:
 
 
 class StatustextReceiver:
-    """Joins chunks to sentences; one with missing chunks is returned after `PATIENCE`."""
+    """Joins chunks to sentences; one with missing chunks is returned after `CHUNKS_WITHIN`."""
 
     def __init__(self) -> None:
         self._unfinished: dict[tuple[Peer, int], _Unfinished] = {}
@@ -100,11 +100,11 @@ class StatustextReceiver:
         """When to call `tick` next, [s]."""
         if not self._unfinished:
             return inf
-        return min(whole.since for whole in self._unfinished.values()) + PATIENCE
+        return min(whole.since for whole in self._unfinished.values()) + CHUNKS_WITHIN
 
     def tick(self, now: float) -> list[Sentence]:
         """The sentences that will not be completed any more, with their gaps marked."""
         if not self._unfinished:
             return []
-        late = [key for key, whole in self._unfinished.items() if now >= whole.since + PATIENCE]
+        late = [key for key, whole in self._unfinished.items() if now >= whole.since + CHUNKS_WITHIN]
         return [self._unfinished.pop(key).sentence(key[0]) for key in late]

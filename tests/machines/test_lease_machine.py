@@ -128,7 +128,7 @@ class LeaseMachine(RuleBasedStateMachine):
 
     @rule(more=st.sampled_from([-1, 0, 1, 1000]))
     def the_controller_tells_what_it_obeys(self, more: int) -> None:
-        self.child.hear(self.child.epoch + more)
+        self.child.note_obeyed(self.child.epoch + more)
 
     @rule(message=consumes(on_the_way))
     def get_lost(self, message: Message) -> None:

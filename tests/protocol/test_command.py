@@ -28,7 +28,7 @@ from robotree.protocol.services.command import (
 )
 from robotree.protocol.services.command_client import (
     ATTEMPTS,
-    PATIENCE,
+    LONGEST_SILENCE,
     RESEND,
     CommandClient,
     CommandDone,
@@ -295,8 +295,8 @@ def test_progress_is_waited_through(client: CommandClient) -> None:
 def test_silence_in_the_middle_is_not_waited_for_for_ever(client: CommandClient) -> None:
     client.send(MOVE, (), 0.0)
     client.receive(CommandAck(MOVE, MavResult.IN_PROGRESS, 10), 1.0)
-    assert client.tick(1.0 + PATIENCE * 0.9) == []
-    cancel, done = client.tick(1.0 + PATIENCE)
+    assert client.tick(1.0 + LONGEST_SILENCE * 0.9) == []
+    cancel, done = client.tick(1.0 + LONGEST_SILENCE)
     assert _sent([cancel]) == [CommandCancel(1, 1, MOVE)], "it may run all the same"
     assert done == CommandDone(MOVE, None)
 
@@ -347,11 +347,11 @@ def test_the_end_of_a_command_that_was_given_up_does_not_end_the_next_one_of_its
         assert client.receive(CommandAck(MOVE, result), given_up + second) == []
     end = given_up + max(len(told), 2)
     assert client.receive(CommandAck(MOVE, MavResult.ACCEPTED), end) == [], "the first one, after all"
-    assert client.tick(given_up + max(len(told) - 1, 0) + PATIENCE - 0.1) == []
-    (message,) = _sent([*client.tick(end + PATIENCE)])
+    assert client.tick(given_up + max(len(told) - 1, 0) + LONGEST_SILENCE - 0.1) == []
+    (message,) = _sent([*client.tick(end + LONGEST_SILENCE)])
     assert isinstance(message, CommandLong)
     assert message.param1 == 2.0
-    end += PATIENCE + 0.1
+    end += LONGEST_SILENCE + 0.1
     assert client.receive(CommandAck(MOVE, MavResult.DENIED), end) == [CommandDone(MOVE, MavResult.DENIED)]
 
 

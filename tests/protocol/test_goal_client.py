@@ -9,7 +9,7 @@ import pytest
 from robotree.protocol.messages import Goal, GoalCancel, GoalState, GoalStatus, Reason, Verb
 from robotree.protocol.services.goal_client import (
     LINGER,
-    PATIENCE,
+    LONGEST_SILENCE,
     POLL,
     RESEND,
     GoalClient,
@@ -81,8 +81,8 @@ def test_silence_is_told_once_and_ends_with_the_next_word(client: GoalClient) ->
     heard = [each for i in range(80) for each in client.tick(i / 10) if isinstance(each, GoalSilent)]
     assert heard == [GoalSilent(7, acknowledged=True)]
     assert client.receive(_status(GoalState.ACTIVE, sequence=2), 8.0)
-    assert not any(isinstance(each, GoalSilent) for each in client.tick(8.0 + PATIENCE * 0.9))
-    assert any(isinstance(each, GoalSilent) for each in client.tick(8.0 + PATIENCE))
+    assert not any(isinstance(each, GoalSilent) for each in client.tick(8.0 + LONGEST_SILENCE * 0.9))
+    assert any(isinstance(each, GoalSilent) for each in client.tick(8.0 + LONGEST_SILENCE))
 
 
 def test_a_link_that_comes_back_late_does_not_start_a_movement(client: GoalClient) -> None:

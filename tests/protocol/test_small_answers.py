@@ -28,7 +28,7 @@ def test_questions_without_an_answer_are_counted_and_forgotten() -> None:
     pinger = ping.Pinger(255, 190)
     for i in range(3):
         pinger.ask(float(i))
-    assert pinger.tick(ping.PATIENCE + 1.0) == [1, 2]
+    assert pinger.tick(ping.LOST_AFTER + 1.0) == [1, 2]
     assert pinger.lost == 2
     assert pinger.receive(Ping(0, 3, 254, 190), ARM, 2.5) is None, "an answer to somebody else"
     assert pinger.receive(Ping(0, 9, 255, 190), ARM, 2.5) is None, "an answer to nothing"

@@ -11,9 +11,9 @@ from robotree.protocol import Frame
 from robotree.protocol.messages import MavSeverity, Statustext, Timesync
 from robotree.protocol.services.statustext import (
     CHUNK,
+    CHUNKS_WITHIN,
     LONGEST,
     MAX_PEERS,
-    PATIENCE,
     StatustextReceiver,
     StatustextSender,
 )
@@ -72,15 +72,15 @@ def test_a_missing_chunk_is_marked_when_patience_ends() -> None:
     )
     for frame in (frames[0], frames[2]):
         assert listener.receive(frame, "link", 0.0) == []
-    assert listener.tick(PATIENCE * 0.9) == []
-    (heard,) = listener.tick(PATIENCE)
+    assert listener.tick(CHUNKS_WITHIN * 0.9) == []
+    (heard,) = listener.tick(CHUNKS_WITHIN)
     assert heard.text == "a" * 50 + "[...]" + "c"
 
 
 def test_a_missing_end_is_marked_too() -> None:
     frames, listener = _frames(StatustextSender().say(MavSeverity.ERROR, "a" * 60)), StatustextReceiver()
     listener.receive(frames[0], "link", 0.0)
-    (heard,) = listener.tick(PATIENCE)
+    (heard,) = listener.tick(CHUNKS_WITHIN)
     assert heard.text == "a" * 50 + "[...]"
 
 

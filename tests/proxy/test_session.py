@@ -20,7 +20,7 @@ from robotree.protocol.messages import (
     Tool,
 )
 from robotree.protocol.services.command_client import RESEND
-from robotree.protocol.services.goal_client import PATIENCE, GoalEnded, GoalProgress, GoalSilent
+from robotree.protocol.services.goal_client import LONGEST_SILENCE, GoalEnded, GoalProgress, GoalSilent
 from robotree.protocol.services.heartbeat import SILENCE
 from robotree.proxy.session import DEAD, ControllerSession
 
@@ -180,7 +180,7 @@ def test_a_goal_of_which_nothing_is_heard_is_told_silent(talk: Talk) -> None:
     talk.start()
     talk.wait(0.1)
     talk.cut()
-    talk.wait(PATIENCE + 0.2)
+    talk.wait(LONGEST_SILENCE + 0.2)
     assert [event.key for event in talk.events if isinstance(event, GoalSilent)] == [7]
 
 

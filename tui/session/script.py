@@ -31,7 +31,7 @@ from robotree.tui.line.grammar import Line
 from robotree.tui.line.surface import Surface
 from robotree.tui.session.conditions import Condition, condition
 
-PATIENCE = 5.0
+EXPECT_WITHIN = 5.0
 """[s] that an expectation may take to come true when the line does not say."""
 
 WORTH_TELLING = 0.5
@@ -195,7 +195,7 @@ def _expect(text: str) -> Expect:
     found = _WITHIN.fullmatch(text)
     if not found:
         raise SupervisorError(f"expect: cannot read {text!r}")
-    within = values.duration(found[2]) if found[2] else PATIENCE
+    within = values.duration(found[2]) if found[2] else EXPECT_WITHIN
     return Expect(condition(found[1]), within)
 
 

@@ -29,7 +29,7 @@ from robotree.tui.wire.security import securing
 EVERY = 0.2
 """[s] between two questions."""
 COUNT = 10
-PATIENCE = 1.0
+LAST_ANSWER_WITHIN = 1.0
 """[s] to wait for the last answers."""
 
 
@@ -140,7 +140,7 @@ async def _ping(line: Line, asker: Asker, count: int) -> int:
         while asked < count and not here.over:
             mouth[0].send(asker.ask(clock()))
             asked += 1
-            await here.wait(every if asked < count else PATIENCE)
+            await here.wait(every if asked < count else LAST_ANSWER_WITHIN)
         here.end()
         link.close()
     doubt = rejection(None if mouth[0].statistics.received else signer_pair["verifier"], keyless=keyless)

@@ -32,7 +32,7 @@ REALM = "realm"
 """What is given instead of a file for the realm's own key."""
 REALM_KEY = "realm.key"
 """The name of its file, in the realm's folder."""
-PATIENCE, LOOK = 2.0, 0.01
+KEY_WITHIN, LOOK = 2.0, 0.01
 """[s] to wait for another process that makes the realm's key, and between two looks."""
 
 
@@ -93,10 +93,10 @@ def _made_key(folder: Path) -> Path | None:
 def _alone(folder: Path) -> Generator[None]:
     """Let one process after another make a key: two in two folders of a realm would make two.
 
-    A process that is stopped meanwhile holds others up for `PATIENCE`. Where the folder cannot be private
+    A process that is stopped meanwhile holds others up for `KEY_WITHIN`. Where the folder cannot be private
     nobody waits: no process of ours uses it.
     """
-    until = time.monotonic() + PATIENCE
+    until = time.monotonic() + KEY_WITHIN
     try:
         private_folder(folder, strict=True)
         lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC | os.O_NOFOLLOW)

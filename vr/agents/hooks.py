@@ -48,21 +48,21 @@ class HookFailed(Exception):
 class Confirming:
     """What a hook has begun, until what stands behind the robot has confirmed it."""
 
-    def __init__(self, what: str, hook: Hook, *, late: str = UNCONFIRMED) -> None:
+    def __init__(self, name: str, hook: Hook, *, late: str = UNCONFIRMED) -> None:
         """Call the hook, whatever it raises.
 
         Args:
-            what: its name, for the log.
+            name: of it, for the log.
             hook: the hook.
             late: what it means that there is no confirmation in time, as a clause.
         """
-        self._what, self._late = what, late
+        self._name, self._late = name, late
         self._confirmation: Awaitable[None] | None = None
         self._failed = False
         try:
             self._confirmation = _called(hook)
         except Exception:  # noqa: BLE001 # the boundary to an author's code
-            _log.exception("%s failed", what)
+            _log.exception("%s failed", name)
             self._failed = True
 
     async def doubt(self, within: float) -> str:
@@ -89,7 +89,7 @@ class Confirming:
         if isinstance(error, HookFailed):
             return str(error)
         if error is not None:
-            _log.error("%s failed", self._what, exc_info=error)
+            _log.error("%s failed", self._name, exc_info=error)
         return "" if error is None else UNCONFIRMED
 
 
@@ -224,9 +224,9 @@ class Hooks:
             return
         self._latest = taken
         wrong = [f"{name!r} is {value!r}" for name, value in readings.items() if not _is_number(value)]
-        told = "readings gives what is no number, which is left out"
+        complaint = "readings gives what is no number, which is left out"
         where = begin_of(self._robot.readings) if wrong else ""
-        self._note("readings", f"{told}: {', '.join(wrong)} ({where})" if wrong else "")
+        self._note("readings", f"{complaint}: {', '.join(wrong)} ({where})" if wrong else "")
 
     def _went_well(self, name: str, hook: Hook) -> bool:
         """Run an author's hook in its thread; return whether it has ended as it should."""
@@ -241,9 +241,9 @@ class Hooks:
         if inspect.iscoroutine(left):
             left.close()
         if inspect.isawaitable(left):
-            told = "returns something to wait for: what it does is to be done when it returns"
-            _log.error("%s %s", label, told)
-            self._note(name, f"{name} {told} ({begin_of(getattr(self._robot, name))})")
+            complaint = "returns something to wait for: what it does is to be done when it returns"
+            _log.error("%s %s", label, complaint)
+            self._note(name, f"{name} {complaint} ({begin_of(getattr(self._robot, name))})")
             return False
         self._note(name, "")
         return True

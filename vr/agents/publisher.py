@@ -32,7 +32,7 @@ from robotree.vr.running.robot_runtime import RobotRuntime
 
 QUICK = 0.1
 """[s] Least time between two looks at the state, and the period while a command runs."""
-LISTING_PATIENCE = 5.0
+ANNOUNCE_WITHIN = 5.0
 """[s] for one change of the listing; a lookup service that hangs must not keep the others from the next
 one."""
 
@@ -213,7 +213,7 @@ class Publisher:
             while self._wanted != self._present:
                 wanted = self._wanted
                 with contextlib.suppress(TimeoutError):
-                    async with asyncio.timeout(LISTING_PATIENCE):
+                    async with asyncio.timeout(ANNOUNCE_WITHIN):
                         await self._apply(registrar, wanted)
                 self._present = wanted
         finally:

@@ -111,15 +111,15 @@ class Stops:
         runtime, name, began = self._runtime, self._runtime.robot.name, _now()
         budget = self._budget(request.within)
         runtime.expect_to_command(request.epoch, asker, ends=True)
-        confirmations, seen = Confirmations("the resume"), self._stops_seen(request)
-        if seen == runtime.stops and not await self._hooks.has_stopped(budget.wait / 2):
+        confirmations, counted = Confirmations("the resume"), self._stops_seen(request)
+        if counted == runtime.stops and not await self._hooks.has_stopped(budget.wait / 2):
             confirmations.deny(name, STILL_STOPPING)
-        if self._children is not None and seen == runtime.stops and confirmations.complete:
+        if self._children is not None and counted == runtime.stops and confirmations.complete:
             await self._children.resume(request, confirmations, budget, waited=_now() - began)
             runtime.expect_to_command(request.epoch, asker, ends=True)  # that may have taken time
-        allowed = seen == runtime.stops and confirmations.complete
+        allowed = counted == runtime.stops and confirmations.complete
         doubt = await self._release_own(budget.wait - (_now() - began)) if allowed else ""
-        if seen != runtime.stops:
+        if counted != runtime.stops:
             confirmations.deny(name, "it was stopped again after that had been asked for")
         elif not confirmations.complete:
             if not confirmations.names(name):
@@ -127,15 +127,15 @@ class Stops:
         else:
             self._take_own(confirmations, doubt)
             if not doubt:
-                runtime.post(on.ReleaseAsked(generation=seen, principal=asker))
+                runtime.post(on.ReleaseAsked(generation=counted, principal=asker))
                 self._runtime.changed()
         return Done(confirmed=tuple(confirmations.settle()))
 
     # -- inside -----------------------------------------------------------------------------------
 
     def _budget(self, within: float) -> Budget:
-        depth, ways = self._runtime.look(lambda state: (state.slots.depth, state.slots.ways))
-        return Budget(within, depth=depth, ways=ways)
+        depth, round_trip = self._runtime.look(lambda state: (state.slots.depth, state.slots.ways))
+        return Budget(within, depth=depth, round_trips=round_trip)
 
     def _confirmation(self, effect: on.AskPart) -> Awaitable[Sequence[str]]:
         """Have a part stop, from now on; what is returned waits for who has confirmed it."""

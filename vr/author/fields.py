@@ -310,11 +310,11 @@ def _setting(cls: type[Any], name: str, annotation: Any, default: Any) -> Settin
     bare, extras, _ = unwrapped(annotation)
     if get_origin(bare) in {ClassVar, Final} or bare in {ClassVar, Final}:
         return None
-    meant = any(isinstance(extra, Unit | Range) for extra in extras)
-    if not meant and not _simple(bare):
+    annotated = any(isinstance(extra, Unit | Range) for extra in extras)
+    if not annotated and not _simple(bare):
         return None
     if hasattr(Robot, name):
-        if meant:
+        if annotated:
             raise TypeError(f"{where}: a setting cannot have this name; every robot uses it itself")
         return None
     return Setting(default, field_with_default(name, annotation, default, where, cls.__name__), annotation)
@@ -324,11 +324,11 @@ def _simple(annotation: Any) -> bool:
     """Whether a value is a number, a truth, a text, a choice, or a tuple of such, or may be None instead."""
     annotation, _, _ = unwrapped(annotation)
     if get_origin(annotation) is Literal:
-        return all(isinstance(one, str) for one in get_args(annotation))
+        return all(isinstance(argument, str) for argument in get_args(annotation))
     if get_origin(annotation) is tuple:
-        return all(one is ... or _simple(one) for one in get_args(annotation))
+        return all(argument is ... or _simple(argument) for argument in get_args(annotation))
     if isinstance(annotation, type) and issubclass(annotation, Enum):
-        return all(isinstance(one.value, str) for one in annotation)
+        return all(isinstance(member.value, str) for member in annotation)
     return annotation in _SIMPLE
 
 

@@ -107,13 +107,17 @@ def parts_of(cls: type[Any], where: str) -> dict[str, Part]:
         return {name: _key(cls, name, hint) for name, hint in hints.items()}
     if issubclass(cls, msgspec.Struct):
         structs = msgspec.structs.fields(cls)
-        return {one.name: Part(hints[one.name], one.required, _default(one.default)) for one in structs}
+        return {
+            field.name: Part(hints[field.name], field.required, _default(field.default)) for field in structs
+        }
     return {
-        one.name: Part(
-            hints[one.name], one.default is one.default_factory is dataclasses.MISSING, _default(one.default)
+        field.name: Part(
+            hints[field.name],
+            field.default is field.default_factory is dataclasses.MISSING,
+            _default(field.default),
         )
-        for one in dataclasses.fields(cls)
-        if one.init
+        for field in dataclasses.fields(cls)
+        if field.init
     }
 
 
@@ -166,8 +170,8 @@ def _content(
         return repeated, (field_of("", item, f"{where}: a value of it", above=above, measures=measures),), ()
     if origin is tuple and args:
         items = (
-            field_of("", one, f"{where}: value {index}", above=above, measures=measures)
-            for index, one in enumerate(args)
+            field_of("", argument, f"{where}: value {index}", above=above, measures=measures)
+            for index, argument in enumerate(args)
         )
         return "tuple", tuple(items), ()
     if is_record(annotation):
@@ -198,21 +202,21 @@ def _record(cls: type[Any], where: str, above: tuple[type[Any], ...]) -> tuple[F
 
 
 def _members(kind: type[Enum], where: str) -> tuple[str, ...]:
-    for one in kind:
-        if not isinstance(one.value, str):
-            told = f"{kind.__name__}.{one.name} is {one.value!r}"
-            raise TypeError(f'{where}: {told}; write a text: {one.name} = "{one.name.lower()}"')
-    return tuple(one.value for one in kind)
+    for member in kind:
+        if not isinstance(member.value, str):
+            mistake = f"{kind.__name__}.{member.name} is {member.value!r}"
+            raise TypeError(f'{where}: {mistake}; write a text: {member.name} = "{member.name.lower()}"')
+    return tuple(member.value for member in kind)
 
 
 def unwrapped(annotation: Any) -> tuple[Any, tuple[Any, ...], bool]:
-    """Unwrap `Annotated` and `X | None`; return the type, its annotations, and whether it may be None."""
+    """Unwrap `Annotated` and `X | None`; return the type, its annotations, and whether it may be Nmember."""
     origin, args = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         inner, extras, nullable = unwrapped(args[0])
         return inner, (*extras, *args[1:]), nullable
     if origin in {Union, types.UnionType} and types.NoneType in args:
-        rest = tuple(one for one in args if one is not types.NoneType)
+        rest = tuple(argument for argument in args if argument is not types.NoneType)
         return *unwrapped(Union[rest])[:2], True  # noqa: UP007 # of a list that is known at run time
     return annotation, (), False
 

@@ -156,13 +156,13 @@ def _number(field: FieldSpec, value: object) -> float:
         number = float(value) if abs(value) < 1e300 else math.inf
     if not math.isfinite(number):
         raise ValueError(f"{value} is not a finite number; give {expected(field)}")
-    meant = number
+    exact = number
     if field.lower is not None:
         number = max(number, field.lower)
     if field.upper is not None:
         number = min(number, field.upper)
-    if number != meant and not math.isclose(number, meant, rel_tol=_ROUNDING, abs_tol=_ROUNDING):
-        shown = f"{value}" if isinstance(value, str) else f"{meant:g} {field.unit}".strip()
+    if number != exact and not math.isclose(number, exact, rel_tol=_ROUNDING, abs_tol=_ROUNDING):
+        shown = f"{value}" if isinstance(value, str) else f"{exact:g} {field.unit}".strip()
         raise ValueError(f"{shown} is out of range; give {expected(field)}")
     return number
 

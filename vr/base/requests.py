@@ -20,7 +20,7 @@ from robotree.vr.base.errors import Garbled, VrError
 from robotree.vr.base.history_event import NumberedEvent
 from robotree.vr.base.own_class import OwnClass
 
-PATIENCE = 5.0
+ANSWER_WITHIN = 5.0
 """[s] for an answer that takes no work: two round trips over 1 s each way, and some."""
 LONGEST_CLEANUP = 60.0
 """[s] that an author may give a clean-up (`Robot.cleanup`): a command may end so much after its deadline."""
@@ -139,7 +139,7 @@ class SafeStop(_Message, frozen=True, kw_only=True):
     """Protective stop, from anyone, at once, down to the hardware. Answered by `Accepted` and `Done`."""
 
     reason: str = ""
-    within: float = PATIENCE
+    within: float = ANSWER_WITHIN
     """[s] from its arrival on, in which the answer must leave to arrive in time."""
     order: str = ""
     """Which order this is part of: a robot that gets one order several times, by several ways, has been
@@ -158,7 +158,7 @@ class Resume(_Message, frozen=True, kw_only=True):
     even if the asker has counted it. Infinite: not known."""
     clock: str = ""
     """Name of the asker's monotonic clock, as `envelope.this_clock` gives it."""
-    within: float = PATIENCE
+    within: float = ANSWER_WITHIN
     """[s] from its arrival on, in which the answer must leave to arrive in time."""
 
 

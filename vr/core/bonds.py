@@ -311,7 +311,7 @@ class GrantedLease(msgspec.Struct, kw_only=True):
         """Whether somebody else commands what stands behind the robot, under a later epoch."""
         return self.rival >= self.epoch
 
-    def hear(self, obeyed: int) -> None:
+    def note_obeyed(self, obeyed: int) -> None:
         """Take note of the epoch that what stands behind the robot obeys, whenever it is looked at.
 
         What it obeys when it is first heard was granted by an earlier incarnation, whose clock was ahead, and

@@ -139,17 +139,17 @@ class Budget:
     of them.
     """
 
-    def __init__(self, within: float, *, depth: int = 0, ways: float = 0.0) -> None:
+    def __init__(self, within: float, *, depth: int = 0, round_trips: float = 0.0) -> None:
         """Begin when the order arrives.
 
         Args:
             within: [s] after which the answer must leave.
             depth: levels of robots below this one; 0: none.
-            ways: [s] that the ways down through all levels and back take together.
+            round_trips: [s] that the ways down through all levels and back take together.
         """
         self.within = within if 0 < within < LONGEST else LONGEST
         """[s] from the arrival of the order until its answer leaves."""
-        self._half_turn = min(TURN, max(self.within - ways, 0.0) / (max(depth, 0) + FOOT)) / 2
+        self._half_turn = min(TURN, max(self.within - round_trips, 0.0) / (max(depth, 0) + FOOT)) / 2
         self.wait = self.within - self._half_turn
         """[s] to wait for hardware and for those below."""
 

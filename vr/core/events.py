@@ -9,7 +9,7 @@ import msgspec
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import RobotDescription, SlotSpec
 from robotree.vr.base.principal import ITSELF, Principal
-from robotree.vr.base.requests import PATIENCE, Call, Done, Raised, Returned
+from robotree.vr.base.requests import ANSWER_WITHIN, Call, Done, Raised, Returned
 from robotree.vr.core.bonds import Bond
 
 
@@ -307,7 +307,7 @@ class StopAsked(_Event, frozen=True, kw_only=True):
 
     reason: str
     order: str = ""
-    within: float = PATIENCE
+    within: float = ANSWER_WITHIN
     """[s] in which its parts are to answer."""
 
 

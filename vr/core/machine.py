@@ -246,7 +246,9 @@ class Calls(msgspec.Struct, kw_only=True):
 
     def of(self, command: str) -> AcceptedCall | None:
         """Return the oldest live call of a command that nobody has asked to end; None: there is none."""
-        return next((one for one in self.live.values() if (one.command, one.cause) == (command, None)), None)
+        return next(
+            (call for call in self.live.values() if (call.command, call.cause) == (command, None)), None
+        )
 
     def beside_abandoned(self, robot: str, home: str) -> VrError | None:
         """Return why nothing that moves may begin while abandoned code runs; None: there is none."""
@@ -649,7 +651,7 @@ class RobotCore:
         return [*ended, LeaseEnded(parent=parent, slot=slot, reason=reason), *renewals]
 
     def _obeyed(self, event: on.Obeyed, _: float) -> Effects:
-        self.state.lease.hear(event.epoch)
+        self.state.lease.note_obeyed(event.epoch)
         return []
 
     # -- the robots that it commands --------------------------------------------------------------
@@ -767,7 +769,7 @@ class RobotCore:
         return effects
 
     def _halted(self, event: on.Halted, now: float) -> Effects:
-        self.state.stop.hear(event.reason, now)
+        self.state.stop.note_halted(event.reason, now)
         return self._end_all(event.reason, now, but_readers=True) if event.reason else []
 
     def _stop_answered(self, event: on.StopAnswered, _: float) -> Effects:

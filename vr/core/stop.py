@@ -91,7 +91,7 @@ class Stop(msgspec.Struct, kw_only=True):
         self.parts[self.generation] = {part: StopPart(name) for part, name in parts.items()}
         return self.generation
 
-    def hear(self, halted: str, now: float) -> bool:
+    def note_halted(self, halted: str, now: float) -> bool:
         """Take the robot's own report of a stop; return whether a stop begins with it."""
         begins = bool(halted) and not self.halted
         if begins:
@@ -107,10 +107,10 @@ class Stop(msgspec.Struct, kw_only=True):
         Returns:
             What the whole robot answers, if this was the last part of it.
         """
-        one = self.parts.get(generation, {}).get(part)
-        if one is None or one.answer is not None:
+        asked_part = self.parts.get(generation, {}).get(part)
+        if asked_part is None or asked_part.answer is not None:
             return None
-        one.answer = answer
+        asked_part.answer = answer
         reply = self.reply(generation)
         if isinstance(reply, Done):
             self.confirmed = max(self.confirmed, generation)
@@ -123,8 +123,8 @@ class Stop(msgspec.Struct, kw_only=True):
         confirmations = Confirmations("the protective stop")
         for part in self.parts.get(generation, {}).values():
             match part.answer:
-                case Done(confirmed=told):
-                    confirmations.take(part.name, told)
+                case Done(confirmed=names):
+                    confirmations.take(part.name, names)
                 case Raised() as raised:
                     confirmations.take(part.name, raised.revive())
                 case None:
@@ -136,7 +136,9 @@ class Stop(msgspec.Struct, kw_only=True):
 
     def unanswered(self, generation: int) -> list[str]:
         """Return the parts that have not answered a stop."""
-        return [part for part, one in self.parts.get(generation, {}).items() if one.answer is None]
+        return [
+            part for part, asked_part in self.parts.get(generation, {}).items() if asked_part.answer is None
+        ]
 
     def release(self) -> None:
         """End the ordered stop."""
@@ -147,5 +149,5 @@ class Stop(msgspec.Struct, kw_only=True):
     def _forget(self) -> None:
         """Forget the answers to stops that are not in force any more, once they are complete."""
         in_force = set(self.orders.values())
-        for generation in [one for one in self.parts if one not in in_force and self.reply(one)]:
+        for generation in [number for number in self.parts if number not in in_force and self.reply(number)]:
             del self.parts[generation]

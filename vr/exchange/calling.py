@@ -18,8 +18,8 @@ from robotree.vr.base.address import Address
 from robotree.vr.base.description import FieldSpec
 from robotree.vr.base.errors import CommandFailed, Garbled, NoAnswer, Unreachable, VrError
 from robotree.vr.base.requests import (
+    ANSWER_WITHIN,
     LONGEST_CLEANUP,
-    PATIENCE,
     Accepted,
     Call,
     Cancel,
@@ -141,7 +141,7 @@ def call_and_wait(
     outcome: CallOutcome,
     *,
     sender: str,
-    patience: float = PATIENCE,
+    patience: float = ANSWER_WITHIN,
 ) -> Any:
     """Have a command carried out and wait for its result in this thread, which must be no event loop's.
 
@@ -209,7 +209,7 @@ def _call_off(transport: Transport, outcome: CallOutcome, sender: str) -> None:
         cancel,
         lambda _: None,
         now=time.monotonic(),
-        within=PATIENCE,
+        within=ANSWER_WITHIN,
         sender=sender,
         urgent=True,
     )

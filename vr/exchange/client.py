@@ -12,7 +12,7 @@ from robotree.vr.base.address import Address
 from robotree.vr.base.description import Arguments, RobotDescription
 from robotree.vr.base.errors import NoAnswer, Unreachable, VrError
 from robotree.vr.base.requests import (
-    PATIENCE,
+    ANSWER_WITHIN,
     AnyRequest,
     Call,
     Cancel,
@@ -64,7 +64,7 @@ class RobotClient:
     """Asks one incarnation of a robot. Holds no connection: make and drop it as you like."""
 
     def __init__(
-        self, transport: Transport, address: Address, *, patience: float = PATIENCE, sender: str = ""
+        self, transport: Transport, address: Address, *, patience: float = ANSWER_WITHIN, sender: str = ""
     ) -> None:
         """Point at a robot.
 
@@ -313,11 +313,11 @@ class RobotClient:
         """Ask for the lease on it."""
         return await self._ask(petition, Granted, urgent=True)
 
-    async def retract(self, parent: Address, key: str, *, timeout: float = PATIENCE) -> None:
+    async def retract(self, parent: Address, key: str, *, timeout: float = ANSWER_WITHIN) -> None:
         """Take back a petition whose answer did not arrive; `timeout` [s] to wait for the receipt."""
         await self._ask(Retract(parent=parent, key=key), Done, urgent=True, timeout=timeout)
 
-    async def release(self, parent: Address, epoch: int, *, timeout: float = PATIENCE) -> None:
+    async def release(self, parent: Address, epoch: int, *, timeout: float = ANSWER_WITHIN) -> None:
         """Give the lease back; `timeout` [s] to wait for the receipt."""
         await self._ask(Release(parent=parent, epoch=epoch), Done, urgent=True, timeout=timeout)
 
@@ -371,7 +371,7 @@ class Source(Protocol):
         ...
 
 
-async def read_history(transport: Transport, agent: Address, *, timeout: float = PATIENCE) -> History:
+async def read_history(transport: Transport, agent: Address, *, timeout: float = ANSWER_WITHIN) -> History:
     """Ask a lookup service or a host what it remembers of agents that may be there no more.
 
     Args:
@@ -394,7 +394,7 @@ class HostClient:
         self.address = address
         self._transport = transport
 
-    async def describe(self, *, timeout: float = PATIENCE) -> HostDescribed:
+    async def describe(self, *, timeout: float = ANSWER_WITHIN) -> HostDescribed:
         """Ask what it runs; `timeout` [s] to wait.
 
         Raises:
@@ -454,7 +454,9 @@ class ViewClient:
         Raises:
             TransportError: it cannot be reached or does not answer.
         """
-        return await ask(self._transport, self.address.key, DescribeView(), ViewDescribed, timeout=PATIENCE)
+        return await ask(
+            self._transport, self.address.key, DescribeView(), ViewDescribed, timeout=ANSWER_WITHIN
+        )
 
     async def look(
         self, camera: str = "", *, width: int = 320, height: int = 180, quality: int = 75
@@ -466,4 +468,4 @@ class ViewClient:
             TransportError: the view cannot be reached or does not answer.
         """
         request = Look(camera=camera, width=width, height=height, quality=quality)
-        return await ask(self._transport, self.address.key, request, Picture, timeout=PATIENCE)
+        return await ask(self._transport, self.address.key, request, Picture, timeout=ANSWER_WITHIN)

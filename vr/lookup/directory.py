@@ -35,7 +35,7 @@ SYNCHRONISE = 10.0
 RETRY = 0.5
 """[s] before a service that did not answer is asked again."""
 
-PATIENCE = 2.0
+QUERY_WITHIN = 2.0
 """[s] to wait for a service's answer."""
 
 FIRST_LOOK = 1.0
@@ -190,7 +190,7 @@ class Directory:
         if isinstance(news, Listed | Unlisted):
             if service in self._heard:
                 self._heard[service].append(news)
-            self._tell(self._union.hear(service, news))
+            self._tell(self._union.take_news(service, news))
 
     async def _follow(self, service: str) -> None:
         """Ask a service for all it holds, again and again."""
@@ -199,7 +199,7 @@ class Directory:
             heard = self._heard[service] = []
             pause = SYNCHRONISE
             try:
-                found = await ask(self._transport, service, Query(), Found, timeout=PATIENCE)
+                found = await ask(self._transport, service, Query(), Found, timeout=QUERY_WITHIN)
             except VrError:
                 pause = RETRY
             else:

@@ -30,7 +30,7 @@ TERM = 10.0
 RENEWALS_PER_TERM = 3
 """Two renewals may get lost before a lease runs out."""
 
-PATIENCE = 2.0
+REGISTER_WITHIN = 2.0
 """[s] to wait for a service's answer."""
 
 RETRY = 0.5
@@ -196,7 +196,9 @@ class _Keeper:
             listings=tuple(each.listing for each in sent.values() if each.listing is not None),
             withdrawn=tuple((a, each.revision) for a, each in sent.items() if each.listing is None),
         )
-        answer = await ask(self._registrar.transport, self._service, request, Registered, timeout=PATIENCE)
+        answer = await ask(
+            self._registrar.transport, self._service, request, Registered, timeout=REGISTER_WITHIN
+        )
         outdated = dict(answer.outdated)
         for address, each in sent.items():
             if address in outdated:

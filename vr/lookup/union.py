@@ -82,7 +82,7 @@ class Union:
         touched.update(self._apply(service, news) for news in heard)
         return self._look(sorted(touched))
 
-    def hear(self, service: str, news: Listed | Unlisted) -> list[Change]:
+    def take_news(self, service: str, news: Listed | Unlisted) -> list[Change]:
         """Take a service's news; also of one that is not counted yet, if an agent withdrew."""
         return self._look((self._apply(service, news),))
 

@@ -46,7 +46,7 @@ REASON = "the operator's protective stop"
 WITHIN = 2.4
 """[s] in which the answer of a robot must leave, were it awaited: as in the full order."""
 
-PATIENCE = 0.1
+DIAL_WITHIN = 0.1
 """[s] to wait for a process whose socket takes no more."""
 
 SCRIPT = "script"
@@ -140,7 +140,7 @@ def send_first(words: Sequence[str], system: Files = OS_FILES) -> str:
 
 
 def _tell(folder: Path, tag: str, keys: Iterable[str], order: str, system: Files) -> None:
-    with dial(folder, tag, PATIENCE, system) as line:
+    with dial(folder, tag, DIAL_WITHIN, system) as line:
         if system.far_end(line)[1] == system.user():
             line.sendall(frames(keys, order, system.now(), system))
 

@@ -82,7 +82,7 @@ HANGS: Final = 2.0
 GREETING: Final = 0.3
 """[s] that a new process waits at most for the greeting of processes that hang."""
 
-PATIENCE: Final = 0.1
+DIAL_WITHIN: Final = 0.1
 """[s] that a new process waits for each place in the line of those that want to connect to another one."""
 
 LOST: Final = 4
@@ -291,7 +291,7 @@ class Mesh:
         self._ticked = self._system.now()
         self._readers.due = self._ticked + TICK
         self._register()
-        self._dial_all(PATIENCE)
+        self._dial_all(DIAL_WITHIN)
 
     def in_child(self) -> Iterable[int]:
         """See `forks.Owner`: a child is nobody here, and leaves what is its parent's."""

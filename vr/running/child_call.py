@@ -32,7 +32,7 @@ from robotree.vr.base.errors import (
 )
 from robotree.vr.base.plain import to_plain
 from robotree.vr.base.requests import (
-    PATIENCE,
+    ANSWER_WITHIN,
     Accepted,
     Call,
     Cancel,
@@ -270,7 +270,7 @@ class ChildCall(Started):
         """Call a child in another process; its answers come to `take_reply`."""
         runtime, now = self.frame.runtime, self.frame.worker.now()
         call, closed = runtime.numbered(call, self.slot)
-        self._sent, self.accept_by, self._ends = call, now + PATIENCE, now + call.deadline
+        self._sent, self.accept_by, self._ends = call, now + ANSWER_WITHIN, now + call.deadline
         forget = None if call.oneway else runtime.when_gone(self.slot, self.fail)
 
         def leave() -> None:
@@ -326,7 +326,7 @@ class ChildCall(Started):
         if self.reply is not None or sent is None:
             return
         if runtime.is_there(self.child.key):
-            self.accept_by = math.inf if self.accepted else now + PATIENCE
+            self.accept_by = math.inf if self.accepted else now + ANSWER_WITHIN
             again = replace(sent, deadline=self._ends - now)
             runtime.ask(self.child.key, again, self.take_reply, now=now)
         else:
@@ -508,7 +508,7 @@ class ChildCall(Started):
                 raise TimeoutError
             if not self.accepted:
                 self.withdraw("the caller gave up")
-                self.fail(NoAnswer(key=self.child.key, seconds=PATIENCE))
+                self.fail(NoAnswer(key=self.child.key, seconds=ANSWER_WITHIN))
 
     def _is_news(self) -> bool:
         # that it was accepted is looked at when the time for that is over: it wakes nobody

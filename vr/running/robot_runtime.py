@@ -30,7 +30,7 @@ from robotree.vr.base.arguments import check_arguments
 from robotree.vr.base.description import Arguments, CommandSpec, FieldSpec, offered
 from robotree.vr.base.errors import BadArgument, NoSuchCommand, VrError
 from robotree.vr.base.principal import ITSELF, Principal, is_person, principal_of
-from robotree.vr.base.requests import PATIENCE, AnyRequest, Call, Level, State
+from robotree.vr.base.requests import ANSWER_WITHIN, AnyRequest, Call, Level, State
 from robotree.vr.base.transport import Transport
 from robotree.vr.base.units import takes_long
 from robotree.vr.core import events as on
@@ -791,7 +791,7 @@ class RobotRuntime:
         on_reply: TakeReply,
         *,
         now: float | None = None,
-        within: float = PATIENCE,
+        within: float = ANSWER_WITHIN,
         urgent: bool = False,
     ) -> None:
         """Ask another agent in the name of this robot, without waiting; see `send_request`."""

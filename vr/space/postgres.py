@@ -43,7 +43,7 @@ CHANNEL = "robotree_space"
 """Of NOTIFY."""
 VERSION = 1
 """Of the tables."""
-PATIENCE = 5
+LOCK_WITHIN = 5
 """[s] to wait for a connection, or for a lock."""
 LOOK = 1.0
 """[s] between two looks for what no bell has told."""
@@ -477,14 +477,14 @@ class PostgresStore:
         if self._connection is None or self._connection.closed:
             self._connection = self._connect()
             mode = "on" if self.durability == "power" else "off"
-            settings = {"synchronous_commit": mode, "lock_timeout": f"{PATIENCE}s"}
+            settings = {"synchronous_commit": mode, "lock_timeout": f"{LOCK_WITHIN}s"}
             for setting, value in settings.items():
                 self._connection.execute("SELECT set_config(%s, %s, false)", (setting, value))
         return self._connection
 
     def _connect(self) -> psycopg.Connection:
         try:
-            connection = self._psycopg.connect(self._url, autocommit=True, connect_timeout=PATIENCE)
+            connection = self._psycopg.connect(self._url, autocommit=True, connect_timeout=LOCK_WITHIN)
         except self._psycopg.Error as error:
             raise SpaceUnusable(where=self.where, reason=_words(error)) from None
         self._pids.add(connection.info.backend_pid)

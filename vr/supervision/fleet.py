@@ -25,7 +25,7 @@ from robotree.vr.base.errors import (
 )
 from robotree.vr.base.presence import Held
 from robotree.vr.base.requests import (
-    PATIENCE,
+    ANSWER_WITHIN,
     Call,
     DescribeSpace,
     EventsRead,
@@ -171,7 +171,7 @@ class Fleet:
         """
         address = await self.directory.resolve(name, "space")
         request = DescribeSpace(kind=kind, most=most)
-        return await ask(self._transport, address.key, request, SpaceDescribed, timeout=PATIENCE)
+        return await ask(self._transport, address.key, request, SpaceDescribed, timeout=ANSWER_WITHIN)
 
     def held(self) -> Sequence[Held]:
         """Return which process holds each agent, as far as this machine knows it."""

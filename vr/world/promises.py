@@ -11,7 +11,7 @@ from robotree.vr.base.transport import Registration, RequestHandler, Transport, 
 Join = Callable[[], Awaitable[Transport]]
 """Enters one more member into the network under examination."""
 
-PATIENCE = 5.0
+PROMISED_WITHIN = 5.0
 """[s] for anything that must happen but has no promised time."""
 
 
@@ -29,9 +29,9 @@ async def until(condition: Callable[[], bool], sentence: str) -> None:
     """Wait for something that must happen.
 
     Raises:
-        AssertionError: it did not, within `PATIENCE`.
+        AssertionError: it did not, within `PROMISED_WITHIN`.
     """
-    deadline = asyncio.get_running_loop().time() + PATIENCE
+    deadline = asyncio.get_running_loop().time() + PROMISED_WITHIN
     while not condition() and asyncio.get_running_loop().time() < deadline:  # noqa: ASYNC110 # any condition at all
         await asyncio.sleep(0.005)
     promise(condition(), sentence)
@@ -60,7 +60,7 @@ async def served(server: Transport, caller: Transport, handler: RequestHandler) 
 
 async def until_present(who: Transport, pattern: str, keys: list[str]) -> None:
     """News travels: what is present here becomes present there."""
-    async with asyncio.timeout(PATIENCE):
+    async with asyncio.timeout(PROMISED_WITHIN):
         while who.presence.keys(pattern) != keys:  # noqa: ASYNC110 # the question is the thing examined
             await asyncio.sleep(0.005)
 
@@ -69,7 +69,7 @@ async def settled_subscription(teller: Transport, listener: Transport) -> None:
     """Wait until the teller knows of the listener: from then on it knows of all declared before."""
     arrived = asyncio.Event()
     probe = await listener.subscribe("probe", lambda _key, _body: arrived.set())
-    async with asyncio.timeout(PATIENCE):
+    async with asyncio.timeout(PROMISED_WITHIN):
         while not arrived.is_set():
             teller.publish("probe", b"")
             await asyncio.sleep(0.002)

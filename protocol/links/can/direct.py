@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import can
 
-from robotree.protocol.links.can.port import PATIENCE, Port, frame
+from robotree.protocol.links.can.port import SEND_WITHIN, Port, frame
 
 if TYPE_CHECKING:
     import asyncio
@@ -76,7 +76,7 @@ class DirectPort(Port):
         except (can.CanError, OSError) as error:
             now = self._loop.time()
             self._refused_since = now if self._refused_since is None else self._refused_since
-            if now - self._refused_since > PATIENCE:
+            if now - self._refused_since > SEND_WITHIN:
                 self._break(str(error))
             return False
         self._refused_since = None

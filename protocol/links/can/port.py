@@ -16,7 +16,7 @@ import msgspec
 
 from robotree.files import forks
 
-PATIENCE = 1.0
+SEND_WITHIN = 1.0
 """[s] that a bus may refuse to take a frame before it counts as broken."""
 MOST_ERRORS = 100
 """Failed receptions in a row that mean that the bus is broken; a single one can be a stray datagram."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import can
 
-from robotree.protocol.links.can.port import PATIENCE, Port, frame
+from robotree.protocol.links.can.port import SEND_WITHIN, Port, frame
 
 if TYPE_CHECKING:
     import asyncio
@@ -90,7 +90,7 @@ class ThreadedPort(Port):
         bus = self.bus
         while (message := self._queue.get()[2]) is not None:
             try:
-                bus.send(message, timeout=PATIENCE)
+                bus.send(message, timeout=SEND_WITHIN)
             except (can.CanError, OSError) as error:
                 self._tell(self._break, str(error))
                 return

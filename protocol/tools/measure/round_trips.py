@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 BYTES = len(Frame.of(Ping(2**62, 2**31, 1, 1)).raw)
 """[bytes] of a PING, and of what the bare echo carries."""
-PATIENCE = 10.0
-"""[s]"""
+FIRST_TRIP_WITHIN = 10.0
+"""[s] that the first trip of each link may take."""
 
 Trip = Callable[[], Awaitable[None]]
 """Goes there and back once."""
@@ -163,7 +163,7 @@ async def compare(rounds: int = 500, turn: int = 1, more: Mapping[str, Trip] | N
         rounds: how many turns each way gets.
         turn: round trips of one turn. Back to back they are faster, the bare echo most of all: it alone
             finds all it needs in the processor's caches. A ping of the real world comes alone.
-        more: further ways that take turns with these.
+        more: further trips that take turns with these.
 
     Returns:
         What each way took, the bare echo first.
@@ -177,16 +177,16 @@ async def compare(rounds: int = 500, turn: int = 1, more: Mapping[str, Trip] | N
     with far(*urls.values()) as other:
         loop = asyncio.get_running_loop()
         _, bare = await loop.create_connection(Bare, "127.0.0.1", other.port)
-        ways: dict[str, Trip] = {"bare asyncio echo": bare.trip}
+        trips: dict[str, Trip] = {"bare asyncio echo": bare.trip}
         links: list[Link] = []
         for name, address in zip(urls, other.addresses, strict=True):
             asking = Asking()
             links.append(await connect(address, asking.accept))
-            ways[name] = asking.trip
-        for trip in ways.values():  # each can be gone, and is warm
-            async with asyncio.timeout(PATIENCE):
+            trips[name] = asking.trip
+        for trip in trips.values():  # each can be gone, and is warm
+            async with asyncio.timeout(FIRST_TRIP_WITHIN):
                 await trip()
-        told = await _take_turns({**ways, **(more or {})}, rounds, turn)
+        told = await _take_turns({**trips, **(more or {})}, rounds, turn)
         for link in links:
             link.close()
         bare.close()
@@ -194,11 +194,11 @@ async def compare(rounds: int = 500, turn: int = 1, more: Mapping[str, Trip] | N
     return told
 
 
-async def _take_turns(ways: dict[str, Trip], rounds: int, turn: int) -> list[Way]:
-    medians: dict[str, list[float]] = {name: [] for name in ways}
-    times: dict[str, list[float]] = {name: [] for name in ways}
+async def _take_turns(trips: dict[str, Trip], rounds: int, turn: int) -> list[Way]:
+    medians: dict[str, list[float]] = {name: [] for name in trips}
+    times: dict[str, list[float]] = {name: [] for name in trips}
     for _ in range(rounds):
-        for name, trip in ways.items():
+        for name, trip in trips.items():
             taken: list[float] = []
             for _ in range(turn):
                 begun = time.perf_counter()

@@ -16,7 +16,7 @@ import pytest
 from robotree.protocol.canbus import LoopbackBus, channel_id, first_port
 from robotree.protocol.canbus.records import Greeting
 from robotree.protocol.canbus.seats import HOST
-from robotree.protocol.canbus.wire import GLANCE, PATIENCE, Wire
+from robotree.protocol.canbus.wire import GLANCE, STALLED_AFTER, Wire
 from tests.protocol.can.ends import wait_for
 
 Buses = Callable[..., LoopbackBus]
@@ -96,7 +96,7 @@ def test_time_in_which_nobody_looked_makes_no_reader_stalled() -> None:
         wire.flush(now)
         wire.flush(now + 60.0)  # the system gives us the processor again
         assert not wire.stalled
-        for look in range(1, round(PATIENCE / GLANCE) + 2):
+        for look in range(1, round(STALLED_AFTER / GLANCE) + 2):
             wire.flush(now + 60.0 + look * GLANCE)
         assert wire.stalled, "who reads nothing while we look is stalled"
 

@@ -122,7 +122,7 @@ def test_a_service_and_a_session_that_come_at_the_same_moment_make_one_key(
 def test_who_is_stopped_while_it_makes_a_key_keeps_nobody_out(
     place: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(security, "PATIENCE", 0.05)
+    monkeypatch.setattr(security, "KEY_WITHIN", 0.05)
     folder = place / "robotree" / "cell"
     folder.mkdir(parents=True, mode=0o700)
     stopped = os.open(folder, os.O_RDONLY)

@@ -120,7 +120,7 @@ def test_every_level_hears_of_the_one_below_before_its_own_time_is_over(depth: i
     """Whatever the level below takes of its time, its answer is there when this one waits for it."""
     within = unmeasured(3.0)
     for level in range(depth, 0, -1):
-        budget = Budget(within, depth=level, ways=level * way)
+        budget = Budget(within, depth=level, round_trips=level * way)
         below = budget.below(way)
         assert below > LEAST, "there is time left at the foot of the tree"
         assert way + below < budget.wait < within
@@ -132,7 +132,7 @@ def test_hardware_at_the_foot_of_thirty_levels_has_almost_a_second() -> None:
     """With less, a busy machine makes a stop that all have confirmed look as if one had not."""
     within = unmeasured(3.0)
     for level in range(30, 0, -1):
-        within = Budget(within, depth=level, ways=level * 0.001).below(0.001)
+        within = Budget(within, depth=level, round_trips=level * 0.001).below(0.001)
     assert Budget(within).wait > 0.9
 
 

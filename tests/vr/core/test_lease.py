@@ -146,10 +146,10 @@ def test_a_later_incarnation_begins_above_all_epochs_of_an_earlier_one() -> None
 def test_whose_clock_was_set_back_goes_above_what_the_controller_obeys() -> None:
     child = free_lease()
     ahead = child.epoch + 3600
-    child.hear(ahead)
+    child.note_obeyed(ahead)
     assert child.epoch > ahead, "an operator commands a free robot under it"
     known = child.epoch
-    child.hear(known)
+    child.note_obeyed(known)
     assert child.epoch == known, "the controller has obeyed it: it is our own"
     assert grant(child) > ahead
 
@@ -158,7 +158,7 @@ def test_a_lease_keeps_its_epoch_though_the_controller_obeys_a_later_one() -> No
     for helps in (grant, lambda child: child.end(BORN)):
         child = free_lease()
         epoch = grant(child)
-        child.hear(epoch + 3600)
+        child.note_obeyed(epoch + 3600)
         child.check(epoch, 0.0)
         assert child.epoch == epoch, "its commands are refused down there"
         helps(child)
@@ -168,13 +168,13 @@ def test_a_lease_keeps_its_epoch_though_the_controller_obeys_a_later_one() -> No
 def test_an_epoch_that_goes_above_ours_is_left_alone_until_a_parent_asks() -> None:
     """Somebody else has it from another proxy of the same controller."""
     child = free_lease()
-    child.hear(0)
+    child.note_obeyed(0)
     theirs = child.epoch + 1000
-    child.hear(theirs)
+    child.note_obeyed(theirs)
     assert child.outranked
     assert child.epoch < theirs
     for later in (theirs, theirs + 1, theirs + 500):
-        child.hear(later)
+        child.note_obeyed(later)
     assert child.outranked
     assert grant(child) > theirs + 500
     assert not child.outranked
@@ -182,8 +182,8 @@ def test_an_epoch_that_goes_above_ours_is_left_alone_until_a_parent_asks() -> No
 
 def test_the_end_of_a_lease_goes_not_above_somebody_elses() -> None:
     child = free_lease()
-    child.hear(0)
-    child.hear(grant(child) + 1000)
+    child.note_obeyed(0)
+    child.note_obeyed(grant(child) + 1000)
     before = child.epoch
     child.end(BORN + 5000)
     assert child.epoch > before

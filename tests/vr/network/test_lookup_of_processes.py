@@ -11,7 +11,7 @@ import pytest
 
 from robotree.vr.network.local import LocalTransport
 from robotree.vr.supervision.fleet import Fleet
-from robotree.vr.world.promises import PATIENCE
+from robotree.vr.world.promises import PROMISED_WITHIN
 from robotree.vr.world.testing import until
 from tests.vr.network.processes import Start, start_all
 
@@ -63,7 +63,7 @@ async def test_lookups_are_killed_and_stopped_and_nobody_notices(start: Start, o
     await until(lambda: list(fleet.services) == ["l3"], "only one is left")
     lookups[1].signal(signal.SIGCONT)
     await until(lambda: list(fleet.services) == ["l2", "l3"], "the stopped one is back")
-    await fleet.directory.settled(PATIENCE)
+    await fleet.directory.settled(PROMISED_WITHIN)
     await until(lambda: not fleet.directory.remembers, "what the lost ones said is forgotten")
     assert onlooker.told == ["arrived rover"]
     for lookup in lookups[1:]:

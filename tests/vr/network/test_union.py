@@ -42,9 +42,9 @@ def test_who_came_and_went_leaves_no_trace_for_ever() -> None:
     both = union()
     for number in range(MOST_ABSENT + 50):
         both.show(agent(number), alive=True)
-        both.hear(SLOW, listed(agent(number), 1))
+        both.take_news(SLOW, listed(agent(number), 1))
         both.show(agent(number), alive=False)
-        both.hear(SLOW, Unlisted(address=agent(number), revision=2))
+        both.take_news(SLOW, Unlisted(address=agent(number), revision=2))
     assert len(both._withdrawn) == len(both._absent) == MOST_ABSENT
 
 
@@ -52,19 +52,19 @@ def test_who_lives_is_not_forgotten_for_those_who_have_gone() -> None:
     both = union()
     living = agent(0)
     both.show(living, alive=True)
-    both.hear(QUICK, Unlisted(address=living, revision=2))
+    both.take_news(QUICK, Unlisted(address=living, revision=2))
     for number in range(1, MOST_ABSENT + 50):
-        both.hear(QUICK, Unlisted(address=agent(number), revision=2))
-    assert both.hear(SLOW, listed(living, 1)) == [], "it has been withdrawn meanwhile"
+        both.take_news(QUICK, Unlisted(address=agent(number), revision=2))
+    assert both.take_news(SLOW, listed(living, 1)) == [], "it has been withdrawn meanwhile"
 
 
 def test_who_hung_for_a_while_is_not_listed_again_by_an_old_word() -> None:
     both = union()
     address = agent(0)
     both.show(address, alive=True)
-    both.hear(QUICK, Unlisted(address=address, revision=2))
+    both.take_news(QUICK, Unlisted(address=address, revision=2))
     both.show(address, alive=False)
     both.show(address, alive=True)
-    assert both.hear(SLOW, listed(address, 1)) == []
+    assert both.take_news(SLOW, listed(address, 1)) == []
     again = listed(address, 3)
-    assert both.hear(QUICK, again) == [Change("arrived", again.listing)]
+    assert both.take_news(QUICK, again) == [Change("arrived", again.listing)]
