@@ -151,8 +151,9 @@ async def test_a_stop_waits_for_a_frozen_child_no_longer_than_for_any_frozen_rob
     withheld, began = Withheld(os.getpid()), time.monotonic()
     with pytest.raises(NotConfirmed, match="confirmed by carrier but NOT by rover"):
         await fleet.stop(None)
-    took = time.monotonic() - began - withheld.seconds
-    assert HOPELESS < took < 2 * HOPELESS, "each has its time; the parent of a frozen child takes none more"
+    took = time.monotonic() - began
+    assert took > HOPELESS, "each has its time"  # what the machine withheld is a part of it
+    assert took - withheld.seconds < 2 * HOPELESS, "the parent of a frozen child takes none more"
     waking = asyncio.get_running_loop().call_later(HOPELESS / 2, frozen.signal, signal.SIGCONT)
     assert {*await fleet.stop(None)} == {"carrier", "rover"}, "who wakes in time is waited for"
     waking.cancel()
