@@ -10,7 +10,7 @@ import hypothesis.strategies as st
 import msgspec
 import pytest
 from hypothesis import settings
-from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import RobotDescription, SlotSpec
@@ -529,15 +529,25 @@ class CoreMachine(RuleBasedStateMachine):
     def empty(self) -> list[str]:
         return [slot for slot in self.declared if slot not in {*self.granted, *self.expected}]
 
+    @initialize(has_child=st.booleans())
+    def it_may_have_a_child(self, *, has_child: bool) -> None:
+        """Else hardly a case would get as far as the renewal of a child's lease."""
+        if has_child:
+            self.ask(SLOTS[0])
+            self.come(SLOTS[0])
+
     @precondition(lambda self: self.empty())
     @rule(data=st.data(), at_once=st.booleans())
     def a_child_is_asked(self, data: st.DataObject, *, at_once: bool) -> None:
         slot = data.draw(st.sampled_from(self.empty()))
+        self.ask(slot)
+        if at_once:
+            self.come(slot)
+
+    def ask(self, slot: str) -> None:
         child = Address("robot", f"child-{next(self.numbers)}", "1")
         self.handle(on.Reserve(slot=slot, child=child))
         self.expected[slot] = child
-        if at_once:
-            self.come(slot)
 
     @precondition(lambda self: self.expected)
     @rule(data=st.data(), comes=st.booleans())
