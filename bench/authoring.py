@@ -30,7 +30,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))  # what counts l
 
 from robotree.tui.processes.crew import Crew, Member
 from robotree.vr.network.local import join
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from tests.comparison.counting import code_lines
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -86,17 +86,17 @@ async def timed(work: Callable[[], Any]) -> float:
     return time.perf_counter() - began
 
 
-async def create(fleet: Fleet, rounds: int) -> list[float]:
+async def create(realm_client: RealmClient, rounds: int) -> list[float]:
     """Create robots of the page one after the other; each is deleted before the next."""
     took: list[float] = []
     for number in range(rounds):
         name = f"picker-{number}"
-        took.append(await timed(lambda name=name: fleet.create(str(PAGE), name)))
-        await fleet.delete(name)
+        took.append(await timed(lambda name=name: realm_client.create(str(PAGE), name)))
+        await realm_client.delete(name)
     return took
 
 
-async def share_of_a_core(fleet: Fleet, members: list[Member]) -> float:
+async def share_of_a_core(realm_client: RealmClient, members: list[Member]) -> float:
     """Return the share of a core that `get_info` through a page costs at 20 Hz, host and proxy together."""
     await asyncio.sleep(1.0)
     before = used(members)
@@ -105,7 +105,7 @@ async def share_of_a_core(fleet: Fleet, members: list[Member]) -> float:
     before, end = used(members), time.perf_counter() + WATCHED
     due = time.perf_counter()
     while due < end:
-        await fleet.call("reader", "get_info", {})
+        await realm_client.call("reader", "get_info", {})
         due += 1.0 / RATE
         await asyncio.sleep(max(0.0, due - time.perf_counter()))
     return (used(members) - before - idle) / WATCHED
@@ -128,22 +128,22 @@ async def living(rounds: int) -> None:
         host = await crew.start("host", "host-1")
         proxy = await crew.start("proxy", "arm", "arm-1", "--connect", arm.address)
         transport = await join(REALM)
-        fleet = Fleet(transport)
-        await fleet.start()
+        realm_client = RealmClient(transport)
+        await realm_client.start()
         try:
-            await create(fleet, 3)
-            took = await create(fleet, rounds)
+            await create(realm_client, 3)
+            took = await create(realm_client, rounds)
             tell("create, median", 1e3 * statistics.median(took), "ms", 60)
             tell("create, fastest", 1e3 * min(took), "ms", 60)
-            await fleet.create(str(ROOT / "examples" / "move_to.py"), "reader")
-            await fleet.enslave("reader", "arm", "arm-1")
-            share = await share_of_a_core(fleet, [host, proxy])
+            await realm_client.create(str(ROOT / "examples" / "move_to.py"), "reader")
+            await realm_client.enslave("reader", "arm", "arm-1")
+            share = await share_of_a_core(realm_client, [host, proxy])
             tell("get_info through a page at 20 Hz, host and proxy", 100 * share, "%", 3)
             again = [await command("reload", "reader") for _ in range(rounds)]
             tell("robotree reload, whole command, median", statistics.median(again), "s", 0.5)
             tell("robotree reload, whole command, fastest", min(again), "s", 0.5)
         finally:
-            await fleet.close()
+            await realm_client.close()
             await transport.close()
 
 

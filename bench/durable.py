@@ -31,7 +31,7 @@ from robotree.vr.agents.run import run_host
 from robotree.vr.journal.journal import HostJournal
 from robotree.vr.network.local import join
 from robotree.vr.running.runner import Threads
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 
 REPEATS = 200
 """Calls in one measurement."""
@@ -118,29 +118,33 @@ class HostProcess:
         return pages * os.sysconf("SC_PAGE_SIZE")
 
 
-async def bind(fleet: Fleet, host: HostProcess, top: str, bottom: str) -> None:
+async def bind(realm_client: RealmClient, host: HostProcess, top: str, bottom: str) -> None:
     """Make a robot on a host, on top of another one that is there or is made there, too."""
-    while not fleet.directory.present("host", host.name):  # noqa: ASYNC110 # a table, which tells nobody
+    while not realm_client.directory.present("host", host.name):  # noqa: ASYNC110 # a table, which tells nobody
         await asyncio.sleep(0.01)
-    if not fleet.directory.present("robot", bottom):
-        await fleet.create(__file__, bottom, host.name, "Bottom")
-    await fleet.create(__file__, top, host.name, "Top")
-    await fleet.enslave(top, "below", bottom)
+    if not realm_client.directory.present("robot", bottom):
+        await realm_client.create(__file__, bottom, host.name, "Bottom")
+    await realm_client.create(__file__, top, host.name, "Top")
+    await realm_client.enslave(top, "below", bottom)
 
 
-async def calls(fleet: Fleet, kept: HostProcess, bare: HostProcess, rounds: int) -> dict[str, Any]:
+async def calls(
+    realm_client: RealmClient, kept: HostProcess, bare: HostProcess, rounds: int
+) -> dict[str, Any]:
     """Measure calls with and without a journal, in turns."""
     times: dict[str, list[float]] = {}
     sizes: dict[str, int] = {}
     for host in (kept, bare):
-        await bind(fleet, host, f"near-{host.name}", f"bottom-{host.name}")
-        await bind(fleet, host, f"far-{host.name}", f"far-of-{host.name}")
+        await bind(realm_client, host, f"near-{host.name}", f"bottom-{host.name}")
+        await bind(realm_client, host, f"far-{host.name}", f"far-of-{host.name}")
     for _ in range(rounds):
         for way in ("near", "far"):
             for host in (kept, bare):
                 before = host.size
                 name = f"{way}-{host.name}"
-                times.setdefault(name, []).extend(await fleet.call(name, "measure", {"repeats": REPEATS}))
+                times.setdefault(name, []).extend(
+                    await realm_client.call(name, "measure", {"repeats": REPEATS})
+                )
                 sizes[name] = host.size - before
     found: dict[str, Any] = {}
     for way in ("near", "far"):
@@ -158,15 +162,17 @@ async def next_effect(after: float, within: float = 60.0) -> float:
     return next(moment for moment in Counter.moments if moment > after)
 
 
-async def restarts(fleet: Fleet, folder: Path, count: int) -> dict[str, Any]:
+async def restarts(realm_client: RealmClient, folder: Path, count: int) -> dict[str, Any]:
     """Kill a host again and again in the middle of a command."""
     host = HostProcess("again", folder / "again")
     found: dict[str, Any] = {}
     host.start()
     for name, steps in (("short", 0), ("long", LONG)):
-        await bind(fleet, host, f"patrol-{name}", f"far-of-{name}")
+        await bind(realm_client, host, f"patrol-{name}", f"far-of-{name}")
         before, memory, began = host.size, host.memory, time.monotonic()
-        call = asyncio.ensure_future(fleet.call(f"patrol-{name}", "patrol", {"steps": steps}, deadline=600.0))
+        call = asyncio.ensure_future(
+            realm_client.call(f"patrol-{name}", "patrol", {"steps": steps}, deadline=600.0)
+        )
         await next_effect(began)
         if steps:
             found["step bytes"] = (host.size - before) / steps
@@ -182,7 +188,7 @@ async def restarts(fleet: Fleet, folder: Path, count: int) -> dict[str, Any]:
         quantiles = statistics.quantiles(effects, n=20, method="inclusive")
         found |= {f"{name} effect p50 s": quantiles[9], f"{name} effect p95 s": quantiles[18]}
         found |= {f"{name} ready s": statistics.median(ready), f"{name} read s": statistics.median(reading)}
-        await fleet.cancel(f"patrol-{name}")
+        await realm_client.cancel(f"patrol-{name}")
         await asyncio.gather(call, return_exceptions=True)
     found["resume of 10,000 steps s"] = found["long effect p50 s"] - found["short effect p50 s"]
     found["read of a step us"] = (found["long read s"] - found["short read s"]) / LONG * 1e6
@@ -231,15 +237,15 @@ async def measure(folder: Path, rounds: int, count: int) -> dict[str, Any]:
     found: dict[str, Any] = dict(bare_starts())
     kept, bare = HostProcess("kept", folder / "kept"), HostProcess("bare", None)
     far = [f"far-of-{name}" for name in ("kept", "bare", "short", "long")]
-    async with counters(*far), joined("bench") as fleet:
+    async with counters(*far), joined("bench") as realm_client:
         for host in (kept, bare):
             host.start()
         try:
-            found |= await calls(fleet, kept, bare, rounds)
+            found |= await calls(realm_client, kept, bare, rounds)
         finally:
             for host in (kept, bare):
                 host.kill()
-        found |= await restarts(fleet, folder, count)
+        found |= await restarts(realm_client, folder, count)
     return found
 
 

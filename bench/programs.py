@@ -33,8 +33,8 @@ ROUND = 50
 
 
 async def inside(realm: AsyncRealm, count: int) -> list[float]:
-    """Return how long each of some calls of `Fleet` took [s]."""
-    return [await clocked(lambda: realm.fleet.call("idle", "rest", {})) for _ in range(count)]
+    """Return how long each of some calls of `RealmClient` took [s]."""
+    return [await clocked(lambda: realm.realm_client.call("idle", "rest", {})) for _ in range(count)]
 
 
 async def outside(realm: AsyncRealm, count: int) -> list[float]:

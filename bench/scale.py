@@ -28,7 +28,7 @@ from robotree.tui.processes.crew import Crew, Member
 from robotree.vr.bundle import Bundle
 from robotree.vr.exchange.client import HostClient
 from robotree.vr.network.local import join
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 
 ROBOTS, ROUNDS = 1000, 3
 IN_FLIGHT = 256
@@ -90,9 +90,9 @@ async def crowd(robots: int, found: dict[str, list[float]]) -> None:
         await crew.start("lookup", "lookup-1")
         host: Member = await crew.start("host", "host-1")
         transport = await join(REALM)
-        fleet = Fleet(transport)
-        await fleet.start()
-        client = HostClient(transport, (await fleet.hosts())[0].address)
+        realm_client = RealmClient(transport)
+        await realm_client.start()
+        client = HostClient(transport, (await realm_client.hosts())[0].address)
         bundle = Bundle(SOURCE, "crowd.py", "")
         await client.create(bundle, "first")  # what is loaded once is not the crowd's
         empty, before, began = memory(host.pid), cpu(host.pid), time.perf_counter()
@@ -100,7 +100,7 @@ async def crowd(robots: int, found: dict[str, list[float]]) -> None:
         found["start, wall"].append((time.perf_counter() - began) / robots * 1e6)
         found["start, CPU"].append((cpu(host.pid) - before) / robots * 1e6)
         found["memory"].append((memory(host.pid) - empty) / robots)
-        await fleet.close()
+        await realm_client.close()
         await transport.close()
         await asyncio.sleep(2)
         found["idle"].append(await share(host.pid))

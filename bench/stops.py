@@ -33,7 +33,7 @@ from robotree.vr.author.robot import Robot
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.network.local import join
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from tests.command_line import ROBOTREE
 from tests.soak.stage import staged
 from tests.soak.stops import loaded
@@ -113,7 +113,7 @@ async def stop(root: Path) -> tuple[float, str]:
     began = time.perf_counter()
     transport = await join("bench", root=root)
     try:
-        confirmed = await Fleet(transport).stop(None)
+        confirmed = await RealmClient(transport).stop(None)
         said = "all confirmed" if {*NAMES} <= {*confirmed} else f"only {', '.join(confirmed)}"
     except Exception as error:  # noqa: BLE001 # it is what is shown
         said = str(error)

@@ -116,11 +116,11 @@ async def play(count: int, hz: float, *, calm: bool) -> None:
     """Be the supervisor of a crowd."""
     from robotree.tui.screen.app import Supervisor
     from robotree.tui.screen.promptness import prompt_answers
-    from robotree.vr.supervision.fleet import Fleet
+    from robotree.vr.supervision.realm_client import RealmClient
 
     crowd = Crowd(count, hz)
-    fleet = Fleet(crowd)
-    await fleet.start()
+    realm_client = RealmClient(crowd)
+    await realm_client.start()
 
     def count_up() -> None:
         os.pwrite(COUNTER, struct.pack("q", crowd.told), 0)
@@ -128,7 +128,7 @@ async def play(count: int, hz: float, *, calm: bool) -> None:
 
     count_up()
     with prompt_answers():
-        await Supervisor(fleet, realm="bench", calm=calm).run_async()
+        await Supervisor(realm_client, realm="bench", calm=calm).run_async()
 
 
 def play_bare() -> None:

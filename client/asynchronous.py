@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
     from robotree.vr.base.description import CommandSpec, Listing, RobotDescription
     from robotree.vr.base.requests import LoggedLine, Reloaded, State
-    from robotree.vr.supervision.fleet import Fleet
+    from robotree.vr.supervision.realm_client import RealmClient
 
 WITHIN = "within"
 """The argument of a call that limits its time, as in a page."""
@@ -68,8 +68,8 @@ async def connect_async(realm: str | None = None) -> AsyncGenerator[AsyncRealm]:
         BadName: it cannot be a name.
         TransportError: the realm cannot be joined.
     """
-    async with joined(realm_name(realm)) as fleet:
-        entered = AsyncRealm(fleet)
+    async with joined(realm_name(realm)) as realm_client:
+        entered = AsyncRealm(realm_client)
         try:
             yield entered
         finally:
@@ -79,15 +79,15 @@ async def connect_async(realm: str | None = None) -> AsyncGenerator[AsyncRealm]:
 class AsyncRealm:
     """A realm: its robots by name, and what a supervisor does with them. All methods raise only `VrError`."""
 
-    def __init__(self, fleet: Fleet) -> None:
+    def __init__(self, realm_client: RealmClient) -> None:
         """Made by `connect_async`."""
-        self.fleet = fleet
+        self.realm_client = realm_client
         self._calls: set[AsyncCall] = set()
 
     @property
     def name(self) -> str:
         """The realm's name."""
-        return self.fleet.realm
+        return self.realm_client.realm
 
     def __getitem__(self, robot: str) -> AsyncRobot:
         """Return the robot of a name, whether it runs at the moment or not.
@@ -125,7 +125,7 @@ class AsyncRealm:
             EmptyRealm: nobody is in the realm; it names those of this user that have robots.
         """
         self._check_inhabited()
-        return Robots(self.fleet.robots())
+        return Robots(self.realm_client.robots())
 
     async def tree(self) -> Robots[RobotDescription]:
         """Describe all robots: those that nobody commands by name, then their children, and so on down.
@@ -134,10 +134,10 @@ class AsyncRealm:
             EmptyRealm: as `ls`.
         """
         self._check_inhabited()
-        return Robots(await self.fleet.tree())
+        return Robots(await self.realm_client.tree())
 
     def _check_inhabited(self) -> None:
-        if not self.fleet.inhabited():
+        if not self.realm_client.inhabited():
             robots = {folder.name: names for folder in all_realms() if (names := robots_in(folder))}
             others = ", ".join(f"{realm} ({', '.join(names[:SHOWN])})" for realm, names in robots.items())
             hint = f", but there is {others}" if others else "; start something first"
@@ -145,16 +145,18 @@ class AsyncRealm:
 
     async def describe(self, robot: str) -> RobotDescription:
         """Return what a robot is: commands, slots, readings, and its state now."""
-        return await self.fleet.describe(robot)
+        return await self.realm_client.describe(robot)
 
     async def log(self, robot: str) -> Sequence[LoggedLine]:
         """Return the log of a robot, the oldest line first."""
-        return await self.fleet.read_log(robot)
+        return await self.realm_client.read_log(robot)
 
     async def watch(self) -> AsyncGenerator[tuple[str, State]]:
         """Yield the name and the new state of a robot, whenever one publishes its state."""
         queue: asyncio.Queue[tuple[str, State]] = asyncio.Queue()
-        watching = await self.fleet.watch_state(None, lambda name, state: queue.put_nowait((name, state)))
+        watching = await self.realm_client.watch_state(
+            None, lambda name, state: queue.put_nowait((name, state))
+        )
         try:
             while True:
                 yield await queue.get()
@@ -173,7 +175,7 @@ class AsyncRealm:
         except ImportError as error:
             raise explained(error) from None
 
-        picture = await self.fleet.look(view, camera=camera, width=width, height=height)
+        picture = await self.realm_client.look(view, camera=camera, width=width, height=height)
         return np.asarray(Image.open(BytesIO(picture.jpeg)).convert("RGB"))
 
     # -- robots on top of robots ------------------------------------------------------------------
@@ -190,32 +192,32 @@ class AsyncRealm:
             wanted: name of the class; empty: the only one in the file.
             **settings: those that are not the defaults: in the declared units, or as text with units.
         """
-        await self.fleet.create(str(page), robot, host, wanted, settings)
+        await self.realm_client.create(str(page), robot, host, wanted, settings)
         return self[robot]
 
     async def reload(self, robot: str, page: str = "", *, now: bool = False) -> Reloaded:
         """Have a virtual robot go on with its page as it is in the file now, or with another page."""
-        return await self.fleet.reload(robot, str(page), now=now)
+        return await self.realm_client.reload(robot, str(page), now=now)
 
     async def enslave(self, slot: str, child: str) -> None:
         """Bind a child to a slot, `mover.arm`."""
         parent, _, name = slot.partition(".")
-        await self.fleet.enslave(parent, name, child)
+        await self.realm_client.enslave(parent, name, child)
 
     async def release(self, slot: str) -> None:
         """Release the child in a slot, `mover.arm`, or all of a group, `team.rovers`."""
         parent, _, name = slot.partition(".")
-        await self.fleet.release(parent, name)
+        await self.realm_client.release(parent, name)
 
     async def delete(self, robot: str) -> str:
         """End a virtual robot. Returns what is left of it, as a sentence; empty: nothing."""
-        return await self.fleet.delete(robot)
+        return await self.realm_client.delete(robot)
 
     # -- what they do -----------------------------------------------------------------------------
 
     async def cancel(self, robot: str) -> None:
         """End all commands of a robot."""
-        await self.fleet.cancel(robot)
+        await self.realm_client.cancel(robot)
 
     async def stop(self, robot: str | None = None) -> Sequence[str]:
         """Protective stop of one robot, or of all. Returns the names of those that have confirmed it.
@@ -223,11 +225,11 @@ class AsyncRealm:
         Raises:
             NotConfirmed: one has not confirmed it; it names all of these.
         """
-        return await self.fleet.stop(robot)
+        return await self.realm_client.stop(robot)
 
     async def resume(self, robot: str | None = None) -> Sequence[str]:
         """Release the protective stop of one robot, or of all. Returns those that have confirmed it."""
-        return await self.fleet.resume(robot)
+        return await self.realm_client.resume(robot)
 
     # -- for robots -------------------------------------------------------------------------------
 
@@ -301,12 +303,14 @@ class AsyncCommand:
         """Send the command and wait only until the robot has accepted it; it may outlive the program."""
         await self.learn(values, arguments)
         deadline, named = self.prepared(values, arguments)
-        await self._realm.fleet.tell(self.robot, self.name, named, deadline=deadline)
+        await self._realm.realm_client.tell(self.robot, self.name, named, deadline=deadline)
 
     async def _carry_out(self, named: dict[str, Any], deadline: float, on_progress: OnProgress) -> Any:
-        fleet = self._realm.fleet
+        realm_client = self._realm.realm_client
         try:
-            return await fleet.call(self.robot, self.name, named, deadline=deadline, on_progress=on_progress)
+            return await realm_client.call(
+                self.robot, self.name, named, deadline=deadline, on_progress=on_progress
+            )
         except BadArgument:
             self.forget()
             raise
@@ -445,7 +449,7 @@ class AsyncReadings:
             latest = state.readings
             news.set()
 
-        watching = await self._realm.fleet.watch_state(self._robot, take)
+        watching = await self._realm.realm_client.watch_state(self._robot, take)
         try:
             while True:
                 try:

@@ -185,7 +185,7 @@ class Realm:
         """
         self._loop.expect_open()
         if not self._caller:
-            self._caller = self.wait_for(self.behind.fleet.caller())
+            self._caller = self.wait_for(self.behind.realm_client.caller())
         return self._caller
 
     # -- who is there -----------------------------------------------------------------------------
@@ -303,19 +303,19 @@ class Command:
 
     def _carry_out(self, values: tuple[Any, ...], arguments: dict[str, Any]) -> Any:
         realm, command = self._realm, self._command
-        address = realm.behind.fleet.find(command.robot)
+        address = realm.behind.realm_client.find(command.robot)
         if address is None or not command.knows(values, arguments):
             return realm.wait_for(command(*values, **arguments))
         deadline, named = command.prepared(values, arguments)
         try:
-            value = realm.behind.fleet.call_from_thread(
+            value = realm.behind.realm_client.call_from_thread(
                 address, command.name, named, deadline=deadline, caller=realm.caller
             )
         except BadArgument:
             command.forget()
             raise
         except (NoAnswer, Unreachable) as error:
-            realm.wait_for(realm.behind.fleet.expect_awake(error))
+            realm.wait_for(realm.behind.realm_client.expect_awake(error))
             raise
         return readable(value)
 

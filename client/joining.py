@@ -7,12 +7,12 @@ from collections.abc import AsyncGenerator
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from robotree.vr.supervision.fleet import Fleet
+    from robotree.vr.supervision.realm_client import RealmClient
 
 
 @contextlib.asynccontextmanager
-async def joined(realm: str) -> AsyncGenerator[Fleet]:
-    """Join a realm and see its fleet; leave when the block ends.
+async def joined(realm: str) -> AsyncGenerator[RealmClient]:
+    """Join a realm and see its robots; leave when the block ends.
 
     Args:
         realm: its name.
@@ -22,16 +22,16 @@ async def joined(realm: str) -> AsyncGenerator[Fleet]:
     """
     from robotree.vr.base.envelope import sitting_at, this_terminal
     from robotree.vr.network.local import join
-    from robotree.vr.supervision.fleet import Fleet
+    from robotree.vr.supervision.realm_client import RealmClient
 
     with sitting_at(this_terminal()):
         transport = await join(realm)
         try:
-            fleet = Fleet(transport, realm)
-            await fleet.start()
+            realm_client = RealmClient(transport, realm)
+            await realm_client.start()
             try:
-                yield fleet
+                yield realm_client
             finally:
-                await fleet.close()
+                await realm_client.close()
         finally:
             await transport.close()

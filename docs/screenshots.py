@@ -36,7 +36,7 @@ from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.place import Place
 from robotree.tui.wire.security import realm_key
 from robotree.vr.base.envelope import sitting_at
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 
 HERE = Path(__file__).parent
 EXAMPLES = HERE.parent / "examples"
@@ -59,7 +59,7 @@ README = ("lever", (120, 30))
 class Stage:
     """What a scene has to play with."""
 
-    fleet: Fleet
+    realm_client: RealmClient
     app: Supervisor
     pilot: Pilot[int]
 
@@ -116,9 +116,9 @@ async def panel(stage: Stage) -> None:
 @scene(BIG, USUAL, SMALL, COLOURS)
 async def teleoperation(stage: Stage) -> None:
     """The arm is driven by hand."""
-    await stage.fleet.release("mover", "arm")
+    await stage.realm_client.release("mover", "arm")
     await stage.settle()
-    stage.app.open_teleoperation(await stage.fleet.describe("arm-1"))
+    stage.app.open_teleoperation(await stage.realm_client.describe("arm-1"))
     await stage.settle()
     await stage.pilot.press("w", "w")
     await stage.settle()
@@ -172,44 +172,46 @@ async def help(stage: Stage) -> None:  # noqa: A001 # the scene is named after t
     await stage.open("help")
 
 
-async def prepare(fleet: Fleet) -> None:
+async def prepare(realm_client: RealmClient) -> None:
     """Put virtual robots on top of the demo's."""
     for file, name in (
         ("move_square.py", "square"),
         ("move_to.py", "mover"),
         ("open_close_lever.py", "lever"),
     ):
-        await fleet.create(str(EXAMPLES / file), name)
+        await realm_client.create(str(EXAMPLES / file), name)
     for parent, slot, child in (
         ("square", "rover", "rover-1"),
         ("mover", "arm", "arm-1"),
         ("lever", "mover", "mover"),
     ):
-        await fleet.enslave(parent, slot, child)
+        await realm_client.enslave(parent, slot, child)
 
 
-async def tidy(fleet: Fleet) -> None:
+async def tidy(realm_client: RealmClient) -> None:
     """Bring back what a scene has changed, and wait until nothing moves."""
-    for robot in await fleet.tree():
+    for robot in await realm_client.tree():
         if robot.stopped:
-            await fleet.resume(None)
+            await realm_client.resume(None)
             break
-    await fleet.cancel("lever")
-    mover = (await fleet.describe("mover")).slot("arm")
+    await realm_client.cancel("lever")
+    mover = (await realm_client.describe("mover")).slot("arm")
     if mover is not None and mover.child is None:
-        await fleet.enslave("mover", "arm", "arm-1")
+        await realm_client.enslave("mover", "arm", "arm-1")
 
 
-async def take(fleet: Fleet, name: str, size: tuple[int, int], path: Path, *, colours: int = 0) -> None:
+async def take(
+    realm_client: RealmClient, name: str, size: tuple[int, int], path: Path, *, colours: int = 0
+) -> None:
     """Play a scene and write its picture."""
     terminal = {
         "TERM": "xterm-16color" if colours == 16 else "xterm-256color",
         "COLORTERM": "" if colours else "truecolor",
     }
     os.environ.update(terminal)
-    app = Supervisor(fleet, realm=REALM)
+    app = Supervisor(realm_client, realm=REALM)
     async with app.run_test(size=size) as pilot:
-        stage = Stage(fleet, app, pilot)
+        stage = Stage(realm_client, app, pilot)
         while not (app.store.joined and any(isinstance(one, MainPage) for one in app.screen_stack)):
             await pilot.pause(0.05)
         await stage.settle()
@@ -249,23 +251,23 @@ async def shoot(names: list[str], folder: Path) -> list[Path]:
     await asyncio.to_thread(folder.mkdir, parents=True, exist_ok=True)
     async with Crew(REALM, key=str(realm_key(REALM))) as crew:
         await cast(crew)
-        async with joined(REALM) as fleet:
+        async with joined(REALM) as realm_client:
             with sitting_at(TERMINAL):
-                return await play(fleet, names, folder)
+                return await play(realm_client, names, folder)
 
 
-async def play(fleet: Fleet, names: list[str], folder: Path) -> list[Path]:
+async def play(realm_client: RealmClient, names: list[str], folder: Path) -> list[Path]:
     """Play the scenes of these names; return where their pictures are."""
     taken: list[Path] = []
-    await prepare(fleet)
+    await prepare(realm_client)
     for name in names:
         for label in SCENES[name][1]:
             path = folder / f"{name}-{label}.svg"
-            await take(fleet, name, SIZES[label], path, colours=REDUCED.get(label, 0))
-            await tidy(fleet)
+            await take(realm_client, name, SIZES[label], path, colours=REDUCED.get(label, 0))
+            await tidy(realm_client)
             taken.append(path)
     if README[0] in names:
-        await take(fleet, *README, folder.parent / "supervisor.svg")
+        await take(realm_client, *README, folder.parent / "supervisor.svg")
         taken.append(folder.parent / "supervisor.svg")
     return taken
 

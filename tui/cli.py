@@ -349,8 +349,8 @@ async def _supervise(realm: str, *, readonly: bool) -> int:
     from robotree.tui.screen.supervise import supervise
 
     keymap.load()  # one that is wrong is told before anything begins
-    async with joined(realm) as fleet:
-        return await supervise(fleet, realm, readonly=readonly)
+    async with joined(realm) as realm_client:
+        return await supervise(realm_client, realm, readonly=readonly)
 
 
 async def _agent(line: Line, realm: str, *, tether: bool) -> int:

@@ -38,7 +38,7 @@ from robotree.tui.wire.security import NOTHING, REALM, key_file
 from robotree.vr.base.written import Word
 
 if TYPE_CHECKING:
-    from robotree.vr.supervision.fleet import Fleet
+    from robotree.vr.supervision.realm_client import RealmClient
 
 ARM, ROVER, VIEW = "arm-1", "rover-1", "cell"
 EXAMPLES = Path(str(files("robotree.examples")))
@@ -75,11 +75,11 @@ class Story(Protocol):
         """The realm file with all who take part."""
         ...
 
-    async def open(self, fleet: Fleet) -> str:
+    async def open(self, realm_client: RealmClient) -> str:
         """Build what a person finds on the screen, and return their next step, in one sentence."""
         ...
 
-    async def accompany(self, fleet: Fleet) -> None:
+    async def accompany(self, realm_client: RealmClient) -> None:
         """Do what nobody does at the screen, until it is left."""
         ...
 
@@ -167,8 +167,8 @@ async def _alone(realm: str, wanted: RealmFile) -> None:
         return
     names = {(ROLES[one.verb], one.name) for one in wanted.processes if one.verb != NAMELESS}
     names |= {("robot", one.name) for one in wanted.robots}
-    async with joined(realm) as fleet:
-        there = [one for role in set(ROLES.values()) for one in fleet.directory.present(role)]
+    async with joined(realm) as realm_client:
+        there = [one for role in set(ROLES.values()) for one in realm_client.directory.present(role)]
         taken = sorted(one.name for one in there if (one.role, one.name) in names)
     if taken:
         raise DemoRuns(realm, taken)
@@ -199,8 +199,8 @@ async def cast(crew: Crew, *, wire: Wire = Wire.TCP, speedup: str = "1", file: P
     async def agree(_: Plan) -> None:
         pass
 
-    async with joined(crew.realm) as fleet:
-        await bring_about(wanted, pages, fleet, CrewStarter(crew), report, agree)
+    async with joined(crew.realm) as realm_client:
+        await bring_about(wanted, pages, realm_client, CrewStarter(crew), report, agree)
     for done in failed[:1]:
         raise MemberFailed(done.step.text.split(), "failed", done.reason)
 
@@ -241,12 +241,12 @@ class Cell:
 
     file = EXAMPLES / "cell.realm.yaml"
 
-    async def open(self, fleet: Fleet) -> str:
+    async def open(self, realm_client: RealmClient) -> str:
         """Build nothing: here a person begins."""
-        del fleet
+        del realm_client
         return f"next: n makes a virtual robot from a page, e puts it on top of {ARM}; ? shows all keys"
 
-    async def accompany(self, fleet: Fleet) -> None:
+    async def accompany(self, realm_client: RealmClient) -> None:
         """Do nothing."""
 
     async def play(self, realm: str, folder: Path, *, readonly: bool) -> int:
@@ -260,11 +260,11 @@ CELL = Cell()
 async def _supervise(story: Story, realm: str, *, readonly: bool) -> int:
     from robotree.tui.screen.supervise import supervise
 
-    async with joined(realm) as fleet:
-        hint = "" if readonly else await story.open(fleet)
-        beside = asyncio.create_task(story.accompany(fleet))
+    async with joined(realm) as realm_client:
+        hint = "" if readonly else await story.open(realm_client)
+        beside = asyncio.create_task(story.accompany(realm_client))
         try:
-            return await supervise(fleet, realm, farewell=FAREWELL, hint=hint, readonly=readonly)
+            return await supervise(realm_client, realm, farewell=FAREWELL, hint=hint, readonly=readonly)
         finally:
             beside.cancel()
             await asyncio.gather(beside, return_exceptions=True)
@@ -279,9 +279,9 @@ async def _play(realm: str, folder: Path, *, readonly: bool) -> int:
     with chdir(folder):  # the script's pictures go there
         path = str(EXAMPLES / "close_lever.session")
         script = await asyncio.to_thread(read_file, path, readonly=readonly)
-        async with joined(realm) as fleet:
-            report = await Player(fleet, script, lambda told: aside(transcript(told))).play()
-            readings = (await fleet.describe_view(VIEW)).readings
+        async with joined(realm) as realm_client:
+            report = await Player(realm_client, script, lambda told: aside(transcript(told))).play()
+            readings = (await realm_client.describe_view(VIEW)).readings
     angle, force = readings.get("lever"), readings.get("peak_force")
     ok = report.ok and angle is not None and force is not None
     verdict = {

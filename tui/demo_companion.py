@@ -22,7 +22,7 @@ from robotree.tui.terminal import aside, put
 from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
-    from robotree.vr.supervision.fleet import Fleet
+    from robotree.vr.supervision.realm_client import RealmClient
 
 NAME = "companion"
 ROBOT, SCRIPT, VIEW = "companion", "evening", "flat"
@@ -54,33 +54,33 @@ class Companion:
 
     file = EXAMPLES / "companion" / "flat.realm.yaml"
 
-    async def open(self, fleet: Fleet) -> str:
+    async def open(self, realm_client: RealmClient) -> str:
         """Lead the companion to the door, and give it to its script: a person starts that.
 
         Visitors come only when it stands at the door, and once the script has it nobody else can lead it
         there.
         """
         aside("the companion goes to the door: about 10 s …")
-        await fleet.call(ROBOT, "go_to", {"place": "door"}, deadline=60.0)
-        await fleet.enslave(SCRIPT, "robot", ROBOT)
+        await realm_client.call(ROBOT, "go_to", {"place": "door"}, deadline=60.0)
+        await realm_client.enslave(SCRIPT, "robot", ROBOT)
         return f"next: select {SCRIPT}, ⏎ opens its panel, ^r runs start; ? shows all keys"
 
-    async def accompany(self, fleet: Fleet) -> None:
+    async def accompany(self, realm_client: RealmClient) -> None:
         """Be the recogniser: report to the script who has come and who leaves, to each run of it anew."""
         number, runs, here, told = 0, 0, set[str](), set[str]()
         while True:
             await asyncio.sleep(LISTEN)
             with suppress(VrError):  # the script may not run yet, or not any more
-                number, who, text = await heard(fleet, number)
+                number, who, text = await heard(realm_client, number)
                 here |= {who} - {""}
-                started = (await fleet.describe(SCRIPT)).calls.get("start", 0)
+                started = (await realm_client.describe(SCRIPT)).calls.get("start", 0)
                 runs, told = started, told if started == runs else set[str]()
                 if "have to go" in text or "Thank you" in text:
                     here.discard(who)
                 if "have to go" in text:
-                    await fleet.call(SCRIPT, "person_left", {"who": who})
+                    await realm_client.call(SCRIPT, "person_left", {"who": who})
                 for one in sorted(here - told):
-                    await fleet.call(SCRIPT, "person_seen", {"who": one})
+                    await realm_client.call(SCRIPT, "person_seen", {"who": one})
                     told.add(one)
 
     async def play(self, realm: str, folder: Path, *, readonly: bool) -> int:  # noqa: ARG002  a fixed course
@@ -88,8 +88,8 @@ class Companion:
         from robotree.client.joining import joined
 
         began = time.monotonic()
-        async with joined(realm) as fleet:
-            evening = Evening(fleet, folder)
+        async with joined(realm) as realm_client:
+            evening = Evening(realm_client, folder)
             try:
                 async with asyncio.timeout(LONGEST):
                     await evening.run()
@@ -104,14 +104,14 @@ class Companion:
 STORY = Companion()
 
 
-async def heard(fleet: Fleet, after: int) -> tuple[int, str, str]:
+async def heard(realm_client: RealmClient, after: int) -> tuple[int, str, str]:
     """Return the newest utterance of a visitor: its number, who spoke, the words; nobody if it is not new.
 
     Args:
-        fleet: the robots.
+        realm_client: the robots.
         after: number of the utterance that was taken last.
     """
-    number, _, rest = (await fleet.describe("head")).attributes.get("heard", "").partition(" ")
+    number, _, rest = (await realm_client.describe("head")).attributes.get("heard", "").partition(" ")
     if not number or int(number) <= after:
         return after, "", ""
     tag, _, text = rest.partition(" ")
@@ -122,12 +122,12 @@ class Evening:
     """One evening.
 
     Args:
-        fleet: the robots.
+        realm_client: the robots.
         folder: for pictures.
     """
 
-    def __init__(self, fleet: Fleet, folder: Path) -> None:
-        self._fleet, self._folder = fleet, folder
+    def __init__(self, realm_client: RealmClient, folder: Path) -> None:
+        self._realm_client, self._folder = realm_client, folder
         self._said: Counter[str] = Counter()
         self._number = 0
         self._pictures: list[str] = []
@@ -137,18 +137,18 @@ class Evening:
 
     async def run(self) -> None:
         """From the first visitor to the charging place."""
-        fleet = self._fleet
+        realm_client = self._realm_client
         await self._call(ROBOT, "go_to", place="door")
-        await fleet.enslave(SCRIPT, "robot", ROBOT)
-        await fleet.tell(SCRIPT, "start", {}, deadline=LONGEST)
+        await realm_client.enslave(SCRIPT, "robot", ROBOT)
+        await realm_client.tell(SCRIPT, "start", {}, deadline=LONGEST)
         await self._look("waiting")
         await self._refused("head.look", "head", "look", pan=0.5, tilt=0.0)
         while not (self._counts["cups"] >= 2 and self._counts["left"]):
             await self._listen()
             await asyncio.sleep(LISTEN)
         await self._stop()
-        await fleet.cancel(SCRIPT)
-        await fleet.release(SCRIPT, "robot")
+        await realm_client.cancel(SCRIPT)
+        await realm_client.release(SCRIPT, "robot")
         await self._refused("too fast", ROBOT, "go_to", place="table", speed=0.7)
         await self._refused("out of reach", ROBOT, "reach", x=2.9, y=2.3, z=1.0)
         self._note(f"the battery holds {100 * await self._charge():.1f} %")
@@ -159,7 +159,7 @@ class Evening:
         counts = self._counts
         peak = 0.0
         for hand in ("left", "right"):
-            peak = max(peak, (await self._fleet.describe(hand)).readings.get("peak_force", 0.0))
+            peak = max(peak, (await self._realm_client.describe(hand)).readings.get("peak_force", 0.0))
         expected = counts["greeted"] == len(PEOPLE) and counts["cups"] >= 2 and counts["left"] == 1
         handled = counts["dropped"] == 1 and counts["stops"] == 1 and counts["role_changes"] >= 1
         return {
@@ -180,18 +180,18 @@ class Evening:
 
     async def _listen(self) -> None:
         """Take the utterances of visitors, and report to the script who has come and who goes."""
-        self._number, who, text = await heard(self._fleet, self._number)
+        self._number, who, text = await heard(self._realm_client, self._number)
         if not text:
             return
         self._note(f"{who}: {text}")
         self._said[who] += 1
         if self._said[who] == 1:
             self._counts["greeted"] += 1
-            await self._fleet.call(SCRIPT, "person_seen", {"who": who})
+            await self._realm_client.call(SCRIPT, "person_seen", {"who": who})
             await self._look(f"{who}-comes")
         elif "have to go" in text:
             self._counts["left"] += 1
-            await self._fleet.call(SCRIPT, "person_left", {"who": who})
+            await self._realm_client.call(SCRIPT, "person_left", {"who": who})
         elif "fall" in text:
             self._counts["dropped"] += 1
             await self._look("a-cup-falls")
@@ -203,38 +203,38 @@ class Evening:
 
     async def _change_role(self) -> None:
         """Another role, under the running script."""
-        await self._fleet.call(SCRIPT, "play", {"role": ROLE, "at": "robot"})
+        await self._realm_client.call(SCRIPT, "play", {"role": ROLE, "at": "robot"})
         self._counts["role_changes"] += 1
         self._note(f"from now on it plays the role {ROLE!r}")
 
     async def _stop(self) -> None:
         """Stop everything while the robot goes about, see that it stands, and release it."""
         await asyncio.sleep(4.0)
-        await self._fleet.stop(None)
+        await self._realm_client.stop(None)
         await asyncio.sleep(1.0)
-        before = (await self._fleet.describe("base")).readings
+        before = (await self._realm_client.describe("base")).readings
         await asyncio.sleep(1.0)
-        after = (await self._fleet.describe("base")).readings
+        after = (await self._realm_client.describe("base")).readings
         if abs(after["x"] - before["x"]) + abs(after["y"] - before["y"]) > 0.01:
             self.trouble = "it moved while it was stopped"
         self._counts["stops"] += 1
         self._note("everything stands; it is released")
-        await self._fleet.resume(None)
+        await self._realm_client.resume(None)
 
     async def _charge(self) -> float:
         """Go and charge a little."""
-        now = (await self._fleet.describe("base")).readings.get("battery", 0.0)
+        now = (await self._realm_client.describe("base")).readings.get("battery", 0.0)
         return float(await self._call(ROBOT, "charge", until=min(now + 0.001, 1.0), deadline=120.0))
 
     # -- helpers
 
     async def _call(self, robot: str, command: str, *, deadline: float = 60.0, **arguments: Any) -> Any:
-        return await self._fleet.call(robot, command, arguments, deadline=deadline)
+        return await self._realm_client.call(robot, command, arguments, deadline=deadline)
 
     async def _refused(self, what: str, robot: str, command: str, **arguments: Any) -> None:
         """Try what must be refused."""
         try:
-            await self._fleet.call(robot, command, arguments)
+            await self._realm_client.call(robot, command, arguments)
         except VrError as error:
             self._counts["refused"] += 1
             self._note(f"refused, as it must be: {error}")
@@ -244,7 +244,7 @@ class Evening:
     async def _look(self, name: str) -> None:
         """Take a picture; a view that does not answer spoils nothing."""
         try:
-            picture = await self._fleet.look(VIEW, width=480, height=300)
+            picture = await self._realm_client.look(VIEW, width=480, height=300)
         except VrError:
             return
         path = self._folder / f"{len(self._pictures) + 1:02}-{name}.jpg"

@@ -16,7 +16,7 @@ from typing import Any
 
 from robotree.client.joining import joined
 from robotree.vr.base.address import Role
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 
 HERE = Path(__file__).parent
 PAGES = HERE / "pages.py"
@@ -69,7 +69,7 @@ class Program:
 class Stage:
     """A realm with a leaf, whose robots write down what they do, and hosts."""
 
-    fleet: Fleet
+    realm_client: RealmClient
 
     def __init__(self, folder: Path, realm: str) -> None:
         self.folder, self.realm = folder, realm
@@ -98,22 +98,22 @@ class Stage:
             ("tourist", "Tourist", host.name),
             ("helper", "Helper", other or host.name),
         ):
-            await self.fleet.create(str(PAGES), name, where, kind)
+            await self.realm_client.create(str(PAGES), name, where, kind)
         for name in ("arm-1", "arm-2", "helper", "tourist"):
             await self.presence("robot", name)
-        await self.fleet.enslave("helper", "arm", "arm-2")
-        await self.fleet.enslave("tourist", "arm", "arm-1")
-        await self.fleet.enslave("tourist", "helper", "helper")
+        await self.realm_client.enslave("helper", "arm", "arm-2")
+        await self.realm_client.enslave("tourist", "arm", "arm-1")
+        await self.realm_client.enslave("tourist", "helper", "helper")
 
     async def presence(self, role: Role, name: str) -> None:
         """Wait until a process has been met that has an agent of this name."""
         async with asyncio.timeout(PATIENCE):
-            while not self.fleet.directory.present(role, name):  # noqa: ASYNC110 # a table, which tells nobody
+            while not self.realm_client.directory.present(role, name):  # noqa: ASYNC110 # a table, which tells nobody
                 await asyncio.sleep(0.005)
 
     async def play(self, host: Program, command: str, kills: list[str], **arguments: Any) -> Any:
         """Call a command of the tourist; start the host again, with the next kill, whenever it has ended."""
-        call = asyncio.ensure_future(self.fleet.call("tourist", command, arguments, deadline=60.0))
+        call = asyncio.ensure_future(self.realm_client.call("tourist", command, arguments, deadline=60.0))
         keeper = asyncio.ensure_future(keep_alive(host, kills))
         try:
             await asyncio.wait((call, keeper), timeout=PATIENCE, return_when=asyncio.FIRST_COMPLETED)
@@ -166,7 +166,7 @@ class Stage:
             await asyncio.sleep(0.005)
 
     def fields(self, name: str) -> Any:
-        return self.fleet.describe(name)
+        return self.realm_client.describe(name)
 
 
 async def keep_alive(host: Program, kills: list[str]) -> None:
@@ -183,8 +183,8 @@ async def staged(folder: Path, realm: str = "durable") -> AsyncIterator[Stage]:
     stage = Stage(folder, realm)
     try:
         await stage.program("leaf", HERE / "leaf.py", stage.effects_file, "arm-1", "arm-2").start()
-        async with joined(realm) as fleet:
-            stage.fleet = fleet
+        async with joined(realm) as realm_client:
+            stage.realm_client = realm_client
             yield stage
     finally:
         for program in stage.programs:

@@ -33,7 +33,7 @@ async def test_functions_of_the_page_at_once(stage: Stage) -> None:
 async def test_a_race_has_the_winner_that_it_had(stage: Stage) -> None:
     host = stage.host()
     await stage.furnish(host, "after write 8")
-    assert await stage.play(host, "races", ["after step 5"], steps=8) == await stage.fleet.call(
+    assert await stage.play(host, "races", ["after step 5"], steps=8) == await stage.realm_client.call(
         "tourist", "winners", {}
     )
     assert host.lives == 3
@@ -46,9 +46,9 @@ async def test_a_command_that_was_cancelled_ends_by_its_clean_up(stage: Stage, a
     """The kill comes after the cancel: before the clean-up has begun, or in the middle of it."""
     host = stage.host()
     await stage.furnish(host)
-    call = asyncio.ensure_future(stage.fleet.call("tourist", "careful", {"steps": 200}))
+    call = asyncio.ensure_future(stage.realm_client.call("tourist", "careful", {"steps": 200}))
     await stage.until_effects(2)
-    await stage.fleet.cancel("tourist")
+    await stage.realm_client.cancel("tourist")
     await stage.until_effects(acted)
     await host.kill()
     await host.start()
@@ -78,9 +78,9 @@ async def test_what_was_told_or_detached_goes_on_by_itself(stage: Stage) -> None
 async def test_a_setting_that_is_changed_in_the_middle_is_read_as_it_was(stage: Stage) -> None:
     host = stage.host()
     await stage.furnish(host)
-    call = asyncio.ensure_future(stage.fleet.call("tourist", "paced", {"steps": 8}))
+    call = asyncio.ensure_future(stage.realm_client.call("tourist", "paced", {"steps": 8}))
     await stage.until_effects(3)
-    await stage.fleet.call("tourist", "set", {"pace": 0.5})
+    await stage.realm_client.call("tourist", "set", {"pace": 0.5})
     await stage.until_effects(5)
     await host.kill()
     await host.start()
@@ -130,32 +130,32 @@ async def test_a_thread_of_the_pages_own_leaves_the_command_in_doubt(stage: Stag
 async def test_a_page_that_was_reloaded_is_the_one_that_comes_back(stage: Stage) -> None:
     host = stage.host()
     await stage.furnish(host)
-    await stage.fleet.call("tourist", "tour", {"steps": 2})
+    await stage.realm_client.call("tourist", "tour", {"steps": 2})
     other = stage.folder / "other.py"
     other.write_text(PAGES.read_text().replace("steps: int, pause", "steps: int = 4, pause"))
-    await stage.fleet.reload("tourist", str(other), "Tourist")
+    await stage.realm_client.reload("tourist", str(other), "Tourist")
     other.unlink()
     await host.kill()
     await host.start()
     stage.effects_file.write_text("")
-    assert await stage.fleet.call("tourist", "tour", {}) == [6.0, 6.0]  # two of them before
+    assert await stage.realm_client.call("tourist", "tour", {}) == [6.0, 6.0]  # two of them before
     stage.expect_once(*range(4))
 
 
 async def test_a_robot_that_was_deleted_stays_away(stage: Stage) -> None:
     host = stage.host()
     await stage.furnish(host)
-    await stage.fleet.delete("tourist")
+    await stage.realm_client.delete("tourist")
     await host.kill()
     await host.start()
-    assert [robot.name for robot in (await stage.fleet.hosts())[0].robots] == ["helper"]
+    assert [robot.name for robot in (await stage.realm_client.hosts())[0].robots] == ["helper"]
     stage.expect_silence()
 
 
 async def test_a_host_that_is_ended_in_order_ends_its_commands_and_keeps_its_robots(stage: Stage) -> None:
     host = stage.host()
     await stage.furnish(host)
-    call = asyncio.ensure_future(stage.fleet.call("tourist", "tour", {"steps": 1000, "pause": 0.01}))
+    call = asyncio.ensure_future(stage.realm_client.call("tourist", "tour", {"steps": 1000, "pause": 0.01}))
     await stage.until_effects(5)
     await host.kill(signal.SIGTERM)
     with pytest.raises(VrError):
@@ -165,7 +165,7 @@ async def test_a_host_that_is_ended_in_order_ends_its_commands_and_keeps_its_rob
     await asyncio.sleep(0.3)
     assert len(stage.ended) <= acted + 1
     stage.effects_file.write_text("")
-    assert await stage.fleet.call("tourist", "pairs", {"steps": 2}) == [0, 2]
+    assert await stage.realm_client.call("tourist", "pairs", {"steps": 2}) == [0, 2]
     stage.expect_once(0, 1)
 
 
@@ -174,23 +174,23 @@ async def test_a_host_that_forgets_has_no_robots(stage: Stage) -> None:
     await stage.furnish(host, FORGET="yes")
     await host.kill()
     await host.start(FORGET="yes")
-    assert [hosts.robots for hosts in await stage.fleet.hosts()] == [()]
+    assert [hosts.robots for hosts in await stage.realm_client.hosts()] == [()]
     stage.expect_silence()
 
 
 async def test_a_stop_while_the_host_is_away_ends_the_command(stage: Stage) -> None:
     host = stage.host()
     await stage.furnish(host)
-    call = asyncio.ensure_future(stage.fleet.call("tourist", "tour", {"steps": 1000, "pause": 0.01}))
+    call = asyncio.ensure_future(stage.realm_client.call("tourist", "tour", {"steps": 1000, "pause": 0.01}))
     await stage.until_effects(5)
     await host.kill()
     with contextlib.suppress(NotConfirmed):  # it names those who are away, if it has asked them
-        await stage.fleet.stop(None)
+        await stage.realm_client.stop(None)
     acted = len(stage.ended)
     await host.start()
     with pytest.raises(VrError):
         await call
-    await stage.fleet.resume(None)
+    await stage.realm_client.resume(None)
     await asyncio.sleep(0.3)
     assert len(stage.ended) <= acted + 1
     assert stage.twice() == []
@@ -200,11 +200,11 @@ async def test_a_stop_while_the_host_is_away_ends_the_command(stage: Stage) -> N
 async def test_an_order_to_the_parent_is_obeyed_when_its_host_is_back(stage: Stage) -> None:
     host = stage.host()
     await stage.furnish(host)
-    call = asyncio.ensure_future(stage.fleet.call("tourist", "tour", {"steps": 1000, "pause": 0.01}))
+    call = asyncio.ensure_future(stage.realm_client.call("tourist", "tour", {"steps": 1000, "pause": 0.01}))
     await stage.until_effects(5)
     await host.kill()
     await host.start()
-    await stage.fleet.cancel("tourist")
+    await stage.realm_client.cancel("tourist")
     with pytest.raises(VrError):
         await call
     assert stage.twice() == []

@@ -23,7 +23,7 @@ from robotree.vr.author.robot import Robot
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.running.process import Process
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.world import SimulatedProcess, World
 from tests.guide.moved_arm import moved_arm
 
@@ -44,7 +44,7 @@ class Stage:
         self.mistake: Exception | None = None
         self.told: list[str] = []
         """What was played, and what came of it."""
-        self._fleet: Fleet | None = None
+        self._realm_client: RealmClient | None = None
         world.start("lookup-1", self._lookup)
         world.start("host-1", self._host)
         for name, kind in ROBOTS.items():
@@ -60,8 +60,10 @@ class Stage:
         done: list[Any] = []
 
         async def play() -> None:
-            assert self._fleet is not None
-            done.append(await Player(self._fleet, script, lambda told: self.told.append(str(told))).play())
+            assert self._realm_client is not None
+            done.append(
+                await Player(self._realm_client, script, lambda told: self.told.append(str(told))).play()
+            )
 
         self._operator.do(play, "play")
         began = self.world.runner.now()
@@ -90,8 +92,8 @@ class Stage:
         return live
 
     async def _operate(self, process: SimulatedProcess) -> None:
-        self._fleet = Fleet(process.transport)
-        await self._fleet.start()
+        self._realm_client = RealmClient(process.transport)
+        await self._realm_client.start()
         await asyncio.Event().wait()
 
 

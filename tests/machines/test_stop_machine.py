@@ -19,7 +19,7 @@ from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.stops import Stops
 from robotree.vr.base.errors import NotConfirmed, VrError
 from robotree.vr.core import events as on
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
 from robotree.vr.world.virtual_loop import VirtualLoop
 from robotree.vr.world.virtual_runner import VirtualRunner
@@ -85,10 +85,10 @@ class StopMachine(RuleBasedStateMachine):
         for agent in self.agents.values():
             await agent.start()
         self.supervisor: MemoryTransport = self.network.join("supervisor")
-        self.fleet = Fleet(self.supervisor)
-        await self.fleet.start()
-        await self.fleet.enslave("carrier", "front", "r1")
-        await self.fleet.stop(None)
+        self.realm_client = RealmClient(self.supervisor)
+        await self.realm_client.start()
+        await self.realm_client.enslave("carrier", "front", "r1")
+        await self.realm_client.stop(None)
 
     def run(self, work: Coroutine[Any, Any, R]) -> R:
         asyncio.set_event_loop(self.loop)
@@ -103,12 +103,12 @@ class StopMachine(RuleBasedStateMachine):
         try:
             await self.settle()
             await self.judge()
-            await self.fleet.resume(None)
+            await self.realm_client.resume(None)
             await self.settle()
             for name, agent in self.agents.items():
                 assert not agent.description().stopped, f"{name} is released when all are awake and asked"
         finally:
-            await self.fleet.close()
+            await self.realm_client.close()
             rest = asyncio.all_tasks() - {asyncio.current_task()}
             for agent in self.agents.values():
                 await agent.close()
@@ -126,11 +126,11 @@ class StopMachine(RuleBasedStateMachine):
 
     @rule(name=st.none() | names)
     def stop(self, name: str | None) -> None:
-        self.stops.append(self.give(name, self.fleet.stop(name)))
+        self.stops.append(self.give(name, self.realm_client.stop(name)))
 
     @rule(name=st.none() | names)
     def resume(self, name: str | None) -> None:
-        self.resumes.append(self.give(name, self.fleet.resume(name)))
+        self.resumes.append(self.give(name, self.realm_client.resume(name)))
 
     @rule(first=st.none() | names, then=st.none() | names, gap=gaps)
     def stop_all_then_resume_and_stop(self, first: str | None, then: str | None, gap: float) -> None:
@@ -158,11 +158,11 @@ class StopMachine(RuleBasedStateMachine):
 
     @rule(parent=st.sampled_from(["carrier", "r1"]), slot=st.sampled_from(["front", "second"]), child=names)
     def enslave(self, parent: str, slot: str, child: str) -> None:
-        self.run(self.whatever(self.fleet.enslave(parent, slot, child)))
+        self.run(self.whatever(self.realm_client.enslave(parent, slot, child)))
 
     @rule(parent=st.sampled_from(["carrier", "r1"]), slot=st.sampled_from(["front", "second"]))
     def release(self, parent: str, slot: str) -> None:
-        self.run(self.whatever(self.fleet.release(parent, slot)))
+        self.run(self.whatever(self.realm_client.release(parent, slot)))
 
     async def whatever(self, work: Coroutine[Any, Any, object]) -> None:
         task = self.loop.create_task(work)

@@ -21,16 +21,16 @@ from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.widgets.robot_table import RobotTable
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from tests.screen import shows, text_of
 
 
 class Stage:
     """An operator at the keyboard of the full screen."""
 
-    def __init__(self, pilot: Pilot[int], fleet: Fleet) -> None:
+    def __init__(self, pilot: Pilot[int], realm_client: RealmClient) -> None:
         self.app: Supervisor = pilot.app  # type: ignore[assignment] # the app that was run
-        self.fleet = fleet
+        self.realm_client = realm_client
         self._pilot = pilot
         self._context = contextvars.copy_context()
 
@@ -153,7 +153,7 @@ class Stage:
 
     async def lever(self) -> float:
         """[rad] The angle that the workspace's instrument reads."""
-        return (await self.fleet.describe_view("cell")).readings["lever"]
+        return (await self.realm_client.describe_view("cell")).readings["lever"]
 
     def readings(self, name: str) -> dict[str, float]:
         return self.app.store.readings(name)
@@ -164,7 +164,7 @@ async def stage(shared_place: Path) -> AsyncIterator[Stage]:
     async with Crew("thesis", shared_place) as crew:
         await cast(crew, speedup="4")
         async with (
-            joined("thesis") as fleet,
-            Supervisor(fleet, realm="thesis").run_test(size=(140, 44)) as pilot,
+            joined("thesis") as realm_client,
+            Supervisor(realm_client, realm="thesis").run_test(size=(140, 44)) as pilot,
         ):
-            yield Stage(pilot, fleet)
+            yield Stage(pilot, realm_client)

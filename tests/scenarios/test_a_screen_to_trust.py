@@ -16,7 +16,7 @@ import pytest_asyncio
 
 from robotree.client.joining import joined
 from robotree.tui.processes.crew import Crew
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.testing import until
 from tests.command_line import within_realm
 from tests.terminal import BACKSPACE, CTRL_R, CTRL_S, CTRL_U, DOWN, ENTER, ESCAPE, RIGHT, TAB, Person
@@ -32,10 +32,10 @@ RUN = within_realm(REALM)
 
 
 class Cell:
-    """The processes of a cell, and a fleet that sees them."""
+    """The processes of a cell, and a realm client that sees them."""
 
-    def __init__(self, crew: Crew, fleet: Fleet, proxy: int) -> None:
-        self.crew, self.fleet, self.proxy = crew, fleet, proxy
+    def __init__(self, crew: Crew, realm_client: RealmClient, proxy: int) -> None:
+        self.crew, self.realm_client, self.proxy = crew, realm_client, proxy
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
@@ -47,9 +47,9 @@ async def cell(shared_place: Path) -> AsyncIterator[Cell]:
             ("host", "host-1"),
             ("proxy", "arm", "arm-1", "--connect", arm.address, "--open"),
         )
-        async with joined(REALM) as fleet:
-            await until(lambda: len(fleet.robots()) == 1, "the arm is listed")
-            yield Cell(crew, fleet, proxy.pid)
+        async with joined(REALM) as realm_client:
+            await until(lambda: len(realm_client.robots()) == 1, "the arm is listed")
+            yield Cell(crew, realm_client, proxy.pid)
 
 
 @pytest.fixture
@@ -95,14 +95,14 @@ async def test_a_parent_says_that_its_child_hangs_and_not_that_it_needs_one(
     finally:
         os.kill(cell.proxy, signal.SIGCONT)
     screen.shows(b"answers again")
-    await cell.fleet.delete("mover")
-    await until(lambda: len(cell.fleet.robots()) == 1, "the arm is free")
+    await cell.realm_client.delete("mover")
+    await until(lambda: len(cell.realm_client.robots()) == 1, "the arm is free")
 
 
 async def test_two_people_who_command_one_robot_have_two_entries_with_their_names(
     cell: Cell, screen: Person
 ) -> None:
-    assert not (await cell.fleet.describe("arm-1")).busy
+    assert not (await cell.realm_client.describe("arm-1")).busy
     way = ("call", "arm-1.go_to", "y=0", "z=0.3", "twist=0")
     anna = Person(REALM, *way, "x=0.5", "speed=0.03")
     people = [anna]
@@ -181,7 +181,7 @@ async def test_states_are_counted_coloured_and_searched_on_a_terminal_of_16_colo
 async def test_a_verb_typed_in_a_panel_stops_nothing(cell: Cell, screen: Person) -> None:
     screen.types(ENTER, sees="peak")
     screen.types(":show arm-1\r", sees="commands")
-    assert not (await cell.fleet.describe("arm-1")).stopped
+    assert not (await cell.realm_client.describe("arm-1")).stopped
 
 
 async def test_a_form_that_is_filled_in_in_one_burst_is_run_as_it_was_typed(
@@ -191,18 +191,18 @@ async def test_a_form_that_is_filled_in_in_one_burst_is_run_as_it_was_typed(
     screen.types(
         f"{DOWN}{ENTER}{CTRL_U}0.5{BACKSPACE}4{TAB}{CTRL_U}0.1{TAB}{CTRL_U}35cm{CTRL_R}", sees="done in"
     )
-    pose = await cell.fleet.call("arm-1", "get_info", {})
+    pose = await cell.realm_client.call("arm-1", "get_info", {})
     assert (pose["x"], pose["y"], pose["z"]) == pytest.approx((0.4, 0.1, 0.35), abs=0.01)
 
 
 async def test_hasty_keys_after_create_make_no_other_robot(cell: Cell, screen: Person) -> None:
     screen.types(":create examples/move_to.py as mover\rn", sees="new virtual robot")
-    await until(lambda: any(robot.name == "mover" for robot in cell.fleet.robots()), "it is made")
+    await until(lambda: any(robot.name == "mover" for robot in cell.realm_client.robots()), "it is made")
     screen.types(f"{TAB}", sees="Create")
     screen.types(f"{DOWN}znwz{ENTER}e{ENTER}", sees="new virtual robot")
-    names = {robot.name for robot in cell.fleet.robots()}
+    names = {robot.name for robot in cell.realm_client.robots()}
     assert names <= {"arm-1", "mover"}, "nobody asked for another one"
-    await cell.fleet.delete("mover")
+    await cell.realm_client.delete("mover")
 
 
 async def test_the_stop_works_in_a_field_and_a_question_is_answered_by_its_own_keys(
@@ -210,13 +210,13 @@ async def test_the_stop_works_in_a_field_and_a_question_is_answered_by_its_own_k
 ) -> None:
     screen.types(ENTER, sees="peak")  # the panel has its first readings
     screen.types(f"{DOWN}{ENTER}{CTRL_U}0.4 {CTRL_S}", sees="PROTECTIVE STOP")
-    assert (await cell.fleet.describe("arm-1")).stopped
+    assert (await cell.realm_client.describe("arm-1")).stopped
     screen.types(ESCAPE, sees="log  g")
     screen.types("R", sees="Is all clear?")
     screen.types(ENTER, sees="log  g")
-    assert (await cell.fleet.describe("arm-1")).stopped, "Enter came upon Cancel"
+    assert (await cell.realm_client.describe("arm-1")).stopped, "Enter came upon Cancel"
     screen.types(f"R{RIGHT}{ENTER}", sees="was resumed")
-    assert not (await cell.fleet.describe("arm-1")).stopped
+    assert not (await cell.realm_client.describe("arm-1")).stopped
 
 
 def os_user() -> str:

@@ -16,7 +16,7 @@ import pytest
 from robotree.client.joining import joined
 from robotree.tui import exit_codes
 from robotree.tui.processes.crew import Crew
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from tests.command_line import ROBOTREE, within_realm
 
 pytestmark = pytest.mark.e2e
@@ -74,11 +74,11 @@ async def crew(place: Path) -> AsyncIterator[Crew]:
 
 
 @pytest.fixture
-async def fleet(crew: Crew) -> AsyncIterator[Fleet]:
+async def realm_client(crew: Crew) -> AsyncIterator[RealmClient]:
     """One who looks on: a process of its own for each look would cost most of these tests' time."""
     del crew  # there before it, and longer
-    async with joined(REALM) as fleet:
-        yield fleet
+    async with joined(REALM) as realm_client:
+        yield realm_client
 
 
 @pytest.mark.usefixtures("crew")
@@ -87,39 +87,41 @@ async def test_an_author_who_prints_does_not_block_the_host() -> None:
     assert (code, json.loads(out)) == (exit_codes.DONE, 3000)
 
 
-async def until_busy(fleet: Fleet, command: str, caller: asyncio.subprocess.Process | None = None) -> None:
+async def until_busy(
+    realm_client: RealmClient, command: str, caller: asyncio.subprocess.Process | None = None
+) -> None:
     """Wait until the robot carries a command out, or none; well before it would end by itself."""
     async with asyncio.timeout(30):
-        while (await fleet.describe("talker")).busy != command:
+        while (await realm_client.describe("talker")).busy != command:
             if caller is not None and caller.returncode is not None:
                 pytest.fail(f"its caller has ended: {await caller.communicate()}")
             await asyncio.sleep(0.02)
 
 
-async def test_a_verb_that_is_told_to_end_takes_its_command_with_it(fleet: Fleet) -> None:
+async def test_a_verb_that_is_told_to_end_takes_its_command_with_it(realm_client: RealmClient) -> None:
     call = await start("call", "talker.wait")
-    await until_busy(fleet, "wait", call)
+    await until_busy(realm_client, "wait", call)
     call.terminate()
     assert await asyncio.wait_for(call.wait(), 60) == exit_codes.INTERRUPTED
-    assert not (await fleet.describe("talker")).busy
+    assert not (await realm_client.describe("talker")).busy
 
 
 async def test_a_killed_verb_takes_its_command_with_it_unless_it_was_detached(
-    fleet: Fleet, place: Path
+    realm_client: RealmClient, place: Path
 ) -> None:
     script = place / "a.session"
     script.write_text("call talker.wait\n")
     for words in (("call", "talker.wait"), ("run", str(script))):
         caller = await start(*words)
-        await until_busy(fleet, "wait", caller)
+        await until_busy(realm_client, "wait", caller)
         caller.kill()
         await caller.wait()
-        await until_busy(fleet, "")
+        await until_busy(realm_client, "")
     code, out = await robotree("call", "talker.wait", "--detach")
     assert (code, out.split(";")[0]) == (exit_codes.DONE, "talker.wait has begun and goes on by itself")
-    await until_busy(fleet, "wait")
+    await until_busy(realm_client, "wait")
     await robotree("cancel", "talker")
-    await until_busy(fleet, "")
+    await until_busy(realm_client, "")
 
 
 @pytest.mark.usefixtures("crew")

@@ -137,7 +137,7 @@ def test_watching_prints_an_object_for_each_state(say: Say) -> None:
     assert all(state.keys() >= STATE and state["name"] == "arm-1" for state in states)
 
 
-def test_no_verb_over_a_fleet_is_left_out() -> None:
+def test_no_verb_over_a_realm_is_left_out() -> None:
     proved = {line.split()[0] for line, _, _ in SHAPES} | {"watch"}
     proved |= {"role", "rules explain"}  # over scripts and companions: their own tests show them
     proved |= {"decide", "space ls", "history", "why"}  # of hosts that crashed, of spaces, of what was kept
@@ -223,8 +223,8 @@ def test_the_first_walk_of_the_help_works_as_it_is_typed(
 
 def test_every_reading_of_the_cell_has_a_unit(say: Say) -> None:
     async def instruments() -> tuple[dict[str, float], dict[str, str]]:
-        async with joined("default") as fleet:
-            told = await fleet.describe_view("cell")
+        async with joined("default") as realm_client:
+            told = await realm_client.describe_view("cell")
             return told.readings, told.units
 
     (arm,), (rover,) = say("show", "arm-1"), say("show", "rover-1")

@@ -116,8 +116,8 @@ async def test_a_demo_that_is_killed_leaves_nothing_behind(
     demo.kill()
     await demo.wait()
     assert all(await asyncio.gather(*(ended(handle, 60) for handle in handles)))
-    async with joined("killed") as fleet:
-        assert not any(fleet.directory.present(role) for role in ROLES)
+    async with joined("killed") as realm_client:
+        assert not any(realm_client.directory.present(role) for role in ROLES)
     left = {path.name for path in (place / "robotree" / "killed").iterdir()}
     assert left == {"realm.key", "realm.key.time"}, "no socket; the key stays for the next"
     assert list(temporary.iterdir()) == []
@@ -173,11 +173,11 @@ async def test_a_demo_outlives_the_crash_of_each_of_its_processes(tmp_path: Path
         await cast(crew, speedup="4")
         for member in [*crew.members]:
             await again(crew, member)
-        async with joined("default") as fleet, asyncio.timeout(60):
+        async with joined("default") as realm_client, asyncio.timeout(60):
             for role, names in PRESENT.items():
-                assert sorted(one.name for one in fleet.directory.present(role)) == names
+                assert sorted(one.name for one in realm_client.directory.present(role)) == names
             for robot in ("arm-1", "rover-1"):
-                while not (await fleet.describe(robot)).online:  # noqa: ASYNC110 # an answer has no event
+                while not (await realm_client.describe(robot)).online:  # noqa: ASYNC110 # an answer has no event
                     await asyncio.sleep(0.02)
 
 

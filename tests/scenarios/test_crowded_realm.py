@@ -86,7 +86,7 @@ def pid_of_host(crew: Crew) -> int:
 
 async def test_a_host_without_a_free_descriptor_obeys_one_stop_after_another(crew: Crew) -> None:
     """The reserve is filled again each time."""
-    async with joined(REALM) as fleet:
+    async with joined(REALM) as realm_client:
         call = await robotree("call", "hoarder.hoard", "--detach")
         assert call[0] == exit_codes.DONE, call
         opened = Path(f"/proc/{pid_of_host(crew)}/fd")
@@ -96,7 +96,7 @@ async def test_a_host_without_a_free_descriptor_obeys_one_stop_after_another(cre
             code, out, complaints = await robotree("stop", "--json")
             assert code == exit_codes.DONE, complaints
             assert json.loads(out)["stopped"] == ["hoarder"]
-        (hoarder,) = await fleet.tree()
+        (hoarder,) = await realm_client.tree()
         assert hoarder.stopped
 
 
@@ -126,6 +126,6 @@ async def test_in_a_flood_of_connections_no_list_leaves_out_a_host_in_silence(
             assert "hoarder" in out or code != exit_codes.DONE, complaints
         code, out, complaints = await robotree("stop")
         assert code == exit_codes.DONE or "hoarder" in complaints, complaints
-    async with joined(REALM) as fleet:
-        (hoarder,) = await fleet.tree()
+    async with joined(REALM) as realm_client:
+        (hoarder,) = await realm_client.tree()
         assert hoarder.stopped, "the stop has come through the flood"

@@ -22,7 +22,7 @@ from robotree.protocol.links.url import parse
 from robotree.tui import exit_codes
 from robotree.tui.demo import Wire, cast
 from robotree.tui.processes.crew import Crew
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.testing import until
 from tests.command_line import robotree
 
@@ -31,18 +31,21 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 @asynccontextmanager
-async def playing(wire: Wire, folder: Path) -> AsyncGenerator[Fleet]:
+async def playing(wire: Wire, folder: Path) -> AsyncGenerator[RealmClient]:
     """The demo's own cast, on a bus of this process alone."""
     realm = name(wire)
     async with Crew(realm, folder) as crew:
         await cast(crew, wire=wire, speedup="3")
-        async with joined(realm) as fleet:
-            await until(lambda: len(fleet.robots()) == 2 and len(fleet.views()) == 1, "the cast is listed")
+        async with joined(realm) as realm_client:
+            await until(
+                lambda: len(realm_client.robots()) == 2 and len(realm_client.views()) == 1,
+                "the cast is listed",
+            )
             async with asyncio.timeout(60):
                 for robot in ("arm-1", "rover-1"):
-                    while not (await fleet.describe(robot)).online:  # noqa: ASYNC110  an answer has no event
+                    while not (await realm_client.describe(robot)).online:  # noqa: ASYNC110  an answer has no event
                         await asyncio.sleep(0.02)
-            yield fleet
+            yield realm_client
 
 
 def name(wire: Wire) -> str:
@@ -88,26 +91,26 @@ def test_a_realm_whose_name_is_a_number_has_a_bus_too() -> None:
         assert first_port(read(parse(address)).channel) > 1024
 
 
-async def lever(fleet: Fleet) -> float:
+async def lever(realm_client: RealmClient) -> float:
     """[rad] What the workspace's instrument reads; a view tells it from its first pose on."""
     async with asyncio.timeout(60):
         while True:
-            readings = (await fleet.describe_view("cell")).readings
+            readings = (await realm_client.describe_view("cell")).readings
             if "lever" in readings:
                 return readings["lever"]
             await asyncio.sleep(0.05)
 
 
 async def test_the_lever_is_closed_over_can_fd(tmp_path: Path, listeners: Any) -> None:
-    async with playing(Wire.CAN_FD, tmp_path) as fleet:
+    async with playing(Wire.CAN_FD, tmp_path) as realm_client:
         bus = listeners(channel(Wire.CAN_FD))
-        assert await lever(fleet) < -0.75
-        await fleet.create(EXAMPLES / "move_to.py", "mover")
-        await fleet.create(EXAMPLES / "open_close_lever.py", "lever")
-        await fleet.enslave("mover", "arm", "arm-1")
-        await fleet.enslave("lever", "mover", "mover")
-        peak = await fleet.call("lever", "close", {}, deadline=120)
-        readings = (await fleet.describe_view("cell")).readings
+        assert await lever(realm_client) < -0.75
+        await realm_client.create(EXAMPLES / "move_to.py", "mover")
+        await realm_client.create(EXAMPLES / "open_close_lever.py", "lever")
+        await realm_client.enslave("mover", "arm", "arm-1")
+        await realm_client.enslave("lever", "mover", "mover")
+        peak = await realm_client.call("lever", "close", {}, deadline=120)
+        readings = (await realm_client.describe_view("cell")).readings
         assert readings["lever"] > 0.75
         assert 0 < peak <= readings["peak_force"] < 35
         frames = heard(bus)
@@ -116,15 +119,15 @@ async def test_the_lever_is_closed_over_can_fd(tmp_path: Path, listeners: Any) -
 
 
 async def test_classic_can_carries_both_robots_and_pictures(tmp_path: Path, listeners: Any) -> None:
-    async with playing(Wire.CAN_CLASSIC, tmp_path) as fleet:
+    async with playing(Wire.CAN_CLASSIC, tmp_path) as realm_client:
         bus = listeners(channel(Wire.CAN_CLASSIC))
-        at = await fleet.call("arm-1", "get_info", {})
+        at = await realm_client.call("arm-1", "get_info", {})
         goal = {"x": at["x"], "y": at["y"], "z": at["z"] - 0.03, "twist": at["twist"]}
-        await fleet.call("arm-1", "go_to", goal)
-        assert (await fleet.call("arm-1", "get_info", {}))["z"] == pytest.approx(goal["z"], abs=0.005)
-        await fleet.call("rover-1", "move", {"x": 0.1, "y": 0.0})
-        assert (await fleet.call("rover-1", "get_info", {}))["x"] == pytest.approx(0.1, abs=0.01)
-        picture = await fleet.look("cell", width=320, height=180, quality=75)
+        await realm_client.call("arm-1", "go_to", goal)
+        assert (await realm_client.call("arm-1", "get_info", {}))["z"] == pytest.approx(goal["z"], abs=0.005)
+        await realm_client.call("rover-1", "move", {"x": 0.1, "y": 0.0})
+        assert (await realm_client.call("rover-1", "get_info", {}))["x"] == pytest.approx(0.1, abs=0.01)
+        picture = await realm_client.look("cell", width=320, height=180, quality=75)
         assert (picture.width, picture.height) == (320, 180)
         frames = heard(bus)
         assert len(frames) > 1000, "the picture alone takes a thousand"

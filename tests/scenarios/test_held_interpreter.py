@@ -193,8 +193,8 @@ async def test_a_proxy_never_shares_a_process_with_pages(crew: Crew, place: Path
     assert (code, "defines no virtual robot" in complaints) == (exit_codes.REFUSED, True), complaints
     code, _, complaints = await robotree("create", str(place / "greedy.py"), "as", "guest")
     assert code == 0, complaints
-    async with joined(REALM) as fleet:
-        found = fleet.held()
+    async with joined(REALM) as realm_client:
+        found = realm_client.held()
     agents = {
         member.pid: {one.key.rpartition("/")[0] for one in found if one.where == f"process {member.pid}"}
         for member in (crew.members[0], proxy)
@@ -249,8 +249,10 @@ async def test_a_process_of_its_own_ends_with_its_robot(place: Path) -> None:
     assert await ended(handle, 10)
     code, _, complaints = await robotree("create", f"{page}:None", "as", "apart", "--own-host")
     assert (code, "defines no virtual robot" in complaints) == (1, True)
-    async with joined(REALM) as fleet:
-        assert await holds(lambda: [one.name for one in fleet.directory.present("host")] == ["host-1"], 10.0)
+    async with joined(REALM) as realm_client:
+        assert await holds(
+            lambda: [one.name for one in realm_client.directory.present("host")] == ["host-1"], 10.0
+        )
 
 
 async def test_what_is_named_as_the_end_of_it_ends_it(crew: Crew) -> None:
@@ -261,6 +263,6 @@ async def test_what_is_named_as_the_end_of_it_ends_it(crew: Crew) -> None:
         handle = os.pidfd_open(host.pid)
         os.kill(host.pid, signal.SIGTERM)
         assert await ended(handle, HARD)
-    async with joined(REALM) as fleet:
-        assert not await fleet.hanging()
-        assert not fleet.directory.present("robot")
+    async with joined(REALM) as realm_client:
+        assert not await realm_client.hanging()
+        assert not realm_client.directory.present("robot")

@@ -24,7 +24,7 @@ from robotree.protocol.messages import SetupSigning
 from robotree.tui import exit_codes
 from robotree.tui.processes.crew import Crew
 from robotree.vr.base.errors import VrError
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.testing import until
 from tests.command_line import ROBOTREE, robotree
 
@@ -36,8 +36,8 @@ REALM = "keys"
 class Guarded:
     """A cell whose arm accepts no message without its key, and four clients that try."""
 
-    def __init__(self, folder: Path, crew: Crew, fleet: Fleet, address: str) -> None:
-        self.folder, self.crew, self.fleet, self.address = folder, crew, fleet, address
+    def __init__(self, folder: Path, crew: Crew, realm_client: RealmClient, address: str) -> None:
+        self.folder, self.crew, self.realm_client, self.address = folder, crew, realm_client, address
         self.secrets = [secret_in(folder / file) for file in ("ours.key", "others.key")]
         """All that nobody may be told."""
 
@@ -49,7 +49,7 @@ class Guarded:
                 while of not in said:
                     await asyncio.sleep(0.02)
                     with pytest.raises(VrError) as refused:
-                        await self.fleet.call(robot, "get_info", {})
+                        await self.realm_client.call(robot, "get_info", {})
                     said = str(refused.value)
         except TimeoutError:
             pytest.fail(f"it never came to that, but said: {said}")
@@ -62,7 +62,7 @@ class Guarded:
     async def online(self, robot: str) -> None:
         """Return once the robot is online."""
         async with asyncio.timeout(60):
-            while not (await self.fleet.describe(robot)).online:  # noqa: ASYNC110  an answer has no event
+            while not (await self.realm_client.describe(robot)).online:  # noqa: ASYNC110  an answer has no event
                 await asyncio.sleep(0.02)
 
 
@@ -86,17 +86,17 @@ async def cell(shared_place: Path) -> AsyncIterator[Guarded]:
             ("proxy", "arm", "without", *where),
             ("view", "cell", *where, "--key", str(ours)),
         )
-        async with joined(REALM) as fleet:
-            yield Guarded(shared_place, crew, fleet, arm.address)
+        async with joined(REALM) as realm_client:
+            yield Guarded(shared_place, crew, realm_client, arm.address)
 
 
 @on_the_cells_loop
 async def test_with_the_key_the_arm_is_commanded_and_looked_at(cell: Guarded) -> None:
-    await until(lambda: len(cell.fleet.robots()) == 3, "all are listed")
+    await until(lambda: len(cell.realm_client.robots()) == 3, "all are listed")
     await cell.online("right")
-    await cell.fleet.call("right", "grip", {"action": "width", "width": 0.02})
-    assert (await cell.fleet.call("right", "get_info", {}))["width"] == pytest.approx(0.02, abs=0.005)
-    picture = await cell.fleet.look("cell", width=64, height=36)
+    await cell.realm_client.call("right", "grip", {"action": "width", "width": 0.02})
+    assert (await cell.realm_client.call("right", "get_info", {}))["width"] == pytest.approx(0.02, abs=0.005)
+    picture = await cell.realm_client.look("cell", width=64, height=36)
     assert (picture.width, picture.height) == (64, 36)
 
 
@@ -104,7 +104,7 @@ async def test_with_the_key_the_arm_is_commanded_and_looked_at(cell: Guarded) ->
 async def test_with_another_key_it_is_told_that_frames_arrive_and_none_is_believed(cell: Guarded) -> None:
     said = await cell.refusal("wrong", of="our key")
     assert re.search(r"frames arrive but none is signed with our key \(\d+ refused\)", said)
-    assert not (await cell.fleet.describe("wrong")).online
+    assert not (await cell.realm_client.describe("wrong")).online
     logs = "".join(log.read_text() for log in cell.folder.glob("proxy-arm-wrong*.log"))
     assert "frames arrive but none is signed with our key" in logs
 
@@ -114,7 +114,7 @@ async def test_without_a_key_the_arm_is_offline_though_it_can_be_heard(cell: Gua
     """It obeys nobody without the key: it must not look as if it could be stopped from here."""
     said = await cell.refusal("without", of="has no key")
     assert re.search(r"its controller signs what it says and this link has no key \(\d+ refused\)", said)
-    assert not (await cell.fleet.describe("without")).online
+    assert not (await cell.realm_client.describe("without")).online
 
 
 @on_the_cells_loop
@@ -123,7 +123,7 @@ async def test_an_arm_without_keys_is_not_believed_by_who_has_one(cell: Guarded)
     words = ("proxy", "rover", "careful", "--connect", arm.address)
     await cell.crew.start(*words, "--key", str(cell.folder / "ours.key"))
     await cell.refusal("careful", of="none is signed with our key")
-    assert not (await cell.fleet.describe("careful")).online
+    assert not (await cell.realm_client.describe("careful")).online
 
 
 def test_the_verbs_of_the_wire_take_the_key_from_the_line_or_the_environment(cell: Guarded) -> None:
@@ -175,9 +175,9 @@ async def test_a_changed_key_is_found_by_all_who_share_the_file_and_work_goes_on
     for member in ("proxy-arm-right", "view-cell"):
         await until(lambda member=member: "its signing key was changed" in cell.said_by(member), member)
     await cell.online("right")
-    await cell.fleet.call("right", "grip", {"action": "width", "width": 0.03})
-    assert (await cell.fleet.call("right", "get_info", {}))["width"] == pytest.approx(0.03, abs=0.005)
-    picture = await cell.fleet.look("cell", width=64, height=36)
+    await cell.realm_client.call("right", "grip", {"action": "width", "width": 0.03})
+    assert (await cell.realm_client.call("right", "get_info", {}))["width"] == pytest.approx(0.03, abs=0.005)
+    picture = await cell.realm_client.look("cell", width=64, height=36)
     assert (picture.width, picture.height) == (64, 36)
     await cell.refusal("wrong", of="our key")
     assert "the signing key was changed by system 77" in cell.said_by("sim-arm")

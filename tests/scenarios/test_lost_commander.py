@@ -119,10 +119,12 @@ async def test_the_arm_stands_within_150_ms_of_a_kill_of_its_proxy_over_tcp(
     async with Crew(REALM, place) as crew:
         arm = await crew.start("sim", "arm", "--listen", "tcp:127.0.0.1:0")
         proxy = await crew.start("proxy", "arm", "arm-1", "--connect", arm.address)
-        async with joined(REALM) as fleet, watching(arm.address) as track:
-            await fleet.call("arm-1", "go_to", {"x": 0.45, "y": -0.3, "z": 0.35, "twist": 0, "speed": FAST})
+        async with joined(REALM) as realm_client, watching(arm.address) as track:
+            await realm_client.call(
+                "arm-1", "go_to", {"x": 0.45, "y": -0.3, "z": 0.35, "twist": 0, "speed": FAST}
+            )
             to = {"x": 0.45, "y": 0.3, "z": 0.35, "twist": 0, "speed": FAST}
-            call = asyncio.create_task(fleet.call("arm-1", "go_to", to, deadline=20))
+            call = asyncio.create_task(realm_client.call("arm-1", "go_to", to, deadline=20))
             await under_way(track)
             killed = track.places[-1][0]
             os.kill(proxy.pid, signal.SIGKILL)
@@ -145,8 +147,10 @@ async def test_the_arm_stands_soon_after_a_kill_of_the_command_line_that_moves_i
     async with Crew(REALM, place) as crew:
         arm = await crew.start("sim", "arm", "--listen", "tcp:127.0.0.1:0")
         await crew.start("proxy", "arm", "arm-1", "--connect", arm.address)
-        async with joined(REALM) as fleet, watching(arm.address) as track:
-            await fleet.call("arm-1", "go_to", {"x": 0.45, "y": -0.3, "z": 0.35, "twist": 0, "speed": FAST})
+        async with joined(REALM) as realm_client, watching(arm.address) as track:
+            await realm_client.call(
+                "arm-1", "go_to", {"x": 0.45, "y": -0.3, "z": 0.35, "twist": 0, "speed": FAST}
+            )
             words = ["x=0.45", "y=0.3", "z=0.35", "twist=0", f"speed={FAST}", "--realm", REALM]
             caller = await asyncio.create_subprocess_exec(
                 *ROBOTREE, "call", "arm-1.go_to", *words, stderr=DEVNULL
@@ -156,7 +160,7 @@ async def test_the_arm_stands_soon_after_a_kill_of_the_command_line_that_moves_i
             caller.kill()
             await caller.wait()
             await until(lambda: track.places[-1][0] > killed + 1.0, "it is watched")
-            assert not (await fleet.describe("arm-1")).busy
+            assert not (await realm_client.describe("arm-1")).busy
     seconds, metres = track.stood(killed)
     record_property("standing after [ms], [mm]", (round(1e3 * seconds), round(1e3 * metres, 1)))
     assert seconds < SOON, f"{1e3 * seconds:.0f} ms, {1e3 * metres:.1f} mm"
@@ -168,12 +172,12 @@ async def test_the_arm_stands_when_no_process_can_reach_its_proxy_any_more(place
         arm = await crew.start("sim", "arm", "--listen", "tcp:127.0.0.1:0")
         proxy = await crew.start("proxy", "arm", "arm-1", "--connect", arm.address)
         async with watching(arm.address) as track:
-            async with joined(REALM) as fleet:
-                await fleet.call(
+            async with joined(REALM) as realm_client:
+                await realm_client.call(
                     "arm-1", "go_to", {"x": 0.45, "y": -0.3, "z": 0.35, "twist": 0, "speed": FAST}
                 )
                 slow = {"x": 0.45, "y": 0.3, "z": 0.35, "twist": 0, "speed": 0.05}
-                await fleet.tell("arm-1", "go_to", slow)
+                await realm_client.tell("arm-1", "go_to", slow)
                 await until(lambda: track.speed() > 0.03, "the arm moves slowly")
                 removed = (place / "robotree").rename(place / "removed")
                 (place / "robotree").touch()

@@ -25,7 +25,7 @@ from robotree.protocol.messages import CommandLong, Heartbeat, MavCmd, Message
 from robotree.tui import exit_codes
 from robotree.tui.processes.crew import Crew
 from robotree.tui.wire.security import realm_key
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.testing import until
 from tests.command_line import ROBOTREE
 
@@ -111,15 +111,15 @@ async def run(*words: str, realm: str = "") -> subprocess.CompletedProcess[bytes
     return await asyncio.to_thread(subprocess.run, given, capture_output=True, check=False, timeout=30)
 
 
-async def until_online(fleet: Fleet, name: str) -> None:
-    await until(lambda: any(one.name == name for one in fleet.robots()), f"{name} is listed")
+async def until_online(realm_client: RealmClient, name: str) -> None:
+    await until(lambda: any(one.name == name for one in realm_client.robots()), f"{name} is listed")
     async with asyncio.timeout(60):
-        while not (await fleet.describe(name)).online:  # noqa: ASYNC110  an answer has no event
+        while not (await realm_client.describe(name)).online:  # noqa: ASYNC110  an answer has no event
             await asyncio.sleep(0.02)
 
 
 @contextlib.asynccontextmanager
-async def played(folder: Path, *options: str) -> AsyncGenerator[Fleet]:
+async def played(folder: Path, *options: str) -> AsyncGenerator[RealmClient]:
     """The demo as `robotree demo` starts it, in the realm `demo`, with its arm online."""
     demo = await asyncio.create_subprocess_exec(
         *(*ROBOTREE, "demo", "--headless", "--realm", "demo", *options),
@@ -130,9 +130,9 @@ async def played(folder: Path, *options: str) -> AsyncGenerator[Fleet]:
     try:
         assert demo.stdout
         await demo.stdout.readline()  # the first step of its script: everybody is up
-        async with joined("demo") as fleet:
-            await until_online(fleet, "rover-1")
-            yield fleet
+        async with joined("demo") as realm_client:
+            await until_online(realm_client, "rover-1")
+            yield realm_client
     finally:
         with contextlib.suppress(ProcessLookupError):
             demo.send_signal(signal.SIGTERM)
@@ -140,17 +140,17 @@ async def played(folder: Path, *options: str) -> AsyncGenerator[Fleet]:
 
 
 async def test_the_demo_obeys_no_other_user(place: Path, tmp_path: Path) -> None:
-    async with played(tmp_path) as fleet:
+    async with played(tmp_path) as realm_client:
         for name in ("arm-1", "rover-1"):
-            robot = await fleet.describe(name)
+            robot = await realm_client.describe(name)
             assert robot.link == "signed"
             heard = await say(robot.attributes["controller"], HERE, TAKE, DRIVE, STOP)
             assert heard > 0, "what a robot tells is no secret: it can be read, and not forged"
-        rover = await fleet.describe("rover-1")
+        rover = await realm_client.describe("rover-1")
         assert not rover.stopped
         assert abs(rover.readings["x"]) < 0.01
-        assert not (await fleet.describe("arm-1")).stopped
-        await fleet.call("rover-1", "move", {"x": 0.05, "y": 0.0})
+        assert not (await realm_client.describe("arm-1")).stopped
+        await realm_client.call("rover-1", "move", {"x": 0.05, "y": 0.0})
     key = place / "robotree" / "demo" / "realm.key"
     assert key.stat().st_mode & 0o777 == 0o600
 
@@ -158,8 +158,8 @@ async def test_the_demo_obeys_no_other_user(place: Path, tmp_path: Path) -> None
 @pytest.mark.soak
 async def test_the_demo_over_can_obeys_nobody_without_the_realms_key(tmp_path: Path) -> None:
     ping = ["wire", "ping", "--count", "2"]
-    async with played(tmp_path, "--can") as fleet:
-        robot = await fleet.describe("rover-1")
+    async with played(tmp_path, "--can") as realm_client:
+        robot = await realm_client.describe("rover-1")
         assert robot.link == "signed"
         ping += ["--connect", robot.attributes["controller"]]
         codes = [(await run(*ping, *key, realm="demo")).returncode for key in ((), ("--key", "realm"))]
@@ -169,12 +169,12 @@ async def test_the_demo_over_can_obeys_nobody_without_the_realms_key(tmp_path: P
 @pytest.mark.soak
 async def test_the_demo_is_open_to_others_only_on_request(tmp_path: Path) -> None:
     """And so the test above could fail."""
-    async with played(tmp_path, "--open") as fleet:
-        rover = await fleet.describe("rover-1")
+    async with played(tmp_path, "--open") as realm_client:
+        rover = await realm_client.describe("rover-1")
         assert rover.link == "open"
         await say(rover.attributes["controller"], HERE, STOP)
         async with asyncio.timeout(10):
-            while not (await fleet.describe("rover-1")).stopped:  # noqa: ASYNC110  an answer has no event
+            while not (await realm_client.describe("rover-1")).stopped:  # noqa: ASYNC110  an answer has no event
                 await asyncio.sleep(0.02)
 
 
@@ -184,13 +184,13 @@ async def test_an_open_controller_says_so_obeys_anybody_and_is_marked_everywhere
         assert "every user and program of this machine may command it; --key FILE" in rover.log
         await crew.start("lookup", "lookup-1")
         await crew.start("proxy", "rover", "rover-1", "--connect", rover.address)
-        async with joined("open") as fleet:
-            await until_online(fleet, "rover-1")
+        async with joined("open") as realm_client:
+            await until_online(realm_client, "rover-1")
             await say(rover.address, HERE, TAKE, DRIVE)
-            assert (await fleet.describe("rover-1")).readings["x"] > 0.05
+            assert (await realm_client.describe("rover-1")).readings["x"] > 0.05
             await say(rover.address, HERE, STOP)
             async with asyncio.timeout(10):
-                while not (await fleet.describe("rover-1")).stopped:  # noqa: ASYNC110  an answer has no event
+                while not (await realm_client.describe("rover-1")).stopped:  # noqa: ASYNC110  an answer has no event
                     await asyncio.sleep(0.02)
         told = [
             (await run(*words, realm="open")).stdout
@@ -258,8 +258,8 @@ async def test_a_process_talks_to_nobody_else_even_where_the_folder_is_open(
         told = await asyncio.to_thread(attack, KNOCK, *map(str, sockets))
         assert told.split() == [str(len(sockets))] * 2
         assert f"a process of user {NOBODY} tried to enter the realm; it was refused" in lookup.log
-        async with joined("mine") as fleet:
-            await until(lambda: list(fleet.services) == ["lookup-1"], "who belongs here is heard")
+        async with joined("mine") as realm_client:
+            await until(lambda: list(realm_client.services) == ["lookup-1"], "who belongs here is heard")
 
 
 @another_user

@@ -108,7 +108,7 @@ class Place:
 
     async def shape(self) -> dict[str, Any]:
         """Kind, home, settings and children of each robot."""
-        async with joined(REALM) as fleet:
+        async with joined(REALM) as realm_client:
             return {
                 robot.name: (
                     robot.kinds,
@@ -122,7 +122,7 @@ class Place:
                         if spec.name == "set"
                     ],
                 )
-                for robot in await fleet.tree()
+                for robot in await realm_client.tree()
             }
 
     def processes(self) -> set[int]:
@@ -207,9 +207,9 @@ async def small(cell: Place) -> Place:
 
 async def test_what_died_with_its_host_comes_back_and_nothing_else_is_touched(small: Place) -> None:
     before = await small.shape()
-    async with joined(REALM) as fleet:
-        kept = (await fleet.describe("team")).address
-        await fleet.create(str(small.folder / "team.py"), "stranger", host="host-2")
+    async with joined(REALM) as realm_client:
+        kept = (await realm_client.describe("team")).address
+        await realm_client.create(str(small.folder / "team.py"), "stranger", host="host-2")
     host = small.process_of("host-1")
     handle = os.pidfd_open(host)
     os.kill(host, signal.SIGKILL)
@@ -226,15 +226,15 @@ async def test_what_died_with_its_host_comes_back_and_nothing_else_is_touched(sm
     after = await small.shape()
     assert after.pop("stranger")
     assert after == before
-    async with joined(REALM) as fleet:
-        assert (await fleet.describe("team")).address == kept
+    async with joined(REALM) as realm_client:
+        assert (await realm_client.describe("team")).address == kept
 
 
 async def test_what_is_not_in_the_file_ends_only_when_it_is_said_twice(small: Place) -> None:
-    async with joined(REALM) as fleet:
-        await fleet.create(str(small.folder / "team.py"), "stranger", host="host-2")
-        await fleet.release("team", "mover")
-        await fleet.enslave("stranger", "mover", "mover")
+    async with joined(REALM) as realm_client:
+        await realm_client.create(str(small.folder / "team.py"), "stranger", host="host-2")
+        await realm_client.release("team", "mover")
+        await realm_client.enslave("stranger", "mover", "mover")
     code, done, complaints = await small.apply("small.yaml")
     assert code == exit_codes.REFUSED
     assert done["steps"] == []
@@ -252,8 +252,8 @@ async def test_what_is_not_in_the_file_ends_only_when_it_is_said_twice(small: Pl
 
 
 async def test_a_person_is_asked_before_anything_ends(small: Place) -> None:
-    async with joined(REALM) as fleet:
-        await fleet.create(str(small.folder / "team.py"), "stranger", host="host-2")
+    async with joined(REALM) as realm_client:
+        await realm_client.create(str(small.folder / "team.py"), "stranger", host="host-2")
 
     def answered(keys: str, said: str) -> None:
         person = Person(REALM, "apply", str(small.folder / "small.yaml"), "--prune")
@@ -269,8 +269,8 @@ async def test_a_person_is_asked_before_anything_ends(small: Place) -> None:
 
 
 async def test_what_a_host_brings_back_is_asked_about_too(small: Place) -> None:
-    async with joined(REALM) as fleet:
-        await fleet.create(str(small.folder / "team.py"), "stranger", host="host-1")
+    async with joined(REALM) as realm_client:
+        await realm_client.create(str(small.folder / "team.py"), "stranger", host="host-1")
     await _end(small.process_of("host-1"))
     code, answer, _ = await small.apply("small.yaml", "--prune")
     assert code == exit_codes.USAGE, (
@@ -326,8 +326,8 @@ robots:
 
 
 async def test_a_changed_setting_page_or_bond_is_changed_where_it_runs(small: Place) -> None:
-    async with joined(REALM) as fleet:
-        kept = (await fleet.describe("team")).address
+    async with joined(REALM) as realm_client:
+        kept = (await realm_client.describe("team")).address
     small.write("team.py", TEAM.replace("Rovers that go together", "Rovers that go alone"))
     small.write(
         "small.yaml",
@@ -344,8 +344,8 @@ async def test_a_changed_setting_page_or_bond_is_changed_where_it_runs(small: Pl
         "release team.mover",
         "enslave low.mover mover",
     ]
-    async with joined(REALM) as fleet:
-        team = await fleet.describe("team")
+    async with joined(REALM) as realm_client:
+        team = await realm_client.describe("team")
     assert team.address == kept
     assert team.doc.startswith("Rovers that go alone")
     assert ("mover", "mover") in (await small.shape())["low"][3]
@@ -357,8 +357,8 @@ async def test_the_robots_of_a_demo_come_back_when_the_crew_starts_their_host_ag
     cell.write("low.py", TEAM)
     async with Crew(REALM, cell.folder, restarts=True) as crew:
         await cast(crew, file=cell.write("small.yaml", SMALL))
-        async with joined(REALM) as fleet:
-            await fleet.call("team", "set", {"speed": 0.05})
+        async with joined(REALM) as realm_client:
+            await realm_client.call("team", "set", {"speed": 0.05})
         before = await cell.shape()
         host = next(member for member in crew.members if member.words == ("host", "host-1"))
         os.kill(host.pid, signal.SIGKILL)
@@ -376,8 +376,8 @@ async def test_a_bad_file_starts_nothing(cell: Place) -> None:
     assert code == exit_codes.USAGE
     assert "line 20: a robot has no 'hots' (did you mean 'host'?)" in answer["message"]
     assert "Traceback" not in complaints
-    async with joined(REALM) as fleet:
-        assert not any(fleet.directory.present(role) for role in ROLES)
+    async with joined(REALM) as realm_client:
+        assert not any(realm_client.directory.present(role) for role in ROLES)
 
 
 async def test_nobody_is_saved_from_an_empty_realm(cell: Place) -> None:

@@ -24,7 +24,7 @@ from robotree.tui import exit_codes
 from robotree.tui.errors import MemberFailed
 from robotree.tui.processes.crew import Crew
 from robotree.vr.network.realms import realm_folder
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.testing import until
 from tests import apart
 from tests.command_line import robotree
@@ -119,9 +119,12 @@ async def founded_at_once() -> None:
             await asyncio.gather(*starting)
             for runtime in (str(session), ""):
                 os.environ["XDG_RUNTIME_DIR"] = runtime
-                async with joined(f"realm-{number}") as fleet:
-                    await until(lambda fleet=fleet: _both(fleet.services), "both lookup services are seen")
-                    assert _both(one.address.name for one in await fleet.hosts())
+                async with joined(f"realm-{number}") as realm_client:
+                    await until(
+                        lambda realm_client=realm_client: _both(realm_client.services),
+                        "both lookup services are seen",
+                    )
+                    assert _both(one.address.name for one in await realm_client.hosts())
 
 
 def _both(names: Iterable[str]) -> bool:
@@ -173,11 +176,11 @@ class _Realm:
     robot: str
     pid: int
     """Of the host in which its robot is."""
-    fleet: Fleet
+    realm_client: RealmClient
 
     async def stopped(self) -> bool:
         """Whether its robot has stopped."""
-        return (await self.fleet.describe(self.robot)).stopped
+        return (await self.realm_client.describe(self.robot)).stopped
 
 
 @asynccontextmanager
@@ -198,9 +201,9 @@ async def _realm(runtime: Path | None, name: str, robot: str) -> AsyncGenerator[
     page.write_text(PAGE)
     async with Crew(name, LOGIN) as crew:
         host = await crew.start("host", f"host-{robot}")
-        async with joined(name) as fleet:
-            await fleet.create(str(page), robot)
-            yield _Realm(realm_folder(name), robot, host.pid, fleet)
+        async with joined(name) as realm_client:
+            await realm_client.create(str(page), robot)
+            yield _Realm(realm_folder(name), robot, host.pid, realm_client)
 
 
 def _line(*words: str) -> subprocess.CompletedProcess[str]:
@@ -220,22 +223,25 @@ async def _stop_while_full(folder: Path, fill: Callable[[], Path]) -> None:
         rover = await crew.start("sim", "rover", "--listen", "tcp:127.0.0.1:0")
         await crew.start_all(("host", "host-1"), ("proxy", "rover", "rover-1", "--connect", rover.address))
         assert realm_folder("default") == folder
-        async with joined("default") as fleet:
-            await fleet.create(str(page), "waiter")
+        async with joined("default") as realm_client:
+            await realm_client.create(str(page), "waiter")
             full = fill()
             done = _line("stop", "--json")
             assert (done.returncode, set(json.loads(done.stdout)["stopped"])) == (
                 exit_codes.DONE,
                 {"rover-1", "waiter"},
             ), done
-            assert [(await fleet.describe(name)).stopped for name in ("rover-1", "waiter")] == [True, True]
+            assert [(await realm_client.describe(name)).stopped for name in ("rover-1", "waiter")] == [
+                True,
+                True,
+            ]
             with pytest.raises(MemberFailed, match="No space left on device"):
                 await crew.start("lookup", "lookup-1")
             assert _realms_of_this_user() == {folder}, "nobody split off"
             full.unlink()
             await crew.start("lookup", "lookup-2")
             assert _realms_of_this_user() == {folder}
-            await until(lambda: "lookup-2" in fleet.services, "it is seen")
+            await until(lambda: "lookup-2" in realm_client.services, "it is seen")
             done = _line("resume", "--json")
             assert set(json.loads(done.stdout)["resumed"]) == {"rover-1", "waiter"}, done
 

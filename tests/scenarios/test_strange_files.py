@@ -72,6 +72,6 @@ async def test_a_realm_full_of_strange_files_is_used_as_if_they_were_not_there(
                 f"robotree: cannot read {page}: {reason}, not a file\n",
             )
         await crew.start("lookup", "lookup-2")  # who comes now finds the others
-        async with joined("default") as fleet:
-            await until(lambda: sorted(fleet.services) == ["lookup-1", "lookup-2"], "both are seen")
+        async with joined("default") as realm_client:
+            await until(lambda: sorted(realm_client.services) == ["lookup-1", "lookup-2"], "both are seen")
     assert precious.read_text() == "kept"

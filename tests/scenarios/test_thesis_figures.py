@@ -188,7 +188,7 @@ async def test_figure_4_24_one_press_of_a_button_works_the_lever(stage: Stage) -
 
 
 async def test_figure_4_25_the_lever_is_closed(stage: Stage) -> None:
-    readings = (await stage.fleet.describe_view("cell")).readings
+    readings = (await stage.realm_client.describe_view("cell")).readings
     assert readings["lever"] > 0.75
     assert readings["peak_force"] < 35
     assert not stage.app.errors, "the error boundary had nothing to hold back"

@@ -56,7 +56,7 @@ async def ends(stage: Stage, _chance: random.Random) -> Sequence[Trial]:
     await stage.furnish()
     async with _led(stage) as (running, host):
         began = asyncio.get_running_loop().time()
-        await stage.fleet.call(NAME, "look", {})
+        await stage.realm_client.call(NAME, "look", {})
         said = await running.end()
         seconds = asyncio.get_running_loop().time() - began
         trial = Trial(ENDS, "rule pairs" in said.complaints and "too many ways" in said.complaints, seconds)
@@ -73,7 +73,7 @@ async def stopped(stage: Stage, chance: random.Random) -> Sequence[Trial]:
         verb, marks = await stage.verb("stop", "--json"), marks_of(stage)
         await asyncio.sleep(chance.uniform(0.0, 0.3))
         with contextlib.suppress(VrError):  # the stop was quicker
-            await stage.fleet.call(NAME, "look", {})
+            await stage.realm_client.call(NAME, "look", {})
         said = await verb.end()
         trial = Trial(STOPPED, said.done and names(said) >= ALL, stood(marks) - verb.began)
         trial.note = "" if trial.reached else str(said)
@@ -117,12 +117,12 @@ async def _led(stage: Stage) -> AsyncIterator[tuple[Verb, _Host]]:
     """Have the script lead nobody. Yields: the command line that started it, and its host."""
     page = stage.folder.parent.parent / "crowd.yaml"
     page.write_text(SOURCE.replace("BEGIN", "\n".join(f"  - place: {{id: p{n}}}" for n in range(200))))
-    await stage.fleet.create(str(page), NAME)
+    await stage.realm_client.create(str(page), NAME)
     try:
         running = await stage.verb("call", f"{NAME}.start", "--within", "30 s")
         async with asyncio.timeout(10.0):
-            while (await stage.fleet.describe(NAME)).attributes["condition"] != "active":  # noqa: ASYNC110 # another process
+            while (await stage.realm_client.describe(NAME)).attributes["condition"] != "active":  # noqa: ASYNC110 # another process
                 await asyncio.sleep(0.05)
         yield running, _Host(stage.pid("host"))
     finally:
-        await stage.fleet.delete(NAME)
+        await stage.realm_client.delete(NAME)

@@ -97,7 +97,7 @@ async def _online(stage: Stage) -> None:
     until = time.monotonic() + BACK
     while time.monotonic() < until:
         with contextlib.suppress(VrError):
-            if (await stage.fleet.describe(NAME)).online:
+            if (await stage.realm_client.describe(NAME)).online:
                 return
         await asyncio.sleep(0.02)
 
@@ -191,7 +191,7 @@ async def key(stage: Stage, chance: random.Random) -> Sequence[Trial]:
             ready = await stage.restart(ARM)
             await _online(stage)
             keeping.seconds = time.monotonic() - ready
-            await stage.fleet.resume(None)
+            await stage.realm_client.resume(None)
             keeping.note = await _moved(stage, -0.1)
         keeping.reached = not keeping.note
     for path in file.parent.glob("damaged.key*"):
@@ -204,7 +204,7 @@ async def page(stage: Stage, chance: random.Random) -> Sequence[Trial]:
     file = stage.folder.parent.parent / "steady.py"
     file.write_text(STEADY.format(1))
     await stage.furnish()
-    await stage.fleet.create(str(file), "steady")
+    await stage.realm_client.create(str(file), "steady")
     cut = STEADY.format(2).encode()[: -chance.randrange(25, 50)]  # in the middle of the last docstring
     garbage = (chance.randbytes(200), b"def broken(:\n", b"", cut)
     trial = Trial(PAGE, True)
@@ -213,15 +213,15 @@ async def page(stage: Stage, chance: random.Random) -> Sequence[Trial]:
         said = await stage.say("reload", "steady")
         if said.done or file.name not in said.complaints:
             trial.false.append(f"of {data[-20:]!r}: {said}")
-        if (answer := await stage.fleet.call("steady", "edition", {})) != 1:
+        if (answer := await stage.realm_client.call("steady", "edition", {})) != 1:
             trial.false.append(f"it goes on with {answer!r}")
     file.write_text(STEADY.format(3))
     said = await stage.say("reload", "steady")
     trial.seconds, trial.reached = said.seconds, said.done
     trial.note = "" if said.done else str(said)
-    if said.done and await stage.fleet.call("steady", "edition", {}) != 3:
+    if said.done and await stage.realm_client.call("steady", "edition", {}) != 3:
         trial.false.append(f"{said}; but the old page goes on")
-    await stage.fleet.delete("steady")
+    await stage.realm_client.delete("steady")
     file.unlink()
     return [trial]
 

@@ -72,8 +72,8 @@ async def host_dies(stage: Stage, chance: random.Random, way: str) -> Sequence[T
     await stage.furnish()
     page = stage.folder.parent.parent / "carrier.py"
     await asyncio.to_thread(page.write_text, PAGE)
-    await stage.fleet.create(str(page), "carrier")
-    await stage.fleet.enslave("carrier", "arm", ARM)
+    await stage.realm_client.create(str(page), "carrier")
+    await stage.realm_client.enslave("carrier", "arm", ARM)
     trial = await _killed(stage, chance, HOST, ("carrier.carry", way), stage.arm, "host")
     await stage.restart("host")
     if not await stage.whole():

@@ -54,8 +54,8 @@ async def come_and_go(stage: Stage, _chance: random.Random) -> Sequence[Trial]:
 
 async def _live(stage: Stage, page: Path, lives: int) -> None:
     async def live(name: str) -> None:
-        await stage.fleet.create(str(page), name)
-        await stage.fleet.delete(name)
+        await stage.realm_client.create(str(page), name)
+        await stage.realm_client.delete(name)
 
     for first in range(0, lives, AT_ONCE):
         await asyncio.gather(*(live(f"mayfly-{first + number}") for number in range(AT_ONCE)))

@@ -188,8 +188,8 @@ async def hold(stage: Stage, _chance: random.Random, letters: int, kill: bool) -
     page.write_text(PAGE)
     await stage.furnish()
     with contextlib.suppress(NoSuchRobot):  # of a trial that was broken off
-        await stage.fleet.delete("greedy")
-    await stage.fleet.create(str(page), "greedy")
+        await stage.realm_client.delete("greedy")
+    await stage.realm_client.create(str(page), "greedy")
     square = await stage.verb("call", f"{SQUARE}.move", "x=1.2", "y=0", "--within", "20 s")
     moved = await stage.rover.moves()
     pid = stage.pid("host")
@@ -210,7 +210,7 @@ async def hold(stage: Stage, _chance: random.Random, letters: int, kill: bool) -
         elif call is square and said.done:
             standing.false.append(f"{said}; but its host was held in the middle")
     if not kill:
-        await stage.fleet.delete("greedy")
+        await stage.realm_client.delete("greedy")
     if not await stage.whole():
         trials[-1].reached, trials[-1].note = False, "the realm is not whole 10 s later"
     return trials
@@ -237,7 +237,7 @@ async def _return(stage: Stage) -> Trial:
     began = time.monotonic()
     trial = Trial(RETURNED, False, note="the slot is empty")
     while not trial.reached and time.monotonic() - began < 25.0:
-        found = {one.name: one for one in await stage.fleet.tree()}
+        found = {one.name: one for one in await stage.realm_client.tree()}
         trial.reached = SQUARE in found and any(slot.child for slot in found[SQUARE].slots)
         await asyncio.sleep(0.05)
     trial.seconds, trial.note = time.monotonic() - began, "" if trial.reached else trial.note

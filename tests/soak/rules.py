@@ -91,7 +91,7 @@ async def foreign_heartbeat(stage: Stage, chance: random.Random) -> Sequence[Tri
         ties.callback(beating.cancel)
         goal = {"x": 0.45, "y": 0.3, "z": 0.35, "twist": 0.0, "speed": 0.05}
         await holds(lambda: observer.fresh, 5.0)
-        call = asyncio.ensure_future(stage.fleet.call("arm-2", "go_to", goal, deadline=20))
+        call = asyncio.ensure_future(stage.realm_client.call("arm-2", "go_to", goal, deadline=20))
         moved = await observer.moves()
         await asyncio.sleep(chance.uniform(0.2, 0.8))
         mark = observer.mark()
@@ -118,9 +118,9 @@ async def second_proxy(stage: Stage, _chance: random.Random) -> Sequence[Trial]:
         await holds(lambda: intruder.over, 2.0)
         over = {"x": 0.5, "y": 0.0, "z": 0.4, "twist": 0.0}
         with contextlib.suppress(VrError):
-            await stage.fleet.call("intruder", "go_to", over, deadline=6)
+            await stage.realm_client.call("intruder", "go_to", over, deadline=6)
             trial.false.append("a second proxy commanded a robot whose first one lives")
-        await stage.fleet.cancel(ARM)
+        await stage.realm_client.cancel(ARM)
         await call.end()
         began = time.monotonic()
         said = await stage.say(
@@ -275,7 +275,7 @@ async def great_epochs(stage: Stage, chance: random.Random) -> Sequence[Trial]:
     began = time.monotonic()
     await asyncio.sleep(0.5)
     with contextlib.suppress(VrError):
-        await stage.fleet.resume(None)
+        await stage.realm_client.resume(None)
     began = time.monotonic()
     said = await stage.say(
         "call", f"{ARM}.go_to", "x=0.45", "y=0.05", "z=0.35", "twist=0", "--within", "10 s"

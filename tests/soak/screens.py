@@ -45,8 +45,8 @@ LEFT = Row(
 
 @asynccontextmanager
 async def screen(stage: Stage) -> AsyncGenerator[tuple[Supervisor, Pilot[int]]]:
-    """Open the full screen over the fleet of the stage."""
-    app = Supervisor(stage.fleet, realm=stage.realm)
+    """Open the full screen over the realm client of the stage."""
+    app = Supervisor(stage.realm_client, realm=stage.realm)
     async with app.run_test(size=(120, 40)) as pilot:
         await drawn(pilot, lambda: ARM in app.store.descriptions, 10.0)
         yield app, pilot
@@ -104,10 +104,12 @@ async def delete_loaded(stage: Stage, _chance: random.Random) -> Sequence[Trial]
     await stage.furnish()
     names = [f"brief-{number}" for number in range(DELETED)]
     async with screen(stage) as (app, pilot):
-        await asyncio.gather(*(stage.fleet.create(str(ROOT / "examples/move_to.py"), one) for one in names))
+        await asyncio.gather(
+            *(stage.realm_client.create(str(ROOT / "examples/move_to.py"), one) for one in names)
+        )
         known = await drawn(pilot, lambda: set(names) <= app.store.descriptions.keys(), 20.0)
         async with loaded(LOOPS):
-            await asyncio.gather(*map(stage.fleet.delete, names))
+            await asyncio.gather(*map(stage.realm_client.delete, names))
             took = await drawn(pilot, lambda: app.store.known.isdisjoint(names), 15.0)
         rest = sorted(app.store.known.intersection(names))
         dead = [

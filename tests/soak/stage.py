@@ -19,7 +19,7 @@ from robotree.client.joining import joined
 from robotree.tui.errors import MemberFailed
 from robotree.tui.processes.crew import Crew, Member
 from robotree.vr.base.errors import VrError
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from tests.command_line import ROBOTREE
 from tests.soak.observer import Observer, holds
 
@@ -106,7 +106,7 @@ class Stage:
         """Why the folders of realm and state have no file systems of their own; empty: they have."""
         self.members: dict[str, Member] = {}
         self._lines: dict[str, tuple[str, ...]] = {}
-        self.fleet: Fleet
+        self.realm_client: RealmClient
         self.arm: Observer
         self.rover: Observer
         self._side = 1
@@ -204,17 +204,17 @@ class Stage:
                 return
 
     async def _furnish(self) -> None:
-        await self.fleet.resume(None)
-        known = {one.name: one for one in await self.fleet.tree()}
+        await self.realm_client.resume(None)
+        known = {one.name: one for one in await self.realm_client.tree()}
         if SQUARE not in known:
-            await self.fleet.create(str(ROOT / "examples" / "move_square.py"), SQUARE)
-            known = {one.name: one for one in await self.fleet.tree()}
+            await self.realm_client.create(str(ROOT / "examples" / "move_square.py"), SQUARE)
+            known = {one.name: one for one in await self.realm_client.tree()}
         if not any(slot.child for slot in known[SQUARE].slots):
-            await self.fleet.enslave(SQUARE, "rover", ROVER)
+            await self.realm_client.enslave(SQUARE, "rover", ROVER)
         away = self.rover.place
         if max(map(abs, away[:2])) > FAR:
             home = {"x": -away[0], "y": away[1]}  # on the wire y is to the right, in a call to the left
-            await self.fleet.call(SQUARE, "move", home, deadline=10)
+            await self.realm_client.call(SQUARE, "move", home, deadline=10)
         for observer in (self.arm, self.rover):
             await observer.stands()
 
@@ -222,15 +222,15 @@ class Stage:
         """Wait until all members are seen and answer, also to a new process."""
         wanted = {ARM, ROVER}
 
-        async def complete(fleet: Fleet) -> bool:
+        async def complete(realm_client: RealmClient) -> bool:
             with contextlib.suppress(VrError):
-                found = {one.name for one in await fleet.tree() if one.online}
-                return wanted <= found and len(fleet.services) == 2
+                found = {one.name for one in await realm_client.tree() if one.online}
+                return wanted <= found and len(realm_client.services) == 2
             return False
 
         until = time.monotonic() + within
         while time.monotonic() < until:
-            if await complete(self.fleet):
+            if await complete(self.realm_client):
                 with contextlib.suppress(VrError):
                     async with joined(self.realm) as newcomer:
                         if await complete(newcomer):
@@ -317,7 +317,7 @@ async def staged(realm: str, logs: Path) -> AsyncIterator[Stage]:
         await stage.start("host", "host", "host-1")
         await stage.start("arm proxy", "proxy", "arm", ARM, "--connect", arm.address)
         await stage.start("rover proxy", "proxy", "rover", ROVER, "--connect", rover.address)
-        stage.fleet = await ties.enter_async_context(joined(realm))
+        stage.realm_client = await ties.enter_async_context(joined(realm))
         stage.arm = await ties.enter_async_context(Observer(arm.address))
         stage.rover = await ties.enter_async_context(Observer(rover.address))
         if not await holds(lambda: stage.arm.fresh and stage.rover.fresh, 10.0):

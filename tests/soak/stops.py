@@ -165,7 +165,7 @@ async def stop_resident(stage: Stage, chance: random.Random) -> Sequence[Trial]:
     calls = await stage.both_move()
     await asyncio.sleep(chance.uniform(0.0, 0.5))
     began = time.monotonic()
-    order = asyncio.ensure_future(stage.fleet.stop(None))
+    order = asyncio.ensure_future(stage.realm_client.stop(None))
     trial = Trial(RESIDENT, await _both_stopped(stage), time.monotonic() - began)
     try:
         if not set(await order) >= ALL:
@@ -179,21 +179,21 @@ async def stop_resident(stage: Stage, chance: random.Random) -> Sequence[Trial]:
 async def stop_deep(stage: Stage, chance: random.Random) -> Sequence[Trial]:
     """Stop a deep tree from its top; the first trial builds it for all others."""
     await stage.furnish()
-    tree = {one.name for one in await stage.fleet.tree()}
+    tree = {one.name for one in await stage.realm_client.tree()}
     if f"layer-{DEPTH}" not in tree:
         page = stage.folder.parent.parent / "layer.py"
         page.write_text(LAYERS)
         for level in range(1, DEPTH + 1):
-            await stage.fleet.create(str(page), f"layer-{level}")
+            await stage.realm_client.create(str(page), f"layer-{level}")
             child = SQUARE if level == 1 else f"layer-{level - 1}"
-            await stage.fleet.enslave(f"layer-{level}", "below", child)
+            await stage.realm_client.enslave(f"layer-{level}", "below", child)
     wanted = {f"layer-{level}" for level in range(1, DEPTH + 1)} | {SQUARE, ROVER}
     verb, _ = await stage.move_square()
     await stage.rover.moves(3.0)
     await asyncio.sleep(chance.uniform(0.0, 0.5))
     began = time.monotonic()
     try:
-        told = set(await stage.fleet.stop(f"layer-{DEPTH}"))
+        told = set(await stage.realm_client.stop(f"layer-{DEPTH}"))
     except VrError as error:
         trial = Trial(
             DEEP, stage.rover.stopped, time.monotonic() - began, [f"{error}; though nobody was frozen"]
@@ -209,7 +209,7 @@ async def take_down(stage: Stage, _chance: random.Random) -> Sequence[Trial]:
     """Delete the deep tree."""
     await stage.furnish()
     for level in range(DEPTH, 0, -1):
-        await stage.fleet.delete(f"layer-{level}")
+        await stage.realm_client.delete(f"layer-{level}")
     return []
 
 

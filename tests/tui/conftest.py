@@ -23,7 +23,7 @@ from robotree.vr.exchange import claim
 from robotree.vr.lookup import registrar
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
 from robotree.vr.world.testing import until
 
@@ -197,7 +197,7 @@ class Realm:
         self.arm = Arm()
         self.cell = Cell(self.arm)
         self.members: dict[str, MemoryTransport] = {}
-        self.fleet = Fleet(self._join("operator"))
+        self.realm_client = RealmClient(self._join("operator"))
 
     def _join(self, name: str) -> MemoryTransport:
         self.members[name] = self.network.join(name)
@@ -236,12 +236,12 @@ class Realm:
         return registrar
 
     async def create(self, file: str, name: str) -> None:
-        await self.fleet.create(str(EXAMPLES / file), name)
+        await self.realm_client.create(str(EXAMPLES / file), name)
 
 
 @pytest.fixture
 async def realm(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Realm]:
-    """A lookup service, a host, an arm, a rover, a view, and a fleet that sees them."""
+    """A lookup service, a host, an arm, a rover, a view, and a realm client that sees them."""
     monkeypatch.setattr(registrar, "TERM", PATIENT)
     monkeypatch.setattr(claim, "SETTLE", 0.01)  # in memory an announcement is there at once
     monkeypatch.setattr(envelope, "_here", "pts/1")
@@ -253,11 +253,12 @@ async def realm(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Realm]:
             found.robot(found.arm),
             found.robot(Rover("rover-1")),
             found.view(),
-            found.fleet.start(),
+            found.realm_client.start(),
         )
-        stack.push_async_callback(found.fleet.close)
+        stack.push_async_callback(found.realm_client.close)
         await until(
-            lambda: len(found.fleet.robots()) == 2 and len(found.fleet.views()) == 1, "all are listed"
+            lambda: len(found.realm_client.robots()) == 2 and len(found.realm_client.views()) == 1,
+            "all are listed",
         )
         yield found
 

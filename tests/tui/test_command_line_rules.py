@@ -128,7 +128,7 @@ async def test_a_value_that_is_given_twice_is_refused_and_nothing_moves(realm: R
 
     line = parse(["call", "arm-1.go_to", "x=0.3", "y=0", "x=0.4"], shapes(Where.SHELL), {})
     with pytest.raises(ValueRefused, match="x is given twice") as refused:
-        await call(realm.fleet, line, Silent())
+        await call(realm.realm_client, line, Silent())
     assert exit_codes.code_of(refused.value) == exit_codes.USAGE
     assert realm.arm.calls == []
 

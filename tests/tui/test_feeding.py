@@ -1,4 +1,4 @@
-"""The feed keeps a store up to date from a real fleet."""
+"""The feed keeps a store up to date from a real realm client."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 async def test_lists_states_tree_and_hosts_come_by_themselves(realm: Realm) -> None:
     store = Store()
-    feed = Feed(realm.fleet, store, time.monotonic)
+    feed = Feed(realm.realm_client, store, time.monotonic)
     await feed.open()
     assert set(store.robots) == {"arm-1", "rover-1"}, "the lists are there at once"
     await until(lambda: store.hosts == ("host-1",), "the hosts")
     await until(lambda: "x" in store.readings("arm-1"), "a state")
     await realm.create("move_to.py", "mover")
-    await realm.fleet.enslave("mover", "arm", "arm-1")
+    await realm.realm_client.enslave("mover", "arm", "arm-1")
     await until(lambda: store.lineage("arm-1") == ("arm-1", "mover"), "the tree")
     await until(lambda: "arm-1" not in store.robots, "it is enslaved")
     await feed.close()
@@ -36,9 +36,9 @@ async def test_a_look_that_fails_is_told_and_the_next_one_heals(
     realm: Realm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     store = Store()
-    feed = Feed(realm.fleet, store, time.monotonic)
+    feed = Feed(realm.realm_client, store, time.monotonic)
     looks = 0
-    tree = realm.fleet.tree
+    tree = realm.realm_client.tree
 
     async def fails_twice() -> object:
         nonlocal looks
@@ -49,7 +49,7 @@ async def test_a_look_that_fails_is_told_and_the_next_one_heals(
             raise RuntimeError("a mistake of ours")
         return await tree()
 
-    monkeypatch.setattr(realm.fleet, "tree", fails_twice)
+    monkeypatch.setattr(realm.realm_client, "tree", fails_twice)
     await feed.open()
     await until(lambda: looks >= 1, "the first look")
     feed.hint()
@@ -63,7 +63,7 @@ async def test_a_look_that_fails_is_told_and_the_next_one_heals(
 
 async def test_a_feed_that_was_just_hinted_at_ends_as_quickly_as_any(realm: Realm) -> None:
     """Its look at the tree is cancelled while it wakes for the hint."""
-    feed = Feed(realm.fleet, Store(), time.monotonic)
+    feed = Feed(realm.realm_client, Store(), time.monotonic)
     await feed.open()
     await until(lambda: feed._hint._waiters, "nothing more to look at")  # type: ignore[attr-defined]
     feed.hint()
@@ -78,7 +78,7 @@ async def test_who_is_deleted_has_left_whichever_of_the_two_news_comes_first(
 ) -> None:
     """On a busy machine the end of its presence overtakes the lookup service's news, or the other way."""
     store = Store()
-    feed = Feed(realm.fleet, store, time.monotonic)
+    feed = Feed(realm.realm_client, store, time.monotonic)
     begun = ended = 0
     look_once = feed._look
 
@@ -92,16 +92,16 @@ async def test_who_is_deleted_has_left_whichever_of_the_two_news_comes_first(
     await feed.open()
     await realm.create("move_to.py", "mover")
     await until(lambda: "mover" in store.descriptions, "it is known")
-    known = [one for one in realm.fleet.robots() if one.name == "mover"]
+    known = [one for one in realm.realm_client.robots() if one.name == "mover"]
     late = True
     if first == "listing":
-        present, left = feed._present, realm.fleet.left
+        present, left = feed._present, realm.realm_client.left
         monkeypatch.setattr(Feed, "_present", property(lambda _: present if late else set()))
-        monkeypatch.setattr(realm.fleet, "left", lambda address: not late and left(address))
+        monkeypatch.setattr(realm.realm_client, "left", lambda address: not late and left(address))
     else:
-        listed = realm.fleet.robots
-        monkeypatch.setattr(realm.fleet, "robots", lambda: [*listed(), *(known if late else ())])
-    await realm.fleet.delete("mover")
+        listed = realm.realm_client.robots
+        monkeypatch.setattr(realm.realm_client, "robots", lambda: [*listed(), *(known if late else ())])
+    await realm.realm_client.delete("mover")
     before = begun
     feed.hint()
     await until(lambda: ended > before, "a look between the two")

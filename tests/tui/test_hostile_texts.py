@@ -55,7 +55,7 @@ async def test_no_verb_lets_a_robot_steer_the_terminal(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     await realm.robot(hostile)
-    await obey(realm.fleet, parse(words, SHELL, {}), Console(as_json=as_json))
+    await obey(realm.realm_client, parse(words, SHELL, {}), Console(as_json=as_json))
     said = capsys.readouterr()
     assert STEERING.search(said.out + said.err) is None
     if words[-1] == "evil.stumble":

@@ -1,4 +1,4 @@
-"""Sessions played on a real fleet."""
+"""Sessions played on a real realm client."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ BESIDE = str(EXAMPLES / "a.session")
 
 async def play(realm: Realm, text: str) -> tuple[Report, list[PlayedStep]]:
     told: list[PlayedStep] = []
-    report = await Player(realm.fleet, read(text, BESIDE), told.append).play()
+    report = await Player(realm.realm_client, read(text, BESIDE), told.append).play()
     return report, told
 
 

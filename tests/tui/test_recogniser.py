@@ -14,7 +14,7 @@ from robotree.vr.base.errors import CommandFailed
 
 
 class Flat:
-    """What the recogniser asks of a fleet."""
+    """What the recogniser asks of a realm client."""
 
     def __init__(self) -> None:
         self.heard, self.starts, self.runs = "", 0, False
@@ -35,7 +35,7 @@ class Flat:
 
 
 class Builder:
-    """A fleet that notes what is asked of it."""
+    """A realm client that notes what is asked of it."""
 
     def __init__(self) -> None:
         self.asked: list[tuple[str, ...]] = []
@@ -49,9 +49,9 @@ class Builder:
 
 
 async def test_the_companion_stands_at_the_door_where_visitors_come_before_the_script_has_it() -> None:
-    fleet = Builder()
-    await demo_companion.Companion().open(fleet)  # type: ignore[arg-type]
-    assert fleet.asked == [("companion", "go_to", "door"), ("enslave", "evening.robot", "companion")]
+    realm_client = Builder()
+    await demo_companion.Companion().open(realm_client)  # type: ignore[arg-type]
+    assert realm_client.asked == [("companion", "go_to", "door"), ("enslave", "evening.robot", "companion")]
 
 
 async def test_who_is_there_is_reported_to_each_run_of_the_script(monkeypatch: pytest.MonkeyPatch) -> None:

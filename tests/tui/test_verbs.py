@@ -1,4 +1,4 @@
-"""Every verb against a real fleet: what it tells people, what it tells programs, what it refuses."""
+"""Every verb against a real realm client: what it tells people, what it tells programs, what it refuses."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Listener:
 
 async def do(realm: Realm, text: str, listener: Listener | None = None) -> Outcome:
     line = grammar.parse(grammar.split(text), shapes(Where.SHELL), {"json": ""})
-    outcome = await function_of(line.verb)(realm.fleet, line, listener or Listener())
+    outcome = await function_of(line.verb)(realm.realm_client, line, listener or Listener())
     json.dumps(outcome.data)
     return outcome
 
@@ -99,7 +99,7 @@ async def test_ls_tells_real_and_simulated_robots_apart_as_the_screen_does(
     if told:
         arm.attributes["simulated"] = told
     await realm.robot(arm)
-    await until(lambda: len(realm.fleet.robots()) == 3, "it is listed")
+    await until(lambda: len(realm.realm_client.robots()) == 3, "it is listed")
     row = next(line for line in (await do(realm, "ls")).text.splitlines() if line.startswith("arm-2"))
     assert re.split(r" {2,}", row)[1] == kind
 
@@ -133,14 +133,14 @@ async def test_of_several_children_it_says_who_is_bound_and_who_is_not_before_th
 async def test_ls_says_that_a_robot_is_late_which_has_not_answered_yet(
     realm: Realm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    answering = [one for one in await realm.fleet.tree() if one.name != "arm-1"]
-    late = [one for one in await realm.fleet.tree() if one.name in {"arm-1", "rover-1"}]
+    answering = [one for one in await realm.realm_client.tree() if one.name != "arm-1"]
+    late = [one for one in await realm.realm_client.tree() if one.name in {"arm-1", "rover-1"}]
 
     async def tree() -> list[RobotDescription]:
         return answering
 
-    monkeypatch.setattr(realm.fleet, "tree", tree)
-    monkeypatch.setattr(realm.fleet, "late", lambda: [Held(one.address.key, "", "") for one in late])
+    monkeypatch.setattr(realm.realm_client, "tree", tree)
+    monkeypatch.setattr(realm.realm_client, "late", lambda: [Held(one.address.key, "", "") for one in late])
     assert [one["state"] for one in (await do(realm, "ls")).data] == ["late", "free"]
 
 
@@ -148,12 +148,12 @@ async def test_a_robot_that_runs_and_does_not_answer_makes_lists_incomplete_and_
     realm: Realm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As in a flood of connections: its process is not late, does not hang, and has not answered in time."""
-    answering = [one for one in await realm.fleet.tree() if one.name != "arm-1"]
+    answering = [one for one in await realm.realm_client.tree() if one.name != "arm-1"]
 
     async def tree() -> list[RobotDescription]:
         return answering
 
-    monkeypatch.setattr(realm.fleet, "tree", tree)
+    monkeypatch.setattr(realm.realm_client, "tree", tree)
     for verb, said in (("ls", "arm-1    Arm    does not answer"), ("tree", "arm-1  does not answer")):
         listed = await do(realm, verb)
         assert re.search(re.sub(" +", " +", said), listed.text), listed.text
@@ -166,15 +166,15 @@ async def test_tree_says_that_a_robot_is_late_which_has_not_answered_yet(
     realm: Realm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     await made(realm)
-    robots = list(await realm.fleet.tree())
+    robots = list(await realm.realm_client.tree())
     late = [one for one in robots if one.name in {"arm-1", "rover-1"}]
     answering = [one for one in robots if one not in late]
 
     async def tree() -> list[RobotDescription]:
         return answering
 
-    monkeypatch.setattr(realm.fleet, "tree", tree)
-    monkeypatch.setattr(realm.fleet, "late", lambda: [Held(one.address.key, "", "") for one in late])
+    monkeypatch.setattr(realm.realm_client, "tree", tree)
+    monkeypatch.setattr(realm.realm_client, "late", lambda: [Held(one.address.key, "", "") for one in late])
     drawn = await do(realm, "tree")
     assert drawn.text.splitlines()[-2:] == ["   └─ arm: arm-1 (late)", "rover-1  late"]
     assert drawn.doubt is None
@@ -198,7 +198,7 @@ async def test_ls_says_how_each_robot_is(realm: Realm) -> None:
 async def test_ls_and_tree_show_who_hangs_and_the_exit_code_tells(realm: Realm) -> None:
     realm.network.lease = 0.2
     realm.network.freeze(realm.members["rover-1"])
-    await until(lambda: len(realm.fleet.directory.present("robot")) == 1, "it is silent")
+    await until(lambda: len(realm.realm_client.directory.present("robot")) == 1, "it is silent")
     listed = await do(realm, "ls")
     assert {one["address"]["name"]: one["state"] for one in listed.data} == {
         "arm-1": "free",
@@ -219,7 +219,7 @@ async def test_show_tells_readings_without_waiting_for_the_next_state(
     async def nothing_comes(*_: object) -> None:
         raise AssertionError("it listens")
 
-    monkeypatch.setattr(realm.fleet, "watch_state", nothing_comes)
+    monkeypatch.setattr(realm.realm_client, "watch_state", nothing_comes)
     realm.arm.pose["x"] = 0.41
     assert (await do(realm, "show arm-1")).data["readings"]["x"] == 0.41
 
@@ -284,7 +284,7 @@ async def test_release_and_delete_give_the_children_back(realm: Realm) -> None:
     await made(realm)
     assert "lever.mover is empty" in (await do(realm, "release lever.mover")).text
     assert "mover is deleted" in (await do(realm, "delete mover")).text
-    await until(lambda: "arm-1" in {one.name for one in realm.fleet.robots()}, "the arm is listed")
+    await until(lambda: "arm-1" in {one.name for one in realm.realm_client.robots()}, "the arm is listed")
 
 
 async def test_look_writes_a_picture(realm: Realm, tmp_path: Path) -> None:
@@ -304,7 +304,7 @@ async def test_stop_and_resume_tell_whom_they_reached(realm: Realm) -> None:
 
 async def test_resume_names_all_whose_stop_is_released_the_enslaved_too(realm: Realm) -> None:
     await realm.create("move_to.py", "mover")
-    await realm.fleet.enslave("mover", "arm", "arm-1")
+    await realm.realm_client.enslave("mover", "arm", "arm-1")
     assert (await do(realm, "stop")).text == "stopped: arm-1, mover, rover-1"
     outcome = await do(realm, "resume")
     assert outcome.text == "resumed: arm-1, mover, rover-1"
@@ -366,7 +366,7 @@ async def test_what_cannot_be_done_is_refused_in_one_sentence_and_loses_nothing(
             await do(realm, text.format(**paths))
         assert says in str(refusal.value)
         assert "\n" not in str(refusal.value)
-        assert {"arm-1", "rover-1", "mover"} == {one.name for one in realm.fleet.robots()}
+        assert {"arm-1", "rover-1", "mover"} == {one.name for one in realm.realm_client.robots()}
 
 
 async def test_an_enslaved_robot_obeys_and_ends_through_its_parent_alone(realm: Realm) -> None:

@@ -72,7 +72,7 @@ class Author:
     async def watch(self, text: str) -> None:
         line = grammar.parse(grammar.split(text), shapes(Where.SHELL), {"json": ""})
         self.watching = asyncio.ensure_future(
-            function_of(line.verb)(self.realm.fleet, line, self.listener)  # type: ignore[arg-type]
+            function_of(line.verb)(self.realm.realm_client, line, self.listener)  # type: ignore[arg-type]
         )
         await until(lambda: "is saved" in self.texts or self.watching_ended, "it watches")
         self.listener.outcomes.clear()
@@ -96,7 +96,7 @@ class Author:
         return data
 
     async def said(self) -> object:
-        return await self.realm.fleet.call("team", "say", {})
+        return await self.realm.realm_client.call("team", "say", {})
 
 
 @pytest.fixture
@@ -160,26 +160,26 @@ async def test_what_is_saved_as_it_was_is_no_news(author: Author) -> None:
 
 
 async def test_a_page_that_is_saved_while_a_command_runs_is_taken_over_when_it_ends(author: Author) -> None:
-    await author.realm.fleet.create(str(author.page), "team")
+    await author.realm.realm_client.create(str(author.page), "team")
     await author.watch("reload team --watch")
-    begun, fleet = asyncio.Event(), author.realm.fleet
-    call = fleet.call("team", "wait", {"seconds": 60.0}, on_progress=lambda _, __: begun.set())
+    begun, realm_client = asyncio.Event(), author.realm.realm_client
+    call = realm_client.call("team", "wait", {"seconds": 60.0}, on_progress=lambda _, __: begun.set())
     running = asyncio.ensure_future(call)
     await begun.wait()
     write(author.page, PAGE.format(word="second"))
     await until(lambda: bool(author.listener.warnings), "a warning")
     assert author.listener.warnings == ["team.wait is running: the page is taken over when it has ended"]
     assert author.listener.outcomes == []
-    await fleet.cancel("team")
+    await realm_client.cancel("team")
     await asyncio.gather(running, return_exceptions=True)
     await author.told("team goes on with")
     assert await author.said() == "second one"
 
 
 async def test_a_robot_that_is_deleted_ends_the_watch(author: Author) -> None:
-    await author.realm.fleet.create(str(author.page), "team")
+    await author.realm.realm_client.create(str(author.page), "team")
     await author.watch(f"reload team '{author.page}:Team' --now --watch")
-    await author.realm.fleet.delete("team")
+    await author.realm.realm_client.delete("team")
     write(author.page, PAGE.format(word="second"))
     assert author.watching is not None
     with pytest.raises(NoSuchRobot):
@@ -187,7 +187,7 @@ async def test_a_robot_that_is_deleted_ends_the_watch(author: Author) -> None:
 
 
 async def test_a_broken_page_can_be_watched_until_it_is_right(author: Author) -> None:
-    await author.realm.fleet.create(str(author.page), "team")
+    await author.realm.realm_client.create(str(author.page), "team")
     write(author.page, "import nowhere_at_all\n")
     await author.watch("reload team --watch")
     write(author.page, PAGE.format(word="second"))

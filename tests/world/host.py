@@ -25,7 +25,7 @@ from robotree.vr.exchange.client import HostClient
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.running.process import Process
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.machine_world import MachineWorld
 from robotree.vr.world.world import SimulatedProcess, TracedCore
 from tests.world import pages
@@ -109,7 +109,7 @@ class HostStory:
     def __init__(self, seed: int, world: MachineWorld) -> None:
         self.world, self.chance = world, random.Random(f"{seed} host")
         self.broken: list[str] = []
-        self.fleets: dict[str, Fleet] = {}
+        self.realm_clients: dict[str, RealmClient] = {}
         self.processes: dict[str, SimulatedProcess] = {}
         self.host: Any = None
         self.cores: list[KeepingCore] = []
@@ -179,10 +179,10 @@ class HostStory:
         await asyncio.Event().wait()
 
     async def _operator(self, process: SimulatedProcess) -> None:
-        fleet = self.fleets[process.name] = Fleet(process.transport)
-        await fleet.start()
+        realm_client = self.realm_clients[process.name] = RealmClient(process.transport)
+        await realm_client.start()
         if process.name == OPERATORS[0]:
-            await fleet.watch_state(None)
+            await realm_client.watch_state(None)
         await asyncio.Event().wait()
 
     def _core(self, state: RobotState) -> RobotCore:
@@ -194,28 +194,28 @@ class HostStory:
 
     def _as_operator(self, work: Awaitable[Any], what: str, operator: str = "operator-1") -> None:
         process = self.processes[operator]
-        if process.alive and operator in self.fleets:
+        if process.alive and operator in self.realm_clients:
             process.do(lambda: work, what)
         else:
             work.close()  # type: ignore[attr-defined] # it is a coroutine
 
     async def _build(self) -> None:
         """Create and bind what is missing."""
-        fleet = self.fleets["operator-1"]
-        host = HostClient(fleet._transport, await fleet.directory.resolve("host-1", "host"))
-        there = {address.name for address in fleet.directory.present("robot")}
+        realm_client = self.realm_clients["operator-1"]
+        host = HostClient(realm_client._transport, await realm_client.directory.resolve("host-1", "host"))
+        there = {address.name for address in realm_client.directory.present("robot")}
         for name, kind in ROBOTS.items():
             if name not in there:
                 await host.create(Bundle(SOURCES[kind], "/wheels.py", kind), name)
         for parent, slot, child in BONDS:
             with contextlib.suppress(VrError):
-                await fleet.enslave(parent, slot, child)
+                await realm_client.enslave(parent, slot, child)
 
     async def _release(self, name: str | None = None, operator: str = "operator-1") -> None:
         self._held.clear()
         self._resumes += 1
         self._resuming += 1  # for good, if the operator is killed meanwhile
-        await self.fleets[operator].resume(name)
+        await self.realm_clients[operator].resume(name)
         self._resuming -= 1
 
     def _call(self) -> None:
@@ -233,12 +233,12 @@ class HostStory:
         self._as_operator(self._follow(name, command, ticket, seconds, operator), f"call {ticket}", operator)
 
     async def _follow(self, name: str, command: str, ticket: float, seconds: float, operator: str) -> None:
-        label, fleet = f"{name}.{command} {ticket}", self.fleets[operator]
+        label, realm_client = f"{name}.{command} {ticket}", self.realm_clients[operator]
         self.open[label] = self.world.runner.now() + ENDS
         self.processes[operator].on_exit.append(lambda: self.open.pop(label, None))
         known = True
         try:
-            result = await fleet.call(
+            result = await realm_client.call(
                 name, command, {"ticket": ticket, "seconds": seconds}, deadline=DEADLINE
             )
         except VrError as error:
@@ -279,8 +279,8 @@ class HostStory:
 
     def _cancel(self, name: str) -> None:
         operator = self.chance.choice(OPERATORS)
-        if fleet := self.fleets.get(operator):
-            self._as_operator(fleet.cancel(name), f"cancel {name}", operator)
+        if realm_client := self.realm_clients.get(operator):
+            self._as_operator(realm_client.cancel(name), f"cancel {name}", operator)
 
     def _stop_and_resume(self) -> None:
         self._deed("stop")
@@ -296,7 +296,7 @@ class HostStory:
 
     async def _stop(self, name: str | None, operator: str) -> None:
         before = self._resumes
-        stopped = await self.fleets[operator].stop(name)
+        stopped = await self.realm_clients[operator].stop(name)
         if self._resumes == before and not self._resuming:  # else one may have been released meanwhile
             self._held.update(dict.fromkeys(stopped, self.world.runner.now()))
 
@@ -309,8 +309,8 @@ class HostStory:
         self._deed(f"reload {name}")
 
         async def reload() -> None:
-            fleet = self.fleets["operator-2"]
-            host = HostClient(fleet._transport, await fleet.directory.resolve("host-1", "host"))
+            realm_client = self.realm_clients["operator-2"]
+            host = HostClient(realm_client._transport, await realm_client.directory.resolve("host-1", "host"))
             kind = ROBOTS[name]
             page = Bundle(f"{SOURCES[kind]}\n# page {self.deeds}\n", "/wheels.py", kind)
             await host.reload(page, name, now=now, within=1.0)
@@ -322,12 +322,12 @@ class HostStory:
         self._deed(f"delete {name}")
 
         async def delete() -> None:
-            fleet = self.fleets["operator-1"]
+            realm_client = self.realm_clients["operator-1"]
             for parent, slot, child in BONDS:
                 if child == name:
                     with contextlib.suppress(VrError):
-                        await fleet.release(parent, slot)
-            await fleet.delete(name)
+                        await realm_client.release(parent, slot)
+            await realm_client.delete(name)
             self._held.pop(name, None)
             await self._build()
 
@@ -337,16 +337,16 @@ class HostStory:
         self._deed("rebind")
 
         async def rebind() -> None:
-            fleet = self.fleets["operator-1"]
-            await fleet.release("axle", "left")
-            await fleet.enslave("axle", "left", "left")
+            realm_client = self.realm_clients["operator-1"]
+            await realm_client.release("axle", "left")
+            await realm_client.enslave("axle", "left", "left")
 
         self._as_operator(rebind(), "rebind")
 
     def _kill_operator(self) -> None:
         self._deed("kill operator-2")
         self.processes["operator-2"].kill()
-        self.fleets.pop("operator-2", None)
+        self.realm_clients.pop("operator-2", None)
         self._after(0.5, self._revive_operator)
 
     def _revive_operator(self) -> None:

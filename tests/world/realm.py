@@ -23,7 +23,7 @@ from robotree.vr.exchange.client import HostClient
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.running.process import Process
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.world import SimulatedProcess, World
 from tests.world.controller import FIRST_EPOCH, CartController
 
@@ -103,7 +103,7 @@ class Realm:
             for number in range(1, carts + 1)
         }
         self.processes: dict[str, SimulatedProcess] = {}
-        self.fleets: dict[str, Fleet] = {}
+        self.realm_clients: dict[str, RealmClient] = {}
         self.hosts: dict[str, Host] = {}
         self.carts: dict[str, RobotAgent] = {}
         self.on_call: Callable[[CartProxy], None] = lambda _: None
@@ -137,10 +137,12 @@ class Realm:
                 found.update(host.agents)
         return found
 
-    async def create(self, fleet: Fleet, host: str, name: str, wanted: str) -> str:
+    async def create(self, realm_client: RealmClient, host: str, name: str, wanted: str) -> str:
         """Create a robot of `SOURCE` on a host."""
-        address = await fleet.directory.resolve(host, "host")
-        made = await HostClient(fleet._transport, address).create(Bundle(SOURCE, "/carts.py", wanted), name)
+        address = await realm_client.directory.resolve(host, "host")
+        made = await HostClient(realm_client._transport, address).create(
+            Bundle(SOURCE, "/carts.py", wanted), name
+        )
         return str(made.address)
 
     def _process(self, process: SimulatedProcess) -> Process:
@@ -176,9 +178,9 @@ class Realm:
             await agent.closed.wait()
 
     async def _operator(self, process: SimulatedProcess) -> None:
-        fleet = self.fleets[process.name] = Fleet(process.transport)
-        await fleet.start()
-        await fleet.watch_state(None)  # as the screen does
+        realm_client = self.realm_clients[process.name] = RealmClient(process.transport)
+        await realm_client.start()
+        await realm_client.watch_state(None)  # as the screen does
         await asyncio.Event().wait()
 
     def _begin(self, cart: str, ticket: int, epoch: int) -> None:

@@ -18,7 +18,7 @@ from robotree.protocol.messages import ModeKind
 from robotree.vr.base.errors import VrError
 from robotree.vr.exchange.asking import fresh_key
 from robotree.vr.exchange.client import RobotClient
-from robotree.vr.supervision.fleet import CALLER, Fleet
+from robotree.vr.supervision.realm_client import CALLER, RealmClient
 from robotree.vr.world.world import SimulatedProcess, World
 from tests.world.controller import CartController
 from tests.world.realm import CartProxy, Realm, leaf_tickets, lease_of
@@ -232,7 +232,7 @@ class Story:
             at(when, chance.choice(self._scenes()))
         at(CROSSING, self._a_stop_crosses_a_release)
         at(CALM, self._heal)
-        self._as_operator(PROBE - 3.0, lambda fleet: fleet.resume(None))
+        self._as_operator(PROBE - 3.0, lambda realm_client: realm_client.resume(None))
         at(PROBE, self._probe)
         self.world.run(LENGTH)
         if not self.whole:
@@ -245,37 +245,37 @@ class Story:
     def _as_operator(
         self,
         when: float,
-        work: Callable[[Fleet], Awaitable[object]],
+        work: Callable[[RealmClient], Awaitable[object]],
         what: str = "",
         *,
         operator: str = "operator-1",
     ) -> None:
         def begin() -> None:
-            fleet = self.realm.fleets.get(operator)
-            if fleet is not None:
-                self.realm.processes[operator].do(lambda: work(fleet), what)
+            realm_client = self.realm.realm_clients.get(operator)
+            if realm_client is not None:
+                self.realm.processes[operator].do(lambda: work(realm_client), what)
 
         self.world.runner.at(when, begin)
 
-    async def _keep_whole(self, fleet: Fleet) -> None:
+    async def _keep_whole(self, realm_client: RealmClient) -> None:
         """Create what is missing and bind what is free, again and again."""
         while True:
-            there = {address.name for address in fleet.directory.present("robot")}
+            there = {address.name for address in realm_client.directory.present("robot")}
             for name, host, wanted in ROBOTS:
                 if name not in there:
-                    await self._try(self.realm.create(fleet, host, name, wanted))
+                    await self._try(self.realm.create(realm_client, host, name, wanted))
             for parent in ("spare", "pair", "train"):
                 if parent in there:
-                    await self._try(self._bind(fleet, parent))
+                    await self._try(self._bind(realm_client, parent))
             await asyncio.sleep(AGAIN)
 
-    async def _bind(self, fleet: Fleet, parent: str) -> None:
-        for slot in (await fleet.describe(parent)).slots:
+    async def _bind(self, realm_client: RealmClient, parent: str) -> None:
+        for slot in (await realm_client.describe(parent)).slots:
             child, wanted = slot.child, self.bonds.get((parent, slot.name))
             if child is not None and child.name != wanted:
-                await fleet.release(parent, slot.name)
+                await realm_client.release(parent, slot.name)
             elif child is None and wanted is not None:
-                await self._try(fleet.enslave(parent, slot.name, wanted))
+                await self._try(realm_client.enslave(parent, slot.name, wanted))
 
     async def _try(self, work: Awaitable[object]) -> None:
         with contextlib.suppress(VrError):  # the next time perhaps
@@ -290,14 +290,14 @@ class Story:
         self._drive(name, self._ticket, seconds, chance.uniform(0.5, 8.0), operator)
         if chance.random() < 0.25:
             when = self.world.runner.now() + chance.uniform(0.0, 3.0)
-            self._as_operator(when, lambda fleet: fleet.cancel(name), f"cancel {name}")
+            self._as_operator(when, lambda realm_client: realm_client.cancel(name), f"cancel {name}")
 
     def _drive(
         self, name: str, ticket: int, seconds: float, deadline: float, operator: str = "operator-1"
     ) -> None:
         now, deadlines = self.world.runner.now(), self.judge.deadlines
         process = self.realm.processes[operator]
-        if not process.alive or operator not in self.realm.fleets:
+        if not process.alive or operator not in self.realm.realm_clients:
             return
         leaves = leaf_tickets(name, ticket)
         self.calls += 1
@@ -308,12 +308,14 @@ class Story:
 
         process.on_exit.append(orphan)
 
-        async def call(fleet: Fleet) -> None:
+        async def call(realm_client: RealmClient) -> None:
             # a program that is paused at the moment asks when it goes on, and its deadline begins then
             deadlines.update(dict.fromkeys(leaves, self.world.runner.now() + deadline))
             try:
                 async with asyncio.timeout(deadline + 20.0):
-                    await fleet.call(name, "drive", {"ticket": ticket, "seconds": seconds}, deadline=deadline)
+                    await realm_client.call(
+                        name, "drive", {"ticket": ticket, "seconds": seconds}, deadline=deadline
+                    )
             except TimeoutError:
                 self.judge.complain(f"call {ticket} of {name} never ends")
             except VrError as error:
@@ -334,10 +336,10 @@ class Story:
         self._ticket = ticket
         pause = self.chance.uniform(0.0, 0.3)
 
-        async def both(fleet: Fleet) -> None:
+        async def both(realm_client: RealmClient) -> None:
             self.judge.deadlines[ticket] = self.world.runner.now() + 5.0
             robot = RobotClient(
-                self.realm.processes["operator-1"].transport, await fleet.directory.resolve(name)
+                self.realm.processes["operator-1"].transport, await realm_client.directory.resolve(name)
             )
             key = fresh_key()
             arguments = {"ticket": ticket, "seconds": 0.5}
@@ -375,19 +377,19 @@ class Story:
             self._order_resume(released + chance.uniform(3.0, 5.0), name)
 
     def _order_stop(self, when: float, name: str | None) -> None:
-        async def stop(fleet: Fleet) -> None:
+        async def stop(realm_client: RealmClient) -> None:
             releases = self._releases
-            for one in await fleet.stop(name):
+            for one in await realm_client.stop(name):
                 if one in self.realm.controllers and releases == self._releases:
                     self.judge.stopped[one] = self.world.runner.now()
 
         self._as_operator(when, stop, f"stop {name}")
 
     def _order_resume(self, when: float, name: str | None, operator: str = "operator-1") -> None:
-        async def resume(fleet: Fleet) -> None:
+        async def resume(realm_client: RealmClient) -> None:
             self._releases += 1
             self.judge.stopped.clear()
-            await fleet.resume(name)
+            await realm_client.resume(name)
 
         self._as_operator(when, resume, f"resume {name}", operator=operator)
 
@@ -398,9 +400,9 @@ class Story:
         del self.bonds[one, slot]
         self.bonds[other, slot] = cart
 
-        async def move(fleet: Fleet) -> None:
-            await fleet.release(one, slot)
-            await fleet.enslave(other, slot, cart)
+        async def move(realm_client: RealmClient) -> None:
+            await realm_client.release(one, slot)
+            await realm_client.enslave(other, slot, cart)
 
         self._as_operator(self.world.runner.now(), move, f"move {cart} from {one} to {other}")
 

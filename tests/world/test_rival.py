@@ -10,7 +10,7 @@ import pytest
 
 from robotree.protocol.services.fence import Fence
 from robotree.vr.base.errors import StaleEpoch, VrError
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.world import World
 from tests.world.controller import CartController
 from tests.world.realm import Realm
@@ -62,19 +62,19 @@ class Rivalry:
         return [epoch for _, cart, _, epoch in self.realm.begun if cart == "cart-1"]
 
     def _do(self, operator: str, work: object) -> None:
-        fleet = self.realm.fleets[operator]
-        self.realm.processes[operator].do(lambda: work(fleet))  # type: ignore[operator]
+        realm_client = self.realm.realm_clients[operator]
+        self.realm.processes[operator].do(lambda: work(realm_client))  # type: ignore[operator]
 
-    async def _bind(self, fleet: Fleet) -> None:
-        await self.realm.create(fleet, "host-1", "pair", "Pair")
+    async def _bind(self, realm_client: RealmClient) -> None:
+        await self.realm.create(realm_client, "host-1", "pair", "Pair")
         for slot, cart in (("left", "cart-1"), ("right", "cart-2")):
-            await fleet.enslave("pair", slot, cart)
+            await realm_client.enslave("pair", slot, cart)
             await asyncio.sleep(0.1)
 
     def _drive(self, operator: str, name: str, ticket: int) -> None:
-        async def call(fleet: Fleet) -> None:
+        async def call(realm_client: RealmClient) -> None:
             try:
-                await fleet.call(name, "drive", {"ticket": ticket, "seconds": 0.2}, deadline=5.0)
+                await realm_client.call(name, "drive", {"ticket": ticket, "seconds": 0.2}, deadline=5.0)
             except StaleEpoch:
                 self.refused += 1
             except VrError as error:

@@ -15,7 +15,7 @@ from robotree.vr.scripts.engine import Engine
 from robotree.vr.scripts.happening import Happening, ScriptOrder
 from robotree.vr.scripts.program import Program
 from robotree.vr.scripts.when_then import read_yaml
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.world import World
 from tests.world.realm import Realm
 
@@ -93,36 +93,36 @@ class Shunting:
         assert not self.world.complaints
 
     def _as_operator(self, work: object, what: str = "") -> None:
-        fleet = self.realm.fleets["operator-1"]
-        self.realm.processes["operator-1"].do(lambda: work(fleet), what)  # type: ignore[operator]
+        realm_client = self.realm.realm_clients["operator-1"]
+        self.realm.processes["operator-1"].do(lambda: work(realm_client), what)  # type: ignore[operator]
 
     def _go(self, ticket: int) -> None:
-        async def go(fleet: Fleet) -> None:
-            await fleet.call("shunter", "go", {"ticket": ticket}, deadline=5.0)
+        async def go(realm_client: RealmClient) -> None:
+            await realm_client.call("shunter", "go", {"ticket": ticket}, deadline=5.0)
             self.heard += 1
 
         self._as_operator(go, f"go {ticket}")
 
-    async def _keep_whole(self, fleet: Fleet) -> None:
+    async def _keep_whole(self, realm_client: RealmClient) -> None:
         while True:
             for step in (self._create, self._bind):
                 try:
-                    await step(fleet)
+                    await step(realm_client)
                 except VrError as error:
                     self.world.note("operator-1", "in vain", type(error).__name__)
             await asyncio.sleep(1.0)
 
-    async def _create(self, fleet: Fleet) -> None:
-        if not any(address.name == "shunter" for address in fleet.directory.present("robot")):
-            host = await fleet.directory.resolve("host-1", "host")
-            client = HostClient(fleet._transport, host)
+    async def _create(self, realm_client: RealmClient) -> None:
+        if not any(address.name == "shunter" for address in realm_client.directory.present("robot")):
+            host = await realm_client.directory.resolve("host-1", "host")
+            client = HostClient(realm_client._transport, host)
             await client.create(Bundle(SCRIPT, "shunter.yaml", ""), "shunter")
 
-    async def _bind(self, fleet: Fleet) -> None:
+    async def _bind(self, realm_client: RealmClient) -> None:
         for slot, cart in (("left", "cart-1"), ("right", "cart-2")):
-            described = {one.name: one for one in (await fleet.describe("shunter")).slots}
+            described = {one.name: one for one in (await realm_client.describe("shunter")).slots}
             if described[slot].child is None:
-                await fleet.enslave("shunter", slot, cart)
+                await realm_client.enslave("shunter", slot, cart)
 
     def _go_wrong(self) -> None:
         cart = self.chance.choice(["cart-1", "cart-2"])

@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable
 from types import ModuleType
 from typing import Any
 
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.kernel import Trouble
 from robotree.vr.world.machine_sockets import SimulatedSocket
 from robotree.vr.world.machine_world import REALM, ROOT, MachineProcess, MachineWorld
@@ -56,12 +56,12 @@ class WholeStory(Story):
     def _as_operator(
         self,
         when: float,
-        work: Callable[[Fleet], Awaitable[object]],
+        work: Callable[[RealmClient], Awaitable[object]],
         what: str = "",
         *,
         operator: str = "operator-1",
     ) -> None:
-        if work != self._keep_whole or operator in self.realm.fleets:
+        if work != self._keep_whole or operator in self.realm.realm_clients:
             super()._as_operator(when, work, what, operator=operator)
         else:
             later = self.world.runner.now() + ENTERED

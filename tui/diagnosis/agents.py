@@ -23,9 +23,9 @@ async def agents(realm: str, name: str, entries: Sequence[meeting.Entry]) -> lis
         name: of a robot that is missing; empty: none.
         entries: the realm's processes.
     """
-    async with joined(realm) as fleet:
-        robots = {robot.name: robot for robot in await fleet.tree()}
-        listed = {one.name for one in fleet.robots()}
+    async with joined(realm) as realm_client:
+        robots = {robot.name: robot for robot in await realm_client.tree()}
+        listed = {one.name for one in realm_client.robots()}
     found = [finding for robot in robots.values() for finding in condition(robot)]
     if not robots:
         found.append(

@@ -1,4 +1,4 @@
-"""Carrying out one line over a fleet: the same way at the prompt, on the command line and in a session."""
+"""Carrying out one line over a realm: the same way at the prompt, on the command line and in a session."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import Outcome, Run, Teller
 
 if TYPE_CHECKING:  # help must not wait for the agents
-    from robotree.vr.supervision.fleet import Fleet
+    from robotree.vr.supervision.realm_client import RealmClient
 
 
 class Refusal(NamedTuple):
@@ -50,11 +50,11 @@ def function_of(verb: str) -> Run:
     return run
 
 
-async def carry_out(fleet: Fleet, line: Line, teller: Teller) -> Outcome | Refusal:
+async def carry_out(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome | Refusal:
     """Carry out one line.
 
     Args:
-        fleet: over which it is carried out.
+        realm_client: over which it is carried out.
         line: a verb and its values.
         teller: hears of it while it goes on.
 
@@ -64,7 +64,7 @@ async def carry_out(fleet: Fleet, line: Line, teller: Teller) -> Outcome | Refus
     from robotree.vr.base.errors import VrError
 
     try:
-        return await function_of(line.verb)(fleet, line, teller)
+        return await function_of(line.verb)(realm_client, line, teller)
     except (VrError, SupervisorError, OSError) as error:
         return Refusal(error)
     except ImportError as error:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.history_event import HistoryEvent
     from robotree.vr.base.requests import EventsRead, ReadEvents
     from robotree.vr.history.file import HistoryFile
-    from robotree.vr.supervision.fleet import Fleet
+    from robotree.vr.supervision.realm_client import RealmClient
     from robotree.vr.supervision.why import Chain, Link
 
 _CLOCK = re.compile(r"(\d{1,2}):(\d\d)(?::(\d\d))?")
@@ -37,15 +37,15 @@ class _Kept(NamedTuple):
         return sorted(found, key=lambda kept: kept[1].unix)
 
 
-async def history(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
+async def history(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
     """Tell what a robot did; or whether what is kept of it is what was written."""
     from robotree.vr.base.errors import NoHistory
     from robotree.vr.base.requests import ReadEvents
 
     name = line.text("NAME")
-    kept = await _ask(fleet, ReadEvents(robot=name, since=_since(line.text("--since"))))
+    kept = await _ask(realm_client, ReadEvents(robot=name, since=_since(line.text("--since"))))
     if line.flag("--verify"):
-        return await _verified(fleet, name, kept)
+        return await _verified(realm_client, name, kept)
     events = kept.events()
     for note in kept.notes:
         teller.warn(note)
@@ -64,16 +64,16 @@ async def history(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
     return Outcome([{"source": source, **plain(event)} for source, event in events], text)
 
 
-async def why(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
+async def why(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
     """Tell who asked for the last motion of a robot, or for the command of a key."""
     from robotree.vr.base.errors import NoHistory
     from robotree.vr.base.requests import ReadEvents
     from robotree.vr.supervision.why import explain, last_motion
 
     name = line.text("NAME|KEY")
-    kept = await _ask(fleet, ReadEvents(robot=name, last=True))
+    kept = await _ask(realm_client, ReadEvents(robot=name, last=True))
     key = last_motion((event for _, event in kept.events()), name) or name
-    kept = await _ask(fleet, ReadEvents(key=key))
+    kept = await _ask(realm_client, ReadEvents(key=key))
     for note in kept.notes:
         teller.warn(note)
     chain = explain(key, kept.events())
@@ -85,9 +85,9 @@ async def why(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
 # -- who has kept it -------------------------------------------------------------------------------
 
 
-async def _ask(fleet: Fleet, request: ReadEvents) -> _Kept:
+async def _ask(realm_client: RealmClient, request: ReadEvents) -> _Kept:
     """Ask the hosts that live, and read the files of the others and of proxies on this machine."""
-    answers = {f"host {name}": read for name, read in (await fleet.read_events(request)).items()}
+    answers = {f"host {name}": read for name, read in (await realm_client.read_events(request)).items()}
     notes = [
         f"{source} is behind by {read.waiting} events; what has just happened may be missing"
         for source, read in answers.items()
@@ -95,12 +95,12 @@ async def _ask(fleet: Fleet, request: ReadEvents) -> _Kept:
     ]
     notes += [f"{source} keeps nothing at the moment: {read.trouble}" for source, read in answers.items()
               if read.trouble]  # fmt: skip
-    read, faults = await _from_files(fleet, answers, lambda file: file.read(request))
+    read, faults = await _from_files(realm_client, answers, lambda file: file.read(request))
     return _Kept(answers | read, (*notes, *faults))
 
 
 async def _from_files(
-    fleet: Fleet, answered: Iterable[str], look: Callable[[HistoryFile], _R]
+    realm_client: RealmClient, answered: Iterable[str], look: Callable[[HistoryFile], _R]
 ) -> tuple[dict[str, _R], list[str]]:
     """Look into the files of all whose process has not answered."""
     import asyncio
@@ -113,7 +113,7 @@ async def _from_files(
     silent = set(answered)
 
     def read() -> None:
-        for (role, name), path in history_files(fleet.realm).items():
+        for (role, name), path in history_files(realm_client.realm).items():
             source = f"{role} {name}"
             if source in silent:
                 continue
@@ -130,15 +130,15 @@ async def _from_files(
     return found, faults
 
 
-async def _verified(fleet: Fleet, name: str, kept: _Kept) -> Outcome:
+async def _verified(realm_client: RealmClient, name: str, kept: _Kept) -> Outcome:
     """Examine the files of all who have kept anything of a robot."""
     from robotree.vr.base.errors import HistoryChanged, NoHistory
 
     of_robot = [source for source, read in kept.answers.items() if read.events]
     if not of_robot:
         raise NoHistory(name=name, detail=_nothing("", kept))
-    answers = {f"host {host}": found for host, found in (await fleet.verify_events()).items()}
-    files, _ = await _from_files(fleet, answers, lambda file: file.verify())
+    answers = {f"host {host}": found for host, found in (await realm_client.verify_events()).items()}
+    files, _ = await _from_files(realm_client, answers, lambda file: file.verify())
     rows: list[dict[str, Any]] = []
     lines: list[str] = []
     faults: list[str] = []

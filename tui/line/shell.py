@@ -20,7 +20,7 @@ from robotree.tui.seen.wording import without_seconds
 from robotree.tui.terminal import complain, note, over, put, put_data
 
 if TYPE_CHECKING:  # help must not wait for the agents
-    from robotree.vr.supervision.fleet import Fleet
+    from robotree.vr.supervision.realm_client import RealmClient
 
 BAR = 24
 """Width of the progress bar in characters."""
@@ -116,13 +116,13 @@ class Console:
             self._log()
 
 
-async def obey(fleet: Fleet, line: Line, console: Console) -> int:
+async def obey(realm_client: RealmClient, line: Line, console: Console) -> int:
     """Carry out one line and print what came of it.
 
     Returns:
         The exit code.
     """
-    outcome = await carry_out(fleet, line, console)
+    outcome = await carry_out(realm_client, line, console)
     if isinstance(outcome, Refusal):
         console.error(outcome.error)
         if line.flag("--trace"):
@@ -151,9 +151,9 @@ async def once(line: Line, realm: str) -> int:
         console.error(nothing_to_ask(realm))
         return exit_codes.NOBODY
     try:
-        async with joined(realm) as fleet:
-            if any(fleet.directory.present(role) for role in ROLES):
-                return await obey(fleet, line, console)
+        async with joined(realm) as realm_client:
+            if any(realm_client.directory.present(role) for role in ROLES):
+                return await obey(realm_client, line, console)
         console.error(nothing_to_ask(realm))
     except VrError as error:
         console.error(error)

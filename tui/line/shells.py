@@ -141,12 +141,12 @@ async def _named(known: Words, realm: str) -> Words:
     if not anybody_met(realm):
         return known
     try:
-        async with asyncio.timeout(GLANCE), joined(realm) as fleet:
-            robots, hosts = await asyncio.gather(fleet.tree(), fleet.hosts())
+        async with asyncio.timeout(GLANCE), joined(realm) as realm_client:
+            robots, hosts = await asyncio.gather(realm_client.tree(), realm_client.hosts())
             return completion.words_of(
                 robots,
-                free=[robot.name for robot in fleet.robots()],
-                views=[view.name for view in fleet.views()],
+                free=[robot.name for robot in realm_client.robots()],
+                views=[view.name for view in realm_client.views()],
                 hosts=[host.address.name for host in hosts],
                 verbs=known.verbs,
                 everywhere=known.everywhere,

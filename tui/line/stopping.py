@@ -71,11 +71,11 @@ async def _stop_all(
     """Stop the robots of all these realms at once, and note the answers."""
 
     async def stop_one(folder: Path) -> None:
-        async with visited(folder) as fleet:
+        async with visited(folder) as realm_client:
             try:
-                inhabited = fleet.inhabited()
+                inhabited = realm_client.inhabited()
                 answers[folder] = (
-                    await fleet.stop(name, on_late=console.warn, order=order) if inhabited else None
+                    await realm_client.stop(name, on_late=console.warn, order=order) if inhabited else None
                 )
             except VrError as error:
                 answers[folder] = error

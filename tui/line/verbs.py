@@ -1,7 +1,7 @@
-"""What the verbs do: functions over the fleet, without a screen and without a keyboard.
+"""What the verbs do: functions over the realm client, without a screen and without a keyboard.
 
-Each takes the fleet, the line that was understood and a `Teller`, and returns an `Outcome`: plain data for
-`--json`, text for people. Errors of the agents pass through: they already say what to do.
+Each takes the realm client, the line that was understood and a `Teller`, and returns an `Outcome`: plain data
+for `--json`, text for people. Errors of the agents pass through: they already say what to do.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.description import FieldSpec, Listing, RobotDescription
     from robotree.vr.base.presence import Held
     from robotree.vr.base.requests import Level, LoggedLine, Reloaded, SpaceDescribed, State
-    from robotree.vr.supervision.fleet import Fleet
+    from robotree.vr.supervision.realm_client import RealmClient
 
 CALL_LIMIT = 120.0
 """[s] that a command may take when the line does not say."""
@@ -73,55 +73,55 @@ class Teller(Protocol):
         ...
 
 
-Run = Callable[["Fleet", Line, Teller], Awaitable[Outcome]]
+Run = Callable[["RealmClient", Line, Teller], Awaitable[Outcome]]
 """What carries out a verb: the registry names these functions, and `carrying` finds them."""
 
 
 # -- looking ---------------------------------------------------------------------------------------
 
 
-async def ls(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+async def ls(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """List robots, views, hosts or lookup services."""
     if line.flag("--lookups"):
-        names = sorted(fleet.services)
-        silent = _silent(fleet, "lookup", names)
+        names = sorted(realm_client.services)
+        silent = _silent(realm_client, "lookup", names)
         lines = [*names, *(f"{name}  {MUTE}" for name, _, _ in silent)]
         data: list[dict[str, Any]] = [{"name": name} for name in names]
         text = "\n".join(lines) or "no lookup service is running"
         return Outcome([*data, *_mute(silent)], text, SomeSilent(silent) if silent else None)
     if line.flag("--hosts"):
-        hosts = sorted(await fleet.hosts(), key=lambda host: host.address.name)
+        hosts = sorted(await realm_client.hosts(), key=lambda host: host.address.name)
         runs = {one.address.name: [each.name for each in one.robots] for one in hosts}
-        silent = _silent(fleet, "host", runs)
+        silent = _silent(realm_client, "host", runs)
         data = [{"name": name, "robots": robots} for name, robots in runs.items()]
         rows = [(name, ", ".join(robots) or "-") for name, robots in runs.items()]
         rows += [(name, MUTE) for name, _, _ in silent]
         text = wording.columns([("HOST", "ROBOTS"), *rows]) if rows else "no host is running"
         return Outcome([*data, *_mute(silent)], text, SomeSilent(silent) if silent else None)
     what: Literal["view", "robot"] = "view" if line.flag("--views") else "robot"
-    doubt = OldList() if fleet.stale else None
-    if fleet.stale:
-        found = await unlisted.known(fleet, what)
+    doubt = OldList() if realm_client.stale else None
+    if realm_client.stale:
+        found = await unlisted.known(realm_client, what)
     else:
-        found = fleet.views() if what == "view" else fleet.robots()
+        found = realm_client.views() if what == "view" else realm_client.robots()
     if what == "view":
         return _listed(found, what, doubt)
-    hanging = await _hanging(fleet)
-    answering = {robot.name: robot for robot in await fleet.tree()}
-    unheard, incomplete = _unheard(fleet, answering, hanging)
+    hanging = await _hanging(realm_client)
+    answering = {robot.name: robot for robot in await realm_client.tree()}
+    unheard, incomplete = _unheard(realm_client, answering, hanging)
     states = {name: status.text(robot, answering.get, hanging) for name, robot in answering.items()} | unheard
     known = {one.name for one in found}
     found = [*found, *(_unknown(name) for name in hanging if name not in known)]
     return _listed(found, what, doubt or incomplete, {one.name: states.get(one.name, MUTE) for one in found})
 
 
-async def space_ls(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+async def space_ls(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """List the spaces, or the entries and fences of one."""
     name, kind = line.text("NAME"), line.text("KIND")
     if name:
-        return _contents(await fleet.look_into_space(name, kind, most=SHOWN))
-    spaces = sorted(await fleet.spaces(), key=lambda space: space.address.name)
-    silent = _silent(fleet, "space", [one.address.name for one in spaces])
+        return _contents(await realm_client.look_into_space(name, kind, most=SHOWN))
+    spaces = sorted(await realm_client.spaces(), key=lambda space: space.address.name)
+    silent = _silent(realm_client, "space", [one.address.name for one in spaces])
     rows: list[tuple[str, ...]] = [("SPACE", "ENTRIES", "TRANSACTIONS", "WAITING", "SURVIVES", "STORE")]
     for one in spaces:
         counts = (sum(one.counts.values()), one.transactions, one.waiting)
@@ -162,11 +162,11 @@ def _lease(seconds: float) -> str:
 
 
 def _unheard(
-    fleet: Fleet, answered: Collection[str], hanging: Mapping[str, tuple[str, str]]
+    realm_client: RealmClient, answered: Collection[str], hanging: Mapping[str, tuple[str, str]]
 ) -> tuple[dict[str, str], SupervisorError | None]:
     """Return the states of robots that have not answered, by name, and why a list is not complete, if so."""
-    late = set(_robots_of(fleet.late())) - set(answered)
-    silent = _silent(fleet, "robot", {*answered, *hanging, *late})
+    late = set(_robots_of(realm_client.late())) - set(answered)
+    silent = _silent(realm_client, "robot", {*answered, *hanging, *late})
     states = dict.fromkeys(late, "late") | {name: MUTE for name, _, _ in silent}
     states |= {name: f"HANGS ({where})" for name, (where, _) in hanging.items()}
     return states, _some_hang(hanging) or (SomeSilent(silent) if silent else None)
@@ -185,24 +185,24 @@ def _agents_of(role: Role, held: Iterable[Held]) -> dict[str, Held]:
     return {address.name: one for address, one in found if address and address.role == role}
 
 
-async def _hanging(fleet: Fleet) -> dict[str, tuple[str, str]]:
+async def _hanging(realm_client: RealmClient) -> dict[str, tuple[str, str]]:
     """Return the robots that live in processes that answer nobody: where, and what can be done about it.
 
     Those of a frozen process of which nobody knows them have one name: `any robot of process 4711`.
     """
-    hanging = _robots_of(await fleet.hanging()) | {
-        f"any robot of {one.where}": one for one in fleet.unnamed()
+    hanging = _robots_of(await realm_client.hanging()) | {
+        f"any robot of {one.where}": one for one in realm_client.unnamed()
     }
     return {name: (one.where, one.remedy) for name, one in hanging.items()}
 
 
-def _silent(fleet: Fleet, role: Role, answered: Collection[str]) -> list[tuple[str, str, str]]:
+def _silent(realm_client: RealmClient, role: Role, answered: Collection[str]) -> list[tuple[str, str, str]]:
     """Return which agents of a role run, by the machine's record, and have not answered.
 
     Returns:
         Name, where it is, and what to do, of each.
     """
-    held = _agents_of(role, fleet.held())
+    held = _agents_of(role, realm_client.held())
     return sorted((name, one.in_words, one.remedy) for name, one in held.items() if name not in answered)
 
 
@@ -250,10 +250,10 @@ def _listed(
     return Outcome(data, text, doubt)
 
 
-async def tree(fleet: Fleet, _line: Line, _teller: Teller) -> Outcome:
+async def tree(realm_client: RealmClient, _line: Line, _teller: Teller) -> Outcome:
     """Show the robots as trees."""
-    hanging, robots = await _hanging(fleet), await fleet.tree()
-    unheard, incomplete = _unheard(fleet, {robot.name for robot in robots}, hanging)
+    hanging, robots = await _hanging(realm_client), await realm_client.tree()
+    unheard, incomplete = _unheard(realm_client, {robot.name for robot in robots}, hanging)
     roots = forest.forest(robots, hanging, unheard)
     drawn = {name for root in roots for name in forest.names(root)}
     lost = {name: state for name, state in sorted(unheard.items()) if name not in drawn}
@@ -265,9 +265,9 @@ async def tree(fleet: Fleet, _line: Line, _teller: Teller) -> Outcome:
     return Outcome([*map(forest.structure, roots), *rest], text, incomplete)
 
 
-async def show(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+async def show(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """Describe one robot, with what it reads now."""
-    robot = await fleet.describe(line.text("NAME"))
+    robot = await realm_client.describe(line.text("NAME"))
     readings = {name: value for name, value in robot.readings.items() if isfinite(value)}
     text = wording.portrait(robot)
     if readings:
@@ -279,14 +279,14 @@ async def show(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     return Outcome({**plain(robot), "readings": readings}, text)
 
 
-async def stubs(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+async def stubs(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """Write the interface of a robot."""
     import asyncio
 
     from robotree.vr.author.stubs import interface
 
     name, path = line.text("NAME"), line.text("--out")
-    robot = await fleet.describe(name)
+    robot = await realm_client.describe(name)
     source = interface(robot, origin=f"Written by `robotree stubs {name}`.")
     if not path:
         return Outcome({"kind": robot.kind, "source": source}, source.rstrip("\n"))
@@ -296,13 +296,13 @@ async def stubs(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     return Outcome({"kind": robot.kind, "file": path}, told)
 
 
-async def look(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+async def look(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """Fetch one picture into a file."""
     import asyncio
 
     view, camera = line.text("VIEW"), line.text("--camera")
     width, height = values.size(line.text("--size")) if line.text("--size") else PICTURE
-    picture = await fleet.look(view, camera=camera, width=width, height=height, quality=85)
+    picture = await realm_client.look(view, camera=camera, width=width, height=height, quality=85)
     # a camera's name comes from afar: it names a file here, never a way to another folder
     path = Path(line.text("FILE") or Path(f"{view}-{picture.camera}.jpg".replace("/", "-")).name)
     await asyncio.to_thread(overwrite, path, picture.jpeg)
@@ -310,7 +310,7 @@ async def look(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     return Outcome(data, f"{path}  {picture.width}x{picture.height} from camera {picture.camera}")
 
 
-async def watch(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
+async def watch(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
     """Tell each change of state, until it is interrupted or the time is over."""
     import asyncio
 
@@ -325,9 +325,9 @@ async def watch(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
 
     limit = values.duration(line.text("--within")) if line.text("--within") else None
     name = line.text("NAME")  # one that nobody has would tell nothing for ever
-    known = [await fleet.describe(name)] if name else await fleet.tree()
+    known = [await realm_client.describe(name)] if name else await realm_client.tree()
     units = {robot.name: robot.units for robot in known}
-    watching = await fleet.watch_state(name or None, tell)
+    watching = await realm_client.watch_state(name or None, tell)
     try:
         async with asyncio.timeout(limit):
             await asyncio.Event().wait()
@@ -338,19 +338,19 @@ async def watch(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
     return Outcome(None)
 
 
-async def log(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
+async def log(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
     """Tell what the code of a robot, or of all, says, and what became of their commands."""
     name = line.text("NAME")
     if not line.flag("--follow"):
-        logged = await _logged(fleet, name)
+        logged = await _logged(realm_client, name)
         lines = "\n".join(wording.log_line(one, "" if name else robot) for robot, one in logged)
         nothing = f"{name} has logged nothing" if name else "no robot has logged anything"
         return Outcome([{"robot": robot, **plain(one)} for robot, one in logged], lines or nothing)
-    await _follow_log(fleet, name, teller)
+    await _follow_log(realm_client, name, teller)
     return Outcome(None)
 
 
-async def _logged(fleet: Fleet, name: str) -> list[tuple[str, LoggedLine]]:
+async def _logged(realm_client: RealmClient, name: str) -> list[tuple[str, LoggedLine]]:
     """Return what is logged of one robot, or of all agents (empty name), the oldest first.
 
     Raises:
@@ -360,16 +360,16 @@ async def _logged(fleet: Fleet, name: str) -> list[tuple[str, LoggedLine]]:
 
     from robotree.vr.base.errors import NoSuchRobot, VrError
 
-    found = [(one.name, one.line) for one in await fleet.read_history() if name in {"", one.name}]
+    found = [(one.name, one.line) for one in await realm_client.read_history() if name in {"", one.name}]
     if name:
         try:
-            found += [(name, one) for one in await fleet.read_log(name)]
+            found += [(name, one) for one in await realm_client.read_log(name)]
         except NoSuchRobot:
             if not found:
                 raise
         return sorted(found, key=lambda entry: entry[1].unix)
-    names = [address.name for address in fleet.directory.present("robot")]
-    logs = await asyncio.gather(*map(fleet.read_log, names), return_exceptions=True)
+    names = [address.name for address in realm_client.directory.present("robot")]
+    logs = await asyncio.gather(*map(realm_client.read_log, names), return_exceptions=True)
     if faults := [one for one in logs if isinstance(one, BaseException) and not isinstance(one, VrError)]:
         raise faults[0]
     found += [
@@ -381,7 +381,7 @@ async def _logged(fleet: Fleet, name: str) -> list[tuple[str, LoggedLine]]:
     return sorted(found, key=lambda entry: entry[1].unix)
 
 
-async def _follow_log(fleet: Fleet, name: str, teller: Teller) -> NoReturn:
+async def _follow_log(realm_client: RealmClient, name: str, teller: Teller) -> NoReturn:
     """Tell what was logged, then what the full screen's log would show, as it comes, until interrupted."""
     import asyncio
     import time
@@ -391,14 +391,14 @@ async def _follow_log(fleet: Fleet, name: str, teller: Teller) -> NoReturn:
     from robotree.vr.base.requests import LoggedLine
 
     store, printed = Store(), dict[tuple[str, int], None]()
-    feed = Feed(fleet, store, time.monotonic)
+    feed = Feed(realm_client, store, time.monotonic)
     await feed.open()
 
     def tell(robot: str, one: LoggedLine) -> None:
         teller.outcome(Outcome({"robot": robot, **plain(one)}, wording.log_line(one, "" if name else robot)))
 
     try:
-        for robot, one in await _logged(fleet, name):
+        for robot, one in await _logged(realm_client, name):
             printed[robot, one.number] = None
             tell(robot, one)
         while True:
@@ -418,7 +418,7 @@ async def _follow_log(fleet: Fleet, name: str, teller: Teller) -> NoReturn:
 # -- shaping the tree ------------------------------------------------------------------------------
 
 
-async def create(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
+async def create(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
     """Make a virtual robot from a file; with `--watch`, reload it at each save."""
     path, wanted = values.source(line.text("FILE"))
     path = str(shipped(path))
@@ -427,25 +427,25 @@ async def create(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
     settings = values.assignments(line.many("PARAMETER=VALUE"))
     async with AsyncExitStack() as stack:
         if line.flag("--own-host"):
-            host = await stack.enter_async_context(_own_host(fleet, name, host))
-        robot = await fleet.create(path, name, host=host, wanted=wanted, settings=settings)
+            host = await stack.enter_async_context(_own_host(realm_client, name, host))
+        robot = await realm_client.create(path, name, host=host, wanted=wanted, settings=settings)
     made = _did(robot, f"{robot.name} ({robot.kind}) runs" + (f" on {robot.host}" if robot.host else ""))
     if files is not None:
         teller.outcome(made)
-        await _follow_saves(fleet, robot.name, files, teller)
+        await _follow_saves(realm_client, robot.name, files, teller)
     return made
 
 
-def _own_host(fleet: Fleet, robot: str, host: str) -> AbstractAsyncContextManager[str]:
+def _own_host(realm_client: RealmClient, robot: str, host: str) -> AbstractAsyncContextManager[str]:
     from robotree.tui.processes.own_host import own_host
     from robotree.vr.base.address import check_name
     from robotree.vr.base.errors import DuplicateName
 
     if host:
         raise BadLine("a robot is created on HOST or with --own-host, not both", "")
-    if check_name(robot) in {one.name for one in fleet.directory.present("robot")}:
+    if check_name(robot) in {one.name for one in realm_client.directory.present("robot")}:
         raise DuplicateName(role="robot", name=robot)  # before a process is started for nothing
-    return own_host(fleet.realm, robot)
+    return own_host(realm_client.realm, robot)
 
 
 def shipped(given: str) -> Path:
@@ -459,16 +459,16 @@ def shipped(given: str) -> Path:
     return found if found.exists() else path
 
 
-async def enslave(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
+async def enslave(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
     """Put a robot on top of one or several others; where one refuses, those before it stay enslaved."""
     parent, slot = values.dotted(line.text("PARENT.SLOT"), "PARENT.SLOT")
     children = line.many("CHILD")
     if len(children) > 1:
-        _expect_group(await fleet.describe(parent), slot)
+        _expect_group(await realm_client.describe(parent), slot)
     robot = None
     for number, child in enumerate(children):
         try:
-            robot = await fleet.enslave(parent, slot, child)
+            robot = await realm_client.enslave(parent, slot, child)
         except Exception:
             if number:
                 bound, left = children[:number], children[number:]
@@ -490,36 +490,36 @@ def _expect_group(parent: RobotDescription, slot: str) -> None:
         raise ValueRefused("CHILD", told)
 
 
-async def release(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+async def release(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """Let a child go."""
     parent, slot = values.dotted(line.text("PARENT.SLOT"), "PARENT.SLOT")
-    return _did(await fleet.release(parent, slot), f"{parent}.{slot} is empty")
+    return _did(await realm_client.release(parent, slot), f"{parent}.{slot} is empty")
 
 
-async def delete(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+async def delete(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """End a virtual robot."""
-    left = await fleet.delete(line.text("NAME"))
+    left = await realm_client.delete(line.text("NAME"))
     text = f"{line.text('NAME')} is deleted" + (f", but {left}" if left else "")
     return Outcome({"deleted": line.text("NAME")} | ({"left": left} if left else {}), text)
 
 
-async def reload(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
+async def reload(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
     """Have a virtual robot go on with another page; with `--watch`, again at each save."""
     path, wanted = values.source(line.text("FILE")) if line.text("FILE") else ("", "")
     path = str(shipped(path)) if path else ""
     name, now = line.text("NAME"), line.flag("--now")
     if line.flag("--watch"):
-        page = path or (await fleet.describe(name)).page
+        page = path or (await realm_client.describe(name)).page
         if not page:
             from robotree.vr.base.errors import NoPage
 
             raise NoPage(robot=name)
         files = _files_of(path, wanted) if path else _files_of(*values.source(page))
-        await _take_over(fleet, name, files, teller, now=now)
-        await _follow_saves(fleet, name, files, teller, now=now)
-    if not now and (busy := (await fleet.describe(name)).busy):
+        await _take_over(realm_client, name, files, teller, now=now)
+        await _follow_saves(realm_client, name, files, teller, now=now)
+    if not now and (busy := (await realm_client.describe(name)).busy):
         teller.warn(f"{name}.{busy} is running: the reload waits for its end, 10 s at most")
-    return _reloaded(name, await fleet.reload(name, path, wanted, now=now))
+    return _reloaded(name, await realm_client.reload(name, path, wanted, now=now))
 
 
 def _reloaded(name: str, done: Reloaded) -> Outcome:
@@ -537,7 +537,7 @@ def _files_of(path: str, wanted: str) -> PageFiles:
 
 
 async def _follow_saves(
-    fleet: Fleet, name: str, files: PageFiles, teller: Teller, *, now: bool = False
+    realm_client: RealmClient, name: str, files: PageFiles, teller: Teller, *, now: bool = False
 ) -> NoReturn:
     """Have a robot go on with its page at each save, until this is cancelled or the robot is gone."""
     teller.outcome(
@@ -545,10 +545,12 @@ async def _follow_saves(
     )
     while True:
         await files.saved()
-        await _take_over(fleet, name, files, teller, now=now)
+        await _take_over(realm_client, name, files, teller, now=now)
 
 
-async def _take_over(fleet: Fleet, name: str, files: PageFiles, teller: Teller, *, now: bool) -> None:
+async def _take_over(
+    realm_client: RealmClient, name: str, files: PageFiles, teller: Teller, *, now: bool
+) -> None:
     """Have a robot go on with the page as it is now, however long its running command takes; print mistakes.
 
     Raises:
@@ -560,12 +562,12 @@ async def _take_over(fleet: Fleet, name: str, files: PageFiles, teller: Teller, 
 
     from robotree.vr.base.errors import NoSuchRobot, NotVirtual, ReloadWaits, TransportError, VrError
 
-    busy = (await fleet.describe(name)).busy
+    busy = (await realm_client.describe(name)).busy
     if busy and not now:
         teller.warn(f"{name}.{busy} is running: the page is taken over when it has ended")
     while True:
         try:
-            done = await fleet.reload(name, files.path, files.wanted, now=now)
+            done = await realm_client.reload(name, files.path, files.wanted, now=now)
         except ReloadWaits:
             await asyncio.to_thread(files.read)  # the next attempt takes what is saved by now
             continue
@@ -593,16 +595,16 @@ def _mistake(name: str, path: str, sentence: str) -> Outcome:
     return Outcome(data, f"{sentence}; {name} goes on with its old page")
 
 
-async def set_(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+async def set_(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """Change settings of a robot."""
     from robotree.vr.base.errors import NoSettings, NoSuchCommand
 
     name, given = line.text("NAME"), values.assignments(line.many("PARAMETER=VALUE"))
     try:
-        await fleet.call(name, "set", given)
+        await realm_client.call(name, "set", given)
     except NoSuchCommand:
         raise NoSettings(robot=name) from None
-    robot = await fleet.describe(name)
+    robot = await realm_client.describe(name)
     now = {one.name: one.default for one in wording.settings(robot)}
     return Outcome({"name": name, "settings": now}, wording.columns(wording.setting_rows(robot)))
 
@@ -610,21 +612,21 @@ async def set_(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
 # -- commanding ------------------------------------------------------------------------------------
 
 
-async def call(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
+async def call(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
     """Have a command carried out and wait for it."""
     robot, command = values.dotted(line.text("ROBOT.COMMAND"), "ROBOT.COMMAND")
     given = values.assignments(line.many("PARAMETER=VALUE"))
     limit = (
         values.duration(line.text("--within"))
         if line.text("--within")
-        else await _limit(fleet, robot, command)
+        else await _limit(realm_client, robot, command)
     )
     if line.flag("--detach"):
-        await fleet.tell(robot, command, given, deadline=limit)
+        await realm_client.tell(robot, command, given, deadline=limit)
         text = f"{robot}.{command} has begun and goes on by itself; `robotree cancel {robot}` ends it"
         return Outcome({"detached": f"{robot}.{command}"}, text)
     fields: list[FieldSpec] = []
-    thing = await fleet.call(
+    thing = await realm_client.call(
         robot, command, given, deadline=limit, on_progress=teller.progress, on_fields=fields.extend
     )
     if line.text("--save"):
@@ -646,31 +648,31 @@ async def _saved(thing: Any, path: Path) -> Outcome:
     return Outcome({"file": str(path), "bytes": len(picture)}, f"{path}  {wording.value(picture)}")
 
 
-async def _limit(fleet: Fleet, robot: str, command: str) -> float:
+async def _limit(realm_client: RealmClient, robot: str, command: str) -> float:
     """Return how long a command may take [s] when nobody says: a script leads until it is over."""
-    if command == "start" and "Script" in (await fleet.describe(robot)).kinds:
+    if command == "start" and "Script" in (await realm_client.describe(robot)).kinds:
         return SCRIPT_LIMIT
     return CALL_LIMIT
 
 
-async def cancel(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+async def cancel(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """End the commands of a robot."""
-    await fleet.cancel(line.text("NAME"))
+    await realm_client.cancel(line.text("NAME"))
     return Outcome({"cancelled": line.text("NAME")}, f"the commands of {line.text('NAME')} are cancelled")
 
 
-async def decide(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+async def decide(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """Answer a command that asks after a crash."""
     name, answer = line.text("NAME"), line.text("ANSWER")
     if answer not in {"done", "again", "abort"}:
         raise ValueRefused("ANSWER", f"{answer!r} is none of: done, again, abort")
-    await fleet.decide(name, cast("Any", answer))
+    await realm_client.decide(name, cast("Any", answer))
     return Outcome({"decided": name, "answer": answer}, f"{name} has its answer: {answer}")
 
 
-async def stop(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
+async def stop(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
     """Stop one robot, or all, protectively."""
-    return stopped(await fleet.stop(line.text("NAME") or None, on_late=teller.warn))
+    return stopped(await realm_client.stop(line.text("NAME") or None, on_late=teller.warn))
 
 
 def stopped(names: Sequence[str]) -> Outcome:
@@ -678,26 +680,26 @@ def stopped(names: Sequence[str]) -> Outcome:
     return Outcome({"stopped": sorted(names)}, f"stopped: {', '.join(sorted(names)) or 'there is no robot'}")
 
 
-async def resume(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+async def resume(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """Resume after a protective stop."""
-    told = await fleet.resume(line.text("NAME") or None, given=line.given)
+    told = await realm_client.resume(line.text("NAME") or None, given=line.given)
     return Outcome({"resumed": sorted(told)}, f"resumed: {', '.join(sorted(told)) or 'there is no robot'}")
 
 
 # -- scripts and roles -------------------------------------------------------------------------------
 
 
-async def explain(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+async def explain(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """Tell why a rule of a running script fired, or why it does not; without a rule: its facts and agenda."""
     name, rule = line.text("WHAT"), line.text("RULE")
-    text = str(await fleet.call(name, "why" if rule else "facts", {"rule": rule} if rule else {}))
+    text = str(await realm_client.call(name, "why" if rule else "facts", {"rule": rule} if rule else {}))
     return Outcome({"script": name, "rule": rule, "explanation": text.splitlines()}, text)
 
 
-async def role(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+async def role(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """Give a robot another role: directly, or through those who command it."""
     name, wanted = line.text("NAME"), line.text("ROLE")
-    top, at = await _way_down(fleet, name)
+    top, at = await _way_down(realm_client, name)
     given = {"at": at} if at else {}
     if wanted.lower().endswith((".yaml", ".yml")):
         import asyncio
@@ -707,24 +709,24 @@ async def role(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
 
         bundle = await asyncio.to_thread(Bundle.read, wanted)
         try:
-            wanted = str(await fleet.call(top, "learn_role", {"source": bundle.source, **given}))
+            wanted = str(await realm_client.call(top, "learn_role", {"source": bundle.source, **given}))
         except BrokenScript as error:  # the robot knows no name of a file
             raise BrokenScript(**{**error.data, "path": wanted}) from None
-    played = str(await fleet.call(top, "play", {"role": wanted, **given}))
+    played = str(await realm_client.call(top, "play", {"role": wanted, **given}))
     return Outcome({"name": name, "role": played}, f"{name} plays {played} from its next act on")
 
 
-async def _way_down(fleet: Fleet, name: str) -> tuple[str, str]:
+async def _way_down(realm_client: RealmClient, name: str) -> tuple[str, str]:
     """Return the robot that gets the order to change a role, and the path of slots from it downwards."""
     from robotree.vr.base.errors import NoRoles
 
-    robot = await fleet.describe(name)
+    robot = await realm_client.describe(name)
     if robot.command("play") is None:
         raise NoRoles(robot=name, reason=f"a {robot.kind} plays none")
     path: list[str] = []
     while robot.bond is not None:
         path.insert(0, robot.bond.slot)
-        robot = await fleet.describe(robot.bond.parent.name)
+        robot = await realm_client.describe(robot.bond.parent.name)
         if robot.command("play") is None:
             reason = f"{robot.name} commands it and passes no role on; a script does, or release it first"
             raise NoRoles(robot=name, reason=reason)

@@ -12,7 +12,7 @@ from robotree.tui.errors import NothingToAsk, sentence
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from robotree.vr.supervision.fleet import Fleet
+    from robotree.vr.supervision.realm_client import RealmClient
 
 
 def chosen(given: str) -> str:
@@ -63,8 +63,8 @@ def folder_of(realm: str) -> Path:
 
 
 @contextlib.asynccontextmanager
-async def visited(folder: Path) -> AsyncGenerator[Fleet]:
-    """See the fleet of a realm from outside, for a stop: nothing is written, and nobody is waited for.
+async def visited(folder: Path) -> AsyncGenerator[RealmClient]:
+    """See the realm client of a realm from outside, for a stop: nothing is written, and nobody is waited for.
 
     Args:
         folder: of the realm.
@@ -76,16 +76,16 @@ async def visited(folder: Path) -> AsyncGenerator[Fleet]:
     """
     from robotree.vr.base.envelope import sitting_at, this_terminal
     from robotree.vr.network.local import join
-    from robotree.vr.supervision.fleet import Fleet
+    from robotree.vr.supervision.realm_client import RealmClient
 
     with sitting_at(this_terminal()):
         transport = await join(folder.name, root=folder.parent, greeting=0, listed=False)
         try:
-            fleet = Fleet(transport, folder.name)
+            realm_client = RealmClient(transport, folder.name)
             try:
-                yield fleet
+                yield realm_client
             finally:
-                await fleet.close()
+                await realm_client.close()
         finally:
             await transport.close()
 

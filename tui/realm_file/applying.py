@@ -27,7 +27,7 @@ from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
     from robotree.vr.base.address import Role
-    from robotree.vr.supervision.fleet import Fleet
+    from robotree.vr.supervision.realm_client import RealmClient
 
 ARRIVAL, ENDING = 10.0, 5.0
 """[s] in which a process that is ready is seen, and in which one that was asked to end is gone."""
@@ -70,7 +70,7 @@ Agree = Callable[[Plan], Awaitable[None]]
 async def bring_about(
     wanted: RealmFile,
     pages: Mapping[str, Page],
-    fleet: Fleet,
+    realm_client: RealmClient,
     starter: Starter,
     report: Report,
     agree: Agree,
@@ -82,7 +82,7 @@ async def bring_about(
     Args:
         wanted: the file.
         pages: of its robots, by name.
-        fleet: of the realm.
+        realm_client: of the realm.
         starter: of its processes.
         report: hears of each step when it is over.
         agree: is asked before anything is done, and again if what a host has brought back needs more steps.
@@ -96,12 +96,12 @@ async def bring_about(
     """
 
     async def planned() -> Plan:
-        return plan(wanted, await present(fleet, starter.controllers), pages, prune=prune)
+        return plan(wanted, await present(realm_client, starter.controllers), pages, prune=prune)
 
     first = await planned()
     await agree(first)
     hosts = {step.id: step for step in first.steps if step.entry is not None and step.entry.verb == "host"}
-    done = await _Work(hosts.values(), wanted, fleet, starter, report).carry_out()
+    done = await _Work(hosts.values(), wanted, realm_client, starter, report).carry_out()
     then = await planned() if hosts else first
     known, still = {step.text for step in first.steps}, {step.text for step in then.steps}
     new = tuple(step for step in then.steps if step.text not in known)
@@ -112,7 +112,7 @@ async def bring_about(
             done.append(Done(step, "done", "its host has kept it"))
             report(done[-1])
     rest = [step for step in then.steps if step.id not in hosts]
-    done += await _Work(rest, wanted, fleet, starter, report, done).carry_out()
+    done += await _Work(rest, wanted, realm_client, starter, report, done).carry_out()
     return structs.replace(then, steps=(*first.steps, *new)), done
 
 
@@ -121,13 +121,13 @@ class _Work:
         self,
         steps: Iterable[Step],
         wanted: RealmFile,
-        fleet: Fleet,
+        realm_client: RealmClient,
         starter: Starter,
         report: Report,
         before: Iterable[Done] = (),
     ) -> None:
         self._steps = {step.id: step for step in steps}
-        self._wanted, self._fleet, self._starter, self._report = wanted, fleet, starter, report
+        self._wanted, self._realm_client, self._starter, self._report = wanted, realm_client, starter, report
         self._before = {one.step.id: one for one in before}
         self._over: dict[str, Done] = {}
         self._tasks: dict[str, asyncio.Task[None]] = {}
@@ -161,7 +161,7 @@ class _Work:
             elif step.process:
                 await _end(step.process)
             elif step.line is not None:
-                result = await carry_out(self._fleet, step.line, Silent())
+                result = await carry_out(self._realm_client, step.line, Silent())
                 return str(result) if isinstance(result, Refusal) else ""
         except (SupervisorError, VrError, OSError, TimeoutError) as error:
             return sentence(error) or "it took too long"
@@ -175,7 +175,7 @@ class _Work:
         await self._starter.start(entry, words, {KEY_VARIABLE: path} if key else {})
         if entry.verb != NAMELESS:
             role: Role = ROLES[entry.verb]
-            await self._fleet.arrival(role, entry.name, within=ARRIVAL)
+            await self._realm_client.arrival(role, entry.name, within=ARRIVAL)
 
 
 async def _end(pid: int) -> None:

@@ -134,7 +134,7 @@ class _Planner:
             self._left += [f"{name} is not in the file" for name in names]
             return
         gone: list[str] = []
-        for name in strange:  # in the order of `Fleet.tree`: parents before their children
+        for name in strange:  # in the order of `RealmClient.tree`: parents before their children
             self._verb("-", f"delete {name}", Line("delete", {"NAME": name}), gone)
             gone.append(f"delete {name}")
             self._free |= {slot.child.name for slot in virtual[name].slots if slot.child is not None}

@@ -21,7 +21,7 @@ from robotree.vr.base.errors import VrError
 if TYPE_CHECKING:
     from robotree.vr.base.address import Role
     from robotree.vr.base.description import RobotDescription
-    from robotree.vr.supervision.fleet import Fleet
+    from robotree.vr.supervision.realm_client import RealmClient
 
 ROLES: Mapping[str, Role] = {
     "proxy": "robot",
@@ -71,14 +71,14 @@ class Present(msgspec.Struct, frozen=True, kw_only=True):
         return {name: robot for name, robot in self.robots.items() if robot.host}
 
 
-async def present(fleet: Fleet, known: Mapping[str, Controller]) -> Present:
+async def present(realm_client: RealmClient, known: Mapping[str, Controller]) -> Present:
     """Look at a realm; `known` are the simulated controllers that live."""
-    hosts = await fleet.hosts()
-    robots = {robot.name: robot for robot in await fleet.tree()}
+    hosts = await realm_client.hosts()
+    robots = {robot.name: robot for robot in await realm_client.tree()}
     processes: dict[str, Process] = {}
     others: dict[str, str] = {}
     silent: dict[str, str] = {}
-    for address, program in programs(fleet.realm).items():
+    for address, program in programs(realm_client.realm).items():
         where = f"process {program.pid}"
         if address.role == "robot" and address.name not in robots:
             silent[address.name] = where
@@ -89,7 +89,7 @@ async def present(fleet: Fleet, known: Mapping[str, Controller]) -> Present:
         elif line is None and address.role in ROLES.values():
             others[f"{address.role} {address.name}"] = where
     return Present(
-        realm=fleet.realm,
+        realm=realm_client.realm,
         processes=processes,
         robots=robots,
         pages={name: digest for host in hosts for name, digest in host.pages.items()},

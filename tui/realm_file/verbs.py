@@ -77,11 +77,11 @@ async def save(line: Line, realm: str) -> int:
     if not anybody_met(realm):
         complain(nothing_to_ask(realm))
         return exit_codes.NOBODY
-    async with joined(realm) as fleet:
-        if not any(fleet.directory.present(role) for role in ROLES):
+    async with joined(realm) as realm_client:
+        if not any(realm_client.directory.present(role) for role in ROLES):
             complain(nothing_to_ask(realm))
             return exit_codes.NOBODY
-        there = await present(fleet, controllers(realm))
+        there = await present(realm_client, controllers(realm))
     found, notes = await asyncio.to_thread(saved, there, path)
     comment = (
         f"Realm {realm}, written by `robotree save`; `robotree apply {path.name}` brings it about again."
@@ -123,12 +123,12 @@ async def apply(line: Line, realm: str, kinds: Kinds) -> int:
         if prune and not line.flag("--yes"):
             await _confirm(found)
 
-    async with joined(realm) as fleet:
+    async with joined(realm) as realm_client:
         if dry:
-            found = plan(wanted, await present(fleet, starter.controllers), pages, prune=prune)
+            found = plan(wanted, await present(realm_client, starter.controllers), pages, prune=prune)
             _show(found)
             return _tell(found, [], dry=True)
-        found, done = await bring_about(wanted, pages, fleet, starter, _report, agree, prune=prune)
+        found, done = await bring_about(wanted, pages, realm_client, starter, _report, agree, prune=prune)
     return _tell(found, done, dry=False)
 
 

@@ -157,7 +157,7 @@ class Supervisor(OperatorApp):
     def _confirm(self, line: Line) -> None:
         """Ask back, unless what the line names is not there."""
         name = line.text("NAME") or line.text("PARENT.SLOT").partition(".")[0]
-        if not name or any(one.name == name for one in self.fleet.directory.present("robot")):
+        if not name or any(one.name == name for one in self.realm_client.directory.present("robot")):
             asking.confirm_line(self, line)
         else:
             self._confirm_absent(line, name)
@@ -166,7 +166,7 @@ class Supervisor(OperatorApp):
     async def _confirm_absent(self, line: Line, name: str) -> None:
         """Say who is not there, or hangs; ask back if it has come just now."""
         try:
-            await self.fleet.directory.resolve(name)
+            await self.realm_client.directory.resolve(name)
         except VrError as error:
             self.tell(str(error), "error")
         else:

@@ -35,7 +35,7 @@ from robotree.vr.network.realms import DEFAULT_REALM
 
 if TYPE_CHECKING:
     from robotree.vr.base.description import FieldSpec, RobotDescription
-    from robotree.vr.supervision.fleet import Fleet
+    from robotree.vr.supervision.realm_client import RealmClient
 
 log = logging.getLogger(__name__)
 
@@ -65,7 +65,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
 
     def __init__(
         self,
-        fleet: Fleet,
+        realm_client: RealmClient,
         *,
         realm: str,
         store: Store | None = None,
@@ -75,10 +75,10 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         calm: bool = False,
         steps: Steps | None = None,
     ) -> None:
-        """Supervise a fleet that has been joined.
+        """Supervise a realm client that has been joined.
 
         Args:
-            fleet: the agents of the realm.
+            realm_client: the agents of the realm.
             realm: its name, to be shown.
             store: what is known already, when the screen is opened anew.
             farewell: what ends with this screen, as a sentence to ask back with; empty: nothing does.
@@ -102,9 +102,9 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         wanted = os.environ.get("TEXTUAL_THEME", "")
         ours = chosen(wanted, self.console.color_system).name
         self.theme = wanted if wanted in self.available_themes and wanted not in REDUCED else ours
-        self.fleet, self.realm, self.farewell = fleet, realm, farewell
+        self.realm_client, self.realm, self.farewell = realm_client, realm, farewell
         self.store = store or Store()
-        self.feed = Feed(fleet, self.store, self.now)
+        self.feed = Feed(realm_client, self.store, self.now)
         self.selection = Selection()
         """The robot that keys are about, whatever page is in front."""
         self.marks: frozenset[str] = frozenset()
@@ -182,7 +182,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
             self.store.begin_stop(line.text("NAME"), self.now())
         robot, _, command = line.text("ROBOT.COMMAND").partition(".")
         try:
-            outcome = await carry_out(self.fleet, line, self)
+            outcome = await carry_out(self.realm_client, line, self)
         finally:
             self.feed.hint()
         self._note_stop(line, outcome)
@@ -234,7 +234,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         began = self.now()
         try:
             fields: list[FieldSpec] = []
-            value = await self.fleet.call(
+            value = await self.realm_client.call(
                 robot,
                 command,
                 arguments,

@@ -22,7 +22,7 @@ from robotree.tui.seen.store import Store
 from robotree.tui.terminal import complain
 
 if TYPE_CHECKING:
-    from robotree.vr.supervision.fleet import Fleet
+    from robotree.vr.supervision.realm_client import RealmClient
 
 CALM = "ROBOTREE_CALM"
 """In the environment: the line to the terminal is slow."""
@@ -60,12 +60,12 @@ def wants_calm() -> bool:
 
 
 async def supervise(
-    fleet: Fleet, realm: str, *, farewell: str = "", hint: str = "", readonly: bool = False
+    realm_client: RealmClient, realm: str, *, farewell: str = "", hint: str = "", readonly: bool = False
 ) -> int:
     """Show the full screen until the operator leaves; open it anew should an error end it.
 
     Args:
-        fleet: the agents of the realm.
+        realm_client: the agents of the realm.
         realm: its name, to be shown.
         farewell: what ends with the screen; empty: nothing does.
         hint: what a person can do next, as the first line of the log; empty: none.
@@ -81,15 +81,15 @@ async def supervise(
         store = Store()
         if hint:
             store.tell(hint, "good", time.monotonic())
-        return await _show(fleet, realm, farewell, store, readonly=readonly)
+        return await _show(realm_client, realm, farewell, store, readonly=readonly)
 
 
-async def _show(fleet: Fleet, realm: str, farewell: str, store: Store, *, readonly: bool) -> int:
+async def _show(realm_client: RealmClient, realm: str, farewell: str, store: Store, *, readonly: bool) -> int:
     keys, steps = keymap.load(), Steps(state_file(realm, STEPS_FILE))
     task, ends = asyncio.current_task(), list[float]()
     while True:
         app = Supervisor(
-            fleet,
+            realm_client,
             realm=realm,
             store=store,
             farewell=farewell,

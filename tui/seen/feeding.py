@@ -1,6 +1,6 @@
-"""Keeps a store up to date from a fleet: arrivals and states as they come, the tree when it changed.
+"""Keeps a store up to date from a realm client: arrivals and states as they come, the tree when it changed.
 
-Callbacks of the fleet arrive on the event loop; asking for the tree costs a question to every robot,
+Callbacks of the realm_client arrive on the event loop; asking for the tree costs a question to every robot,
 so it is done only after something hinted at a change, and never more often than `PAUSE`.
 """
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from robotree.vr.base.description import RobotDescription
     from robotree.vr.base.requests import LoggedLine, State
     from robotree.vr.base.transport import Registration
-    from robotree.vr.supervision.fleet import Fleet
+    from robotree.vr.supervision.realm_client import RealmClient
 
 PAUSE = 0.4
 """[s] at least between two looks at the tree."""
@@ -36,11 +36,11 @@ log = logging.getLogger(__name__)
 
 
 class Feed:
-    """Feeds one store from one fleet while it is open."""
+    """Feeds one store from one realm client while it is open."""
 
-    def __init__(self, fleet: Fleet, store: Store, clock: Callable[[], float]) -> None:
-        """Feed `store` from `fleet`; `clock` gives the store's `now` [s]."""
-        self.fleet, self.store, self.clock = fleet, store, clock
+    def __init__(self, realm_client: RealmClient, store: Store, clock: Callable[[], float]) -> None:
+        """Feed `store` from `realm_client`; `clock` gives the store's `now` [s]."""
+        self.realm_client, self.store, self.clock = realm_client, store, clock
         self._hint = asyncio.Event()
         self._watching: Registration | None = None
         self._listening: Registration | None = None
@@ -50,9 +50,9 @@ class Feed:
     async def open(self) -> None:
         """Begin to feed: what lookup services list at once, the rest as it comes."""
         self._take_lists()
-        self._forget = self.fleet.on_change(self._take_lists)
-        self._watching = await self.fleet.watch_state(None, self._take_state)
-        self._listening = await self.fleet.watch_log(None, self._take_lines)
+        self._forget = self.realm_client.on_change(self._take_lists)
+        self._watching = await self.realm_client.watch_state(None, self._take_state)
+        self._listening = await self.realm_client.watch_log(None, self._take_lines)
         self._tasks = (
             asyncio.create_task(self._keep_looking(), name="feed of the supervisor"),
             asyncio.create_task(self._keep_glancing(), name="signs of life for the supervisor"),
@@ -74,10 +74,10 @@ class Feed:
 
     def _take_lists(self) -> None:
         now = self.clock()
-        self.store.take_services(self.fleet.services, now, stale=self.fleet.stale)
-        if not self.fleet.stale:
-            self.store.take_lists(self.fleet.robots(), self.fleet.views(), now)
-        for address in [one for one in self.store.missed if self.fleet.left(one)]:
+        self.store.take_services(self.realm_client.services, now, stale=self.realm_client.stale)
+        if not self.realm_client.stale:
+            self.store.take_lists(self.realm_client.robots(), self.realm_client.views(), now)
+        for address in [one for one in self.store.missed if self.realm_client.left(one)]:
             self.store.departed(address, now, left=True)
         self._hint.set()
 
@@ -90,7 +90,7 @@ class Feed:
         return self._present_as("host", "lookup")
 
     def _present_as(self, *roles: Role) -> set[Address]:
-        return {address for role in roles for address in self.fleet.directory.present(role)}
+        return {address for role in roles for address in self.realm_client.directory.present(role)}
 
     def _take_state(self, name: str, state: State) -> None:
         shape = self.store.shape
@@ -121,24 +121,24 @@ class Feed:
         """Show within a second who hangs: a look at the tree, which that holds up, takes longer."""
         with contextlib.suppress(TransportClosed):
             while True:
-                self.store.take_late(self.fleet.late())
-                hang = self.fleet.hang()
+                self.store.take_late(self.realm_client.late())
+                hang = self.realm_client.hang()
                 self.store.take_silent(hang, self.clock())
                 answering = self._servers.difference(Address.parse(one.key) for one in hang)
-                self.store.take_servers(answering, self.clock(), left=self.fleet.left)
+                self.store.take_servers(answering, self.clock(), left=self.realm_client.left)
                 await asyncio.sleep(GLANCE)
 
     async def _take_unlisted(self, tree: Sequence[RobotDescription]) -> None:
         """Without a lookup service show what `ls` shows then: who is seen alive says itself what it is."""
-        if not self.fleet.stale:
+        if not self.realm_client.stale:
             return
-        robots, views = unlisted.robots(self.fleet, tree), await unlisted.views(self.fleet)
-        if self.fleet.stale:  # none has come meanwhile
+        robots, views = unlisted.robots(self.realm_client, tree), await unlisted.views(self.realm_client)
+        if self.realm_client.stale:  # none has come meanwhile
             self.store.take_lists(robots, views, self.clock())
 
     async def _tell_of_the_missed(self) -> None:
         """Tell whose process has gone, and whose hangs."""
-        hanging = await self.fleet.hanging()
+        hanging = await self.realm_client.hanging()
         store, now, present = self.store, self.clock(), self._present
         living = {one.address for one in store.descriptions.values()}
         alive = {*present, *(address for one in hanging if (address := Address.parse(one.key)))}
@@ -146,24 +146,24 @@ class Feed:
             if address in living:
                 store.found(address, now)
             elif address not in alive:
-                store.departed(address, now, left=self.fleet.left(address))
+                store.departed(address, now, left=self.realm_client.left(address))
         store.take_silent(hanging, now)
         for address in store.hanging - alive:
-            store.departed(address, now, left=self.fleet.left(address))
+            store.departed(address, now, left=self.realm_client.left(address))
         if store.missed:
             self._hint.set()
 
     async def _look(self) -> None:
         try:
-            tree = await self.fleet.tree()
-            hang = {one.key for one in self.fleet.hang()}  # of these, some have answered before that
+            tree = await self.realm_client.tree()
+            hang = {one.key for one in self.realm_client.hang()}  # of these, some have answered before that
             tree = [robot for robot in tree if robot.address.key not in hang]
             self.store.take_descriptions(tree, self.clock())
             await self._take_unlisted(tree)
             await self._tell_of_the_missed()
-            self.store.take_processes(self.fleet.held())
-            self.store.take_hosts([one.address.name for one in await self.fleet.hosts()])
-            self.store.take_services(self.fleet.services, self.clock(), stale=self.fleet.stale)
+            self.store.take_processes(self.realm_client.held())
+            self.store.take_hosts([one.address.name for one in await self.realm_client.hosts()])
+            self.store.take_services(self.realm_client.services, self.clock(), stale=self.realm_client.stale)
         except VrError as error:
             self.store.tell(f"cannot see the tree: {error}", "warning", self.clock())
         except Exception:  # the last fence of this task: the supervisor goes on with what it knows

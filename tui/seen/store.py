@@ -1,7 +1,7 @@
 """What the supervisor knows of its realm: robots, views, states, and what happened. No screen in here.
 
-The fleet's callbacks feed it, `now` in hand; widgets draw it when its `revision` has grown. It remembers
-what it heard last and when, so that silence can be told from calm.
+Callbacks of the realm client feed it, `now` in hand; widgets draw it when its `revision` has grown.
+It remembers what it heard last and when, so that silence can be told from calm.
 """
 
 from __future__ import annotations

@@ -8,26 +8,26 @@ from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.description import Listing, RobotDescription
-    from robotree.vr.supervision.fleet import Fleet
+    from robotree.vr.supervision.realm_client import RealmClient
 
 
-async def known(fleet: Fleet, role: Literal["robot", "view"]) -> Sequence[Listing]:
+async def known(realm_client: RealmClient, role: Literal["robot", "view"]) -> Sequence[Listing]:
     """Return what a lookup service would list, as far as it can be known.
 
     Args:
-        fleet: what it remembers of lookup services that were lost is part of it.
+        realm_client: what it remembers of lookup services that were lost is part of it.
         role: of the agents.
 
     Returns:
         A listing each; robots that are enslaved are left out, as they are from every list.
     """
-    return await views(fleet) if role == "view" else robots(fleet, await fleet.tree())
+    return await views(realm_client) if role == "view" else robots(realm_client, await realm_client.tree())
 
 
-def robots(fleet: Fleet, tree: Sequence[RobotDescription]) -> list[Listing]:
+def robots(realm_client: RealmClient, tree: Sequence[RobotDescription]) -> list[Listing]:
     """Return what is known of the free robots: `known`, by one who has asked for the tree already."""
     described = {robot.name: robot for robot in tree}
-    remembered = [one for one in fleet.robots() if one.name not in described]
+    remembered = [one for one in realm_client.robots() if one.name not in described]
     return [*remembered, *(_listing(robot) for robot in described.values() if robot.bond is None)]
 
 
@@ -44,15 +44,15 @@ def _listing(robot: RobotDescription) -> Listing:
     )
 
 
-async def views(fleet: Fleet) -> list[Listing]:
+async def views(realm_client: RealmClient) -> list[Listing]:
     """Return what is known of the views: see `known`."""
     from robotree.vr.base.description import Listing
     from robotree.vr.base.errors import VrError
 
-    found = {view.name: view for view in fleet.views()}
-    for address in fleet.directory.present("view"):
+    found = {view.name: view for view in realm_client.views()}
+    for address in realm_client.directory.present("view"):
         with contextlib.suppress(VrError):  # it has gone meanwhile
-            cameras = (await fleet.describe_view(address.name)).cameras
+            cameras = (await realm_client.describe_view(address.name)).cameras
             found.setdefault(
                 address.name,
                 Listing(address=address, kinds=("View",), attributes={"cameras": ", ".join(cameras)}),

@@ -1,4 +1,4 @@
-"""Plays session scripts against a fleet: waits, looks, acts, and reports each step as it happens."""
+"""Plays session scripts against a realm client: waits, looks, acts, and reports each step as it happens."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:  # a script is read before the agents are needed
     from robotree.vr.base.description import RobotDescription
     from robotree.vr.base.requests import State
     from robotree.vr.base.transport import Registration
-    from robotree.vr.supervision.fleet import Fleet
+    from robotree.vr.supervision.realm_client import RealmClient
 
 LOOK_AGAIN = 0.1
 """[s] between two looks at a condition that does not hold yet."""
@@ -45,16 +45,23 @@ Tell = Callable[[PlayedStep], None]
 class Player:
     """Plays one script."""
 
-    def __init__(self, fleet: Fleet, script: Script, tell: Tell, teller: Teller | None = None) -> None:
+    def __init__(
+        self, realm_client: RealmClient, script: Script, tell: Tell, teller: Teller | None = None
+    ) -> None:
         """Prepare.
 
         Args:
-            fleet: on which it is played.
+            realm_client: on which it is played.
             script: what is played.
             tell: hears of each step when it is over.
             teller: hears of each verb while it goes on.
         """
-        self.fleet, self.script, self.tell, self.teller = fleet, script, tell, teller or Silent()
+        self.realm_client, self.script, self.tell, self.teller = (
+            realm_client,
+            script,
+            tell,
+            teller or Silent(),
+        )
         self.result: Any = None
         self.refusal = ""
         self._heard: dict[str, Mapping[str, float]] = {}
@@ -64,7 +71,7 @@ class Player:
         """Play until the end or until a step does not hold."""
         try:
             # a resume ends the stops that are known here when its step begins
-            self._listening.append(await self.fleet.watch_state(None))
+            self._listening.append(await self.realm_client.watch_state(None))
             return await self._play()
         finally:
             for listening in self._listening:
@@ -110,7 +117,7 @@ class Player:
                 return await self._do(line, may_fail=may_fail)
 
     async def _do(self, line: Line, *, may_fail: bool) -> tuple[Verdict, Any]:
-        outcome = await carry_out(self.fleet, self._placed(line), self.teller)
+        outcome = await carry_out(self.realm_client, self._placed(line), self.teller)
         if isinstance(outcome, Refusal):
             self.refusal = type(outcome.error).__name__
             return Verdict(may_fail, f"{self.refusal}: {outcome}"), None
@@ -141,7 +148,7 @@ class Player:
         wanted = expect.condition
         robots = {name: await self._described(name) for name in wanted.robots}
         return Scene(
-            listed=frozenset(one.name for one in self.fleet.robots()),
+            listed=frozenset(one.name for one in self.realm_client.robots()),
             robots={name: robot for name, robot in robots.items() if robot},
             readings={name: await self._readings(name) for name in wanted.readings},
             result=self.result,
@@ -152,7 +159,7 @@ class Player:
         from robotree.vr.base.errors import VrError
 
         try:
-            return await self.fleet.describe(name)
+            return await self.realm_client.describe(name)
         except VrError:
             return None
 
@@ -160,8 +167,8 @@ class Player:
         from robotree.vr.base.errors import VrError
 
         try:
-            if any(view.name == name for view in self.fleet.views()):
-                return (await self.fleet.describe_view(name)).readings
+            if any(view.name == name for view in self.realm_client.views()):
+                return (await self.realm_client.describe_view(name)).readings
             return await self._robot_readings(name)
         except VrError:
             return {}
@@ -169,12 +176,12 @@ class Player:
     async def _robot_readings(self, name: str) -> Mapping[str, float]:
         """Return what a robot publishes by itself: it is listened to from the first question on."""
         if name not in self._heard:
-            self._heard[name] = (await self.fleet.describe(name)).readings
+            self._heard[name] = (await self.realm_client.describe(name)).readings
 
             def hear(_: str, state: State) -> None:
                 self._heard[name] = state.readings
 
-            self._listening.append(await self.fleet.watch_state(name, hear))
+            self._listening.append(await self.realm_client.watch_state(name, hear))
         return self._heard[name]
 
 
@@ -242,8 +249,8 @@ async def play_file(line: Line, realm: str, *, readonly: bool = False) -> int:
 
     try:
         script = await asyncio.to_thread(read_file, path, readonly=readonly)
-        async with joined(realm) as fleet:
-            report = await Player(fleet, script, tell, console).play()
+        async with joined(realm) as realm_client:
+            report = await Player(realm_client, script, tell, console).play()
     except Exception as error:
         if junit_file:
             _write(junit_file, junit.of_error(path, error))

@@ -59,7 +59,7 @@ class Releases:
             del self._counts[next(iter(self._counts))]
 
     async def resume(self, name: str | None, given: float | None = None) -> Sequence[str]:
-        """End the stops that are in force and known here now; see `Fleet.resume`.
+        """End the stops that are in force and known here now; see `RealmClient.resume`.
 
         Args:
             name: of the robot; None: all.

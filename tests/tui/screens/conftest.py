@@ -26,7 +26,7 @@ from robotree.vr.agents import publisher, shared
 from tests.screen import shows, text_of
 
 if TYPE_CHECKING:
-    from robotree.vr.supervision.fleet import Fleet
+    from robotree.vr.supervision.realm_client import RealmClient
 
 KEYS = {
     " ": "space", ".": "full_stop", "_": "underscore", "-": "minus", ":": "colon", "/": "slash",
@@ -205,11 +205,11 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def operate() -> Operate:
-    """Return how to sit down before a fleet; at the end nothing may have been mended."""
+    """Return how to sit down before a realm client; at the end nothing may have been mended."""
 
     @asynccontextmanager
     async def sit_down(
-        fleet: Fleet,
+        realm_client: RealmClient,
         *,
         size: tuple[int, int] = (120, 34),
         mended: bool = False,
@@ -218,7 +218,9 @@ def operate() -> Operate:
         keymap: Keymap | None = None,
         calm: bool = False,
     ) -> AsyncGenerator[Operator]:
-        app = Supervisor(fleet, realm="test", farewell=farewell, readonly=readonly, keymap=keymap, calm=calm)
+        app = Supervisor(
+            realm_client, realm="test", farewell=farewell, readonly=readonly, keymap=keymap, calm=calm
+        )
         async with app.run_test(size=size) as pilot:
             operator = Operator(app, pilot)
             await operator.until(lambda: app.store.joined and len(app.screen_stack) > 1, "the main page")

@@ -26,7 +26,7 @@ from robotree.vr.base.description import CommandSpec, FieldSpec, Listing, RobotD
 
 if TYPE_CHECKING:
     from robotree.tui.seen.feeding import Feed
-    from robotree.vr.supervision.fleet import Fleet
+    from robotree.vr.supervision.realm_client import RealmClient
 
 WORDS = st.text(min_size=1, max_size=24) | st.sampled_from(
     ["[", "[/", "[/x]", "[red]x", "[@click=app.quit]x", ":warning:", "\x1b[2J", "\x1b]0;t\x07", "\x9b31m",
@@ -59,7 +59,7 @@ class Bare(Supervisor):
     CSS_PATH = str(Path(str(sys.modules[Supervisor.__module__].__file__)).with_name("supervisor.tcss"))
 
     def __init__(self, words: tuple[str, ...]) -> None:
-        super().__init__(cast("Fleet", None), realm=words[0])
+        super().__init__(cast("RealmClient", None), realm=words[0])
         self.words_shown = words
         robots = [described(word, words) for word in words]
         self.store.descriptions = {one.name: one for one in robots}

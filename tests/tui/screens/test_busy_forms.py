@@ -42,13 +42,13 @@ ENTER, ESCAPE, CTRL_R, CTRL_U = "\r", "\x1b\x1b", "\x12", "\x15"
 @pytest.fixture
 def slow_host(realm: Realm, monkeypatch: pytest.MonkeyPatch) -> asyncio.Event:
     """Let robots be made only after this is set."""
-    go_on, create = asyncio.Event(), realm.fleet.create
+    go_on, create = asyncio.Event(), realm.realm_client.create
 
     async def wait(path: str, name: str, **options: Any) -> RobotDescription:
         await go_on.wait()
         return await create(path, name, **options)
 
-    monkeypatch.setattr(realm.fleet, "create", wait)
+    monkeypatch.setattr(realm.realm_client, "create", wait)
     return go_on
 
 
@@ -65,7 +65,7 @@ async def go_to_form(
     realm: Realm, operate: Operate
 ) -> AsyncIterator[tuple[Operator, PanelPage, CommandForm]]:
     """Open the panel of the arm; the cursor is in field x of go_to."""
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.until(lambda: operator.app.store.state("arm-1") is not None, "its state")
         await operator.until(lambda: "arm-1" in operator.app.store.descriptions, "its description")
         operator.app.ask_for("panel", Place("arm-1"))
@@ -97,7 +97,7 @@ async def create_finisher(operator: Operator) -> NewPage:
 async def test_quick_keys_after_create_make_no_other_robots(
     realm: Realm, operate: Operate, slow_host: asyncio.Event
 ) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         page = await create_finisher(operator)
         operator.burst(f"z{ENTER}w{ENTER}\tne{ENTER}")
         await operator.sees("8 keys (z ⏎ w ⏎ tab n e ⏎)", "finisher is being made")
@@ -112,7 +112,7 @@ async def test_quick_keys_after_create_make_no_other_robots(
 async def test_a_key_pressed_just_after_the_page_has_closed_is_told(
     realm: Realm, operate: Operate, slow_host: asyncio.Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await create_finisher(operator)
         monkeypatch.setattr(key_guard, "LOOK", 60.0)
         slow_host.set()
@@ -125,7 +125,7 @@ async def test_a_key_pressed_just_after_the_page_has_closed_is_told(
 async def test_the_stop_and_the_way_out_work_while_a_robot_is_being_made(
     realm: Realm, operate: Operate, slow_host: asyncio.Event
 ) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await create_finisher(operator)
         operator.burst(" ")
         await operator.until(lambda: len(operator.app.store.stopped) == 2, "the stop")

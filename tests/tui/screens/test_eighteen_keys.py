@@ -62,7 +62,7 @@ class Counting:
 
 
 async def test_from_nothing_to_a_closing_lever_it_takes_eighteen_keys(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.until(lambda: "arm-1" in operator.app.store.descriptions, "the arm")
         await operator.until(lambda: bool(operator.app.store.hosts), "a host")
         hand = Counting(operator)

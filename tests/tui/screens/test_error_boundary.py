@@ -26,7 +26,7 @@ async def test_an_error_in_a_handler_is_told_and_the_screen_goes_on(
     def trips(*_: object) -> None:
         raise RuntimeError("a mistake [/x]")
 
-    async with operate(realm.fleet, mended=True) as operator:
+    async with operate(realm.realm_client, mended=True) as operator:
         await operator.sees("● free")
         monkeypatch.setattr(MainPage, "action_verb", trips)
         await operator.press("n")
@@ -43,7 +43,7 @@ async def test_an_error_at_every_drawing_is_told_once(
     def trips(*_: object) -> None:
         raise ZeroDivisionError("at every drawing")
 
-    async with operate(realm.fleet, mended=True) as operator:
+    async with operate(realm.realm_client, mended=True) as operator:
         await operator.sees("● free")
         monkeypatch.setattr(Store, "attend", trips)
         await operator.until(lambda: len(operator.app.errors) > 3, "several drawings")
@@ -57,16 +57,16 @@ async def test_an_error_in_a_verb_is_told(
     realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def trips(*_: object) -> None:
-        raise KeyError("a mistake in the fleet")
+        raise KeyError("a mistake in the client")
 
-    async with operate(realm.fleet, mended=True) as operator:
-        monkeypatch.setattr(realm.fleet, "cancel", trips)
+    async with operate(realm.realm_client, mended=True) as operator:
+        monkeypatch.setattr(realm.realm_client, "cancel", trips)
         await operator.obey("cancel arm-1")
-        await operator.sees("something went wrong in here", "a mistake in the fleet")
+        await operator.sees("something went wrong in here", "a mistake in the client")
 
 
 async def test_a_dialog_stands_in_the_middle_over_its_page(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.sees("● free")
         await operator.obey("delete arm-1")
         dialog = await operator.at(Confirm)
@@ -102,7 +102,7 @@ async def test_a_screen_that_ends_by_an_error_is_opened_anew_and_says_so(
 ) -> None:
     headless = Headless(RuntimeError("while it was drawn"), 0)
     monkeypatch.setattr(Supervisor, "run_async", lambda app, **_: headless.run(app))
-    assert await supervise(realm.fleet, "test") == DONE
+    assert await supervise(realm.realm_client, "test") == DONE
     assert headless.seen == ["the screen had to be opened anew: RuntimeError('while it was drawn')"]
 
 
@@ -111,5 +111,5 @@ async def test_a_screen_that_ends_again_and_again_gives_up_in_one_sentence(
 ) -> None:
     headless = Headless(*[RuntimeError("again")] * CRASHES)
     monkeypatch.setattr(Supervisor, "run_async", lambda app, **_: headless.run(app))
-    assert await supervise(realm.fleet, "test") == REFUSED
+    assert await supervise(realm.realm_client, "test") == REFUSED
     assert "use the command line" in capsys.readouterr().err

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 async def test_the_help_shows_only_what_is_searched_for_until_escape(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.press("question_mark")
         await operator.at(Reading)
         await operator.sees("stops every robot at once")
@@ -30,7 +30,7 @@ async def test_the_help_shows_only_what_is_searched_for_until_escape(realm: Real
 
 
 async def test_the_help_of_a_panel_begins_with_the_keys_of_the_panel(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await open_panel(operator, "arm-1")
         await operator.press("f1")
         await operator.at(Reading)
@@ -44,7 +44,7 @@ async def test_the_help_of_a_panel_begins_with_the_keys_of_the_panel(realm: Real
 
 
 async def test_a_robot_is_found_in_the_palette_from_any_page(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await open_panel(operator, "arm-1")
         await operator.at(PanelPage)
         found = [

@@ -17,7 +17,7 @@ async def test_no_page_lets_a_robot_steer_the_terminal(
     realm: Realm, hostile: Hostile, operate: Operate
 ) -> None:
     await realm.robot(hostile)
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         app = operator.app
         await operator.until(lambda: "evil" in app.store.descriptions and app.store.state("evil") is not None)
         for key in ("l", "home", "t", "home", "g"):

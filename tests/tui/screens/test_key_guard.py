@@ -47,7 +47,7 @@ async def dealt_with(operator: Operator) -> None:
 async def test_a_text_that_comes_by_itself_takes_no_key_typed_before_it_was_seen(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         page = await described(operator)
         came = operator.app._seen - LOOK
         operator.burst(f"{ENTER}{ESCAPE}", at=came + 0.9 * LOOK)
@@ -61,7 +61,7 @@ async def test_a_text_that_comes_by_itself_takes_no_key_typed_before_it_was_seen
 async def test_a_text_that_comes_while_one_types_waits_for_the_end_of_it(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.press("slash")
         await operator.until(lambda: isinstance(operator.app.focused, Input), "the line")
         page = await described(operator)
@@ -79,14 +79,14 @@ async def test_a_text_that_comes_while_one_types_waits_for_the_end_of_it(
 
 @pytest.mark.parametrize("key", [" ", CTRL_S], ids=["space", "ctrl+s"])
 async def test_the_stop_waits_for_no_look(realm: Realm, operate: Operate, key: str) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await described(operator)
         operator.burst(key, at=operator.app._seen - LOOK)
         await operator.until(lambda: len(operator.app.store.stopped) == 2, "all are stopped")
 
 
 async def test_a_dialog_that_a_key_opened_takes_keys_at_once(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.press("question_mark")
         await operator.at(Reading)
         await operator.press("q")
@@ -96,12 +96,12 @@ async def test_a_dialog_that_a_key_opened_takes_keys_at_once(realm: Realm, opera
 async def test_the_answer_to_a_question_that_has_closed_is_no_key_of_the_page_beneath(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet) as operator:
-        await realm.fleet.stop(None)
+    async with operate(realm.realm_client) as operator:
+        await realm.realm_client.stop(None)
         await operator.sees("PROTECTIVE STOP: arm-1, rover-1")
         await operator.press("R")
         await operator.at(Confirm)
-        await realm.fleet.resume(None)
+        await realm.realm_client.resume(None)
         page = await operator.at(MainPage)
         came = operator.app._seen - LOOK
         operator.burst(f"n{ENTER}", at=came + 0.9 * LOOK)

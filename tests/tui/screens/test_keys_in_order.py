@@ -45,7 +45,7 @@ def page_of(operator: Operator) -> MainPage:
 @asynccontextmanager
 async def at_x(realm: Realm, operate: Operate) -> AsyncIterator[tuple[Operator, PanelPage]]:
     """Open the panel of the arm; the cursor is in field x of go_to."""
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await listed(operator)
         await operator.until(lambda: operator.app.store.state("arm-1") is not None, "its state")
         operator.app.ask_for("panel", Place("arm-1"))
@@ -105,7 +105,7 @@ async def test_a_click_does_not_come_before_the_last_digit(realm: Realm, operate
 
 
 async def test_list_panel_and_form_follow_one_burst(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await listed(operator)
         operator.burst(f"{TOP}{ENTER}{ENTER}{CTRL_U}0.3{BACKSPACE}4{TAB}{CTRL_U}0.1")
         page = await operator.at(PanelPage)
@@ -115,7 +115,7 @@ async def test_list_panel_and_form_follow_one_burst(realm: Realm, operate: Opera
 async def test_a_verb_is_obeyed_as_it_was_typed_and_the_keys_after_it_are_keys(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await listed(operator)
         operator.burst(f":call arm-1.go_to x=0.3{BACKSPACE}5 y=0 z=0.3 twist=0{ENTER}g:tre{TAB}{BACKSPACE}x")
         await operator.until(lambda: operator.one(Input, "#line").value == "trex", "what was typed last")
@@ -125,7 +125,7 @@ async def test_a_verb_is_obeyed_as_it_was_typed_and_the_keys_after_it_are_keys(
 
 
 async def test_a_filter_has_the_letters_that_were_left_over(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await listed(operator)
         operator.burst(f"/arx{BACKSPACE * 2}{CTRL_U}rovee{BACKSPACE}r{ENTER}")
         await operator.until(lambda: operator.one(Prompt).letters == "rover", "the filter")
@@ -141,7 +141,7 @@ async def test_a_dialog_is_answered_by_the_keys_that_came_after_its_own(
     realm: Realm, operate: Operate
 ) -> None:
     await realm.create("move_to.py", "mover")
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await listed(operator, "mover")
         operator.burst(f"{TOP}{DOWN}d{ENTER}:d{BACKSPACE}show mover{ENTER}")
         await operator.at(Reading)
@@ -152,7 +152,7 @@ async def test_a_dialog_is_answered_by_the_keys_that_came_after_its_own(
 
 
 async def test_a_page_that_opens_gets_the_keys_that_follow(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await listed(operator)
         operator.burst(f"n{TAB}{TAB}mov{BACKSPACE}w-1")
         page = await operator.at(NewPage)
@@ -179,7 +179,7 @@ async def test_a_queue_that_ended_with_a_key_in_it_does_not_keep_the_others(
     realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(keys_in_order, "LIMIT", 0.05)
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await listed(operator)
         table = operator.one(RobotTable)
 

@@ -57,7 +57,7 @@ async def panel(operator: Operator) -> PanelPage:
 
 
 async def test_a_command_that_was_just_chosen_is_the_one_that_runs(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         page = await panel(operator)
         names = [one.name for one in page.robot.commands]
         page.query_one("#commands", OptionList).highlighted = names.index("hold")
@@ -79,7 +79,7 @@ async def test_a_choice_that_a_person_made_is_not_taken_back_by_the_robot(
     )
     row = FieldRow(spec, {})
     assert row.text == "slow", "also before it is on the screen"
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.app.main.mount(row)
         row.query_one(Choice).value = "fast"
         row.become(msgspec.structs.replace(spec, default="off"))
@@ -95,7 +95,7 @@ async def test_a_choice_that_a_person_made_is_not_taken_back_by_the_robot(
 
 
 async def test_the_prompt_acts_on_what_stands_in_it(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         main, prompt = operator.app.main, operator.app.main.query_one(Prompt)
         line = prompt.query_one(Input)
         prompt.open("verb")
@@ -122,7 +122,7 @@ async def test_the_prompt_acts_on_what_stands_in_it(realm: Realm, operate: Opera
 
 
 async def test_a_line_that_is_sent_twice_is_carried_out_once(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         prompt = operator.app.main.query_one(Prompt)
         line = prompt.query_one(Input)
         prompt.open("verb")
@@ -135,7 +135,7 @@ async def test_a_line_that_is_sent_twice_is_carried_out_once(realm: Realm, opera
 
 
 async def test_a_cancel_ends_also_the_steps_that_are_still_to_be_sent(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await panel(operator)
         operator.app.open_teleoperation(operator.app.store.descriptions["arm-1"])
         page = await operator.at(TeleopPage)
@@ -150,7 +150,7 @@ async def test_a_cancel_ends_also_the_steps_that_are_still_to_be_sent(realm: Rea
 async def test_turning_twice_comes_to_the_camera_after_the_next(
     realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         operator.app.main.show_pane("views")
         views = operator.app.main.query_one(ViewsPane)
         cameras = views.query_one(Cameras)
@@ -175,11 +175,11 @@ async def test_turning_twice_comes_to_the_camera_after_the_next(
 async def test_a_camera_that_was_chosen_while_the_views_were_asked_stays(
     realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         operator.app.main.show_pane("views")
         cameras = operator.app.main.query_one(ViewsPane).query_one(Cameras)
         await operator.until(lambda: bool(cameras.all), "cameras")
-        described = await realm.fleet.describe_view("cell")
+        described = await realm.realm_client.describe_view("cell")
         asked, answered = asyncio.Event(), asyncio.Event()
 
         async def answer(_view: str) -> ViewDescribed:
@@ -187,7 +187,7 @@ async def test_a_camera_that_was_chosen_while_the_views_were_asked_stays(
             await answered.wait()
             return msgspec.structs.replace(described, cameras=("a", "b", "c"))
 
-        monkeypatch.setattr(operator.app.fleet, "describe_view", answer)
+        monkeypatch.setattr(operator.app.realm_client, "describe_view", answer)
         cameras._ask(("cell",))
         await asked.wait()
         cameras.all, cameras.at = [("cell", "a"), ("cell", "b")], 0  # after any earlier answer
@@ -206,7 +206,7 @@ def listing(name: str) -> Listing:
 async def test_a_robot_is_enslaved_only_into_the_slot_for_which_it_was_shown(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         store = operator.app.store
         answers: list[Line | None] = []
         places = [Opening("duo", "left", "Arm"), Opening("duo", "right", "Arm", "", ("fly",))]
@@ -240,7 +240,7 @@ async def test_the_file_that_was_chosen_last_is_the_one_that_is_made(
     realm: Realm, operate: Operate, tmp_path: Path
 ) -> None:
     first, second, broken = (tmp_path / f"{name}.py" for name in ("first", "second", "broken"))
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         operator.app.push_screen(NewPage())
         page = await operator.at(NewPage)
         create, name = page.query_one("#create", Button), page.query_one("#name", Input)

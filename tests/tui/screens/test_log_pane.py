@@ -23,7 +23,7 @@ def log_lines(operator: Operator) -> str:
 async def test_the_log_opens_at_its_newest_line_unless_somebody_scrolled_up(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         for number in range(80):
             operator.app.tell(f"event {number}")
         await operator.press("g")
@@ -49,7 +49,7 @@ async def test_the_log_opens_at_its_newest_line_unless_somebody_scrolled_up(
 
 
 async def test_who_goes_to_the_beginning_while_lines_come_stays_there(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         for number in range(80):
             operator.app.tell(f"event {number}")
         await operator.press("g")
@@ -65,7 +65,7 @@ async def test_who_goes_to_the_beginning_while_lines_come_stays_there(realm: Rea
 
 
 async def test_pressing_down_at_the_newest_line_goes_on_following(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         for number in range(80):
             operator.app.tell(f"event {number}")
         await operator.press("g")
@@ -76,7 +76,7 @@ async def test_pressing_down_at_the_newest_line_goes_on_following(realm: Realm, 
 
 
 async def test_the_log_is_there_in_a_small_terminal(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet, size=(50, 15)) as operator:
+    async with operate(realm.realm_client, size=(50, 15)) as operator:
         for number in range(30):
             operator.app.tell(f"something happened, and it takes more than one line to say: {number}")
         await operator.press("g")
@@ -90,7 +90,7 @@ async def test_the_log_is_there_in_a_small_terminal(realm: Realm, operate: Opera
 async def test_the_progress_of_a_typed_command_pushes_nothing_out_of_the_log(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         operator.app.tell("what matters")
         for number in range(1000):
             operator.app.progress(number / 1000, "3 cm to go")

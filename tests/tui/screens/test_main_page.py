@@ -41,7 +41,7 @@ async def at(operator: Operator, name: str) -> RobotTable:
 
 
 async def test_robots_appear_and_go_by_themselves(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.sees("arm-1", "rover-1", "● free", "2 free", "1 view", "1 lookup", "1 host")
         late = await realm.robot(Robot("late-1"))
         await operator.sees("late-1 (Robot) is listed", "3 free")
@@ -53,18 +53,18 @@ async def test_robots_appear_and_go_by_themselves(realm: Realm, operate: Operate
 async def test_a_robot_behind_an_open_link_is_marked_in_the_list(realm: Realm, operate: Operate) -> None:
     await realm.robot(Robot("unguarded", {"link": "open"}))
     await realm.robot(Robot("guarded", {"link": "signed"}))
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.sees("unguarded", "● free, open link")
         assert operator.text.count("open link") == 1
 
 
 async def test_the_selected_robot_is_described_beside_the_list(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.sees("An arm of paper", "go_to(x, y, z, twist, speed)", "pose")
 
 
 async def test_the_cursor_stays_on_its_robot_while_others_come(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.sees("rover-1")
         await operator.press("down")
         assert operator.one(RobotTable).selected == "rover-1"
@@ -79,7 +79,7 @@ async def test_a_cursor_key_draws_two_lines_before_anything_else(
 ) -> None:
     for number in range(9):
         await realm.robot(Robot(f"z{number}"))
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         table = await at(operator, "z3")
         await operator.settled()
         drawn, draw = set[int](), table.render_line
@@ -91,7 +91,7 @@ async def test_a_cursor_key_draws_two_lines_before_anything_else(
 
 
 async def test_a_filter_shows_only_what_contains_its_letters(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.sees("rover-1")
         await operator.press("slash")
         await operator.type("rov")
@@ -109,16 +109,16 @@ async def test_a_filter_shows_only_what_contains_its_letters(realm: Realm, opera
 
 async def test_list_and_tree_are_one(realm: Realm, operate: Operate) -> None:
     await realm.create("move_to.py", "mover")
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.sees("mover", "○ needs arm: Arm", "arm-1", "rover-1")
-        await realm.fleet.enslave("mover", "arm", "arm-1")
+        await realm.realm_client.enslave("mover", "arm", "arm-1")
         await operator.sees("└ arm: arm-1", "◆ under mover", "arm-1 (Arm) is commanded by mover.arm now")
         assert operator.one(RobotTable).names == ["mover", "arm-1", "rover-1"], "below its parent"
 
 
 async def test_enslaving_offers_only_robots_of_the_right_kind(realm: Realm, operate: Operate) -> None:
     await realm.create("move_to.py", "mover")
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.sees("mover")
         await operator.until(lambda: "mover" in operator.app.store.descriptions)
         await operator.press("down", "e")
@@ -133,7 +133,7 @@ async def test_enslaving_offers_only_robots_of_the_right_kind(realm: Realm, oper
 
 async def test_enslaving_from_the_child_offers_the_slots_that_take_it(realm: Realm, operate: Operate) -> None:
     await realm.create("move_to.py", "mover")
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.until(lambda: "mover" in operator.app.store.descriptions)
         await operator.sees("mover")
         assert operator.one(RobotTable).selected == "arm-1"
@@ -147,8 +147,8 @@ async def test_enslaving_from_the_child_offers_the_slots_that_take_it(realm: Rea
 
 async def test_release_asks_back_and_gives_the_child_back(realm: Realm, operate: Operate) -> None:
     await realm.create("move_to.py", "mover")
-    await realm.fleet.enslave("mover", "arm", "arm-1")
-    async with operate(realm.fleet) as operator:
+    await realm.realm_client.enslave("mover", "arm", "arm-1")
+    async with operate(realm.realm_client) as operator:
         await at(operator, "arm-1")
         await operator.press("r")
         await operator.at(Confirm)
@@ -159,8 +159,8 @@ async def test_release_asks_back_and_gives_the_child_back(realm: Realm, operate:
 
 async def test_delete_asks_back_with_cancel_first_and_focused(realm: Realm, operate: Operate) -> None:
     await realm.create("move_to.py", "mover")
-    await realm.fleet.enslave("mover", "arm", "arm-1")
-    async with operate(realm.fleet) as operator:
+    await realm.realm_client.enslave("mover", "arm", "arm-1")
+    async with operate(realm.realm_client) as operator:
         await operator.until(lambda: "mover" in operator.app.store.descriptions)
         await operator.until(lambda: operator.one(RobotTable).selected == "mover", "mover is first")
         await operator.press("d")
@@ -179,7 +179,7 @@ async def test_delete_asks_back_with_cancel_first_and_focused(realm: Realm, oper
 
 
 async def test_what_cannot_be_deleted_is_not_even_asked_about(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.sees("An arm of paper")
         await operator.press("d")
         await operator.sees("arm-1 stands for a robot: end its proxy")
@@ -192,7 +192,7 @@ async def test_what_cannot_be_deleted_is_not_even_asked_about(realm: Realm, oper
 async def test_space_stops_everything_on_every_page_but_is_a_space_while_typing(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
         await operator.press("colon", "a", "space", "b")
         assert operator.one(Input, "#line").value == "a b"
@@ -206,12 +206,12 @@ async def test_space_stops_everything_on_every_page_but_is_a_space_while_typing(
         for keys in (["enter"], ["x"], ["escape", "escape", "v"], ["question_mark"]):
             await operator.press(*keys, "space")
             await operator.until(lambda: len(operator.app.store.stopped) == 2, f"stop after {keys}")
-            await realm.fleet.resume(None)
+            await realm.realm_client.resume(None)
             await operator.until(lambda: operator.app.store.stopped == (), "released")
 
 
 async def test_verbs_are_typed_at_the_prompt_as_on_the_command_line(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.obey("call arm-1.go_to x=0.5 y=0 z=0.3 twist=0")
         await operator.sees(f"✓ arm-1: go_to by {ME} is done: ran")
         assert realm.arm.pose["x"] == pytest.approx(0.5)
@@ -232,7 +232,7 @@ async def test_verbs_are_typed_at_the_prompt_as_on_the_command_line(realm: Realm
 
 
 async def test_the_prompt_completes_and_remembers(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
         await operator.press("colon")
         await operator.type("call arm-1.sho")
@@ -247,7 +247,7 @@ async def test_the_prompt_completes_and_remembers(realm: Realm, operate: Operate
 
 
 async def test_tab_goes_through_what_a_word_may_become(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.until(lambda: {"arm-1", "rover-1"} <= operator.app.store.descriptions.keys())
         await operator.press("colon")
         await operator.type("call arm-1.s")
@@ -267,7 +267,7 @@ async def test_tab_goes_through_what_a_word_may_become(realm: Realm, operate: Op
 
 
 async def test_the_cursor_returns_to_the_robot_that_a_filter_hid(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.until(lambda: {"arm-1", "rover-1"} <= operator.app.store.descriptions.keys())
         table = operator.one(RobotTable)
         await operator.press("ctrl+end")
@@ -285,19 +285,19 @@ async def test_the_cursor_returns_to_the_robot_that_a_filter_hid(realm: Realm, o
 
 
 async def test_the_log_tells_what_other_terminals_have_robots_do(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.until(lambda: operator.app.store.state("arm-1") is not None, "its state")
         realm.arm.pace = 0.03
-        await realm.fleet.call("arm-1", "go_to", {"x": 0.4, "y": 0, "z": 0.3, "twist": 0})
+        await realm.realm_client.call("arm-1", "go_to", {"x": 0.4, "y": 0, "z": 0.3, "twist": 0})
         await operator.press("g")
         await operator.sees(f"arm-1: go_to by {ME} begins", f"arm-1: go_to by {ME} is done: ran")
         assert operator.text.count("arm-1: go_to") == 2
         going = asyncio.create_task(
-            realm.fleet.call("arm-1", "go_to", {"x": 0.3, "y": 0, "z": 0.3, "twist": 0})
+            realm.realm_client.call("arm-1", "go_to", {"x": 0.3, "y": 0, "z": 0.3, "twist": 0})
         )
         store = operator.app.store
         await operator.until(lambda: bool((told := store.state("arm-1")) and told.busy), "its motion")
-        await realm.fleet.cancel("arm-1")
+        await realm.realm_client.cancel("arm-1")
         await operator.sees(f"! arm-1.go_to was cancelled: {ME} cancelled all that arm-1 did (by {ME}, ran")
         with pytest.raises(CommandCancelled):
             await going
@@ -307,7 +307,9 @@ async def test_the_log_tells_what_other_terminals_have_robots_do(realm: Realm, o
 
 
 async def test_who_leaves_the_demo_is_told_that_it_ends(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet, size=(120, 100), farewell="The demo ends with this screen.") as operator:
+    async with operate(
+        realm.realm_client, size=(120, 100), farewell="The demo ends with this screen."
+    ) as operator:
         await operator.press("question_mark")
         await operator.sees("Leave. The demo ends with this screen.")
         await operator.press("escape", "q")
@@ -322,7 +324,7 @@ async def test_who_leaves_the_demo_is_told_that_it_ends(realm: Realm, operate: O
 async def test_views_show_a_live_picture_only_while_they_are_looked_at(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.press("v")
         await operator.sees("cell / cell", "cell / wrist", "lever", "▀▀▀▀")
         await operator.press("down")
@@ -336,7 +338,7 @@ async def test_views_show_a_live_picture_only_while_they_are_looked_at(
 
 
 async def test_help_shows_every_key_and_verb(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet, size=(110, 160)) as operator:
+    async with operate(realm.realm_client, size=(110, 160)) as operator:
         await operator.press("question_mark")
         await operator.at(Reading)
         await operator.sees(
@@ -347,7 +349,7 @@ async def test_help_shows_every_key_and_verb(realm: Realm, operate: Operate) -> 
 
 
 async def test_the_palette_offers_the_registry(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.press("ctrl+p")
         await operator.type("create")
         await operator.sees("create  (n)")
@@ -356,24 +358,24 @@ async def test_the_palette_offers_the_registry(realm: Realm, operate: Operate) -
 
 
 async def test_an_empty_realm_says_how_to_fill_it(operate: Operate) -> None:
-    from robotree.vr.supervision.fleet import Fleet
+    from robotree.vr.supervision.realm_client import RealmClient
     from robotree.vr.world.network import MemoryNetwork
 
-    fleet = Fleet(MemoryNetwork().join("operator"))
-    await fleet.start()
-    async with operate(fleet) as operator:
+    realm_client = RealmClient(MemoryNetwork().join("operator"))
+    await realm_client.start()
+    async with operate(realm_client) as operator:
         await operator.sees("No robot is here yet.", "robotree demo")
         assert "STALE" not in operator.text
         for key in ("enter", "e", "r", "d", "c", "i", "t", "enter", "e", "r", "d", "v", "g", "R"):
             await operator.press(key)
-    await fleet.close()
+    await realm_client.close()
 
 
 @pytest.mark.parametrize("size", [(80, 24), (60, 18), (200, 60)])
 async def test_every_page_fits_into_small_and_large_terminals(
     realm: Realm, operate: Operate, size: tuple[int, int]
 ) -> None:
-    async with operate(realm.fleet, size=size) as operator:
+    async with operate(realm.realm_client, size=size) as operator:
         await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
         await operator.sees("space STOP", "● free")
         await operator.press("enter")
@@ -388,7 +390,7 @@ async def test_every_page_fits_into_small_and_large_terminals(
 
 
 async def test_wide_shows_more_columns_and_a_key_unfolds_the_joints(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet, size=(150, 44)) as operator:
+    async with operate(realm.realm_client, size=(150, 44)) as operator:
         await operator.until(lambda: "arm-1" in operator.app.store.descriptions, "arm-1")
         operator.app.choose("arm-1")
         await operator.sees("joints  14.3 °", "ABOUT")
@@ -407,8 +409,8 @@ async def test_readings_have_units_beside_the_list_in_the_panel_and_at_the_views
     realm: Realm, operate: Operate
 ) -> None:
     await realm.create("move_to.py", "mover")
-    await realm.fleet.enslave("mover", "arm", "arm-1")
-    async with operate(realm.fleet, size=(140, 44)) as operator:
+    await realm.realm_client.enslave("mover", "arm", "arm-1")
+    async with operate(realm.realm_client, size=(140, 44)) as operator:
         await operator.until(lambda: "mover" in operator.app.store.descriptions, "mover")
         table = operator.one(RobotTable)
         await operator.until(lambda: table.selected == "mover", "the cursor")
@@ -423,7 +425,7 @@ async def test_readings_have_units_beside_the_list_in_the_panel_and_at_the_views
 async def test_home_and_end_go_to_the_first_and_the_last_robot(realm: Realm, operate: Operate) -> None:
     for number in range(30):
         await realm.robot(Robot(f"r{number}"))
-    async with operate(realm.fleet, size=(80, 24)) as operator:
+    async with operate(realm.realm_client, size=(80, 24)) as operator:
         table = operator.one(RobotTable)
         await operator.until(lambda: len(table.names) == 32, "all of them")
         await operator.press("end")
@@ -439,7 +441,7 @@ async def test_a_list_that_is_longer_than_a_portion_is_drawn_to_its_end_and_foll
 ) -> None:
     for number in range(30):
         await realm.robot(Robot(f"r{number}"))
-    async with operate(realm.fleet, size=(80, 75)) as operator:
+    async with operate(realm.realm_client, size=(80, 75)) as operator:
         await operator.until(lambda: len(operator.one(RobotTable).names) == 32, "all of them")
         await operator.until(lambda: operator.text.count("● free") >= 32, "all lines")
         await operator.press("space")
@@ -448,7 +450,7 @@ async def test_a_list_that_is_longer_than_a_portion_is_drawn_to_its_end_and_foll
 
 async def test_the_help_is_in_every_footer_and_opens_while_one_types(realm: Realm, operate: Operate) -> None:
     await realm.create("move_to.py", "mover")
-    async with operate(realm.fleet, size=(50, 15)) as operator:
+    async with operate(realm.realm_client, size=(50, 15)) as operator:
         await operator.until(lambda: "mover" in operator.app.store.descriptions, "mover")
         await operator.sees("? Help")
         await operator.press("colon")

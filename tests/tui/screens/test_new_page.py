@@ -86,7 +86,7 @@ async def pick(operator: Operator, name: str) -> NewPage:
 
 
 async def test_a_robot_is_created_from_a_file_and_appears_by_itself(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         page = await pick(operator, "good.py")
         await operator.sees("Finishes.", "finisher")
         page.query_one("#class", Choice).value = "Painter"
@@ -100,7 +100,7 @@ async def test_a_robot_is_created_from_a_file_and_appears_by_itself(realm: Realm
 
 
 async def test_sources_alone_are_offered(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await pick(operator, "good.py")
         await operator.sees("notes [red].py", "wrong.py")
         assert "notes.txt" not in operator.text
@@ -118,7 +118,7 @@ async def test_sources_alone_are_offered(realm: Realm, operate: Operate) -> None
 async def test_a_file_that_offers_nothing_says_why(
     realm: Realm, operate: Operate, file: str, says: str
 ) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         page = await pick(operator, file)
         await operator.sees(says)
         assert page.query_one("#create", Button).disabled
@@ -127,7 +127,7 @@ async def test_a_file_that_offers_nothing_says_why(
 async def test_a_file_that_raises_when_it_is_loaded_keeps_the_page_and_says_why(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         page = await pick(operator, "raises.py")
         await operator.until(lambda: not page.query_one("#create", Button).disabled, "it can be tried")
         page.query_one("#create", Button).press()
@@ -137,7 +137,7 @@ async def test_a_file_that_raises_when_it_is_loaded_keeps_the_page_and_says_why(
 
 
 async def test_a_name_is_judged_while_it_is_typed(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         page = await pick(operator, "good.py")
         entry = page.query_one("#name", Input)
         await operator.until(lambda: entry.value == "finisher", "a suggestion")
@@ -156,7 +156,7 @@ async def test_a_name_is_judged_while_it_is_typed(realm: Realm, operate: Operate
 async def test_a_name_typed_by_hand_stays_when_another_class_is_chosen(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         page = await pick(operator, "good.py")
         entry = page.query_one("#name", Input)
         await operator.until(lambda: entry.value == "finisher", "a suggestion")
@@ -167,7 +167,7 @@ async def test_a_name_typed_by_hand_stays_when_another_class_is_chosen(
 
 
 async def test_escape_leaves_without_creating(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await pick(operator, "good.py")
         await operator.press("escape")
         await operator.at(MainPage)
@@ -177,7 +177,7 @@ async def test_escape_leaves_without_creating(realm: Realm, operate: Operate) ->
 async def test_the_settings_of_a_page_are_fields_and_those_that_were_edited_are_given(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         page = await pick(operator, "team.py")
         await operator.sees("settings", "0.01 … 0.3 m/s", "label")
         rows = {row.spec.name: row for row in page.query(FieldRow)}
@@ -191,11 +191,11 @@ async def test_the_settings_of_a_page_are_fields_and_those_that_were_edited_are_
         page.query_one("#create", Button).press()
         await operator.at(MainPage)
         await operator.until(lambda: "team" in operator.app.store.robots, "it is listed")
-        assert await realm.fleet.call("team", "told", {}) == "0.2 1.571 left"
+        assert await realm.realm_client.call("team", "told", {}) == "0.2 1.571 left"
 
 
 async def test_another_class_has_other_settings(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         page = await pick(operator, "team.py")
         await operator.sees("settings", "0.01 … 0.3 m/s")
         page.read(Path("good.py"))

@@ -32,7 +32,7 @@ async def at_go_to(
     realm: Realm, operate: Operate, robot: str = "arm-1", size: tuple[int, int] = (120, 34)
 ) -> AsyncIterator[tuple[Operator, PanelPage]]:
     """Open the panel of the arm at its first form, go_to."""
-    async with operate(realm.fleet, size=size) as operator:
+    async with operate(realm.realm_client, size=size) as operator:
         await operator.until(lambda: operator.app.store.state(robot) is not None, "its state")
         await operator.until(lambda: robot in operator.app.store.descriptions, "its description")
         await operator.until(lambda: "x" in operator.app.store.readings(robot), "its readings")
@@ -112,7 +112,7 @@ async def test_branch_and_picture_come_with_the_first_command_and_stay(
     realm: Realm, operate: Operate
 ) -> None:
     await realm.create("teleop.py", "teleop")
-    await realm.fleet.enslave("teleop", "arm", "arm-1")
+    await realm.realm_client.enslave("teleop", "arm", "arm-1")
     realm.arm.under_way = True
     async with at_go_to(realm, operate, "teleop") as (operator, page):
         commands = [one.name for one in page.robot.commands]

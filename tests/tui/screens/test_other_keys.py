@@ -22,7 +22,7 @@ K9S = read('preset = "k9s"\n[keys]\npanel.run = "f5"\nfilter = "f3"\nresume = "U
 
 async def test_d_describes_and_deletes_nobody_with_the_keys_of_k9s(realm: Realm, operate: Operate) -> None:
     await realm.create("move_to.py", "mover")
-    async with operate(realm.fleet, keymap=K9S) as operator:
+    async with operate(realm.realm_client, keymap=K9S) as operator:
         await operator.until(lambda: "mover" in operator.app.store.descriptions, "its description")
         operator.app.choose("mover")
         await operator.sees("^d Delete", "f3 Filter")
@@ -47,7 +47,7 @@ async def test_a_changed_key_stays_at_its_place_in_the_footer(realm: Realm, oper
     await realm.create("move_to.py", "mover")
 
     async def footer(keymap: Keymap) -> list[str]:
-        async with operate(realm.fleet, keymap=keymap) as operator:
+        async with operate(realm.realm_client, keymap=keymap) as operator:
             await operator.sees("Help", "Filter")
             return [key.description for key in operator.one(KeyLine).query(FooterKey)]
 
@@ -58,7 +58,7 @@ async def test_a_changed_key_stays_at_its_place_in_the_footer(realm: Realm, oper
 
 
 async def test_a_footer_whose_keys_stay_the_same_is_not_built_anew(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.sees("Help", "Filter")
         line = operator.one(KeyLine)
         before = list(line.children)
@@ -68,7 +68,7 @@ async def test_a_footer_whose_keys_stay_the_same_is_not_built_anew(realm: Realm,
 
 
 async def test_a_form_runs_by_its_other_key_and_says_so(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet, keymap=K9S) as operator:
+    async with operate(realm.realm_client, keymap=K9S) as operator:
         await operator.until(lambda: operator.app.store.state("arm-1") is not None, "its state")
         await operator.until(lambda: "arm-1" in operator.app.store.descriptions, "its description")
         operator.app.ask_for("panel", Place("arm-1"))

@@ -58,7 +58,7 @@ async def panel(
     realm: Realm, operate: Operate, name: str, command: str
 ) -> AsyncIterator[tuple[Operator, PanelPage, CommandForm]]:
     """Open the panel of a robot at the form of a command."""
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         page = await open_panel(operator, name)
         yield operator, page, await choose(operator, page, command)
 
@@ -253,7 +253,7 @@ async def test_a_command_through_an_empty_slot_says_what_is_missing(realm: Realm
     async with panel(realm, operate, "mover", "go_to") as (operator, page, form):
         await operator.sees("the slot arm is empty")
         assert form.query_one("#run", Button).disabled
-        await realm.fleet.enslave("mover", "arm", "arm-1")
+        await realm.realm_client.enslave("mover", "arm", "arm-1")
         await operator.until(
             lambda: any(
                 form.spec.name == "go_to" and not button.disabled
@@ -300,7 +300,7 @@ def in_front(page: PanelPage) -> Any:
 async def test_a_robot_that_comes_back_can_be_commanded_in_the_same_panel(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         late = await realm.robot(Odd("odd-1"))
         page = await open_panel(operator, "odd-1")
         await late.close()
@@ -318,8 +318,8 @@ async def test_a_robot_that_comes_back_can_be_commanded_in_the_same_panel(
 
 async def test_an_enslaved_robot_says_who_commands_it(realm: Realm, operate: Operate) -> None:
     await realm.create("move_to.py", "mover")
-    await realm.fleet.enslave("mover", "arm", "arm-1")
-    async with operate(realm.fleet) as operator:
+    await realm.realm_client.enslave("mover", "arm", "arm-1")
+    async with operate(realm.realm_client) as operator:
         await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
         operator.app.ask_for("panel", Place("arm-1"))
         page = await operator.at(PanelPage)
@@ -347,7 +347,7 @@ class Odd(Robot):
 
 async def test_odd_words_are_shown_as_they_are_and_break_nothing(realm: Realm, operate: Operate) -> None:
     await realm.robot(Odd("odd-1"))
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         page = await open_panel(operator, "odd-1")
         await operator.sees("A robot [/b] with [red]odd[/red] words :warning:", "[/x]")
         await choose(operator, page, "poke")
@@ -378,8 +378,8 @@ async def test_settings_are_changed_in_the_form_that_the_key_opens(
     realm: Realm, operate: Operate, tmp_path: Path
 ) -> None:
     (tmp_path / "team.py").write_text(TEAM)
-    await realm.fleet.create(str(tmp_path / "team.py"), "team")
-    async with operate(realm.fleet) as operator:
+    await realm.realm_client.create(str(tmp_path / "team.py"), "team")
+    async with operate(realm.realm_client) as operator:
         await operator.until(lambda: "team" in operator.app.store.descriptions, "team")
         table = operator.one(RobotTable)
         await operator.until(lambda: "team" in table.names, "the list")
@@ -392,10 +392,10 @@ async def test_settings_are_changed_in_the_form_that_the_key_opens(
         assert form.spec.name == "set"
         assert {one.spec.name: one.text for one in form.query(FieldRow)} == {"speed": "0.1", "label": "left"}
         await fill(operator, form, "speed", "20 cm/s")
-        await realm.fleet.call("team", "set", {"label": "right"})
+        await realm.realm_client.call("team", "set", {"label": "right"})
         await operator.press("ctrl+r")
         await operator.sees("done in")
-        assert await realm.fleet.call("team", "told", {}) == "0.2 right", "what was not edited stays"
+        assert await realm.realm_client.call("team", "told", {}) == "0.2 right", "what was not edited stays"
 
 
 @pytest.mark.parametrize("size", [(160, 48), (80, 24)])
@@ -406,7 +406,7 @@ async def test_no_part_of_the_panel_moves_when_a_command_begins_or_ends(
         parts = [page.query_one("#commands"), page.query_one("#readings"), page.query_one("#forms")]
         return [one.region for one in (*parts, *page.query(".beside"))]
 
-    async with operate(realm.fleet, size=size) as operator:
+    async with operate(realm.realm_client, size=size) as operator:
         page = await open_panel(operator, "arm-1")
         form = page.query_one(CommandForm)
         await operator.until(lambda: bool(form.texts["x"]), "the form has its values")

@@ -40,7 +40,7 @@ async def go_to(operator: Operator, page: type[Page]) -> None:
 async def test_a_verb_can_be_typed_on_every_page_and_a_space_in_it_is_no_stop(
     realm: Realm, operate: Operate, page: type[Page]
 ) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await go_to(operator, page)
         before = operator.app.screen.focused
         operator.burst(":show rover-1 , x.c")
@@ -58,7 +58,7 @@ async def test_a_verb_can_be_typed_on_every_page_and_a_space_in_it_is_no_stop(
 
 
 async def test_it_is_open_while_a_command_of_the_panel_runs(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await go_to(operator, PanelPage)
         form = operator.app.screen.query_one(CommandForm)
         await operator.until(lambda: bool(form.texts["x"]), "the form has its values")
@@ -72,7 +72,7 @@ async def test_it_is_open_while_a_command_of_the_panel_runs(realm: Realm, operat
 
 
 async def test_keys_of_the_page_have_no_effect_while_a_verb_is_typed(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await go_to(operator, TeleopPage)
         await operator.press("colon", "pageup", "up", "escape")
         await operator.until(lambda: not operator.one(Prompt).display, "it is closed")
@@ -82,7 +82,7 @@ async def test_keys_of_the_page_have_no_effect_while_a_verb_is_typed(realm: Real
 async def test_what_is_typed_for_the_prompt_at_a_question_answers_nothing_and_stops_nothing(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await realm.create("move_to.py", "mover")
         await operator.until(lambda: "mover" in operator.app.store.descriptions, "it is known")
         operator.app.choose("mover")
@@ -100,7 +100,7 @@ async def test_what_is_typed_for_the_prompt_at_a_question_answers_nothing_and_st
 
 
 async def test_a_verb_about_the_list_leaves_the_panel_for_it(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await go_to(operator, PanelPage)
         operator.burst(":log\r")
         main = await operator.at(MainPage)
@@ -108,7 +108,7 @@ async def test_a_verb_about_the_list_leaves_the_panel_for_it(realm: Realm, opera
 
 
 async def test_lines_typed_on_one_page_can_be_recalled_on_another(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.obey("sort")
         await go_to(operator, PanelPage)
         await operator.press("colon", "up")
@@ -117,7 +117,7 @@ async def test_lines_typed_on_one_page_can_be_recalled_on_another(realm: Realm, 
 
 @pytest.mark.parametrize("line", ["q", "q!", "exit", "quit"])
 async def test_what_leaves_other_programs_leaves_this_one(realm: Realm, operate: Operate, line: str) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         operator.app.farewell = "The demo ends."
         await go_to(operator, MainPage)
         operator.app.run_typed(line)
@@ -126,7 +126,7 @@ async def test_what_leaves_other_programs_leaves_this_one(realm: Realm, operate:
 
 
 async def test_of_an_unknown_verb_the_screen_names_its_own_help(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await go_to(operator, MainPage)
         operator.app.run_typed("pods")
         await operator.sees("no verb 'pods'; ? shows all keys and verbs")

@@ -16,16 +16,16 @@ if TYPE_CHECKING:
 async def test_the_question_to_resume_closes_when_somebody_else_has_resumed(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet) as operator:
-        await realm.fleet.stop(None)
+    async with operate(realm.realm_client) as operator:
+        await realm.realm_client.stop(None)
         await operator.sees("PROTECTIVE STOP: arm-1, rover-1 — R resumes")
         await operator.press("R")
         await operator.at(Confirm)
         await operator.sees("resume?", "arm-1, rover-1 may move again")
-        await realm.fleet.resume("rover-1")
+        await realm.realm_client.resume("rover-1")
         await operator.until(lambda: operator.app.store.stopped == ("arm-1",), "one is released")
         await operator.at(Confirm)
-        await realm.fleet.resume("arm-1")
+        await realm.realm_client.resume("arm-1")
         await operator.at(MainPage)
         await operator.sees("no need to resume: the stop of arm-1, rover-1 has ended meanwhile")
         await operator.obey("resume")
@@ -36,12 +36,12 @@ async def test_the_question_to_resume_closes_when_somebody_else_has_resumed(
 async def test_the_question_about_one_robot_is_not_answered_by_another(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet) as operator:
-        await realm.fleet.stop(None)
+    async with operate(realm.realm_client) as operator:
+        await realm.realm_client.stop(None)
         await operator.sees("PROTECTIVE STOP: arm-1, rover-1")
         await operator.obey("resume rover-1")
         await operator.at(Confirm)
-        await realm.fleet.resume("rover-1")
+        await realm.realm_client.resume("rover-1")
         await operator.at(MainPage)
         await operator.sees(
             "no need to resume: the stop of rover-1 has ended meanwhile", "PROTECTIVE STOP: arm-1"
@@ -52,26 +52,26 @@ async def test_the_question_to_delete_closes_when_another_robot_has_taken_the_na
     realm: Realm, operate: Operate
 ) -> None:
     await realm.create("move_to.py", "mover")
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.until(lambda: "mover" in operator.app.store.descriptions, "its description")
         operator.app.ask_for("delete", Place("mover"))
         await operator.at(Confirm)
         await operator.sees("delete mover?", "mover ends for good")
-        await realm.fleet.delete("mover")
+        await realm.realm_client.delete("mover")
         await realm.create("two_arms.py", "mover")
         await operator.at(MainPage)
         await operator.until(
             lambda: any("mover " in one.text for one in operator.app.store.entries), "it is told"
         )
-        assert "mover" in {robot.name for robot in await realm.fleet.tree()}, "the new one lives"
+        assert "mover" in {robot.name for robot in await realm.realm_client.tree()}, "the new one lives"
 
 
 async def test_the_question_to_release_names_the_child_and_closes_when_the_slot_has_another_one(
     realm: Realm, operate: Operate
 ) -> None:
     await realm.create("move_to.py", "mover")
-    await realm.fleet.enslave("mover", "arm", "arm-1")
-    async with operate(realm.fleet) as operator:
+    await realm.realm_client.enslave("mover", "arm", "arm-1")
+    async with operate(realm.realm_client) as operator:
         store = operator.app.store
         await operator.until(
             lambda: "mover" in store.descriptions and bool(store.descriptions["mover"].slots[0].child), "bond"
@@ -79,6 +79,6 @@ async def test_the_question_to_release_names_the_child_and_closes_when_the_slot_
         operator.app.ask_for("release", Place("mover"))
         await operator.at(Confirm)
         await operator.sees("release mover.arm?", "arm-1 stops what it does for mover")
-        await realm.fleet.release("mover", "arm")
+        await realm.realm_client.release("mover", "arm")
         await operator.at(MainPage)
         await operator.sees("mover.arm is empty now, not arm-1")

@@ -88,7 +88,7 @@ def test_one_letter_has_one_meaning_in_the_whole_program() -> None:
 async def test_the_help_explains_every_key_of_the_registry_and_of_the_pages(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         lines = [" ".join(line.split()) for line in help_text(operator.app).plain.splitlines()]
         wanted = [
             f"{spell(one.key)} {f'{one.typing_key} ' if one.typing_key else ''}{one.help}"
@@ -106,7 +106,7 @@ async def test_the_help_explains_every_key_of_the_registry_and_of_the_pages(
 async def test_the_programs_keys_work_beside_a_button_and_are_letters_in_a_field(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
         operator.app.ask_for("panel", Place("arm-1"))
         page = await operator.at(PanelPage)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.vr import Robot
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.testing import until
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 async def test_without_lookup_services_the_lists_are_marked_stale(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.sees("arm-1")
         realm.network.kill(realm.members["lookup-1"])
         await operator.sees("STALE: no lookup service is left", "arm-1")
@@ -28,12 +28,12 @@ async def test_who_comes_after_the_last_lookup_service_sees_what_ls_lists_marked
     realm: Realm, operate: Operate
 ) -> None:
     await realm.create("move_to.py", "mover")
-    await realm.fleet.enslave("mover", "arm", "arm-1")
+    await realm.realm_client.enslave("mover", "arm", "arm-1")
     realm.network.kill(realm.members["lookup-1"])
-    await until(lambda: realm.fleet.stale, "the lookup service has gone")
-    fleet = Fleet(realm.network.join("newcomer"))
-    await fleet.start()
-    async with operate(fleet) as operator:
+    await until(lambda: realm.realm_client.stale, "the lookup service has gone")
+    realm_client = RealmClient(realm.network.join("newcomer"))
+    await realm_client.start()
+    async with operate(realm_client) as operator:
         await operator.sees("STALE: no lookup service is left", "mover", "rover-1", "● free stale", "2 free")
         assert set(operator.one(RobotTable).names) == {"mover", "arm-1", "rover-1"}
         assert set(operator.app.store.robots) == {"mover", "rover-1"}, "the enslaved arm is on no list"
@@ -49,14 +49,14 @@ async def test_who_comes_after_the_last_lookup_service_sees_what_ls_lists_marked
         assert "a lookup service is back" in told
         assert not [text for text in told if "left the list" in text], "they were on none"
         await operator.until(lambda: "stale" not in operator.text, "nothing is in doubt")
-    await fleet.close()
+    await realm_client.close()
 
 
 async def test_the_death_of_a_process_is_no_calm_departure(realm: Realm, operate: Operate) -> None:
     await realm.create("move_to.py", "mover")
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.sees("mover", "rover-1")
-        await realm.fleet.enslave("mover", "arm", "arm-1")
+        await realm.realm_client.enslave("mover", "arm", "arm-1")
         await operator.sees("arm-1 (Arm) is commanded by mover.arm now")
         realm.network.kill(realm.members["rover-1"])
         await operator.sees("✗ rover-1 (Rover): its process has gone")
@@ -67,16 +67,16 @@ async def test_the_death_of_an_enslaved_robots_process_is_told_once_and_its_hang
 ) -> None:
     await realm.create("move_to.py", "mover")
     await realm.create("move_square.py", "square")
-    await realm.fleet.enslave("mover", "arm", "arm-1")
-    await realm.fleet.enslave("square", "rover", "rover-1")
-    async with operate(realm.fleet) as operator:
+    await realm.realm_client.enslave("mover", "arm", "arm-1")
+    await realm.realm_client.enslave("square", "rover", "rover-1")
+    async with operate(realm.realm_client) as operator:
         store = operator.app.store
         await operator.until(lambda: len(store.enslaved) == 2, "both are known to be enslaved")
         realm.network.freeze(realm.members["rover-1"])
         realm.network.kill(realm.members["arm-1"])
         operator.app.feed.hint()
         await operator.sees("✗ arm-1 (Arm): its process has gone")
-        await realm.fleet.delete("mover")
+        await realm.realm_client.delete("mover")
         await operator.until(lambda: "mover" not in store.descriptions, "the next look")
         gone = [happening.text for happening in store.entries if "has gone" in happening.text]
         assert gone == ["arm-1 (Arm): its process has gone"]
@@ -84,7 +84,7 @@ async def test_the_death_of_an_enslaved_robots_process_is_told_once_and_its_hang
 
 
 async def test_a_process_that_hangs_has_not_gone(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.sees("rover-1")
         realm.network.freeze(realm.members["rover-1"])
         await operator.sees("✗ rover-1 (Rover): its process hangs and does not answer")

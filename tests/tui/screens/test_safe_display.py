@@ -32,7 +32,7 @@ async def known(operator: Operator, *names: str) -> None:
 
 async def test_the_selection_stays_on_its_robot_when_it_is_enslaved(realm: Realm, operate: Operate) -> None:
     await realm.create("move_to.py", "mover")
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await known(operator, "mover", "arm-1", "rover-1")
         operator.app.choose("arm-1")
         await operator.press("e")
@@ -47,7 +47,7 @@ async def test_the_selection_stays_on_its_robot_when_it_is_enslaved(realm: Realm
 async def test_the_selection_goes_to_what_was_just_made_and_a_hasty_key_is_refused(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await known(operator, "arm-1", "rover-1")
         operator.app.choose("rover-1")
         times = [operator.app.now()]
@@ -69,7 +69,7 @@ async def test_when_its_robot_leaves_nobody_commands_the_next_one_by_mistake(
     realm: Realm, operate: Operate
 ) -> None:
     late = await realm.robot(Robot("late-1"))
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await known(operator, "late-1", "rover-1")
         operator.app.choose("late-1")
         times = [operator.app.now()]
@@ -88,7 +88,7 @@ OTHER = read('[keys]\ndismiss = "X"', "keys.toml")
 
 
 async def test_a_robot_that_hangs_stays_until_it_is_dismissed_or_back(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet, keymap=OTHER) as operator:
+    async with operate(realm.realm_client, keymap=OTHER) as operator:
         await known(operator, "arm-1", "rover-1")
         operator.app.choose("rover-1")
         realm.network.freeze(realm.members["rover-1"])
@@ -113,7 +113,7 @@ async def test_a_robot_that_hangs_stays_until_it_is_dismissed_or_back(realm: Rea
 async def test_what_the_page_behind_a_question_says_does_not_stand_still(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await known(operator, "arm-1", "rover-1")
         realm.network.kill(realm.members["rover-1"])
         await operator.sees("✗ GONE")
@@ -128,7 +128,7 @@ async def test_what_the_page_behind_a_question_says_does_not_stand_still(
 
 
 async def test_the_banner_names_first_who_has_not_confirmed_a_stop(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await known(operator, "arm-1", "rover-1")
         realm.network.freeze(realm.members["rover-1"])
         await operator.sees("HANGS")
@@ -143,7 +143,7 @@ async def test_the_banner_names_first_who_has_not_confirmed_a_stop(realm: Realm,
         assert first < second
         realm.network.thaw(realm.members["rover-1"])
         await operator.until(lambda: "HANGS" not in operator.text, "it is awake")
-        await realm.fleet.stop("rover-1")
+        await realm.realm_client.stop("rover-1")
         await operator.until(lambda: "NOT CONFIRMED" not in operator.text, "it is settled")
         await operator.sees("PROTECTIVE STOP: arm-1, rover-1")
         await operator.press("R")
@@ -156,7 +156,7 @@ async def test_the_banner_names_first_who_has_not_confirmed_a_stop(realm: Realm,
 async def test_readings_of_a_robot_that_is_offline_are_told_with_their_age(
     realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async with operate(realm.fleet, size=(120, 40)) as operator:
+    async with operate(realm.realm_client, size=(120, 40)) as operator:
         await known(operator, "arm-1")
         operator.app.choose("arm-1")
         await operator.sees("z 0.400 m")
@@ -174,7 +174,7 @@ async def test_readings_of_a_robot_that_is_offline_are_told_with_their_age(
 async def test_the_last_picture_of_a_view_that_leaves_is_kept_until_it_is_back(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet, size=(120, 40)) as operator:
+    async with operate(realm.realm_client, size=(120, 40)) as operator:
         await known(operator, "arm-1")
         picture = operator.one(PictureView, "#picture-box PictureView")
         await operator.until(lambda: picture.frames > 0, "a picture")
@@ -193,7 +193,7 @@ async def test_the_last_picture_of_a_view_is_kept_with_its_age(
     realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch, *, silent: bool
 ) -> None:
     works = realm.cell.look
-    async with operate(realm.fleet, size=(120, 40)) as operator:
+    async with operate(realm.realm_client, size=(120, 40)) as operator:
         await known(operator, "arm-1")
         operator.app.choose("arm-1")
         picture = operator.one(PictureView, "#picture-box PictureView")
@@ -221,8 +221,8 @@ async def _broken(*_: object) -> bytes:
 
 async def test_a_lost_child_that_is_back_is_offered_to_be_bound_again(realm: Realm, operate: Operate) -> None:
     await realm.create("move_to.py", "mover")
-    await realm.fleet.enslave("mover", "arm", "arm-1")
-    async with operate(realm.fleet) as operator:
+    await realm.realm_client.enslave("mover", "arm", "arm-1")
+    async with operate(realm.realm_client) as operator:
         await known(operator, "mover", "arm-1")
         operator.app.choose("mover")
         realm.network.kill(realm.members["arm-1"])
@@ -239,7 +239,7 @@ async def test_a_lost_child_that_is_back_is_offered_to_be_bound_again(realm: Rea
 async def test_marked_robots_are_cancelled_and_deleted_together(realm: Realm, operate: Operate) -> None:
     for name in ("a-1", "a-2", "a-10"):
         await realm.create("move_to.py", name)
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await known(operator, "a-1", "a-2", "a-10")
         assert operator.one(RobotTable).names[:3] == ["a-1", "a-2", "a-10"], "in natural order"
         await operator.press("home", "m", "m")
@@ -255,9 +255,9 @@ async def test_marked_robots_are_cancelled_and_deleted_together(realm: Realm, op
 
 
 async def test_the_list_is_sorted_by_key(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await known(operator, "arm-1", "rover-1")
-        await realm.fleet.stop("rover-1")
+        await realm.realm_client.stop("rover-1")
         await operator.press("S", "S", "S", "S")
         await operator.sees("robots by state")
         await operator.until(
@@ -268,7 +268,7 @@ async def test_the_list_is_sorted_by_key(realm: Realm, operate: Operate) -> None
 
 
 async def test_the_log_has_a_level_and_a_filter_of_its_own(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await known(operator, "arm-1")
         await operator.obey("call arm-1.get_info")
         await operator.press("escape")
@@ -300,9 +300,9 @@ async def test_every_status_has_a_sign() -> None:
 async def test_on_a_slow_line_there_are_no_pictures_and_other_statuses_come_at_once(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet, calm=True) as operator:
+    async with operate(realm.realm_client, calm=True) as operator:
         await known(operator, "arm-1", "rover-1")
-        await realm.fleet.stop("rover-1")
+        await realm.realm_client.stop("rover-1")
         await operator.sees("■ stopped", "PROTECTIVE STOP: rover-1")
         assert realm.cell.looks == []
         await operator.press("v")

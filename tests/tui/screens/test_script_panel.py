@@ -58,8 +58,8 @@ async def led(realm: Realm, folder: Path) -> None:
     await realm.robot(Butler("james"))
     file = folder / "doorman.yaml"
     await asyncio.to_thread(file.write_text, COUNTS)
-    await realm.fleet.create(str(file), "doorman")
-    await realm.fleet.enslave("doorman", "robot", "james")
+    await realm.realm_client.create(str(file), "doorman")
+    await realm.realm_client.enslave("doorman", "robot", "james")
 
 
 def chosen_command(page: PanelPage) -> str:
@@ -73,15 +73,15 @@ async def test_the_panel_of_a_script_opens_at_its_start_and_shows_its_facts_and_
 ) -> None:
     monkeypatch.setattr(panels, "GLANCE", 0.1)
     await led(realm, tmp_path)
-    async with operate(realm.fleet, size=(130, 50)) as operator:
+    async with operate(realm.realm_client, size=(130, 50)) as operator:
         page = await open_panel(operator, "doorman")
         await operator.until(lambda: chosen_command(page) == "start", "the command that it begins with")
         await operator.sees("rules", "ready", "it is not started")
-        await realm.fleet.tell("doorman", "start", {}, deadline=60.0)
+        await realm.realm_client.tell("doorman", "start", {}, deadline=60.0)
         await operator.sees("active", "count: {guests: 0}", "fired (0)")
-        await realm.fleet.call("doorman", "bell", {"who": "Anna"})
+        await realm.realm_client.call("doorman", "bell", {"who": "Anna"})
         await operator.sees("count: {guests: 1}", "greet")
-        await realm.fleet.release("doorman", "robot")
+        await realm.realm_client.release("doorman", "robot")
         await operator.sees("it has ended", "released")
 
 
@@ -102,7 +102,7 @@ async def test_a_role_is_chosen_on_the_screen_and_the_present_one_is_marked(
 ) -> None:
     robot = Butler("james")
     await realm.robot(robot)
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         dialog = await choose_role(operator, "james")
         await operator.sees("Which role does james play from its next act on?", "neutral  now", "child")
         options = dialog.query_one(OptionList)
@@ -125,14 +125,14 @@ async def test_the_role_of_a_led_robot_is_changed_through_its_script(
     realm: Realm, operate: Operate, tmp_path: Path
 ) -> None:
     await led(realm, tmp_path)
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.obey("role james child")
         await operator.sees("james plays child from its next act on")
-        assert (await realm.fleet.describe("james")).attributes["role"] == "child"
+        assert (await realm.realm_client.describe("james")).attributes["role"] == "child"
 
 
 async def test_a_robot_without_roles_says_so(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         table = operator.one(RobotTable)
         await operator.until(lambda: "arm-1" in table.names, "arm-1")
         await operator.press("home")

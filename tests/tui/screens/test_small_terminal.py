@@ -38,7 +38,7 @@ def test_what_has_no_room_in_the_line_of_keys_is_left_out_whole_but_for_help() -
 async def test_another_size_is_drawn_at_once_and_not_with_the_next_tick(
     realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.until(lambda: "x" in operator.app.store.readings("arm-1"), "its readings")
         await operator.until(lambda: "arm-1" in operator.app.store.descriptions, "its description")
         monkeypatch.setattr(page, "TICK", 1e6)
@@ -60,7 +60,7 @@ async def test_another_size_is_drawn_at_once_and_not_with_the_next_tick(
 
 
 async def test_help_is_in_the_line_of_keys_however_small_the_terminal(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet, size=(50, 15)) as operator:
+    async with operate(realm.realm_client, size=(50, 15)) as operator:
         for width in (50, 40, 120, 80):
             await operator.resize(width, 24)
             await operator.until(lambda: "? Help" in operator.text.splitlines()[-1], f"help at {width}")
@@ -72,8 +72,8 @@ async def test_help_is_in_the_line_of_keys_however_small_the_terminal(realm: Rea
 async def test_the_answers_to_a_question_can_be_read_in_a_small_terminal(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet, size=SMALL) as operator:
-        await realm.fleet.stop(None)
+    async with operate(realm.realm_client, size=SMALL) as operator:
+        await realm.realm_client.stop(None)
         await operator.sees("PROTECTIVE STOP")
         await operator.press("R")
         await operator.at(Confirm)
@@ -83,7 +83,7 @@ async def test_the_answers_to_a_question_can_be_read_in_a_small_terminal(
 async def test_a_panel_has_its_form_below_the_commands_in_a_small_terminal(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet, size=SMALL) as operator:
+    async with operate(realm.realm_client, size=SMALL) as operator:
         store = operator.app.store
         await operator.until(lambda: "arm-1" in store.descriptions, "its description")
         await operator.until(lambda: store.state("arm-1") is not None, "its state")
@@ -98,7 +98,7 @@ async def test_a_panel_has_its_form_below_the_commands_in_a_small_terminal(
 
 
 async def test_no_hint_of_a_form_is_cut_in_a_narrow_terminal(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet, size=(50, 15)) as operator:
+    async with operate(realm.realm_client, size=(50, 15)) as operator:
         store = operator.app.store
         await operator.until(lambda: "arm-1" in store.descriptions, "its description")
         await operator.until(lambda: store.state("arm-1") is not None, "its state")
@@ -118,7 +118,7 @@ def test_the_first_words_of_an_empty_realm_fit_into_a_narrow_terminal() -> None:
 async def test_the_keys_of_tele_operation_have_a_small_terminal_to_themselves(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet, size=SMALL) as operator:
+    async with operate(realm.realm_client, size=SMALL) as operator:
         await operator.until(lambda: "arm-1" in operator.app.store.descriptions, "its description")
         operator.app.open_teleoperation(operator.app.store.descriptions["arm-1"])
         page = await operator.at(TeleopPage)
@@ -131,7 +131,7 @@ async def test_tele_operation_tells_what_it_does_however_many_readings_there_are
 ) -> None:
     more = {**realm.arm.readings(), **{f"joint-{number}": 0.5 for number in range(20)}}
     realm.arm.readings = lambda: more  # type: ignore[method-assign]
-    async with operate(realm.fleet, size=(80, 24)) as operator:
+    async with operate(realm.realm_client, size=(80, 24)) as operator:
         store = operator.app.store
         await operator.until(lambda: "arm-1" in store.descriptions, "its description")
         await operator.until(lambda: "joint-19" in store.readings("arm-1"), "its readings")
@@ -143,7 +143,7 @@ async def test_tele_operation_tells_what_it_does_however_many_readings_there_are
 async def test_an_error_is_told_to_its_end_where_one_line_is_too_short(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet, size=(80, 24)) as operator:
+    async with operate(realm.realm_client, size=(80, 24)) as operator:
         operator.app.tell(f"the stop is confirmed by {', '.join(['arm-1'] * 12)} but NOT by rover-1", "error")
         await operator.sees("the stop is confirmed by", "NOT by rover-1", "? Help")
         operator.app.tell("calm again", "good")
@@ -154,7 +154,7 @@ async def test_an_error_is_told_to_its_end_where_one_line_is_too_short(
 async def test_another_page_shows_what_happened_last_and_how_much_more(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet, size=(80, 24)) as operator:
+    async with operate(realm.realm_client, size=(80, 24)) as operator:
         await operator.press("n")
         await operator.at(NewPage)
         for number in range(4):
@@ -167,7 +167,7 @@ async def test_another_page_shows_what_happened_last_and_how_much_more(
 
 
 async def test_ctrl_c_says_what_leaves_and_covers_nothing(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.press("ctrl+c")
         await operator.sees("ctrl+q leaves; ctrl+s stops every robot")
         assert "Do you want to quit" not in operator.text

@@ -30,7 +30,7 @@ async def test_a_stop_of_the_robots_own_is_on_every_page_until_it_is_released(
     realm: Realm, operate: Operate
 ) -> None:
     agent = await realm.robot(Braked("a-braked-one"))
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.sees("PROTECTIVE STOP: a-braked-one", "■ stopped", REASON)
         await operator.press("t")
         await operator.sees("■ stopped")

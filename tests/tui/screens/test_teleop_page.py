@@ -15,7 +15,7 @@ from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.cameras import Cameras
 from robotree.tui.screen.widgets.picture import PictureView
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 
 if TYPE_CHECKING:
     from screens.conftest import Operate, Operator
@@ -43,7 +43,7 @@ async def moved(operator: Operator, page: TeleopPage) -> None:
 
 
 async def test_every_axis_is_jogged_by_its_keys_in_both_directions(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         page = await sit_at(operator)
         for keys, axis, change in (
             (("up", "up"), "x", 0.02),
@@ -62,7 +62,7 @@ async def test_every_axis_is_jogged_by_its_keys_in_both_directions(realm: Realm,
 
 
 async def test_the_step_can_be_changed_within_bounds(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         page = await sit_at(operator)
         await operator.sees("step 10 mm · 10°")
         await operator.press("plus", "plus", "plus", "plus")
@@ -75,7 +75,7 @@ async def test_the_step_can_be_changed_within_bounds(realm: Realm, operate: Oper
 
 
 async def test_five_quick_jogs_of_10_mm_move_50_mm(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         page = await sit_at(operator)
         realm.arm.pace = 0.05
         operator.burst(UP * 5)
@@ -86,7 +86,7 @@ async def test_five_quick_jogs_of_10_mm_move_50_mm(realm: Realm, operate: Operat
 
 
 async def test_what_quick_jogs_drop_is_told(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         page = await sit_at(operator)
         realm.arm.under_way = True
         operator.burst(UP * 8)
@@ -102,7 +102,7 @@ async def test_the_state_stands_on_top_and_a_robot_that_is_held_back_says_how_sh
     realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     readings = realm.arm.readings
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         page = await sit_at(operator)
         assert page.query_one("#state").region.y <= 1
         assert page.query_one("#state").region.width == 120, "the whole width"
@@ -118,7 +118,7 @@ async def test_the_state_stands_on_top_and_a_robot_that_is_held_back_says_how_sh
 async def test_a_pressed_key_is_lit_for_a_moment_and_the_step_is_remembered(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         page = await sit_at(operator)
         await operator.press("minus", "left")
         lit = [str(one.label) for one in page.query(".-lit").results(Button)]
@@ -131,7 +131,7 @@ async def test_a_pressed_key_is_lit_for_a_moment_and_the_step_is_remembered(
 
 
 async def test_c_cancels_and_the_arm_holds_where_it_is(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         page = await sit_at(operator)
         realm.arm.under_way = True
         await operator.press("up", "up")
@@ -144,7 +144,7 @@ async def test_c_cancels_and_the_arm_holds_where_it_is(realm: Realm, operate: Op
 
 
 async def test_hasty_keys_become_few_movements_on_a_leash(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         page = await sit_at(operator)
         realm.arm.pace = 0.05
         await operator.press(*["up"] * 12)
@@ -154,7 +154,7 @@ async def test_hasty_keys_become_few_movements_on_a_leash(realm: Realm, operate:
 
 
 async def test_the_gripper_opens_and_closes(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await sit_at(operator)
         await operator.press("O")
         await operator.until(lambda: realm.arm.width == 0.0, "closed")
@@ -163,7 +163,7 @@ async def test_the_gripper_opens_and_closes(realm: Realm, operate: Operate) -> N
 
 
 async def test_buttons_do_what_their_keys_do(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         page = await sit_at(operator)
         await operator.click(".jog")
         await moved(operator, page)
@@ -171,7 +171,7 @@ async def test_buttons_do_what_their_keys_do(realm: Realm, operate: Operate) -> 
 
 
 async def test_forces_place_and_picture_stand_beside_the_keys(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await sit_at(operator)
         await operator.sees("x 0.350", "fz", "-20.0 N", "█", "grip    80 mm", "cell / cell", "▀▀▀")
         await operator.press("v")
@@ -185,14 +185,14 @@ async def test_forces_place_and_picture_stand_beside_the_keys(realm: Realm, oper
 async def test_a_refusal_is_shown_and_the_next_step_starts_where_the_arm_is(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         page = await sit_at(operator)
         await operator.press("space")
         await operator.sees("PROTECTIVE STOP")
         await operator.press("up")
         await operator.until(lambda: bool(page._refusal), "a refusal")
         assert page.jog.target is None
-        await realm.fleet.resume(None)
+        await realm.realm_client.resume(None)
         await operator.press("up")
         await operator.until(lambda: realm.arm.pose["x"] == pytest.approx(0.36), "it moves again")
         await operator.until(lambda: not page._refusal, "the refusal is over")
@@ -202,8 +202,8 @@ async def test_a_virtual_robot_that_exposes_an_arm_is_tele_operated_through_it(
     realm: Realm, operate: Operate
 ) -> None:
     await realm.create("teleop.py", "teleop")
-    await realm.fleet.enslave("teleop", "arm", "arm-1")
-    async with operate(realm.fleet) as operator:
+    await realm.realm_client.enslave("teleop", "arm", "arm-1")
+    async with operate(realm.realm_client) as operator:
         page = await sit_at(operator, "teleop")
         await operator.press("up")
         await moved(operator, page)
@@ -213,7 +213,7 @@ async def test_a_virtual_robot_that_exposes_an_arm_is_tele_operated_through_it(
 async def test_a_robot_that_vanishes_under_the_keys_is_told_and_breaks_nothing(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         page = await sit_at(operator)
         realm.network.kill(realm.members["arm-1"])
         await operator.press("up", "O", "pageup")
@@ -223,7 +223,7 @@ async def test_a_robot_that_vanishes_under_the_keys_is_told_and_breaks_nothing(
 
 
 async def test_only_robots_that_can_be_tele_operated_are(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.until(lambda: "rover-1" in operator.app.store.descriptions)
         operator.app.ask_for("panel", Place("rover-1"))
         await operator.at(PanelPage)
@@ -237,7 +237,7 @@ async def test_without_readings_the_arm_is_asked_where_it_is(
     realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(type(realm.arm), "readings", lambda _: {})
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
         operator.app.open_teleoperation(operator.app.store.descriptions["arm-1"])
         page = await operator.at(TeleopPage)
@@ -245,4 +245,4 @@ async def test_without_readings_the_arm_is_asked_where_it_is(
         await operator.press("up")
         await moved(operator, page)
         assert realm.arm.pose["x"] == pytest.approx(0.36)
-        assert isinstance(operator.app.fleet, Fleet)
+        assert isinstance(operator.app.realm_client, RealmClient)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 async def test_a_verb_of_the_shell_says_what_to_type_there(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         for line in ("run 'my day.session'", "watch arm-1", "wire", "wire ping --connect tcp:127.0.0.1:5760"):
             await operator.obey(line)
             await operator.sees("it is for a shell:")
@@ -23,7 +23,7 @@ async def test_a_verb_of_the_shell_says_what_to_type_there(realm: Realm, operate
 
 
 async def test_a_name_that_nobody_has_is_refused_before_a_dialog_asks(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         for line, says in (
             ("delete nobody", "no robot named 'nobody' is running"),
             ("delete a/b", "'a/b' cannot be a name"),
@@ -39,7 +39,7 @@ async def test_a_name_that_nobody_has_is_refused_before_a_dialog_asks(realm: Rea
 
 
 async def test_who_may_only_look_has_keys_that_look_and_the_stop(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet, readonly=True) as operator:
+    async with operate(realm.realm_client, readonly=True) as operator:
         await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
         page = operator.app.main
         await operator.sees("realm test (read-only)")

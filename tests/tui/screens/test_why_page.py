@@ -30,8 +30,8 @@ async def test_w_tells_who_had_the_selected_robot_move_and_h_what_it_did(
         found = [ARM, ARM] if request.robot and not request.last else [TEAM, ARM]
         return {"h1": EventsRead(events=tuple(NumberedEvent(*one) for one in enumerate(found, 1)))}
 
-    monkeypatch.setattr(realm.fleet, "read_events", read_events)
-    async with operate(realm.fleet) as operator:
+    monkeypatch.setattr(realm.realm_client, "read_events", read_events)
+    async with operate(realm.realm_client) as operator:
         await operator.sees("arm-1")
         operator.app.choose("arm-1")
         await operator.press("W")
@@ -43,7 +43,7 @@ async def test_w_tells_who_had_the_selected_robot_move_and_h_what_it_did(
 
 
 async def test_of_a_robot_of_which_nothing_is_kept_the_screen_says_so(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.sees("arm-1")
         operator.app.choose("arm-1")
         await operator.press("W")

@@ -37,7 +37,7 @@ async def test_without_colours_the_stop_and_the_selected_robot_are_reversed(
     realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("NO_COLOR", "1")
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.realm_client) as operator:
         await operator.until(lambda: "rover-1" in operator.app.store.descriptions, "it is known")
         operator.app.choose("rover-1")
         await operator.until(lambda: operator.one(RobotTable).selected == "rover-1", "the cursor")

@@ -16,7 +16,7 @@ from robotree.vr import Child, Children, VirtualRobot, command
 from robotree.vr.base.description import SlotSpec, lacking
 from robotree.vr.base.errors import GroupFull, NoSuchSlot, SlotEmpty
 from robotree.vr.core.bonds import Slots
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from tests.vr.core.conftest import Realm, refusal
 from tests.vr.core.crew import Rover
 
@@ -49,12 +49,12 @@ class Team(VirtualRobot):
 
 async def typed(realm: Realm, line: str) -> Any:
     """Carry out a line as the prompt, the command line and a session do."""
-    fleet = Fleet(realm.operator)
-    await fleet.start()
+    realm_client = RealmClient(realm.operator)
+    await realm_client.start()
     try:
-        return await carry_out(fleet, parse(split(line), shapes(Where.PROMPT), {}), Silent())
+        return await carry_out(realm_client, parse(split(line), shapes(Where.PROMPT), {}), Silent())
     finally:
-        await fleet.close()
+        await realm_client.close()
 
 
 async def team(realm: Realm, rovers: int) -> tuple[Any, ...]:

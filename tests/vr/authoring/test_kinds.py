@@ -169,7 +169,7 @@ async def test_the_interface_of_a_living_robot_is_a_kind(
     painter = await realm.start(Painter("painter"))
 
     class One:
-        """A fleet of one robot."""
+        """A realm client of one robot."""
 
         async def describe(self, _name: str) -> RobotDescription:
             return painter.description()

@@ -79,7 +79,7 @@ class Above(VirtualRobot):
         self.slow.work(within=1)
 
 
-class Fleet(VirtualRobot):
+class RealmClient(VirtualRobot):
     """Rovers that move together."""
 
     rovers = Children("Rover", least=0)
@@ -151,14 +151,14 @@ def test_a_limit_that_is_no_time_is_refused_with_the_line() -> None:
 
 
 def test_all_of_a_group_move_at_the_same_time() -> None:
-    team = rehearse(Fleet, rovers=[Fake(Rover, takes=1.0), Fake(Rover, takes=1.0)])
+    team = rehearse(RealmClient, rovers=[Fake(Rover, takes=1.0), Fake(Rover, takes=1.0)])
     before = team.now
     assert team.call("advance") == 2
     assert team.now - before < 1.5
 
 
 def test_the_first_of_a_group_that_fails_cancels_the_others() -> None:
-    team = rehearse(Fleet, rovers=[Fake(Rover, takes=20.0), Fake(Rover).refuse("move", why="stuck")])
+    team = rehearse(RealmClient, rovers=[Fake(Rover, takes=20.0), Fake(Rover).refuse("move", why="stuck")])
     before = team.now
     with pytest.raises(CommandFailed, match="stuck"):
         team.call("advance")

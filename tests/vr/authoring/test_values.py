@@ -207,13 +207,13 @@ async def test_a_result_that_is_none_of_those_promised_is_refused_with_its_place
 async def test_a_picture_is_saved_from_the_command_line(realm: Realm, tmp_path: Path) -> None:
     painter = await realm.start(Painter("painter"))
     painter.robot.gives = JPEG  # type: ignore[attr-defined]
-    fleet: Any = realm.client(painter)
+    realm_client: Any = realm.client(painter)
 
     class One:
-        """A fleet of one robot."""
+        """A realm client of one robot."""
 
         async def call(self, _name: str, command: str, given: Any, **_: Any) -> Any:
-            return await fleet.call(command, given)
+            return await realm_client.call(command, given)
 
     line = Line(
         "call", {"ROBOT.COMMAND": "painter.snap", "--within": "5s", "--save": str(tmp_path / "a.jpg")}

@@ -24,7 +24,7 @@ from robotree.vr.lookup.service import LookupService
 from robotree.vr.running import frame
 from robotree.vr.running.process import Process
 from robotree.vr.running.runner import Runner, Threads
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
 from robotree.vr.world.virtual_loop import VirtualLoop
 from robotree.vr.world.virtual_runner import VirtualRunner
@@ -145,11 +145,11 @@ async def realm() -> AsyncIterator[Realm]:
 
 
 @pytest.fixture
-async def fleet(realm: Realm) -> AsyncIterator[Fleet]:
-    fleet = Fleet(realm.network.join("supervisor"))
-    await fleet.start()
-    yield fleet
-    await fleet.close()
+async def realm_client(realm: Realm) -> AsyncIterator[RealmClient]:
+    realm_client = RealmClient(realm.network.join("supervisor"))
+    await realm_client.start()
+    yield realm_client
+    await realm_client.close()
 
 
 @pytest.fixture(params=["a process each", "one process"])

@@ -12,7 +12,7 @@ from robotree.vr.agents.callers import LINGER
 from robotree.vr.base.errors import CommandCancelled
 from robotree.vr.base.presence import Presence
 from robotree.vr.exchange.client import RobotClient
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.network import MemoryTransport
 from tests.vr.core.crew import Rover, crew
 
@@ -23,11 +23,11 @@ class Operator:
     def __init__(self, realm: Any) -> None:
         self.realm = realm
         self.transport: MemoryTransport = realm.network.join("shell")
-        self.fleet = Fleet(self.transport)
+        self.realm_client = RealmClient(self.transport)
         self.calls: list[asyncio.Task[Any]] = []
 
     def call(self, name: str, command: str, **arguments: float) -> None:
-        self.calls.append(asyncio.create_task(self.fleet.call(name, command, arguments)))
+        self.calls.append(asyncio.create_task(self.realm_client.call(name, command, arguments)))
 
     def kill(self) -> None:
         self.realm.network.kill(self.transport)
@@ -36,12 +36,12 @@ class Operator:
 @pytest.fixture
 async def operator(realm: Any) -> AsyncIterator[Operator]:
     operator = Operator(realm)
-    await operator.fleet.start()
+    await operator.realm_client.start()
     yield operator
     for call in operator.calls:
         call.cancel()
     await asyncio.gather(*operator.calls, return_exceptions=True)
-    await operator.fleet.close()
+    await operator.realm_client.close()
 
 
 def running(*agents: Any) -> list[str]:
@@ -89,7 +89,7 @@ async def test_a_command_that_was_only_told_goes_on_without_its_caller(
     realm: Any, operator: Operator
 ) -> None:
     rover = await realm.start(Rover("rover"))
-    await operator.fleet.tell("rover", "move", {"x": 3})
+    await operator.realm_client.tell("rover", "move", {"x": 3})
     operator.kill()
     await realm.until(lambda: running(rover) == [""])
     assert rover.robot.x == pytest.approx(3)
@@ -108,7 +108,7 @@ async def test_a_caller_that_calls_again_and_again_is_watched_once_and_still_gua
 
     monkeypatch.setattr(Presence, "watch", counted)
     for _ in range(5):
-        await operator.fleet.call("rover", "move", {"x": 0.01})
+        await operator.realm_client.call("rover", "move", {"x": 0.01})
     assert len(begun) == 1
     await asyncio.sleep(2 * LINGER + 1)  # then it is forgotten
     operator.call("rover", "move", x=5)
@@ -130,7 +130,7 @@ async def test_a_caller_that_closes_in_order_leaves_nothing_running(realm: Any, 
     rover = await realm.start(Rover("rover"))
     operator.call("rover", "move", x=5)
     await realm.until(lambda: running(rover) == ["move"])
-    await operator.fleet.close()
+    await operator.realm_client.close()
     await realm.until(lambda: running(rover) == [""], within=0.2)
 
 
@@ -159,7 +159,7 @@ async def test_a_robot_that_nobody_can_reach_any_more_ends_its_motion_and_says_w
     realm: Any, operator: Operator, caplog: pytest.LogCaptureFixture
 ) -> None:
     rover = await realm.start(Rover("rover"))
-    await operator.fleet.tell("rover", "move", {"x": 5})
+    await operator.realm_client.tell("rover", "move", {"x": 5})
     await realm.until(lambda: running(rover) == ["move"])
     realm.network.unlist(rover.transport)
     await asyncio.sleep(1.0)
@@ -173,13 +173,13 @@ async def test_a_robot_that_nobody_can_reach_any_more_ends_its_motion_and_says_w
     for other in list(realm.network.members):
         if other is not rover.transport:
             realm.network.heal(rover.transport, other)
-    await realm.until(lambda: bool(operator.fleet.directory.present("robot")))
-    await operator.fleet.call("rover", "move", {"x": 0.1})
+    await realm.until(lambda: bool(operator.realm_client.directory.present("robot")))
+    await operator.realm_client.call("rover", "move", {"x": 0.1})
 
 
 async def test_a_robot_that_others_can_find_goes_on_alone(realm: Any, operator: Operator) -> None:
     rover = await realm.start(Rover("rover"))
-    await operator.fleet.tell("rover", "move", {"x": 3})
+    await operator.realm_client.tell("rover", "move", {"x": 3})
     await realm.until(lambda: running(rover) == ["move"])
     for other in list(realm.network.members):
         if other is not rover.transport:

@@ -12,7 +12,7 @@ import pytest
 from robotree.tui.seen.wording import portrait
 from robotree.vr import VirtualRobot
 from robotree.vr.base.errors import NotConfirmed
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from tests.vr.core.gate import Gate
 
 
@@ -40,14 +40,14 @@ class Valve(VirtualRobot):
 
 
 async def test_the_hook_of_a_later_stop_comes_after_that_of_an_earlier_release(
-    realm: Any, fleet: Fleet
+    realm: Any, realm_client: RealmClient
 ) -> None:
     valve = await realm.start(Valve("valve"))
-    await fleet.stop(None)
+    await realm_client.stop(None)
     valve.robot.may_open.clear()
-    resuming = asyncio.create_task(fleet.resume(None))
+    resuming = asyncio.create_task(realm_client.resume(None))
     await realm.until(lambda: "opening" in valve.robot.trace)
-    stopping = asyncio.create_task(fleet.stop(None))
+    stopping = asyncio.create_task(realm_client.stop(None))
     await asyncio.sleep(0.5)
     assert not stopping.done(), "it has not closed yet"
     valve.robot.may_open.set()
@@ -57,31 +57,33 @@ async def test_the_hook_of_a_later_stop_comes_after_that_of_an_earlier_release(
     assert valve.robot.trace == ["closed", "opening", "opened", "closed"]
 
 
-async def test_a_release_whose_hook_is_late_is_no_success_and_is_taken_back(realm: Any, fleet: Fleet) -> None:
+async def test_a_release_whose_hook_is_late_is_no_success_and_is_taken_back(
+    realm: Any, realm_client: RealmClient
+) -> None:
     valve = await realm.start(Valve("valve"))
-    await fleet.stop(None)
+    await realm_client.stop(None)
     valve.robot.may_open.clear()
     with pytest.raises(NotConfirmed, match=r"NOT by valve \(its resume has not ended\); look at"):
-        await fleet.resume(None)
+        await realm_client.resume(None)
     assert valve.description().stopped
     valve.robot.may_open.set()
     await realm.until(lambda: len(valve.robot.trace) == 4)
     assert valve.robot.trace[1:] == ["opening", "opened", "closed"]
-    assert await fleet.resume(None) == ["valve"]
+    assert await realm_client.resume(None) == ["valve"]
     assert valve.robot.trace[-1] == "opened"
 
 
 async def test_a_release_that_waits_for_a_hook_does_not_begin_after_a_later_stop(
-    realm: Any, fleet: Fleet
+    realm: Any, realm_client: RealmClient
 ) -> None:
     valve = await realm.start(Valve("valve"))
-    await fleet.stop(None)
+    await realm_client.stop(None)
     valve.robot.may_open.clear()
-    first = asyncio.create_task(fleet.resume(None))
+    first = asyncio.create_task(realm_client.resume(None))
     await realm.until(lambda: "opening" in valve.robot.trace)
-    second = asyncio.create_task(fleet.resume(None))
+    second = asyncio.create_task(realm_client.resume(None))
     await asyncio.sleep(0.2)
-    stopping = asyncio.create_task(fleet.stop(None))
+    stopping = asyncio.create_task(realm_client.stop(None))
     await asyncio.sleep(0.2)
     valve.robot.may_open.set()
     assert await stopping == ["valve"]
@@ -92,19 +94,19 @@ async def test_a_release_that_waits_for_a_hook_does_not_begin_after_a_later_stop
 
 
 async def test_a_hook_that_raises_has_confirmed_nothing(
-    realm: Any, fleet: Fleet, caplog: pytest.LogCaptureFixture
+    realm: Any, realm_client: RealmClient, caplog: pytest.LogCaptureFixture
 ) -> None:
     valve = await realm.start(Valve("valve"))
     valve.robot.fails = "safe_stop"
     with pytest.raises(
         NotConfirmed, match=r"NOT by valve \(its safe_stop failed\); press the emergency stop"
     ):
-        await fleet.stop(None)
+        await realm_client.stop(None)
     assert "valve.safe_stop failed" in caplog.text
     assert "it did not close" in caplog.text
     valve.robot.fails = "resume"
     with pytest.raises(NotConfirmed, match=r"NOT by valve \(its resume failed\)"):
-        await fleet.resume(None)
+        await realm_client.resume(None)
     assert valve.description().stopped
     await realm.until(lambda: valve.robot.trace[-1] == "closed")
 
@@ -116,14 +118,16 @@ async def test_hooks_that_nobody_would_run_are_refused_when_the_class_is_made() 
         type("Waits", (VirtualRobot,), {"safe_stop": wait})
 
 
-async def test_what_a_hook_returns_to_wait_for_is_no_confirmation(realm: Any, fleet: Fleet) -> None:
+async def test_what_a_hook_returns_to_wait_for_is_no_confirmation(
+    realm: Any, realm_client: RealmClient
+) -> None:
     class Returns(VirtualRobot):
         def safe_stop(self, reason: str) -> Awaitable[None] | None:  # noqa: ARG002 # it only returns
             return asyncio.sleep(0)
 
     await realm.start(Returns("returns"))
     with pytest.raises(NotConfirmed, match=r"NOT by returns \(its safe_stop failed\)"):
-        await fleet.stop(None)
+        await realm_client.stop(None)
 
 
 class Boiler(VirtualRobot):
@@ -141,7 +145,7 @@ class Boiler(VirtualRobot):
 
 
 async def test_a_hook_that_fails_is_in_the_log_and_in_the_description_with_page_and_line(
-    realm: Any, fleet: Fleet
+    realm: Any, realm_client: RealmClient
 ) -> None:
     boiler = await realm.start(Boiler("boiler"))
     line = r"\(test_hooks\.py, line \d+\)"
@@ -156,7 +160,7 @@ async def test_a_hook_that_fails_is_in_the_log_and_in_the_description_with_page_
     )
     assert boiler.description().readings == {"heat": 1.0}
     with pytest.raises(NotConfirmed):
-        await fleet.stop(None)
+        await realm_client.stop(None)
     stop_fault = boiler.description().faults[-1]
     assert re.fullmatch(rf"safe_stop failed: ValueError: the valve sticks at .* {line}", stop_fault)
     logged = [each.text for each in boiler.runtime.log.since(0) if each.level == "error"]

@@ -13,7 +13,7 @@ from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.stops import Stops
 from robotree.vr.base.errors import CommandCancelled, CommandFailed, NotConfirmed, NotInControl
 from robotree.vr.core.machine import decode_state, encode_state
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from tests.vr.core.loading import held_back
 
 
@@ -103,26 +103,26 @@ async def test_a_release_ends_no_stop_that_whoever_asked_for_it_had_not_seen(rea
 
 
 async def test_a_release_on_its_way_through_the_parent_ends_no_later_stop_of_the_child(
-    realm: Any, fleet: Fleet
+    realm: Any, realm_client: RealmClient
 ) -> None:
     carrier, rover = await pair(realm)
-    await fleet.stop(None)
+    await realm_client.stop(None)
     realm.network.delay = 0.3
     for name in (None, "carrier"):
-        resuming = asyncio.create_task(fleet.resume(name))
+        resuming = asyncio.create_task(realm_client.resume(name))
         await asyncio.sleep(0.1)
-        assert await fleet.stop("rover") == ["rover"]
+        assert await realm_client.stop("rover") == ["rover"]
         with pytest.raises(NotConfirmed, match=r"nobody but NOT by rover \(it was stopped again .*; carrier"):
             await resuming
         assert stopped(carrier, rover) == [True, True], "nor does the carrier command what is stopped"
-    assert await fleet.resume(None) == ["carrier", "rover"]
+    assert await realm_client.resume(None) == ["carrier", "rover"]
     assert stopped(carrier, rover) == [False, False]
 
 
-async def test_whoever_comes_after_the_stop_ends_it_at_once(realm: Any, fleet: Fleet) -> None:
+async def test_whoever_comes_after_the_stop_ends_it_at_once(realm: Any, realm_client: RealmClient) -> None:
     carrier, rover = await pair(realm)
-    await fleet.stop("rover")
-    newcomer = Fleet(realm.network.join("newcomer"))
+    await realm_client.stop("rover")
+    newcomer = RealmClient(realm.network.join("newcomer"))
     await newcomer.start()
     assert await newcomer.resume("carrier") == ["carrier", "rover"]
     assert stopped(carrier, rover) == [False, False]
@@ -131,7 +131,7 @@ async def test_whoever_comes_after_the_stop_ends_it_at_once(realm: Any, fleet: F
 
 @pytest.mark.parametrize("gap", [1.0 + number * 0.0037 for number in range(4, 10)])
 async def test_who_wakes_up_is_not_released_after_a_stop_by_an_older_release(
-    realm: Any, fleet: Fleet, gap: float
+    realm: Any, realm_client: RealmClient, gap: float
 ) -> None:
     realm.network.delay = 0.01
     await realm.start(Rover("awake"))
@@ -139,9 +139,9 @@ async def test_who_wakes_up_is_not_released_after_a_stop_by_an_older_release(
     await asyncio.sleep(1)
     realm.network.freeze(hanging.transport)
     await asyncio.sleep(5)
-    resuming = asyncio.create_task(fleet.resume(None))
+    resuming = asyncio.create_task(realm_client.resume(None))
     await asyncio.sleep(gap)
-    stopping = asyncio.create_task(fleet.stop(None))
+    stopping = asyncio.create_task(realm_client.stop(None))
     await asyncio.sleep(0.5)
     realm.network.thaw(hanging.transport)
     assert "hanging" in await stopping
@@ -151,20 +151,22 @@ async def test_who_wakes_up_is_not_released_after_a_stop_by_an_older_release(
     assert stopped(hanging) == [True]
 
 
-async def test_who_wakes_up_while_it_is_being_looked_for_is_not_released(realm: Any, fleet: Fleet) -> None:
+async def test_who_wakes_up_while_it_is_being_looked_for_is_not_released(
+    realm: Any, realm_client: RealmClient
+) -> None:
     """What it has been told of meanwhile nobody has seen."""
     rover = await realm.start(Rover("rover"))
-    await fleet.stop("rover")
+    await realm_client.stop("rover")
     realm.network.freeze(rover.transport)
     await asyncio.sleep(5)
     with pytest.raises(NotConfirmed, match=r"NOT by rover \(in rover, which hangs"):
-        await fleet.resume("rover")
+        await realm_client.resume("rover")
     realm.network.thaw(rover.transport)  # the news of it is on its way
     with pytest.raises(NotConfirmed, match=r"NOT by rover \(it came to sight only after that had been"):
-        await fleet.resume("rover")
+        await realm_client.resume("rover")
     assert stopped(rover) == [True]
-    await realm.until(lambda: bool(fleet.directory.present("robot")))
-    assert await fleet.resume("rover") == ["rover"]
+    await realm.until(lambda: bool(realm_client.directory.present("robot")))
+    assert await realm_client.resume("rover") == ["rover"]
 
 
 async def test_who_lost_the_right_while_it_waited_for_the_children_releases_nothing(realm: Any) -> None:
@@ -202,25 +204,27 @@ async def test_a_call_that_came_before_a_stop_does_not_begin_after_its_end(
 # -- told is what has happened ---------------------------------------------------------------------
 
 
-async def test_a_release_names_nobody_whom_no_one_has_released(realm: Any, fleet: Fleet) -> None:
+async def test_a_release_names_nobody_whom_no_one_has_released(realm: Any, realm_client: RealmClient) -> None:
     """The carrier has let the rover go, the rover has not heard of it: nobody tells it."""
     carrier, rover = await pair(realm)
-    await fleet.stop(None)
+    await realm_client.stop(None)
     realm.network.cut(carrier.transport, rover.transport)
-    freeing = asyncio.create_task(fleet.release("carrier", "rover"))
+    freeing = asyncio.create_task(realm_client.release("carrier", "rover"))
     await asyncio.sleep(0.1)
     with pytest.raises(NotConfirmed, match=r"by carrier but NOT by rover .*rover is commanded by carrier"):
-        await fleet.resume(None)
+        await realm_client.resume(None)
     assert stopped(carrier, rover) == [False, True]
     await freeing
     await realm.until(lambda: rover.description().bond is None)
-    assert await fleet.resume(None) == ["carrier", "rover"]
+    assert await realm_client.resume(None) == ["carrier", "rover"]
 
 
-async def test_a_stop_is_told_when_the_hardware_has_confirmed_it(realm: Any, fleet: Fleet) -> None:
+async def test_a_stop_is_told_when_the_hardware_has_confirmed_it(
+    realm: Any, realm_client: RealmClient
+) -> None:
     rover = await realm.start(Rover("rover"))
     rover.robot.silent = True
-    stopping = asyncio.create_task(fleet.stop(None))
+    stopping = asyncio.create_task(realm_client.stop(None))
     await realm.until(lambda: len(rover.robot.waits) == 1, within=0.1)
     await asyncio.sleep(1)
     assert not stopping.done()
@@ -229,27 +233,29 @@ async def test_a_stop_is_told_when_the_hardware_has_confirmed_it(realm: Any, fle
     assert await stopping == ["rover"]
 
 
-async def test_a_stop_that_the_hardware_does_not_confirm_is_no_success(realm: Any, fleet: Fleet) -> None:
+async def test_a_stop_that_the_hardware_does_not_confirm_is_no_success(
+    realm: Any, realm_client: RealmClient
+) -> None:
     carrier, rover = await pair(realm)
     rover.robot.silent = True
     who = r"by carrier but NOT by rover \(its controller has not confirmed it\); press the emergency stop"
     with pytest.raises(NotConfirmed, match=who):
-        await fleet.stop(None)
+        await realm_client.stop(None)
     assert [wait.cancelled() for wait in rover.robot.waits] == [True], "asked once, and nobody waits any more"
     assert stopped(carrier, rover) == [True, True]
 
 
 async def test_a_release_that_the_hardware_does_not_confirm_leaves_the_robot_stopped(
-    realm: Any, fleet: Fleet
+    realm: Any, realm_client: RealmClient
 ) -> None:
     rover = await realm.start(Rover("rover"))
-    await fleet.stop(None)
+    await realm_client.stop(None)
     rover.robot.silent = True
     with pytest.raises(NotConfirmed, match=r"NOT by rover \(its controller has not confirmed it\); look at"):
-        await fleet.resume(None)
+        await realm_client.resume(None)
     assert stopped(rover) == [True]
     rover.robot.silent = False
-    assert await fleet.resume(None) == ["rover"]
+    assert await realm_client.resume(None) == ["rover"]
     assert stopped(rover) == [False]
 
 

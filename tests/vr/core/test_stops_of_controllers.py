@@ -11,7 +11,7 @@ import pytest
 from robotree.vr import Robot, command
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.base.errors import CommandCancelled, NotConfirmed
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from tests.vr.core.loading import held_back
 
 HELD = "its controller is in safe stop"
@@ -40,17 +40,17 @@ def tell(rover: RobotAgent, halted: str) -> None:
 
 
 async def test_a_release_ends_no_stop_that_the_controller_told_of_after_it_was_asked_for(
-    realm: Any, fleet: Fleet
+    realm: Any, realm_client: RealmClient
 ) -> None:
     rover = await realm.start(Rover("rover"))
     realm.network.delay = 0.3
-    resuming = asyncio.create_task(fleet.resume("rover"))
+    resuming = asyncio.create_task(realm_client.resume("rover"))
     await asyncio.sleep(0.7)
     tell(rover, HELD)
     with pytest.raises(NotConfirmed, match=r"NOT by rover \(it was stopped again after that had been asked"):
         await resuming
     assert rover.robot.releases == [], "the controller hears of none"
-    resuming = asyncio.create_task(fleet.resume("rover"))
+    resuming = asyncio.create_task(realm_client.resume("rover"))
     await realm.until(lambda: bool(rover.robot.releases))
     tell(rover, "")
     rover.robot.releases[0].set_result(None)
@@ -101,24 +101,24 @@ async def test_a_call_that_came_before_a_stop_of_the_controller_does_not_begin_a
 
 
 async def test_a_resume_does_not_wait_for_who_is_offline_and_was_never_stopped(
-    realm: Any, fleet: Fleet
+    realm: Any, realm_client: RealmClient
 ) -> None:
     near, far = await realm.start(Rover("near")), await realm.start(Rover("far"))
     far.robot.online = False
-    await fleet.stop("near")
-    resuming = asyncio.create_task(fleet.resume(None))
+    await realm_client.stop("near")
+    resuming = asyncio.create_task(realm_client.resume(None))
     await realm.until(lambda: bool(near.robot.releases))
     near.robot.releases[0].set_result(None)
     assert await resuming == ["far", "near"]
     assert far.robot.releases == []
 
 
-async def test_a_resume_names_who_is_offline_and_stays_stopped(realm: Any, fleet: Fleet) -> None:
+async def test_a_resume_names_who_is_offline_and_stays_stopped(realm: Any, realm_client: RealmClient) -> None:
     rover = await realm.start(Rover("rover"))
-    await fleet.stop(None)
+    await realm_client.stop(None)
     rover.robot.online = False
     with pytest.raises(NotConfirmed, match=r"NOT by rover \(it is offline, and its controller has not"):
-        await fleet.resume(None)
+        await realm_client.resume(None)
 
 
 async def test_a_resume_that_meets_another_one_under_way_waits_as_well(realm: Any) -> None:

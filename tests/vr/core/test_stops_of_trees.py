@@ -12,7 +12,7 @@ from robotree.vr import Child, CommandCancelled, VirtualRobot, VrError
 from robotree.vr.base.errors import NotConfirmed, NotInControl, Stopped
 from robotree.vr.core.machine import LONGEST_QUEUE
 from robotree.vr.exchange.client import RobotClient
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from tests.vr.core.crew import Driver, Rover, crew
 from tests.vr.core.gate import Gate
 
@@ -100,19 +100,19 @@ async def test_of_thirty_levels_each_one_that_has_stopped_is_said_to_have_stoppe
 ) -> None:
     realm.network.delay = delay
     agents = await tower(realm, 30)
-    fleet = Fleet(realm.network.join("supervisor"))
-    await fleet.start()
+    realm_client = RealmClient(realm.network.join("supervisor"))
+    await realm_client.start()
     names = sorted(agent.address.name for agent in agents)
     for _ in range(10):
-        assert sorted(await fleet.stop("level-0")) == names
-        assert sorted(await fleet.resume("level-0")) == names
+        assert sorted(await realm_client.stop("level-0")) == names
+        assert sorted(await realm_client.resume("level-0")) == names
     before = [agent.description().stops for agent in agents]
-    assert sorted(await fleet.stop(None)) == names
-    assert sorted(await fleet.resume(None)) == names
+    assert sorted(await realm_client.stop(None)) == names
+    assert sorted(await realm_client.resume(None)) == names
     assert [agent.description().stops for agent in agents] == [stops + 1 for stops in before], (
         "one order is one stop, by however many ways it comes"
     )
-    await fleet.close()
+    await realm_client.close()
 
 
 async def test_the_last_of_thirty_levels_is_named_when_it_does_not_answer(realm: Any) -> None:

@@ -35,7 +35,7 @@ from robotree.vr.core.confirmation import HOPELESS
 from robotree.vr.exchange.asking import ask
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.network.local import LocalTransport
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.testing import until
 from tests.vr.network.member import BRIEF
 from tests.vr.network.processes import Start, start_all
@@ -64,29 +64,29 @@ class Carrier(VirtualRobot):
 
 
 @pytest.fixture
-async def fleet(join_realm: Enter) -> AsyncIterator[Fleet]:
-    fleet = Fleet(await join_realm())
-    await fleet.start()
-    yield fleet
-    await fleet.close()
+async def realm_client(join_realm: Enter) -> AsyncIterator[RealmClient]:
+    realm_client = RealmClient(await join_realm())
+    await realm_client.start()
+    yield realm_client
+    await realm_client.close()
 
 
-async def answer(fleet: Fleet, name: str, command: str, arguments: dict[str, Any]) -> Any:
+async def answer(realm_client: RealmClient, name: str, command: str, arguments: dict[str, Any]) -> Any:
     """Return what a robot answers that is just coming back: a result, or its refusal."""
     async with asyncio.timeout(60):
         while True:
             try:
-                return await fleet.call(name, command, arguments)
+                return await realm_client.call(name, command, arguments)
             except (TransportError, NoSuchRobot, Hanging):
                 await asyncio.sleep(0.01)
             except VrError as error:
                 return error
 
 
-async def lost(fleet: Fleet, parent: str) -> None:
+async def lost(realm_client: RealmClient, parent: str) -> None:
     """Wait until a parent knows that its child is lost."""
     async with asyncio.timeout(60):
-        while (await fleet.describe(parent)).slots[0].child is not None:  # noqa: ASYNC110 # it is asked
+        while (await realm_client.describe(parent)).slots[0].child is not None:  # noqa: ASYNC110 # it is asked
             await asyncio.sleep(0.01)
 
 
@@ -114,68 +114,68 @@ def ticking() -> Iterator[list[float]]:
 
 @pytest.mark.parametrize(("host", "term"), [("host", DEFAULT_TERM), ("brief-host", BRIEF)])
 async def test_a_frozen_parent_loses_its_child_within_the_term_and_knows_it_when_it_wakes(
-    start: Start, fleet: Fleet, tmp_path: Path, host: str, term: float
+    start: Start, realm_client: RealmClient, tmp_path: Path, host: str, term: float
 ) -> None:
     _, frozen, _ = await start_all(start, ("lookup", "l1"), (host, "h1"), ("robot", "rover"))
     (tmp_path / "carrier.py").write_text(CARRIER)
-    await until(lambda: len(fleet.robots()) == 1, "the rover is listed")
-    await fleet.create(str(tmp_path / "carrier.py"), "carrier")
-    await fleet.enslave("carrier", "rover", "rover")
-    assert await fleet.call("carrier", "move", {"x": 1.0}) == 1.0
-    bound = await fleet.describe("rover")
+    await until(lambda: len(realm_client.robots()) == 1, "the rover is listed")
+    await realm_client.create(str(tmp_path / "carrier.py"), "carrier")
+    await realm_client.enslave("carrier", "rover", "rover")
+    assert await realm_client.call("carrier", "move", {"x": 1.0}) == 1.0
+    bound = await realm_client.describe("rover")
     assert bound.bond is not None
     frozen.signal(signal.SIGSTOP)
     with ticking() as ticks:
-        while (await fleet.describe("rover")).bond is not None:  # noqa: ASYNC110 # what is asked is the law
+        while (await realm_client.describe("rover")).bond is not None:  # noqa: ASYNC110 # what is asked is the law
             await asyncio.sleep(0.01)
     assert len(ticks) * TICK < term + NOISE
-    assert await fleet.call("rover", "move", {"x": 2.0}) == 2.0, "it obeys the operator"
+    assert await realm_client.call("rover", "move", {"x": 2.0}) == 2.0, "it obeys the operator"
     frozen.signal(signal.SIGCONT)
     # it may go on with its last thought, which is refused
-    assert isinstance(await answer(fleet, "carrier", "move", {"x": 3.0}), SlotEmpty | StaleEpoch)
-    await lost(fleet, "carrier")
-    await fleet.enslave("carrier", "rover", "rover")
-    assert (await fleet.describe("rover")).epoch > bound.epoch
-    assert await fleet.call("carrier", "move", {"x": 4.0}) == 4.0
+    assert isinstance(await answer(realm_client, "carrier", "move", {"x": 3.0}), SlotEmpty | StaleEpoch)
+    await lost(realm_client, "carrier")
+    await realm_client.enslave("carrier", "rover", "rover")
+    assert (await realm_client.describe("rover")).epoch > bound.epoch
+    assert await realm_client.call("carrier", "move", {"x": 4.0}) == 4.0
 
 
 async def test_a_stop_waits_for_a_frozen_child_no_longer_than_for_any_frozen_robot(
-    start: Start, fleet: Fleet, tmp_path: Path
+    start: Start, realm_client: RealmClient, tmp_path: Path
 ) -> None:
     _, _, frozen = await start_all(start, ("lookup", "l1"), ("host", "h1"), ("robot", "rover"))
     (tmp_path / "carrier.py").write_text(CARRIER)
-    await until(lambda: len(fleet.robots()) == 1, "the rover is listed")
-    await fleet.create(str(tmp_path / "carrier.py"), "carrier")
-    await fleet.enslave("carrier", "rover", "rover")
+    await until(lambda: len(realm_client.robots()) == 1, "the rover is listed")
+    await realm_client.create(str(tmp_path / "carrier.py"), "carrier")
+    await realm_client.enslave("carrier", "rover", "rover")
     await frozen.freeze()
     withheld, began = Withheld(os.getpid()), time.monotonic()
     with pytest.raises(NotConfirmed, match="confirmed by carrier but NOT by rover"):
-        await fleet.stop(None)
+        await realm_client.stop(None)
     took = time.monotonic() - began
     assert took > HOPELESS, "each has its time"  # what the machine withheld is a part of it
     assert took - withheld.seconds < 2 * HOPELESS, "the parent of a frozen child takes none more"
     waking = asyncio.get_running_loop().call_later(HOPELESS / 2, frozen.signal, signal.SIGCONT)
-    assert {*await fleet.stop(None)} == {"carrier", "rover"}, "who wakes in time is waited for"
+    assert {*await realm_client.stop(None)} == {"carrier", "rover"}, "who wakes in time is waited for"
     waking.cancel()
 
 
 async def test_what_a_killed_parent_has_begun_ends_at_once(
-    start: Start, fleet: Fleet, tmp_path: Path
+    start: Start, realm_client: RealmClient, tmp_path: Path
 ) -> None:
     _, host, _ = await start_all(start, ("lookup", "l1"), ("host", "h1"), ("robot", "rover"))
     (tmp_path / "carrier.py").write_text(CARRIER)
-    await until(lambda: len(fleet.robots()) == 1, "the rover is listed")
-    await fleet.create(str(tmp_path / "carrier.py"), "carrier")
-    await fleet.enslave("carrier", "rover", "rover")
-    await fleet.tell("carrier", "wait", {})
-    while (await fleet.describe("rover")).busy != "wait":  # noqa: ASYNC110 # what is asked is the condition
+    await until(lambda: len(realm_client.robots()) == 1, "the rover is listed")
+    await realm_client.create(str(tmp_path / "carrier.py"), "carrier")
+    await realm_client.enslave("carrier", "rover", "rover")
+    await realm_client.tell("carrier", "wait", {})
+    while (await realm_client.describe("rover")).busy != "wait":  # noqa: ASYNC110 # what is asked is the condition
         await asyncio.sleep(0.01)
     with ticking() as ticks:
         host.signal(signal.SIGKILL)
-        while (await fleet.describe("rover")).busy:  # noqa: ASYNC110 # what is asked is the law
+        while (await realm_client.describe("rover")).busy:  # noqa: ASYNC110 # what is asked is the law
             await asyncio.sleep(0.01)
     assert len(ticks) * TICK < NOISE
-    assert await fleet.call("rover", "move", {"x": 1.0}) == 1.0
+    assert await realm_client.call("rover", "move", {"x": 1.0}) == 1.0
 
 
 @contextmanager

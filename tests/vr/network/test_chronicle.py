@@ -76,17 +76,17 @@ def test_what_two_services_saw_is_one_line_and_what_a_robot_said_twice_is_two() 
     assert merged(said) == said
 
 
-async def test_the_fleet_remembers_by_whom_a_robot_was_created_stopped_and_deleted(tmp_path: Path) -> None:
+async def test_the_realm_remembers_by_whom_a_robot_was_created_stopped_and_deleted(tmp_path: Path) -> None:
     world = World(tmp_path)
     await world.open()
     try:
         with sitting_at("pts/3"):
             await world.create("carrier")
-            await world.fleet.stop(None)
-            await world.fleet.resume(None)
-            await world.fleet.delete("carrier")
+            await world.realm_client.stop(None)
+            await world.realm_client.resume(None)
+            await world.realm_client.delete("carrier")
         await until(lambda: not world.host.agents, "it has ended")
-        history = [one.line for one in await world.fleet.read_history() if one.name == "carrier"]
+        history = [one.line for one in await world.realm_client.read_history() if one.name == "carrier"]
         texts = [line.text for line in history]
         assert texts[0].startswith("carrier (robot")
         assert texts[0].endswith(") has come")

@@ -13,7 +13,7 @@ import pytest
 
 from robotree.files.forks import CODE
 from robotree.vr.network.local import LocalTransport
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.promises import until
 from tests.vr.network.processes import Process, Start
 
@@ -159,17 +159,17 @@ async def call(
     assert host.process.returncode is None
     rover = await start("robot", "rover")
     await rover.ready()
-    fleet = Fleet(await join_realm())
-    await fleet.start()
+    realm_client = RealmClient(await join_realm())
+    await realm_client.start()
     (tmp_path / "forker.py").write_text(PAGE)
-    await fleet.create(str(tmp_path / "forker.py"), "forker")
-    await fleet.enslave("forker", "rover", "rover")
+    await realm_client.create(str(tmp_path / "forker.py"), "forker")
+    await realm_client.enslave("forker", "rover", "rover")
 
     async def call(command: str, **arguments: object) -> Any:
-        return await fleet.call("forker", command, arguments, deadline=30)
+        return await realm_client.call("forker", command, arguments, deadline=30)
 
     yield call
-    await fleet.close()
+    await realm_client.close()
 
 
 @pytest.mark.parametrize("way", BACK)

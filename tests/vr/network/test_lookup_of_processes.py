@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from robotree.vr.network.local import LocalTransport
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.promises import PROMISED_WITHIN
 from robotree.vr.world.testing import until
 from tests.vr.network.processes import Start, start_all
@@ -25,12 +25,12 @@ class Carrier(VirtualRobot):
 
 
 class Onlooker:
-    """A fleet, and what it was told."""
+    """A realm_client, and what it was told."""
 
-    def __init__(self, fleet: Fleet) -> None:
-        self.fleet = fleet
+    def __init__(self, realm_client: RealmClient) -> None:
+        self.realm_client = realm_client
         self.told: list[str] = []
-        fleet.directory.on_change(
+        realm_client.directory.on_change(
             lambda change: (
                 self.told.append(f"{change.kind} {change.listing.name}") if change.listing else None
             )
@@ -38,42 +38,42 @@ class Onlooker:
 
     @property
     def names(self) -> list[str]:
-        return [listing.name for listing in self.fleet.robots()]
+        return [listing.name for listing in self.realm_client.robots()]
 
 
 @pytest.fixture
 async def onlooker(join_realm: Callable[[], Awaitable[LocalTransport]]) -> AsyncIterator[Onlooker]:
-    fleet = Fleet(await join_realm())
-    onlooker = Onlooker(fleet)
-    await fleet.start()
+    realm_client = RealmClient(await join_realm())
+    onlooker = Onlooker(realm_client)
+    await realm_client.start()
     yield onlooker
-    await fleet.close()
+    await realm_client.close()
 
 
 async def test_lookups_are_killed_and_stopped_and_nobody_notices(start: Start, onlooker: Onlooker) -> None:
     *lookups, rover = await start_all(
         start, ("lookup", "l1"), ("lookup", "l2"), ("lookup", "l3"), ("robot", "rover")
     )
-    fleet = onlooker.fleet
+    realm_client = onlooker.realm_client
     await until(lambda: onlooker.told == ["arrived rover"], "a robot is listed, once")
-    await until(lambda: list(fleet.services) == ["l1", "l2", "l3"], "all three are there")
+    await until(lambda: list(realm_client.services) == ["l1", "l2", "l3"], "all three are there")
     lookups[0].signal(signal.SIGKILL)
     lookups[1].signal(signal.SIGSTOP)
-    assert await fleet.call("rover", "move", {"x": 1.0}) == 1.0
-    await until(lambda: list(fleet.services) == ["l3"], "only one is left")
+    assert await realm_client.call("rover", "move", {"x": 1.0}) == 1.0
+    await until(lambda: list(realm_client.services) == ["l3"], "only one is left")
     lookups[1].signal(signal.SIGCONT)
-    await until(lambda: list(fleet.services) == ["l2", "l3"], "the stopped one is back")
-    await fleet.directory.settled(PROMISED_WITHIN)
-    await until(lambda: not fleet.directory.remembers, "what the lost ones said is forgotten")
+    await until(lambda: list(realm_client.services) == ["l2", "l3"], "the stopped one is back")
+    await realm_client.directory.settled(PROMISED_WITHIN)
+    await until(lambda: not realm_client.directory.remembers, "what the lost ones said is forgotten")
     assert onlooker.told == ["arrived rover"]
     for lookup in lookups[1:]:
         lookup.signal(signal.SIGKILL)
-    await until(lambda: fleet.stale, "all are gone")
-    assert await fleet.call("rover", "move", {"x": 2.0}) == 2.0, "robots obey those who know them"
+    await until(lambda: realm_client.stale, "all are gone")
+    assert await realm_client.call("rover", "move", {"x": 2.0}) == 2.0, "robots obey those who know them"
     assert onlooker.names == ["rover"]
     await start_all(start, ("lookup", "l4"))
-    await until(lambda: list(fleet.services) == ["l4"], "a new one is there")
-    await until(lambda: not fleet.directory.remembers, "what the lost ones said is forgotten")
+    await until(lambda: list(realm_client.services) == ["l4"], "a new one is there")
+    await until(lambda: not realm_client.directory.remembers, "what the lost ones said is forgotten")
     assert onlooker.told == ["arrived rover"], "all have registered again before the old list was forgotten"
     rover.signal(signal.SIGKILL)
     killed = time.perf_counter()
@@ -85,20 +85,20 @@ async def test_the_child_of_a_killed_parent_is_back_within_a_second(
     start: Start, onlooker: Onlooker, tmp_path: Path
 ) -> None:
     _, host, _ = await start_all(start, ("lookup", "l1"), ("host", "h1"), ("robot", "rover"))
-    fleet = onlooker.fleet
+    realm_client = onlooker.realm_client
     source = tmp_path / "carrier.py"
     source.write_text(CARRIER)
     await until(lambda: onlooker.names == ["rover"], "the rover is listed")
-    assert (await fleet.create(str(source), "carrier")).host == "h1"
-    await fleet.enslave("carrier", "rover", "rover")
+    assert (await realm_client.create(str(source), "carrier")).host == "h1"
+    await realm_client.enslave("carrier", "rover", "rover")
     await until(lambda: onlooker.names == ["carrier"], "the parent is listed, the child is not")
-    assert await fleet.call("carrier", "move", {"x": 3.0}) == 3.0
-    assert [robot.name for robot in await fleet.tree()] == ["carrier", "rover"]
+    assert await realm_client.call("carrier", "move", {"x": 3.0}) == 3.0
+    assert [robot.name for robot in await realm_client.tree()] == ["carrier", "rover"]
     host.signal(signal.SIGKILL)
     killed = time.perf_counter()
     await until(lambda: onlooker.names == ["rover"], "the child is listed again")
     assert time.perf_counter() - killed < 1.0
-    assert await fleet.call("rover", "move", {"x": 4.0}) == 4.0
+    assert await realm_client.call("rover", "move", {"x": 4.0}) == 4.0
 
 
 async def test_members_end_in_order_when_their_tether_is_cut(start: Start, onlooker: Onlooker) -> None:
@@ -106,5 +106,5 @@ async def test_members_end_in_order_when_their_tether_is_cut(start: Start, onloo
     await until(lambda: onlooker.names == ["rover"], "the rover is listed")
     for member in members:
         assert await member.end() == (0, "")
-    await until(lambda: onlooker.fleet.stale and onlooker.names == [], "all have left")
-    assert await onlooker.fleet.hosts() == []
+    await until(lambda: onlooker.realm_client.stale and onlooker.names == [], "all have left")
+    assert await onlooker.realm_client.hosts() == []

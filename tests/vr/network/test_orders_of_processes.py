@@ -19,27 +19,27 @@ from robotree.tui.line.carrying import Silent
 from robotree.vr.base.errors import Hanging, NoSuchRobot, NotConfirmed, Stopped
 from robotree.vr.network import lean_stop
 from robotree.vr.network.local import LocalTransport, join
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.testing import until
 from tests.vr.network.processes import Start, remove
 from tests.withheld import Withheld
 
-Look = Callable[[], Awaitable[Fleet]]
+Look = Callable[[], Awaitable[RealmClient]]
 
 
 @pytest.fixture
 async def look(join_realm: Callable[[], Awaitable[LocalTransport]]) -> AsyncIterator[Look]:
     """Return a way to come into the realm and look around."""
-    fleets: list[Fleet] = []
+    realm_clients: list[RealmClient] = []
 
-    async def come() -> Fleet:
-        fleets.append(Fleet(await join_realm()))
-        await fleets[-1].start()
-        return fleets[-1]
+    async def come() -> RealmClient:
+        realm_clients.append(RealmClient(await join_realm()))
+        await realm_clients[-1].start()
+        return realm_clients[-1]
 
     yield come
-    for fleet in fleets:
-        await fleet.close()
+    for realm_client in realm_clients:
+        await realm_client.close()
 
 
 WITHOUT_A_NAME = """
@@ -67,7 +67,7 @@ class Newcomer:
         withheld, began = Withheld(os.getpid()), time.monotonic()
         transport = await join("test", root=self._root, greeting=0)
         try:
-            return sorted(await Fleet(transport).stop(name, on_late=self.late.append))
+            return sorted(await RealmClient(transport).stop(name, on_late=self.late.append))
         finally:
             self.took = time.monotonic() - began - withheld.seconds
             await transport.close()
@@ -97,21 +97,21 @@ async def test_who_comes_after_a_process_froze_knows_whom_its_stop_did_not_reach
 ) -> None:
     _, frozen = await robots(start, "awake", "frozen")
     await frozen.freeze()
-    fleet = await look()
+    realm_client = await look()
     began = time.monotonic()
     with pytest.raises(
         NotConfirmed, match=r"^the protective stop is confirmed by awake " + hangs("frozen", frozen)
     ):
-        await fleet.stop(None)
+        await realm_client.stop(None)
     assert time.monotonic() - began < 6
     with pytest.raises(Stopped):
-        await fleet.call("awake", "move", {"x": 1.0})
+        await realm_client.call("awake", "move", {"x": 1.0})
     with pytest.raises(NotConfirmed, match="confirmed by nobody " + hangs("frozen", frozen)):
-        await fleet.stop("frozen")
+        await realm_client.stop("frozen")
     with pytest.raises(NoSuchRobot):
-        await fleet.stop("nobody")
+        await realm_client.stop("nobody")
     frozen.signal(signal.SIGCONT)
-    assert list(await fleet.stop(None)) == ["awake", "frozen"]
+    assert list(await realm_client.stop(None)) == ["awake", "frozen"]
 
 
 @pytest.mark.parametrize("known", [False, True], ids=["by a newcomer", "by one that knew it before"])
@@ -120,20 +120,20 @@ async def test_a_robot_that_was_frozen_when_all_were_stopped_stops_when_it_wakes
 ) -> None:
     """The order waits in the socket of its process, also when the one who gave it has ended."""
     _, frozen = await robots(start, "awake", "frozen")
-    fleet = await look()
-    await until(lambda: len(fleet.directory.present("robot")) == 2, "both are seen")
+    realm_client = await look()
+    await until(lambda: len(realm_client.directory.present("robot")) == 2, "both are seen")
     await frozen.freeze()
-    await until(lambda: len(fleet.directory.present("robot")) == 1, "its presence is over")
+    await until(lambda: len(realm_client.directory.present("robot")) == 1, "its presence is over")
     with pytest.raises(NotConfirmed):
-        await (fleet.stop(None) if known else newcomer.stop())
+        await (realm_client.stop(None) if known else newcomer.stop())
     frozen.signal(signal.SIGCONT)
-    await until(lambda: len(fleet.directory.present("robot")) == 2, "it is seen again")
-    while not (await fleet.describe("frozen")).stopped:  # noqa: ASYNC110 # it reads the order as it wakes
+    await until(lambda: len(realm_client.directory.present("robot")) == 2, "it is seen again")
+    while not (await realm_client.describe("frozen")).stopped:  # noqa: ASYNC110 # it reads the order as it wakes
         await asyncio.sleep(0.001)
     with pytest.raises(Stopped):
-        await fleet.call("frozen", "move", {"x": 1.0})
-    assert list(await fleet.resume(None)) == ["awake", "frozen"]
-    assert await fleet.call("frozen", "move", {"x": 1.0}) == 1.0
+        await realm_client.call("frozen", "move", {"x": 1.0})
+    assert list(await realm_client.resume(None)) == ["awake", "frozen"]
+    assert await realm_client.call("frozen", "move", {"x": 1.0}) == 1.0
 
 
 @pytest.mark.parametrize("name", [None, "frozen"], ids=["all are stopped", "it is stopped by name"])
@@ -152,12 +152,14 @@ async def test_a_frozen_robot_whose_list_is_damaged_stops_when_it_wakes(
         with pytest.raises(NotConfirmed, match=f"process {frozen.process.pid} .*gone or damaged"):
             await newcomer.stop(name)
     frozen.signal(signal.SIGCONT)
-    fleet = await look()
-    await until(lambda: len(fleet.directory.present("robot")) == 2, "it is seen again")
+    realm_client = await look()
+    await until(lambda: len(realm_client.directory.present("robot")) == 2, "it is seen again")
     async with asyncio.timeout(10):
-        while not (await fleet.describe("frozen")).stopped:  # noqa: ASYNC110 # it reads the order as it wakes
+        while not (await realm_client.describe("frozen")).stopped:  # noqa: ASYNC110 # it reads the order as it wakes
             await asyncio.sleep(0.001)
-    assert (await fleet.describe("awake")).stopped == (name is None), "the other one only if it was meant"
+    assert (await realm_client.describe("awake")).stopped == (name is None), (
+        "the other one only if it was meant"
+    )
 
 
 async def test_whoever_comes_after_a_stop_ends_it_at_once(start: Start, look: Look) -> None:
@@ -174,18 +176,18 @@ async def test_whoever_comes_after_a_stop_ends_it_at_once(start: Start, look: Lo
 
 async def test_who_was_there_before_a_process_froze_knows_it_too(start: Start, look: Look) -> None:
     _, frozen = await robots(start, "awake", "frozen")
-    fleet = await look()
-    await until(lambda: len(fleet.directory.present("robot")) == 2, "both are seen")
+    realm_client = await look()
+    await until(lambda: len(realm_client.directory.present("robot")) == 2, "both are seen")
     await frozen.freeze()
     with pytest.raises(NotConfirmed, match="confirmed by awake " + hangs("frozen", frozen)):
-        await fleet.stop(None)
-    await until(lambda: len(fleet.directory.present("robot")) == 1, "its presence is over")
+        await realm_client.stop(None)
+    await until(lambda: len(realm_client.directory.present("robot")) == 1, "its presence is over")
     with pytest.raises(NotConfirmed, match="confirmed by awake " + hangs("frozen", frozen)):
-        await fleet.stop(None)
+        await realm_client.stop(None)
     frozen.signal(signal.SIGKILL)
     await frozen.process.wait()
-    assert not await fleet.hanging()
-    assert list(await fleet.stop(None)) == ["awake"], "the dead hold nothing"
+    assert not await realm_client.hanging()
+    assert list(await realm_client.stop(None)) == ["awake"], "the dead hold nothing"
 
 
 async def test_a_frozen_process_that_holds_no_robot_spoils_no_stop(start: Start, look: Look) -> None:
@@ -193,8 +195,8 @@ async def test_a_frozen_process_that_holds_no_robot_spoils_no_stop(start: Start,
     lookup = await start("lookup", "l1")
     await lookup.ready()
     lookup.signal(signal.SIGSTOP)
-    fleet = await look()
-    assert list(await fleet.stop(None)) == ["awake"]
+    realm_client = await look()
+    assert list(await realm_client.stop(None)) == ["awake"]
     lookup.signal(signal.SIGCONT)
 
 
@@ -211,14 +213,14 @@ async def test_whatever_is_asked_of_a_frozen_robot_its_process_is_named(start: S
     with pytest.raises(Hanging, match=who):  # its presence stands, until it is asked
         await watcher.describe("frozen")
     newcomer = await look()
-    for fleet in (watcher, newcomer):
+    for realm_client in (watcher, newcomer):
         questions: list[Awaitable[object]] = [
-            fleet.describe("frozen"),
-            fleet.call("frozen", "move", {"x": 1.0}),
-            fleet.cancel("frozen"),
-            fleet.release("frozen", "slot"),
-            fleet.delete("frozen"),
-            fleet.enslave("awake", "slot", "frozen"),
+            realm_client.describe("frozen"),
+            realm_client.call("frozen", "move", {"x": 1.0}),
+            realm_client.cancel("frozen"),
+            realm_client.release("frozen", "slot"),
+            realm_client.delete("frozen"),
+            realm_client.enslave("awake", "slot", "frozen"),
         ]
         for question in questions:
             with pytest.raises(Hanging, match=who):
@@ -246,21 +248,24 @@ async def test_of_thirty_levels_in_four_processes_ten_of_ten_stops_are_told_trul
 ) -> None:
     hosts = [await start("host", f"h{number}") for number in range(3)]
     await asyncio.gather(*(host.ready() for host in hosts), robots(start, "rover"))
-    fleet = await look()
+    realm_client = await look()
     (tmp_path / "level.py").write_text(LEVEL)
     names = [f"level-{number}" for number in range(30)]
     source = str(tmp_path / "level.py")
     for number in range(0, 30, 3):  # neighbours live in different processes
         await asyncio.gather(
-            *(fleet.create(source, name, f"h{at}") for at, name in enumerate(names[number : number + 3]))
+            *(
+                realm_client.create(source, name, f"h{at}")
+                for at, name in enumerate(names[number : number + 3])
+            )
         )
-    await until(lambda: len(fleet.directory.present("robot")) == 31, "all are seen")
+    await until(lambda: len(realm_client.directory.present("robot")) == 31, "all are seen")
     for parent, child in reversed(list(itertools.pairwise([*names, "rover"]))):
-        await fleet.enslave(parent, "below", child)
+        await realm_client.enslave(parent, "below", child)
     for name in ("level-0", None):
         for _ in range(10):
-            assert sorted(await fleet.stop(name)) == sorted([*names, "rover"])
-            assert sorted(await fleet.resume(name)) == sorted([*names, "rover"])
+            assert sorted(await realm_client.stop(name)) == sorted([*names, "rover"])
+            assert sorted(await realm_client.resume(name)) == sorted([*names, "rover"])
 
 
 async def test_a_newcomer_says_at_once_whom_its_stop_did_not_reach(start: Start, newcomer: Newcomer) -> None:

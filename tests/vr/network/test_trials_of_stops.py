@@ -19,7 +19,7 @@ import pytest
 
 from robotree.vr.base.errors import NotConfirmed
 from robotree.vr.network.local import LocalTransport
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from tests.vr.network.processes import Start, remove, start_all
 
 pytestmark = [pytest.mark.soak, pytest.mark.timeout(900)]
@@ -39,20 +39,20 @@ async def crew(start: Start) -> list[Any]:
 
 
 @pytest.fixture
-async def supervisor(crew: list[Any], join_realm: Join) -> AsyncIterator[Fleet]:
+async def supervisor(crew: list[Any], join_realm: Join) -> AsyncIterator[RealmClient]:
     """A supervisor that was there before."""
     assert crew
-    fleet = Fleet(await join_realm())
-    await fleet.start()
-    yield fleet
-    await fleet.close()
+    realm_client = RealmClient(await join_realm())
+    await realm_client.start()
+    yield realm_client
+    await realm_client.close()
 
 
 async def stopped(join_realm: Join, name: str | None = None) -> tuple[list[str], dict[str, str]]:
     """Stop as a newcomer; return who has confirmed it, and why the others have not."""
     transport = await join_realm()
     try:
-        return sorted(await Fleet(transport).stop(name)), {}
+        return sorted(await RealmClient(transport).stop(name)), {}
     except NotConfirmed as error:
         return error.data["told"], dict(error.data["untold"])
     finally:
@@ -60,7 +60,7 @@ async def stopped(join_realm: Join, name: str | None = None) -> tuple[list[str],
 
 
 async def test_no_freeze_of_three_and_a_half_seconds_keeps_a_stop_out(
-    crew: list[Any], supervisor: Fleet, join_realm: Join
+    crew: list[Any], supervisor: RealmClient, join_realm: Join
 ) -> None:
     """150 freezes around 3.5 s: the moment in which links over Zenoh were split for ever (decision 0015)."""
     chance = random.Random(1)
@@ -103,7 +103,7 @@ async def test_no_newcomer_that_is_paused_anywhere_keeps_a_stop_out(start: Start
 
 
 async def test_no_removed_folder_keeps_a_stop_out(
-    crew: list[Any], supervisor: Fleet, join_realm: Join
+    crew: list[Any], supervisor: RealmClient, join_realm: Join
 ) -> None:
     chance, folder = random.Random(3), Path(os.environ["XDG_RUNTIME_DIR"]) / "robotree" / "test"
     for _ in range(ROUNDS):

@@ -13,7 +13,7 @@ from robotree.vr.agents.host import Host
 from robotree.vr.base.description import RobotDescription
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.network import MemoryNetwork
 from robotree.vr.world.testing import until
 
@@ -63,7 +63,7 @@ class Window:
 
 
 class World:
-    """A network with one lookup, one host, two rovers, and a fleet that sees them."""
+    """A network with one lookup, one host, two rovers, and a realm client that sees them."""
 
     def __init__(self, path: Path) -> None:
         self.network = MemoryNetwork()
@@ -72,11 +72,11 @@ class World:
         self.lookup = LookupService(self.network.join("lookup"), "lookup-1")
         transport = self.network.join("host")
         self.host = Host(transport, "host-1", registrar=Registrar(transport))
-        self.fleet = Fleet(self.network.join("operator"))
+        self.realm_client = RealmClient(self.network.join("operator"))
         self.agents: dict[str, RobotAgent] = {}
 
     async def open(self) -> None:
-        await asyncio.gather(self.lookup.start(), self.host.start(), self.fleet.start())
+        await asyncio.gather(self.lookup.start(), self.host.start(), self.realm_client.start())
         await asyncio.gather(*(self.add(name) for name in ("r1", "r2")))
         await until(lambda: self.names == ["r1", "r2"], "the rovers are listed")
 
@@ -86,17 +86,17 @@ class World:
         await self.agents[name].start()
 
     async def create(self, name: str, wanted: str = "Carrier", host: str = "") -> RobotDescription:
-        return await self.fleet.create(str(self.source), name, host, wanted)
+        return await self.realm_client.create(str(self.source), name, host, wanted)
 
     @property
     def names(self) -> list[str]:
-        return [listing.name for listing in self.fleet.robots()]
+        return [listing.name for listing in self.realm_client.robots()]
 
     async def close(self) -> None:
         for agent in self.agents.values():
             await agent.close()
         await self.host.close()
-        await self.fleet.close()
+        await self.realm_client.close()
         await self.lookup.close()
         for transport in list(self.network.members):
             await transport.close()

@@ -48,7 +48,7 @@ def test_a_role_that_cannot_be_is_refused_in_one_sentence(sources: list[str], se
     assert sentence in str(caught.value)
 
 
-class Fleet:
+class RealmClient:
     """Robots as they describe themselves; keeps what they were asked."""
 
     def __init__(self, *robots: RobotDescription) -> None:
@@ -70,18 +70,18 @@ def robot(name: str, *commands: str, under: str = "", slot: str = "") -> RobotDe
 
 
 async def test_the_verb_reaches_a_robot_through_those_who_command_it() -> None:
-    fleet = Fleet(
+    realm_client = RealmClient(
         robot("boss", "play"),
         robot("guide", "play", under="boss", slot="team"),
         robot("companion", "play", under="guide", slot="robot"),
     )
-    outcome = await verbs.role(fleet, Line("role", {"NAME": "companion", "ROLE": "child"}), Silent())
-    assert fleet.asked == [("boss", "play", {"role": "child", "at": "team.robot"})]
+    outcome = await verbs.role(realm_client, Line("role", {"NAME": "companion", "ROLE": "child"}), Silent())
+    assert realm_client.asked == [("boss", "play", {"role": "child", "at": "team.robot"})]
     assert outcome.text == "companion plays child from its next act on"
 
 
 async def test_the_verb_names_the_file_of_a_role_that_cannot_be_learned(tmp_path: Path) -> None:
-    class Strict(Fleet):
+    class Strict(RealmClient):
         async def call(self, name: str, command: str, arguments: dict[str, str]) -> str:
             if command == "learn_role":
                 read_profile(arguments["source"], "role")
@@ -89,14 +89,16 @@ async def test_the_verb_names_the_file_of_a_role_that_cannot_be_learned(tmp_path
 
     file = tmp_path / "waiter.yaml"
     file.write_text("role: waiter\n\tinherits: butler\n")
-    fleet = Strict(robot("companion", "play", "learn_role"))
+    realm_client = Strict(robot("companion", "play", "learn_role"))
     with pytest.raises(BrokenScript, match=r"waiter.yaml:2:1: a tab cannot indent here"):
-        await verbs.role(fleet, Line("role", {"NAME": "companion", "ROLE": str(file)}), Silent())
+        await verbs.role(realm_client, Line("role", {"NAME": "companion", "ROLE": str(file)}), Silent())
 
 
 async def test_the_verb_says_who_passes_no_role_on() -> None:
-    fleet = Fleet(robot("square", "move"), robot("companion", "play", under="square", slot="robot"))
+    realm_client = RealmClient(
+        robot("square", "move"), robot("companion", "play", under="square", slot="robot")
+    )
     with pytest.raises(
         NoRoles, match="companion cannot change its role: square commands it and passes no role on"
     ):
-        await verbs.role(fleet, Line("role", {"NAME": "companion", "ROLE": "child"}), Silent())
+        await verbs.role(realm_client, Line("role", {"NAME": "companion", "ROLE": "child"}), Silent())

@@ -101,7 +101,7 @@ class PanelPage(Page):
         """Show facts, agenda and firings, live, until the panel is left."""
         while True:
             try:
-                told = str(await self.app.fleet.call(self.robot.name, "facts", {}, deadline=GLANCE))
+                told = str(await self.app.realm_client.call(self.robot.name, "facts", {}, deadline=GLANCE))
             except VrError as error:
                 told = str(error)
             self.query_one("#facts", CachedText).show(Text(told))

@@ -184,7 +184,7 @@ class TeleopPage(Page):
         if set(AXES) <= readings.keys():
             return readings
         try:
-            info = await self.app.fleet.call(self.robot.name, GET_INFO, {}, deadline=5.0)
+            info = await self.app.realm_client.call(self.robot.name, GET_INFO, {}, deadline=5.0)
         except VrError as error:
             self._tell(str(error))
             return None
@@ -215,7 +215,7 @@ class TeleopPage(Page):
     async def _ask(self, command: str, arguments: Mapping[str, Any]) -> str:
         """Have a command carried out; return why not, or nothing."""
         try:
-            await self.app.fleet.call(self.robot.name, command, arguments, deadline=MOVE_LIMIT)
+            await self.app.realm_client.call(self.robot.name, command, arguments, deadline=MOVE_LIMIT)
         except VrError as error:
             return str(error)
         return ""

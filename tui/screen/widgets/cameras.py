@@ -80,7 +80,7 @@ class Cameras(CachedText):
         found: list[tuple[str, str]] = []
         for view in views:
             try:
-                described = await self.app.fleet.describe_view(view)
+                described = await self.app.realm_client.describe_view(view)
             except VrError as error:
                 self.app.tell(str(error), "warning")
                 continue
@@ -104,7 +104,9 @@ class Cameras(CachedText):
         self._picture.show(partial(self._fetch, view, camera), f"looking through {camera or view} …")
 
     async def _fetch(self, view: str, camera: str, width: int, height: int) -> Picture:
-        return await self.app.fleet.look(view, camera=camera, width=width, height=height, quality=QUALITY)
+        return await self.app.realm_client.look(
+            view, camera=camera, width=width, height=height, quality=QUALITY
+        )
 
 
 class PictureBox(Part, Vertical):

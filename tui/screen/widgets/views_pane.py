@@ -79,7 +79,7 @@ class ViewsPane(Part, Horizontal):
         cameras = self.query_one(Cameras)
         view, _ = cameras.all[cameras.at]
         try:
-            told = await self.app.fleet.describe_view(view)
+            told = await self.app.realm_client.describe_view(view)
         except VrError as error:
             self.query_one(Readings).show(Text(str(error), tint(self.app, "error")))
             return

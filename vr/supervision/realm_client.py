@@ -81,7 +81,7 @@ _E = TypeVar("_E", State, LogLines)
 _K = TypeVar("_K", EventsRead, EventsVerified)
 
 
-class Fleet:
+class RealmClient:
     """Sees and commands all agents of a realm."""
 
     def __init__(self, transport: Transport, realm: str = "") -> None:

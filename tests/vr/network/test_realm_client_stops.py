@@ -9,7 +9,7 @@ import pytest
 
 from robotree.vr.base.errors import NotConfirmed, Stopped
 from robotree.vr.base.transport import Incoming
-from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.supervision.stop import CONFIRM
 from robotree.vr.world.testing import until
 from tests.vr.network.world import Rover, World
@@ -22,34 +22,34 @@ def stopped(world: World, name: str) -> bool:
 
 
 async def test_a_stop_reaches_everybody_the_enslaved_too(world: World) -> None:
-    fleet = world.fleet
+    realm_client = world.realm_client
     await world.create("carrier")
-    await fleet.enslave("carrier", "rover", "r1")
-    assert sorted(await fleet.stop(None)) == ["carrier", "r1", "r2"]
+    await realm_client.enslave("carrier", "rover", "r1")
+    assert sorted(await realm_client.stop(None)) == ["carrier", "r1", "r2"]
     rovers = [agent.robot for agent in world.agents.values()]
     await until(lambda: all(isinstance(r, Rover) and r.stopped for r in rovers), "the hardware was told")
     with pytest.raises(Stopped):
-        await fleet.call("r2", "move", {"x": 1.0})
-    assert sorted(await fleet.resume(None)) == ["carrier", "r1", "r2"], "the enslaved by its parent"
-    assert await fleet.call("carrier", "carry", {"far": 1.0}) == 1.0
-    assert await fleet.stop("r2") == ["r2"]
-    assert await fleet.resume("r2") == ["r2"]
+        await realm_client.call("r2", "move", {"x": 1.0})
+    assert sorted(await realm_client.resume(None)) == ["carrier", "r1", "r2"], "the enslaved by its parent"
+    assert await realm_client.call("carrier", "carry", {"far": 1.0}) == 1.0
+    assert await realm_client.stop("r2") == ["r2"]
+    assert await realm_client.resume("r2") == ["r2"]
 
 
 async def test_a_release_for_one_that_only_its_parent_may_release_is_not_confirmed(world: World) -> None:
-    fleet = world.fleet
+    realm_client = world.realm_client
     await world.create("carrier")
-    await fleet.enslave("carrier", "rover", "r1")
-    await fleet.stop(None)
+    await realm_client.enslave("carrier", "rover", "r1")
+    await realm_client.stop(None)
     with pytest.raises(NotConfirmed, match=r"confirmed by nobody but NOT by r1 .*r1 is commanded by carrier"):
-        await fleet.resume("r1")
-    assert await fleet.resume("carrier") == ["carrier", "r1"]
+        await realm_client.resume("r1")
+    assert await realm_client.resume("carrier") == ["carrier", "r1"]
 
 
 async def test_a_stop_that_one_does_not_confirm_is_no_secret_and_reaches_the_others(world: World) -> None:
     world.network.freeze(world.agents["r1"].transport)  # type: ignore[arg-type]
     with pytest.raises(NotConfirmed, match=r"confirmed by r2 but NOT by r1 \(in r1, which hangs\)"):
-        await world.fleet.stop(None)
+        await world.realm_client.stop(None)
     rover = world.agents["r2"].robot
     assert isinstance(rover, Rover)
     assert rover.stopped
@@ -61,9 +61,9 @@ async def test_a_stop_that_finds_nobody_at_home_is_not_confirmed(world: World) -
     (key,) = world.agents["r1"].transport.served  # type: ignore[attr-defined]
     world.agents["r1"].transport.served.clear()  # type: ignore[attr-defined]
     with pytest.raises(NotConfirmed, match=r"confirmed by r2 but NOT by r1 \(in r1, which runs and could"):
-        await world.fleet.stop(None)
+        await world.realm_client.stop(None)
     with pytest.raises(NotConfirmed, match="confirmed by nobody but NOT by r1"):
-        await world.fleet.stop("r1")
+        await world.realm_client.stop("r1")
     assert key.startswith("robot/r1/")
 
 
@@ -73,13 +73,13 @@ async def test_who_hangs_is_known_also_when_the_question_ends_before_the_presenc
     silenced.served.clear()  # type: ignore[attr-defined] # its link is down already, and it is seen still
     world.network.freeze(silenced)  # type: ignore[arg-type]
     with pytest.raises(NotConfirmed, match=r"confirmed by r2 but NOT by r1 \(in r1, which hangs\)"):
-        await world.fleet.stop(None)
+        await world.realm_client.stop(None)
     world.network.thaw(silenced)  # type: ignore[arg-type]
 
 
 async def test_a_stop_knows_of_those_who_were_silent_before_it_came(world: World) -> None:
     world.network.freeze(world.agents["r1"].transport)  # type: ignore[arg-type]
-    newcomer = Fleet(world.network.join("newcomer"))
+    newcomer = RealmClient(world.network.join("newcomer"))
     await newcomer.start()
     silent = r"NOT by r1 \(in r1, which hangs\); press the emergency stop .* then: thaw r1"
     with pytest.raises(NotConfirmed, match=f"confirmed by r2 but {silent}"):
@@ -97,7 +97,7 @@ async def test_a_robot_whose_process_freezes_and_then_loses_its_files_is_named_s
     sleeper: Any = world.agents["r1"].transport
     world.network.freeze(sleeper)
     began = asyncio.get_running_loop().time()
-    stopping = asyncio.create_task(world.fleet.stop(None))
+    stopping = asyncio.create_task(world.realm_client.stop(None))
     await until(lambda: stopped(world, "r2"), "all are told")
     world.network.unlist(sleeper)
     with pytest.raises(
@@ -110,7 +110,7 @@ async def test_a_robot_whose_process_freezes_and_then_loses_its_files_is_named_s
 
 async def test_who_comes_to_sight_while_all_are_being_told_is_told(world: World) -> None:
     world.network.freeze(world.agents["r1"].transport)  # type: ignore[arg-type]
-    newcomer = Fleet(world.network.join("newcomer"))
+    newcomer = RealmClient(world.network.join("newcomer"))
     await newcomer.start()
     stopping = asyncio.create_task(newcomer.stop(None))
     rover = world.agents["r2"].robot
@@ -133,7 +133,7 @@ async def test_who_comes_to_sight_while_an_answer_is_awaited_is_told(world: Worl
         late[0].add_done_callback(lambda _: answer(incoming))
 
     served[key] = answer_late
-    stopping = asyncio.create_task(world.fleet.stop(None))
+    stopping = asyncio.create_task(world.realm_client.stop(None))
     await until(lambda: stopped(world, "r2"), "the others are told at once")
     await world.add("r3")
     await until(lambda: stopped(world, "r3"), "so is who comes now")
@@ -147,17 +147,17 @@ async def test_a_stop_that_came_after_a_resume_was_given_stays_however_late_the_
 ) -> None:
     """A command line has to come into the realm, and to ask for the counts, before it can send anything."""
     await world.create("carrier")
-    await world.fleet.enslave("carrier", "rover", "r1")
-    await world.fleet.stop(None)
+    await world.realm_client.enslave("carrier", "rover", "r1")
+    await world.realm_client.stop(None)
     given = asyncio.get_running_loop().time()
     await asyncio.sleep(0)
-    assert await world.fleet.stop("r2") == ["r2"]
+    assert await world.realm_client.stop("r2") == ["r2"]
     again = r"NOT by r2 \(it was stopped again after that had been asked for\)"
     with pytest.raises(NotConfirmed, match=f"confirmed by carrier, r1 but {again}"):
-        await world.fleet.resume(None, given=given)
+        await world.realm_client.resume(None, given=given)
     with pytest.raises(Stopped):
-        await world.fleet.call("r2", "move", {"x": 1.0})
-    assert await world.fleet.stop("r1") == ["r1"]
+        await world.realm_client.call("r2", "move", {"x": 1.0})
+    assert await world.realm_client.stop("r1") == ["r1"]
     with pytest.raises(NotConfirmed, match=r"NOT by .*r1 \(it was stopped again"):
-        await world.fleet.resume("carrier", given=given)
-    assert sorted(await world.fleet.resume(None)) == ["carrier", "r1", "r2"]
+        await world.realm_client.resume("carrier", given=given)
+    assert sorted(await world.realm_client.resume(None)) == ["carrier", "r1", "r2"]
