@@ -15,9 +15,9 @@ class Helper(VirtualRobot):
     helped: int = state(0)
 
     @command
-    def act(self, n: int) -> int:
+    def act(self, n: int, seconds: float = 0.0) -> int:
         """Do one thing."""
-        result = int(self.arm.act(n=n))
+        result = int(self.arm.act(n=n, seconds=seconds) if seconds else self.arm.act(n=n))
         self.helped += 1
         return result
 
