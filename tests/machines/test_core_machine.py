@@ -463,7 +463,8 @@ class CoreMachine(RuleBasedStateMachine):
             lease = self.core.state.lease.current
             assert lease is not None
             assert (lease.epoch, lease.expires) == (before.epoch, self.now + TERM)
-            assert (LeaseChanged() in effects) == (lineage != before.lineage), "news of ancestors go down"
+            changed = before.away or lineage != before.lineage
+            assert (LeaseChanged() in effects) == changed, "news of a parent and of its ancestors go down"
 
     @precondition(lambda self: self.right() is not None)
     @rule(data=st.data())

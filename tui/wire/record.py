@@ -149,6 +149,7 @@ async def _record(line: Line) -> int:
             recorder.close()
             file.close()
         except OSError as error:
+            link.close()  # before the file: what comes now is not written any more
             raise BadRecording(name, f"cannot be written: {error.strerror}; {_kept(file)}") from error
         finally:
             with suppress(OSError):  # what could not be written was told already
