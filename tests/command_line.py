@@ -13,8 +13,8 @@ ROBOTREE = [sys.executable, "-m", "robotree.tui"]
 PATIENCE = 60.0
 """[s] A busy machine may take that long for one line."""
 
-WITH_SMALL_FILES = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
-"""The environment of a process whose files are limited: Python 3.11 keeps byte code that did not fit as if it
+NO_BYTECODE = {"PYTHONDONTWRITEBYTECODE": "1"}
+"""For the environment of a process whose files are limited: Python 3.11 keeps byte code that did not fit as if it
 were whole, and every later process fails on it."""
 
 Run = Callable[..., Awaitable[tuple[int, str, str]]]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import resource
 import subprocess
@@ -16,7 +17,7 @@ from robotree.protocol import encode
 from robotree.protocol.messages import NamedValueFloat
 from robotree.protocol.tools.capture import Recording, tlog
 from robotree.tui import exit_codes
-from tests.command_line import ROBOTREE, WITH_SMALL_FILES
+from tests.command_line import NO_BYTECODE, ROBOTREE
 
 NOON = 1_700_000_000_000_000
 
@@ -88,7 +89,7 @@ def test_a_full_disk_is_blamed_on_the_file_and_not_on_the_link(
         text=True,
         check=False,
         timeout=60,
-        env=WITH_SMALL_FILES,
+        env={**os.environ, **NO_BYTECODE},
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
     )
     assert done.returncode == exit_codes.REFUSED
@@ -116,7 +117,7 @@ def test_a_full_disk_is_not_blamed_on_what_a_dialect_is_made_of(
         check=False,
         timeout=60,
         cwd=tmp_path,
-        env=WITH_SMALL_FILES,
+        env={**os.environ, **NO_BYTECODE},
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
     )
     assert re.fullmatch(rf"robotree: {place} cannot be written: [\w ]+\n", done.stderr)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import os
 import resource
 import signal
 import subprocess
@@ -22,7 +23,7 @@ from robotree.vr.exchange.asking import ask
 from robotree.vr.network.local import LocalTransport, join
 from robotree.vr.space.postgres import PostgresStore
 from robotree.vr.world.examine_space import job
-from tests.command_line import ROBOTREE, WITH_SMALL_FILES, robotree
+from tests.command_line import NO_BYTECODE, ROBOTREE, robotree
 from tests.vr.space.postgres import server
 
 pytestmark = pytest.mark.e2e
@@ -50,7 +51,7 @@ def space(*words: str | Path, limit: int = 0) -> Iterator[subprocess.Popen[str]]
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        env=WITH_SMALL_FILES if limit else None,
+        env={**os.environ, **NO_BYTECODE},
         preexec_fn=narrow if limit else None,  # noqa: PLW1509
     ) as process:
         try:
