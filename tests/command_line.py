@@ -14,8 +14,8 @@ PATIENCE = 60.0
 """[s] A busy machine may take that long for one line."""
 
 NO_BYTECODE = {"PYTHONDONTWRITEBYTECODE": "1"}
-"""For the environment of a process whose files are limited: Python 3.11 keeps byte code that did not fit as if
-it were whole, and every later process fails on it."""
+"""For the environment of a process whose files are limited: Python 3.11 keeps byte code that did not fit as
+if it were whole, and every later process fails on it."""
 
 Run = Callable[..., Awaitable[tuple[int, str, str]]]
 """Takes the words of a line; gives its exit code, its output and its complaints."""
