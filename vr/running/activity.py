@@ -21,7 +21,6 @@ from robotree.vr.base.errors import (
     CommandCancelled,
     CommandFailed,
     CommandInDoubt,
-    Diverged,
     NoSuchCommand,
     VrError,
     words_of,
@@ -31,7 +30,7 @@ from robotree.vr.core import events as on
 from robotree.vr.core.machine import RobotState
 from robotree.vr.running.child_call import CallManner, ChildCall, call_child
 from robotree.vr.running.feed import Feeds, NoReadingYet
-from robotree.vr.running.frame import Abandoned, Branch, Frame, words_of_step
+from robotree.vr.running.frame import Abandoned, Branch, Frame
 from robotree.vr.running.outcome import raised
 from robotree.vr.running.page_trace import begin_of
 from robotree.vr.running.process import Worker
@@ -168,25 +167,25 @@ class CommandActivity(Frame):
     def forget_steps(self) -> None:
         """Begin anew, with other keys: what was done before is done once more."""
         self.runtime.checkpoint(self.call_key)
-        self.run.recall, self.replaying = None, False
+        self.run.recall = self.replay = None
 
     @_from_author
     def decide(self, question: str) -> str:
         """Ask a person, and wait for the answer: `done`, `again` or `abort`."""
-        self.replaying = False  # so that an order to end it counts at once
+        replay, self.replay = self.replay, None  # so that an order to end it counts at once
         try:
             self.run.wake = self.wake
             self.runtime.ask_person(self.call_key, question)
             self.wait(lambda: bool(self.run.answer))
         finally:
-            self.replaying = True
+            self.replay = replay
         return self.run.answer
 
     def resume(self) -> None:
         """Have the page look how the world is after a crash, before the first new step."""
         process = self.runtime.process
         part = self.part(f"r{process.life}", self.worker)
-        part.replaying = False
+        part.replay = None
         _, error = part.carry_out(partial(self.runtime.robot.on_resume, process.gap))
         if error is not None:
             raise error
@@ -212,35 +211,34 @@ class CommandActivity(Frame):
 
         A value that somebody else has changed meanwhile is a step: taken again, the page reads it here.
         """
-        fields = self.run.recalled_fields
-        known = fields.get(name, value)
+        replay = self.replay if self.replaying else None
+        known = self.run.fields.get(name, value)
         if not self.keeps or self.looks:
-            return known if self.replaying else value
+            return value if replay is None else known
         self.reads += 1
-        if known is value and not self.replaying:
-            return value
-        if self.replaying:
-            path = f"{self.context.key}/{self.run.lap}{self.steps + 1}"
-            step = (self.run.recall or {}).get(self._suffix(path))
-            if step is None or step.kind != "field" or step.content != [name, self.reads]:
+        content = [name, self.reads]
+        if replay is None:
+            if known is value:
+                return value
+            if known != value:
+                self.keep_step(self.step(), on.StepResult("field", content, value))
+        else:
+            following = self._suffix(f"{self.context.key}/{self.run.lap}{self.steps + 1}")
+            if not replay.has(following, "field", content):
                 return known
-            self.recalled(self.step(), "field")
-            known = step.value
-        elif known != value:
-            content = [name, self.reads]
-            self.keep_step(self.step(), on.StepResult("field", content, value))
-            known = value
-        self.run.recalled_fields = {**fields, name: known if self.replaying else value}
-        return known
+            step = self.recalled(self.step(), "field")
+            value = None if step is None else step.value
+        self.run.fields = {**self.run.fields, name: value}
+        return value
 
     def keep_values(self, values: dict[str, Any], change: Callable[[dict[str, Any]], None]) -> None:
         """Keep other values in fields; no cancellation point."""
-        if self.replaying:
-            self.rewritten = {**(self.rewritten or {}), **values}
+        if self.replay is not None and self.replay.active:
+            self.replay.rewritten |= values
         else:
             self.keep(lambda: change(values))
         if self.keeps:
-            self.run.recalled_fields = {**self.run.recalled_fields, **values}
+            self.run.fields = {**self.run.fields, **values}
 
     def say(self, level: Level, text: str, *, piece: bool = False) -> None:
         """Enter a text, or a piece of a line, in the robot's log; no cancellation point."""
@@ -495,20 +493,17 @@ class CommandActivity(Frame):
         self.shield = min(until, before) if before > -math.inf else until
         self.deadline_at, self.group = self.shield, None
 
-    def left_out(self) -> Diverged | None:
-        """Return the error where the page has ended without a step that it took before; None: it has not.
+    @_from_author
+    def expect_all_taken(self) -> None:
+        """Take note that the page has ended, also without a new step after those that it took before.
 
-        It has taken all steps again, and nothing since.
+        Raises:
+            Diverged: it has left one out.
         """
-        recall = self.run.recall or {}
-        left = [path for path in recall if path.isdigit() or path.partition(".")[2].isdigit()]
-        if left:
-            step = recall[left[0]]
-            before = words_of_step(step.kind, step.content)
-            name, command = self.runtime.name, self.context.command
-            return Diverged(robot=name, command=command, step=left[0], before=before, now="its end")
-        self._catch_up()
-        return None
+        if (replay := self.replay) is not None and replay.active:
+            if error := replay.left_out():
+                raise error
+            self._catch_up(replay)
 
     def end(self) -> None:
         """End what its code, which has ended, has started and not detached."""
@@ -526,13 +521,11 @@ def execute(runtime: RobotRuntime, key: str, run: Run, worker: Worker) -> None:
     activity = CommandActivity(runtime, run, context, worker)
     run.interrupt = activity.interrupt
     work = _work_of(activity, robot, command, arguments, exposed)
-    if activity.replaying:
+    if run.recall is not None:
         work = _resumed(activity, command, work)
     if worker.top is None:
         worker.process.runner.name_thread(f"{robot.name}.{context.command}")
     value, error = activity.carry_out(work)
-    if activity.replaying:
-        error = error or activity.left_out()
     run.interrupt = None
     activity.over = True  # from now on a thread that works for it reaches no child
     if activity.started or activity.guests or activity.opened is not None:
@@ -576,7 +569,15 @@ def _resumed(
     policy = _policy(activity, command)
     if policy == "restart":
         activity.forget_steps()
-    return partial(_asked, activity, work) if policy == "ask" else work
+    again = partial(_again, activity, work)
+    return partial(_asked, activity, again) if policy == "ask" else again
+
+
+def _again(activity: CommandActivity, work: Callable[[], Any]) -> Any:
+    """Carry a page out once more, from its beginning."""
+    value = work()
+    activity.expect_all_taken()
+    return value
 
 
 def _policy(activity: CommandActivity, command: Command | None) -> ResumePolicy:
@@ -596,7 +597,7 @@ def _asked(activity: CommandActivity, work: Callable[[], Any]) -> Any:
     label = f"{activity.runtime.name}.{activity.context.command}"
     answer = activity.decide(f"{label} was interrupted {activity.runtime.process.gap:.0f} s ago")
     if answer == "done":
-        activity.replaying, activity.done_by_person = False, True
+        activity.replay, activity.done_by_person = None, True
         return None
     if answer == "abort":
         raise _in_doubt(activity, "a person has ended it")

@@ -21,10 +21,11 @@ import msgspec
 from robotree.files import forks
 from robotree.vr.author.context import Activity, CommandContext, enter
 from robotree.vr.author.together import Group, Started
-from robotree.vr.base.errors import CommandCancelled, CommandFailed, Diverged, VrError
+from robotree.vr.base.errors import CommandCancelled, CommandFailed, VrError
 from robotree.vr.core import events as on
 from robotree.vr.running.interruptible import Interrupted
 from robotree.vr.running.process import Worker
+from robotree.vr.running.replay import Replay
 from robotree.vr.running.robot_runtime import RobotRuntime
 from robotree.vr.running.run import Run
 
@@ -61,12 +62,8 @@ class Frame:
     """The innermost open group: what is started belongs to it."""
     over: bool = False
     """Whether its code has ended."""
-    replaying: bool = False
-    """Whether it takes steps that it took before its process was started again: nothing is done twice."""
-    rewritten: dict[str, Any] | None = None
-    """What it has kept since the last step that it took again: it may have been lost."""
-    last_step: int = -1
-    """Number of the last step that it took before; -1: nobody has asked for it. See `_last_step`."""
+    replay: Replay | None = None
+    """The steps that it took before its process was started again; None: it begins now."""
     commander: Frame | None = None
     """The frame of which this one is a part; None: it is the command itself."""
     looks: bool = False
@@ -102,7 +99,8 @@ class Frame:
         """Threads that work for it."""
         self.keeps = runtime.process.keeps_steps
         if run.recall is not None:
-            self.replaying = True
+            own = self._suffix(f"{context.key}/{run.lap}")
+            self.replay = Replay(run.recall, own, runtime.name, context.command)
 
     @property
     def cause(self) -> VrError | None:
@@ -127,6 +125,11 @@ class Frame:
     def wake(self) -> None:
         """Have what waits in it look again. From any thread."""
         self.worker.wake()
+
+    @property
+    def replaying(self) -> bool:
+        """Whether it takes steps that it took before its process was started again: nothing is done twice."""
+        return self.replay is not None and self.replay.active
 
     # -- its threads ------------------------------------------------------------------------------
 
@@ -262,40 +265,17 @@ class Frame:
         Raises:
             Diverged: the page takes another step than before.
         """
-        if not self.replaying:
+        replay = self.replay
+        if replay is None or not replay.active:
             return None
-        recall = self.run.recall
-        step = None if recall is None else recall.pop(self._suffix(path), None)
-        if step is None:
-            if (
-                kind != "call" or self.steps >= self._last_step()
-            ):  # else it was under way while others were taken
-                self._catch_up()
-            return None
-        if step.kind != kind or (content is not None and step.content != content):
-            raise Diverged(
-                robot=self.runtime.name,
-                command=self.context.command,
-                step=self._suffix(path),
-                before=words_of_step(step.kind, step.content),
-                now=words_of_step(kind, content),
-            )
-        self.rewritten = None
+        step = replay.take(self._suffix(path), kind, content, self.steps)
+        if replay.used_up:
+            self._catch_up(replay)
         return step
-
-    def _last_step(self) -> int:
-        """Return the number of the last step that it took before."""
-        before = self._suffix(f"{self.context.key}/{self.run.lap}")
-        if self.last_step < 0:
-            taken = (path.removeprefix(before) for path in self.run.recall or {} if path.startswith(before))
-            self.last_step = max((int(number) for number in taken if number.isdigit()), default=0)
-        return self.last_step
 
     def begun_before(self, path: str) -> str:
         """Return the key of the child that was given the call of a step before a crash; empty: of none."""
-        recall = self.run.recall
-        step = None if recall is None else recall.pop(f"{self._suffix(path)}{on.BEGUN}", None)
-        return "" if step is None else str(step.value)
+        return "" if self.replay is None else self.replay.given_to(self._suffix(path))
 
     def resume(self) -> None:
         """Do what is to be done before the first new step after a crash."""
@@ -320,20 +300,19 @@ class Frame:
     def _suffix(self, path: str) -> str:
         return path[len(self.call_key) + 1 :]
 
-    def _catch_up(self) -> None:
+    def _catch_up(self, replay: Replay) -> None:
         """Go on with what was not done before; a part waits until the command is so far."""
-        commander = self.commander
-        if commander is not None and commander.replaying:
-            self.run.waiting += (self,)
-            self.wait(lambda: not commander.replaying)
-        self.replaying = False
-        if self.rewritten:
-            self.runtime.keep_fields(self.rewritten)
-        waiting, self.run.waiting = self.run.waiting, ()
-        for part in waiting:
-            part.wake()
+        before = None if self.commander is None else self.commander.replay
+        if before is not None and before.active:
+            before.waiting.append(self.wake)
+            self.wait(lambda: not before.active)
+        replay.active = False
+        if replay.rewritten:
+            self.runtime.keep_fields(replay.rewritten)
+        for wake in replay.waiting:
+            wake()
         self.expect_to_go_on()
-        if commander is None:
+        if self.commander is None:
             self.resume()
 
     # -- what is blocked, blocks here and nowhere else --------------------------------------------
@@ -365,7 +344,8 @@ class Frame:
         """
         if self.worker.dead:
             raise self._once_more(Abandoned())
-        if self.replaying and self.dropped is None and not self._ended_here():
+        replay = self.replay
+        if replay is not None and replay.active and self.dropped is None and not self._ended_before(replay):
             return
         now = self.worker.now()
         if self.deadline_at > now and not (self.run.cause or self.dropped or self.group):
@@ -373,10 +353,14 @@ class Frame:
         if now >= self.shield:
             self._end(now)
 
-    def _ended_here(self) -> bool:
+    def _ended_before(self, replay: Replay) -> bool:
         """Whether the end of the command was raised at this step, before its process was started again."""
-        mark = (self.run.recall or {}).get(self._suffix(f"{self.context.key}/{on.END}"))
-        return mark is not None and self.steps >= mark.value
+        return replay.ended_at(self._suffix(self._end_path), self.steps)
+
+    @property
+    def _end_path(self) -> str:
+        """Key under which the end of the command is kept, as it was raised in this frame."""
+        return f"{self.context.key}/{on.END}"
 
     def _end(self, now: float) -> None:
         """Raise what ends it, if it is to end and no clean-up is under way."""
@@ -390,7 +374,7 @@ class Frame:
                 worker.interrupt_next = False
                 raise Interrupted
             if self.keeps and not (self.raised or self.dropped or self.replaying):
-                self.keep_step(f"{self.context.key}/{on.END}", on.StepResult(on.END, None, self.steps))
+                self.keep_step(self._end_path, on.StepResult(on.END, None, self.steps))
             raise self._once_more(type(cause)(**cause.data))
         if self.group is not None:
             self.group.check()
@@ -573,12 +557,3 @@ class Branch(Started):
         """Take note that the command is asked to end. From any thread."""
         if self._own is not None and not self.at_rest:
             self._own.interrupt()
-
-
-def words_of_step(kind: str, content: Any) -> str:
-    """Return a step in words: `call arm.go_to(x=0.3)`."""
-    if kind in {"call", "tell"}:  # see `call_child`
-        slot, command, arguments = content
-        given = ", ".join(f"{name}={value!r}" for name, value in arguments.items())
-        return f"{slot}.{command}({given})"
-    return kind if content is None else f"{kind} {content}"

@@ -338,7 +338,7 @@ class RobotRuntime:
         self.post(on.Checkpoint(key=key))
         run = self.runs[key]
         call = self.look(lambda state: state.calls.live[key])
-        run.lap, run.recalled_fields = f"{call.lap}.", call.fields
+        run.lap, run.fields = f"{call.lap}.", call.fields
 
     def ask_person(self, key: str, question: str) -> None:
         """Have a person asked before a running command goes on; the answer comes as `Run.answer`."""
@@ -352,7 +352,7 @@ class RobotRuntime:
         running = [call for call in self.core.state.calls.live.values() if call.running]
         for call in running:
             run = self._run_of(call.key)
-            run.recall, run.recalled_fields = dict(call.steps), dict(call.fields)
+            run.recall, run.fields = dict(call.steps), dict(call.fields)
             run.lap = f"{call.lap}." if call.lap else ""
             if call.cause is not None:
                 run.cause, run.final = call.cause.revive(), call.final
@@ -698,7 +698,7 @@ class RobotRuntime:
             call = self.core.state.calls.live[key]
             run, name = self._run_of(key), call.command
             if run.recall is None:
-                run.recalled_fields = call.fields
+                run.fields = call.fields
             context = CommandContext(
                 key=key, command=name, caller=call.caller, epoch=call.epoch, deadline_at=call.deadline_at
             )

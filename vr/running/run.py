@@ -28,14 +28,6 @@ class Listener(Protocol):
         ...
 
 
-class Waiting(Protocol):
-    """A part of a command that waits."""
-
-    def wake(self) -> None:
-        """Have it look again. From any thread."""
-        ...
-
-
 class Run:
     """What a process knows of one call of its robot, beside the state that a journal keeps.
 
@@ -58,10 +50,8 @@ class Run:
     """Whether the person who called it was told that it waits."""
     recall: dict[str, StepResult] | None = None
     """The steps that it took before its process was started again, by path; None: it begins now."""
-    recalled_fields: Mapping[str, Any] = MappingProxyType({})
-    """What its robot kept at the place of the page where it is, while it takes steps again."""
-    waiting: tuple[Waiting, ...] = ()
-    """Parts of it that have taken all their steps again before the command itself has."""
+    fields: Mapping[str, Any] = MappingProxyType({})
+    """What its robot keeps, as it is or was at the place of the page where it is."""
     wake: Callable[[], None] = staticmethod(lambda: None)
     """Has its code look again at what it waits for."""
     answer: str = ""
