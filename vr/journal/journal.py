@@ -101,7 +101,7 @@ class HostJournal:
         self._segments = Segments(folder, OSDisk() if disk is None else disk)
         self.found = Recovered(machine_of)
         try:
-            self.found.read(self._segments.frames(), str(folder))
+            self.found.read(self._segments.frames(self._may_have_lost_power), str(folder))
         except BaseException:
             self._segments.close()
             raise
@@ -129,6 +129,11 @@ class HostJournal:
         if began is None or (began.boot == self._boot and self._boot):
             return 0.0
         return (began.unix - began.now) - (self._clocks.unix() - self._clocks.now())
+
+    def _may_have_lost_power(self) -> bool:
+        """Whether what has been found so far was written before the machine was started."""
+        began = self.found.began
+        return bool(self._boot) and (began is None or began.boot != self._boot)
 
     @property
     def folder(self) -> Path:

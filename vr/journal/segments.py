@@ -3,17 +3,20 @@
     NUMBER.log    frames: length (u32), CRC-32 of the length (u32), CRC-32 of the body (u32), body
     lock          held by the host that writes: of two, the second is refused
 
-A frame that the end of the newest file cuts short was never finished, so nothing has depended on it: it is
-left out. Anything else that does not fit its checksum is damage, and nothing of the log is used then.
+A frame that the end of a file cuts short was never finished, so nothing has depended on it: it is left out,
+also in an older file, for the process that came next may have ended before its own file was whole. Anything
+else that does not fit its checksum is damage, and nothing of the log is used then; but the end of a file that
+was not synced may look like that, too, when the machine has lost its power.
 """
 
 from __future__ import annotations
 
 import fcntl
+import logging
 import os
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Protocol
 
@@ -23,6 +26,8 @@ from robotree.vr.base.errors import DamagedJournal, JournalInUse
 HEAD = struct.Struct("<III")
 """Length of the body that follows, the checksum of these four bytes, and that of the body."""
 _LENGTH = struct.Struct("<I")
+
+_log = logging.getLogger(__name__)
 
 
 class Disk(Protocol):
@@ -46,6 +51,10 @@ class Disk(Protocol):
 
     def sync(self, descriptor: int) -> None:
         """Return when what was written would survive a loss of power."""
+        ...
+
+    def sync_folder(self, folder: Path) -> None:
+        """Return when the names in a folder would survive a loss of power."""
         ...
 
     def close(self, descriptor: int) -> None:
@@ -88,6 +97,14 @@ class OSDisk:
         """See `Disk.sync`."""
         os.fdatasync(descriptor)
 
+    def sync_folder(self, folder: Path) -> None:
+        """See `Disk.sync_folder`."""
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
     def close(self, descriptor: int) -> None:
         """See `Disk.close`."""
         os.close(descriptor)
@@ -125,11 +142,17 @@ class Segments:
             raise JournalInUse(folder=str(folder)) from None
         self._numbers = sorted(int(name[:-4]) for name in disk.names(folder) if name.endswith(".log"))
         self._open = -1
+        self._named = False
+        """Whether the name of the newest file would survive a loss of power."""
         self.size = 0
         """[bytes] of the newest file, as far as this process has written it."""
 
-    def frames(self) -> Iterator[bytes]:
+    def frames(self, lost_power: Callable[[], bool] = lambda: False) -> Iterator[bytes]:
         """Return the bodies of all frames, the oldest first.
+
+        Args:
+            lost_power: whether the machine may have lost its power since the frames before were written; then
+                a file ends before the first frame that does not fit its checksum.
 
         Raises:
             DamagedJournal: one does not fit its checksum.
@@ -137,7 +160,12 @@ class Segments:
         """
         for number in self._numbers:
             path = self._path(number)
-            yield from _frames(self._disk.read(path), str(path), newest=number == self._numbers[-1])
+            try:
+                yield from _frames(self._disk.read(path), str(path))
+            except DamagedJournal as damage:
+                if not lost_power():
+                    raise
+                _log.warning("what was not synced was lost with the power: %s", damage)
 
     def begin(self) -> None:
         """Write to a new file from now on."""
@@ -145,7 +173,7 @@ class Segments:
         descriptor = self._disk.create(self._path(number))
         self._close()
         self._numbers.append(number)
-        self._open, self.size = descriptor, 0
+        self._open, self.size, self._named = descriptor, 0, False
 
     def write(self, body: bytearray) -> None:
         """Append a frame, whose head is the first bytes of `body`, to be filled in here.
@@ -163,6 +191,9 @@ class Segments:
     def sync(self) -> None:
         """Return when all that was written would survive a loss of power."""
         self._disk.sync(self._open)
+        if not self._named:
+            self._disk.sync_folder(self.folder)
+            self._named = True
 
     def drop_older(self) -> None:
         """Remove all files but the newest."""
@@ -171,11 +202,12 @@ class Segments:
         self._numbers = self._numbers[-1:]
 
     def clear(self) -> None:
-        """Remove all files: nothing is kept any more."""
+        """Remove all files: nothing is kept any more, also after a loss of power."""
         self._close()
         for number in self._numbers:
             self._disk.unlink(self._path(number))
         self._numbers = []
+        self._disk.sync_folder(self.folder)
 
     def close(self) -> None:
         """Leave the folder to others. Twice is once."""
@@ -193,7 +225,7 @@ class Segments:
         return self.folder / f"{number:08}.log"
 
 
-def _frames(data: bytes, path: str, *, newest: bool) -> Iterator[bytes]:
+def _frames(data: bytes, path: str) -> Iterator[bytes]:
     at, view = 0, memoryview(data)
     while at < len(data):
         begin = end = at + HEAD.size
@@ -204,9 +236,7 @@ def _frames(data: bytes, path: str, *, newest: bool) -> Iterator[bytes]:
                 raise DamagedJournal(path=path, at=at, detail="that is no length of a record")
             end = begin + length
         if end > len(data):
-            if newest:
-                return  # the end of the process has cut it short
-            raise DamagedJournal(path=path, at=at, detail="the end of the file is missing")
+            return  # the end of the process has cut it short
         if zlib.crc32(view[begin:end]) != checksum:
             raise DamagedJournal(path=path, at=at, detail="its checksum is another one")
         yield data[begin:end]

@@ -501,17 +501,20 @@ class VirtualProcess:
 class VirtualLock:
     """A lock that another thread can find taken, because its holder lost the processor."""
 
-    __slots__ = ("_again", "_brief", "_depth", "_waiting", "holder", "runner")
+    __slots__ = ("_again", "_brief", "_depth", "_inner", "_waiting", "holder", "runner")
 
-    def __init__(self, runner: VirtualRunner, *, brief: bool = False, again: bool = False) -> None:
+    def __init__(
+        self, runner: VirtualRunner, *, brief: bool = False, again: bool = False, inner: bool = False
+    ) -> None:
         """Make it.
 
         Args:
             runner: whose threads take it.
             brief: whether it is held for moments only: no wait and no other such lock inside.
             again: whether its holder can take it again.
+            inner: whether who holds a brief lock may wait for this one.
         """
-        self.runner, self._brief, self._again = runner, brief, again
+        self.runner, self._brief, self._again, self._inner = runner, brief, again, inner
         self.holder: greenlet | None = None
         self._depth = 0
         self._waiting: deque[VirtualWaiter] = deque()
@@ -532,7 +535,10 @@ class VirtualLock:
                 raise RuntimeError("waits for a lock that it holds itself")
             waiter = runner.waiter()
             self._waiting.append(waiter)
+            outer = runner.holding.pop(me, None) if self._inner else None
             waiter.wait(None)
+            if outer is not None:
+                runner.holding[me] = outer
         self.holder, self._depth = me, 1
         if self._brief:
             runner.holding[me] = self

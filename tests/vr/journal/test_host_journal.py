@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import threading
 import time
 from pathlib import Path
@@ -21,6 +22,7 @@ from robotree.vr.journal import records
 from robotree.vr.journal.journal import HostJournal
 from robotree.vr.journal.records import KeptPage
 from robotree.vr.journal.segments import OSDisk
+from robotree.vr.world.disk import Medium, MemoryDisk
 
 PAGE = KeptPage("class It(VirtualRobot): ...", "/it.py")
 
@@ -201,6 +203,56 @@ def test_after_a_restart_of_the_machine_moments_are_as_far_away_as_before(tmp_pa
     # a moment 30 s ahead then (40) is 30 s ago now (-25): 65 s less on this clock
     assert following.shift == pytest.approx((1000.0 - Clock.now_now) - (1060.0 - 5.0))
     following.close()
+
+
+def test_a_second_end_within_the_first_write_of_the_next_life_loses_nothing() -> None:
+    medium, ends = Medium(), {"write": 0}
+
+    class Ended(BaseException):
+        pass
+
+    def moment(name: str) -> None:
+        ends["write"] -= name == "within write"
+        if name == "within write" and ends["write"] == 0:
+            raise Ended
+
+    def life(writes: int) -> HostJournal:
+        ends["write"] = writes
+        return HostJournal(Path("/h"), Clock(), boot="this", disk=MemoryDisk(medium, moment=moment))
+
+    journal = life(3)
+    journal.begin()
+    robot = Kept(journal)
+    journal.barrier()
+    waited = encode_state(robot.core.state)
+    robot.call("k")
+    with pytest.raises(Ended):
+        journal.barrier()
+    for _ in range(2):
+        medium.locks.clear()
+        with pytest.raises(Ended):
+            life(1).begin()
+    medium.locks.clear()
+    assert [encode_state(kept.state) for kept in life(9).found.robots] == [waited]
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_the_power_may_tear_what_was_not_synced_and_the_host_begins_all_the_same(seed: int) -> None:
+    disk = MemoryDisk()
+    journal = HostJournal(Path("/h"), Clock(), boot="this", disk=disk)
+    journal.begin()
+    robot = Kept(journal)
+    journal.sync()
+    synced = [encode_state(robot.core.state)]
+    for number in range(60):
+        robot.call(f"k{number}")
+        robot.take(on.Finish(key=f"k{number}", reply=Returned(key="k")))
+        journal.barrier()
+        synced.append(encode_state(robot.core.state))
+    disk.end()
+    disk.medium.lose_power(random.Random(seed))
+    following = HostJournal(Path("/h"), Clock(), boot="another", disk=MemoryDisk(disk.medium))
+    assert encode_state(following.found.robots[0].state) in synced
 
 
 def test_several_threads_write_and_nothing_is_lost(tmp_path: Path) -> None:

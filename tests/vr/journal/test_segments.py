@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import re
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 
 from robotree.vr.base.errors import DamagedJournal, JournalInUse
 from robotree.vr.journal.segments import HEAD, OSDisk, Segments
+from robotree.vr.world.disk import MemoryDisk
 
 
 def written(folder: Path, *bodies: bytes) -> Path:
@@ -54,12 +56,38 @@ def test_each_flipped_bit_is_damage_and_never_lost_in_silence(tmp_path: Path) ->
                 read(tmp_path)
 
 
-def test_an_older_file_without_its_end_is_damage(tmp_path: Path) -> None:
-    older = written(tmp_path, b"first")
+def test_an_older_file_may_be_cut_short_for_the_next_process_may_have_ended_before_its_own_was_whole(
+    tmp_path: Path,
+) -> None:
+    older = written(tmp_path, b"first", b"second")
     older.write_bytes(older.read_bytes()[:-1])
-    written(tmp_path, b"second")
-    with pytest.raises(DamagedJournal, match="the end of the file is missing"):
-        read(tmp_path)
+    written(tmp_path)
+    assert read(tmp_path) == [b"first"]
+
+
+@pytest.mark.parametrize("seed", range(50))
+def test_after_a_loss_of_power_all_that_was_synced_is_there_and_nothing_else_makes_it_unreadable(
+    seed: int,
+) -> None:
+    disk, chance = MemoryDisk(), random.Random(seed)
+    log = Segments(tmp := Path("/h"), disk)
+    log.begin()
+    log.write(bytearray(bytes(HEAD.size) + b"old" * 300))
+    for body in (b"new", b"newer"):
+        log.begin()
+        log.write(bytearray(bytes(HEAD.size) + body))
+        log.sync()
+        log.drop_older()
+    log.write(bytearray(bytes(HEAD.size) + b"loose" * 1000))
+    disk.end()
+    disk.medium.lose_power(chance)
+    log = Segments(tmp, MemoryDisk(disk.medium))
+    assert b"newer" in list(log.frames(lambda: True))
+    log.begin()
+    log.clear()
+    log.close()
+    disk.medium.lose_power(chance)
+    assert list(Segments(tmp, MemoryDisk(disk.medium)).frames()) == []
 
 
 def test_of_two_hosts_the_second_is_refused(tmp_path: Path) -> None:
