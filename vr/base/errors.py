@@ -21,6 +21,7 @@ that a caller on the far side of the network catches the same class with the sam
       RoleError       NoSuchRole · NoRoles · TooWide
       SpaceError      NoSpace · SeveralSpaces · SpaceLost · SpaceFull · SpaceUnusable · SpaceDamaged
                       BadEntry · EntryUnfit · KeyTaken · NoSuchEntry · TransactionOver · FenceHeld · FenceLost
+      RealmError      NotAMember · InvitationRefused · NoKeys · NoAuthority · KeysExist · NoSuchMember
 """
 
 from __future__ import annotations
@@ -838,3 +839,49 @@ def words_of(error: BaseException) -> str:
     except Exception:  # noqa: BLE001 # the author's own __str__
         return kind
     return f"{kind}: {_PRIVATE.sub('', text)}" if text else kind
+
+
+# -- a realm of several machines -------------------------------------------------------------------
+
+
+class RealmError(VrError):
+    """A realm of several machines does not admit somebody, or cannot be changed here."""
+
+
+class NotAMember(RealmError):
+    """Somebody does not belong to the realm, or not any more."""
+
+    sentence = "{who} is not admitted: {reason}"
+
+
+class InvitationRefused(RealmError):
+    """An invitation cannot be used."""
+
+    sentence = "the invitation cannot be used: {reason}"
+
+
+class NoKeys(RealmError):
+    """This machine has no key of a realm."""
+
+    sentence = (
+        "this machine has no key of realm {realm}; join it with a token (`robotree realm join TOKEN`), or "
+        "make it here: `robotree realm create {realm}`"
+    )
+
+
+class NoAuthority(RealmError):
+    """The realm was made on another machine."""
+
+    sentence = "the authority of realm {realm} is on another machine: ask there, where the realm was made"
+
+
+class KeysExist(RealmError):
+    """This machine has keys of a realm of that name already."""
+
+    sentence = "{folder} has keys of a realm {realm} already; choose another name, or move the folder away"
+
+
+class NoSuchMember(RealmError):
+    """Nobody of that name belongs to the realm."""
+
+    sentence = "no member of realm {realm} is called {name}; `robotree realm members` lists them"

@@ -18,7 +18,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
     "tui": ("PIL", "rich", "textual"),
     "scripts": ("clips",),
     "wire": ("mcap", "pymavlink", "zstandard"),
-    "machines": ("zenoh",),
+    "machines": ("cryptography", "zenoh"),
     "postgres": ("psycopg",),
     "testing": ("greenlet", "pytest"),
 }
