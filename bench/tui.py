@@ -60,18 +60,18 @@ class Crowd:
         self.hz = hz
         self.addresses = [Address("robot", f"r{number}", "1") for number in range(count)]
         self.described = {
-            one.key: encode(
-                Described(robot=RobotDescription(address=one, kinds=("Arm", "Robot"), doc="An arm."))
+            address.key: encode(
+                Described(robot=RobotDescription(address=address, kinds=("Arm", "Robot"), doc="An arm."))
             )
-            for one in self.addresses
+            for address in self.addresses
         }
         readings = [{"x": 0.1 * part, "y": 0.0, "z": 0.4, "progress": part / 20} for part in range(20)]
-        self.bodies = [encode(State(busy="go_to", readings=one)) for one in readings]
+        self.bodies = [encode(State(busy="go_to", readings=reading)) for reading in readings]
         self.calm = encode(State(readings={"x": 0.1, "y": 0.0, "z": 0.4}))
         self.told = 0
         self.presence = Presence(held=lambda _: [], unheard=lambda _: [])
-        for one in self.addresses:  # everybody is there from the beginning
-            self.presence.count(one.key, there=True)
+        for address in self.addresses:  # everybody is there from the beginning
+            self.presence.count(address.key, there=True)
 
     async def serve(self, *_: Any) -> _Nothing:
         """Nobody asks."""
@@ -99,7 +99,7 @@ class Crowd:
 
     async def _play(self, handler: Any) -> None:
         """Tell each robot's state in its turn, in as many portions as keep the loop free."""
-        keys = [f"{one.key}/state" for one in self.addresses]
+        keys = [f"{address.key}/state" for address in self.addresses]
         portions, period = 20, 1 / (self.hz or 1.0)
         size = max(len(keys) // portions, 1)
         due = time.monotonic()

@@ -67,8 +67,8 @@ async def flood(transport: LocalTransport) -> None:
     print("ready", flush=True)
     while await asyncio.to_thread(sys.stdin.readline):
         replies = [transport.request(AGENT, bytes(64), timeout=LONGEST) for _ in range(FLOOD)]
-        for one in replies:
-            async for _ in one:
+        for reply in replies:
+            async for _ in reply:
                 pass
         print("over", flush=True)
 

@@ -78,7 +78,7 @@ def why(path: Path, robot: str) -> float:
 def _read(path: Path, request: ReadEvents) -> list[HistoryEvent]:
     file = HistoryFile(path)
     try:
-        return [one.event for one in file.read(request).events]
+        return [event.event for event in file.read(request).events]
     finally:
         file.close()
 

@@ -120,10 +120,10 @@ async def check_link(
     recorders = RecordingHandlers()
     near, far = await make_pair(recorders, recorders)
     await settle()
-    told = {id(each.link): each for each in recorders}
-    assert len(told) == 2, "each end is accepted once"  # noqa: S101
+    recorder_of = {id(each.link): each for each in recorders}
+    assert len(recorder_of) == 2, "each end is accepted once"  # noqa: S101
     assert near.address, "a link has a name for people"  # noqa: S101
-    at_near, at_far = told[id(near)], told[id(far)]
+    at_near, at_far = recorder_of[id(near)], recorder_of[id(far)]
     await _check_bytes(near, at_far, settle)
     await _check_bytes(far, at_near, settle)
     if congests:
@@ -250,7 +250,7 @@ async def _check_congestion(sender: Link, receiver: RecordingHandler, settle: Se
             await settle()
     await settle()
     frames = [receiver.data[i : i + _NUMBERED] for i in range(0, len(receiver.data), _NUMBERED)]
-    heard = {kind: [int(one[1:]) for one in frames if one[:1] == kind] for kind in (b"T", b"A")}
+    heard = {kind: [int(frame[1:]) for frame in frames if frame[:1] == kind] for kind in (b"T", b"A")}
     assert sum(map(len, heard.values())) == len(frames), "frames arrive whole"  # noqa: S101
     assert heard[b"A"] == [*range(0, rounds, 50), rounds], "what must arrive arrives, in order"  # noqa: S101
     assert heard[b"T"] == sorted(set(heard[b"T"])), "telemetry never goes back"  # noqa: S101

@@ -344,10 +344,10 @@ class ControllerSession:
         somebody requests later stays in force. If no stop is known, nothing is sent and the release counts as
         done, also while the controller is offline.
         """
-        told = self.twin.latest(Mode)
-        if told is not None and told.mode not in HOLDING_MODES and not self._desired.pending:
+        mode = self.twin.latest(Mode)
+        if mode is not None and mode.mode not in HOLDING_MODES and not self._desired.pending:
             return [ReleaseConfirmed()]
-        stops, life = (told.stops, told.life) if told else (0, 0)
+        stops, life = (mode.stops, mode.life) if mode else (0, 0)
         self._desired.release(self._epoch(epoch), stops, now, life)
         return self._repeat_mode(now) + self._held_change()
 
@@ -376,8 +376,8 @@ class ControllerSession:
         """
         if self._claim is not None and not self._claim.settled:
             return False
-        told = self._report is not None and self._report.heard_at >= self._opened_at
-        return self._beats > 1 or (self._beats == 1 and told)
+        has_report = self._report is not None and self._report.heard_at >= self._opened_at
+        return self._beats > 1 or (self._beats == 1 and has_report)
 
     def _introduction(self, now: float) -> list[SessionEffect]:
         """Go online once the controller is introduced; until then say what is missing."""

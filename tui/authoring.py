@@ -192,7 +192,7 @@ def _checkers() -> dict[str, str]:
 
 
 def _kind(given: str, kinds: Kinds) -> str:
-    known = {one.lower(): one for one in kinds}
+    known = {kind.lower(): kind for kind in kinds}
     if given and given.lower() not in known:
         raise ValueRefused("KIND", f"{given!r} is no kind that is known: {', '.join(kinds)}")
     return known.get(given.lower(), "")

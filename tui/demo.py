@@ -165,8 +165,8 @@ async def _alone(realm: str, wanted: RealmFile) -> None:
     """
     if not anybody_met(realm):
         return
-    names = {(ROLES[one.verb], one.name) for one in wanted.processes if one.verb != NAMELESS}
-    names |= {("robot", one.name) for one in wanted.robots}
+    names = {(ROLES[process.verb], process.name) for process in wanted.processes if process.verb != NAMELESS}
+    names |= {("robot", robot.name) for robot in wanted.robots}
     async with joined(realm) as realm_client:
         there = [one for role in set(ROLES.values()) for one in realm_client.directory.present(role)]
         taken = sorted(one.name for one in there if (one.role, one.name) in names)
@@ -207,7 +207,7 @@ async def cast(crew: Crew, *, wire: Wire = Wire.TCP, speedup: str = "1", file: P
 
 def adapted(wanted: RealmFile, realm: str, wire: Wire, speedup: str) -> RealmFile:
     """Return a file whose simulated controllers are on another wire, and run at another speed."""
-    controllers = [one.name for one in wanted.processes if one.verb == NAMELESS]
+    controllers = [process.name for process in wanted.processes if process.verb == NAMELESS]
 
     def other(entry: ProcessEntry) -> ProcessEntry:
         if entry.verb != NAMELESS:
@@ -280,7 +280,7 @@ async def _play(realm: str, folder: Path, *, readonly: bool) -> int:
         path = str(EXAMPLES / "close_lever.session")
         script = await asyncio.to_thread(read_file, path, readonly=readonly)
         async with joined(realm) as realm_client:
-            report = await Player(realm_client, script, lambda told: aside(transcript(told))).play()
+            report = await Player(realm_client, script, lambda step: aside(transcript(step))).play()
             readings = (await realm_client.describe_view(VIEW)).readings
     angle, force = readings.get("lever"), readings.get("peak_force")
     ok = report.ok and angle is not None and force is not None

@@ -67,21 +67,21 @@ class Companion:
 
     async def accompany(self, realm_client: RealmClient) -> None:
         """Be the recogniser: report to the script who has come and who leaves, to each run of it anew."""
-        number, runs, here, told = 0, 0, set[str](), set[str]()
+        number, runs, here, reported = 0, 0, set[str](), set[str]()
         while True:
             await asyncio.sleep(LISTEN)
             with suppress(VrError):  # the script may not run yet, or not any more
                 number, who, text = await heard(realm_client, number)
                 here |= {who} - {""}
                 started = (await realm_client.describe(SCRIPT)).calls.get("start", 0)
-                runs, told = started, told if started == runs else set[str]()
+                runs, reported = started, reported if started == runs else set[str]()
                 if "have to go" in text or "Thank you" in text:
                     here.discard(who)
                 if "have to go" in text:
                     await realm_client.call(SCRIPT, "person_left", {"who": who})
-                for one in sorted(here - told):
+                for one in sorted(here - reported):
                     await realm_client.call(SCRIPT, "person_seen", {"who": one})
-                    told.add(one)
+                    reported.add(one)
 
     async def play(self, realm: str, folder: Path, *, readonly: bool) -> int:  # noqa: ARG002  a fixed course
         """Play the evening and print, as the last line, what came of it as one JSON object."""

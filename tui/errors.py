@@ -171,8 +171,8 @@ class SomeHang(SupervisorError):
     def __init__(self, hanging: Sequence[tuple[str, str, str]]) -> None:
         """Keep name, place and remedy of each."""
         self.hanging = tuple(hanging)
-        told = "; ".join(f"{name} hangs in {where}: {remedy}" for name, where, remedy in hanging)
-        super().__init__(f"not all answer, and those may still move: {told}")
+        sentence = "; ".join(f"{name} hangs in {where}: {remedy}" for name, where, remedy in hanging)
+        super().__init__(f"not all answer, and those may still move: {sentence}")
 
 
 class NotInstalled(SupervisorError):
@@ -190,8 +190,8 @@ class SomeSilent(SupervisorError):
     def __init__(self, silent: Sequence[tuple[str, str, str]]) -> None:
         """Keep name, place and remedy of each."""
         self.silent = tuple(silent)
-        told = "; ".join(f"{name} in {where}: {remedy}" for name, where, remedy in silent)
-        super().__init__(f"not all answer, so this list is not complete: {told}")
+        sentence = "; ".join(f"{name} in {where}: {remedy}" for name, where, remedy in silent)
+        super().__init__(f"not all answer, so this list is not complete: {sentence}")
 
 
 class DemoRuns(SupervisorError):

@@ -128,11 +128,11 @@ def _test(line: Line) -> int:
         where = f"{line.text('TABLE')}:{last.mark.line}" if last and fault else ""
         results.append({"test": trial.name, "passed": not fault, "where": where, "fault": fault})
     rows: list[str] = []
-    for one in results:
-        rows.append(f"{'✓' if one['passed'] else '✗'} {one['test']}")
-        if not one["passed"]:
-            rows.append(f"    {one['where']}: {one['fault']}")
-    failed = sum(not one["passed"] for one in results)
+    for result in results:
+        rows.append(f"{'✓' if result['passed'] else '✗'} {result['test']}")
+        if not result["passed"]:
+            rows.append(f"    {result['where']}: {result['fault']}")
+    failed = sum(not result["passed"] for result in results)
     rows.append(f"{len(results) - failed} of {len(results)} passed")
     answer("\n".join(rows), lambda: results)
     return exit_codes.REFUSED if failed else exit_codes.DONE

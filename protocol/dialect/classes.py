@@ -214,8 +214,8 @@ def _enum(name: str, enum: MAVEnum, entries: list[MAVEnumEntry]) -> str:
 def _params(entry: MAVEnumEntry) -> str:
     """The parameters of a command."""
     used = [each for each in entry.param if each.label]
-    told = [f"param{each.index} {each.label.lower()} [{each.units}]: {each.description}" for each in used]
-    return " ".join(told)
+    lines = [f"param{each.index} {each.label.lower()} [{each.units}]: {each.description}" for each in used]
+    return " ".join(lines)
 
 
 def _lowered(sentence: str) -> str:

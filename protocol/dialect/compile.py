@@ -117,7 +117,7 @@ def _leave_out(copy: Path, base: list[MAVXML]) -> None:
         for each in list(parent):
             theirs = messages if each.tag == "message" else entries
             names = [each] if each.tag == "message" else each.iter("entry")
-            if each.tag != "description" and all(one.get("name") in theirs for one in names):
+            if each.tag != "description" and all(name.get("name") in theirs for name in names):
                 parent.remove(each)
     tree.write(copy)
 

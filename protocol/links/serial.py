@@ -235,15 +235,15 @@ class SerialListener:
             self._again = asyncio.get_running_loop().create_task(self._open_again())
 
     async def _open_again(self) -> None:
-        told = ""
+        last_problem = ""
         while True:
             await asyncio.sleep(self._pause)
             try:
                 return await self.open()
             except LinkError as error:  # also BadUrl: the adapter that was plugged in may not have the speed
-                if told != str(error):
+                if last_problem != str(error):
                     _log.warning("%s; tried again every %g s", error, self._pause)
-                told = str(error)
+                last_problem = str(error)
 
 
 async def connect(setting: Setting, accept: Accept) -> Link:

@@ -200,11 +200,11 @@ class ClaimServer:
         return [ClaimChanged(before, None)]
 
     def _tell_both(self, held: Holding, claim: Claim, peer: Peer, now: float) -> list[ClaimServerEffect]:
-        told = self._refused.pop(claim.holder, -BETWEEN_NEWS)
-        self._refused[claim.holder] = told if now - told < BETWEEN_NEWS else now
+        latest = self._refused.pop(claim.holder, -BETWEEN_NEWS)
+        self._refused[claim.holder] = latest if now - latest < BETWEEN_NEWS else now
         while len(self._refused) > MAX_PEERS:
             del self._refused[next(iter(self._refused))]
-        return [] if now - told < BETWEEN_NEWS else [ClaimRefused(held, peer, claim.name)]
+        return [] if now - latest < BETWEEN_NEWS else [ClaimRefused(held, peer, claim.name)]
 
 
 def _held_by(held: Holding) -> str:

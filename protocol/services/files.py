@@ -107,16 +107,16 @@ class Files:
         data = payload[_HEADER.size :][: min(size, DATA)]
         if opcode in {Opcode.ACK, Opcode.NAK}:
             return []
-        told: list[tuple[Opcode, int, bytes]]
+        answers: list[tuple[Opcode, int, bytes]]
         try:
             parts = list(self._parts(asker, session, opcode, size, offset, data))
-            told = [(Opcode.ACK, *part) for part in parts]
+            answers = [(Opcode.ACK, *part) for part in parts]
             session = 0 if opcode == Opcode.OPEN_FILE_RO else session
         except Refused as refused:
-            told = [(Opcode.NAK, offset, bytes((refused.error,)))]
+            answers = [(Opcode.NAK, offset, bytes((refused.error,)))]
         return [
-            self._said(asker, sequence + number, (session, opcode), one, last=number == len(told))
-            for number, one in enumerate(told, 1)
+            self._said(asker, sequence + number, (session, opcode), one, last=number == len(answers))
+            for number, one in enumerate(answers, 1)
         ]
 
     def _parts(
@@ -152,15 +152,15 @@ class Files:
     def _listed(self, folder: str, first: int) -> bytes:
         if folder not in {"", "."}:
             raise Refused(FtpError.FILE_NOT_FOUND)
-        told = b""
+        listing = b""
         for name in self._names[first:]:
             entry = f"F{name}\t{len(self._content[name])}\0".encode()
-            if len(told + entry) > DATA:
+            if len(listing + entry) > DATA:
                 break
-            told += entry
-        if not told:
+            listing += entry
+        if not listing:
             raise Refused(FtpError.END_OF_FILE)
-        return told
+        return listing
 
     def _content_of(self, path: str) -> bytes:
         if path not in self._content:
@@ -169,9 +169,9 @@ class Files:
 
     @staticmethod
     def _said(
-        asker: Peer, sequence: int, asked: tuple[int, int], told: tuple[Opcode, int, bytes], *, last: bool
+        asker: Peer, sequence: int, asked: tuple[int, int], answer: tuple[Opcode, int, bytes], *, last: bool
     ) -> AnyMessage:
-        (session, opcode), (code, offset, data) = asked, told
+        (session, opcode), (code, offset, data) = asked, answer
         ends = int(last and code is Opcode.ACK and opcode == Opcode.BURST_READ_FILE)
         head = _HEADER.pack(sequence & _WORD, session, code, len(data), opcode, ends, offset)
         target = {"target_system": asker.system, "target_component": asker.component}

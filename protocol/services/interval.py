@@ -113,8 +113,8 @@ def handlers(
         return Answer(MavResult.ACCEPTED if done else MavResult.DENIED)
 
     def get_interval(request: Request, _: float) -> Answer:
-        told = intervals(request.peer.via).get(_msgid(request))
-        return Answer(MavResult.ACCEPTED if told.interval_us else MavResult.DENIED, messages=(told,))
+        interval = intervals(request.peer.via).get(_msgid(request))
+        return Answer(MavResult.ACCEPTED if interval.interval_us else MavResult.DENIED, messages=(interval,))
 
     def request_message(request: Request, now: float) -> Answer:
         messages = tuple(produce(_msgid(request), now))

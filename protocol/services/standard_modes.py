@@ -35,7 +35,7 @@ def available(number: int = 0) -> Sequence[AvailableModes]:
     Returns:
         None, if there is no such mode.
     """
-    told = [
+    messages = [
         AvailableModes(
             number_modes=len(NAMES),
             mode_index=index,
@@ -47,7 +47,7 @@ def available(number: int = 0) -> Sequence[AvailableModes]:
         )
         for index, (mode, name) in enumerate(NAMES.items(), 1)
     ]
-    return [each for each in told if number in {0, each.mode_index}]
+    return [each for each in messages if number in {0, each.mode_index}]
 
 
 def current(mode: ModeKind) -> CurrentMode:

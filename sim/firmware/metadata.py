@@ -31,8 +31,8 @@ class Metadata:
     """
 
     def __init__(self, parameters: Iterable[tuple[Tunable, float]]) -> None:
-        told = {"version": 1, "parameters": [_described(each, value) for each, value in parameters]}
-        content = msgspec.json.encode(told)
+        document = {"version": 1, "parameters": [_described(each, value) for each, value in parameters]}
+        content = msgspec.json.encode(document)
         kinds = [{"type": _PARAMETER, "uri": _uri(PARAMETERS), "fileCrc": crc32(content)}]
         general = msgspec.json.encode({"version": 1, "metadataTypes": kinds})
         self.files = Files({GENERAL: general, PARAMETERS: content})

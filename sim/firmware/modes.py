@@ -101,10 +101,10 @@ class Modes:
         changed = self._told is not None and self._told[0] != state[0]
         self._told = state
         self._heartbeats.hurry()
-        told = [Outgoing(self.mode(now), telemetry=True)]
+        messages = [Outgoing(self.mode(now), telemetry=True)]
         if changed:
-            told.append(Outgoing(standard_modes.current(self._movement.mode), telemetry=True))
-        return told
+            messages.append(Outgoing(standard_modes.current(self._movement.mode), telemetry=True))
+        return messages
 
     def mode(self, now: int, reason: Reason | None = None) -> Mode:
         """The mode as it is told; `reason`: why it is not another one."""

@@ -65,8 +65,8 @@ class Parameters:
             if isinstance(effect, Changed):
                 owner, parameter = self._owners[effect.name]
                 parameter.write(owner, effect.value)
-                told = self._server.value_message(effect.name)
-                out += [Outgoing(told, via) for via in others if via != peer.via]
+                value_message = self._server.value_message(effect.name)
+                out += [Outgoing(value_message, via) for via in others if via != peer.via]
             else:
                 out += sends([effect])
         return out

@@ -117,7 +117,9 @@ def whole(packages: set[str]) -> set[str]:
         if (name := left.pop()) not in found:
             found.add(name)
             needs = [Requirement(one) for one in requires(name) or []]
-            left += [canonicalize_name(one.name) for one in needs if not one.marker or one.marker.evaluate()]
+            left += [
+                canonicalize_name(need.name) for need in needs if not need.marker or need.marker.evaluate()
+            ]
     return found
 
 

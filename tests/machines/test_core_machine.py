@@ -79,7 +79,7 @@ def invocation(
 
 def asked_parts(effects: list[on.CoreEffect]) -> set[tuple[int, str]]:
     """Return generation and part of those that are to be asked."""
-    return {(one.generation, one.part) for one in effects if isinstance(one, AskPart)}
+    return {(effect.generation, effect.part) for effect in effects if isinstance(effect, AskPart)}
 
 
 class CoreMachine(RuleBasedStateMachine):
@@ -654,7 +654,11 @@ class CoreMachine(RuleBasedStateMachine):
         assert not self.waiting
 
     def unanswered(self, generations: Iterable[int]) -> set[tuple[int, str]]:
-        asked = [(one, part, answer) for one in generations for part, answer in self.asked[one].items()]
+        asked = [
+            (generation, part, answer)
+            for generation in generations
+            for part, answer in self.asked[generation].items()
+        ]
         return {(one, part) for one, part, answer in asked if answer is None}
 
     @rule()

@@ -205,11 +205,11 @@ class LookupMachine(RuleBasedStateMachine):
 
         async def heal() -> None:
             members = list(self.network.members)
-            for one in members:
-                self.network.thaw(one)
+            for member in members:
+                self.network.thaw(member)
                 for other in members:
-                    if one is not other:
-                        self.network.heal(one, other)
+                    if member is not other:
+                        self.network.heal(member, other)
             await asyncio.sleep(SETTLED)
 
         self.run(heal())

@@ -93,25 +93,25 @@ class Model:
 
     def has_key(self, key: str, transaction: str) -> bool:
         return any(
-            one.key == key and (one.taken_by or one.expires > self.now)
-            for one in self.entries
-            if not (transaction and one.taken_by == transaction)
+            entry.key == key and (entry.taken_by or entry.expires > self.now)
+            for entry in self.entries
+            if not (transaction and entry.taken_by == transaction)
         )
 
     def end(self, transaction: str, *, commit: bool) -> None:
         if self.open.pop(transaction, None) is None:
             return
         doomed = "taken_by" if commit else "written_by"
-        self.entries = [one for one in self.entries if getattr(one, doomed) != transaction]
-        for one in self.entries:
-            one.readers.discard(transaction)
-            one.written_by = "" if one.written_by == transaction else one.written_by
-            one.taken_by = "" if one.taken_by == transaction else one.taken_by
+        self.entries = [entry for entry in self.entries if getattr(entry, doomed) != transaction]
+        for entry in self.entries:
+            entry.readers.discard(transaction)
+            entry.written_by = "" if entry.written_by == transaction else entry.written_by
+            entry.taken_by = "" if entry.taken_by == transaction else entry.taken_by
 
     def sweep(self) -> None:
         for transaction in [name for name, end in self.open.items() if end <= self.now]:
             self.end(transaction, commit=False)
-        self.entries = [one for one in self.entries if one.expires > self.now or one.taken_by]
+        self.entries = [entry for entry in self.entries if entry.expires > self.now or entry.taken_by]
 
 
 def act(name: str, /, **values: st.SearchStrategy[Any]) -> st.SearchStrategy[tuple[str, dict[str, Any]]]:
@@ -204,9 +204,9 @@ class SpaceMachine(RuleBasedStateMachine):
                 raise KeyTaken(space="", key=key)
             if key:  # what has ended is out of the way
                 self.model.entries = [
-                    one
-                    for one in self.model.entries
-                    if one.key != key or one.taken_by or one.expires > self.model.now
+                    entry
+                    for entry in self.model.entries
+                    if entry.key != key or entry.taken_by or entry.expires > self.model.now
                 ]
 
         def store() -> int:
@@ -242,7 +242,7 @@ class SpaceMachine(RuleBasedStateMachine):
             self.timed.store.put_back([row])
         self.model.sweep()
         if kept.expires > self.model.now:
-            kept.key = "" if any(one.key == kept.key for one in self.model.entries) else kept.key
+            kept.key = "" if any(entry.key == kept.key for entry in self.model.entries) else kept.key
             self.model.entries.append(kept)
 
     def renew(self, back: int, term: float) -> None:
@@ -250,9 +250,9 @@ class SpaceMachine(RuleBasedStateMachine):
 
         def expect() -> None:
             found = [
-                one
-                for one in self.model.entries
-                if one.id == id_ and not one.taken_by and one.expires > self.model.now
+                entry
+                for entry in self.model.entries
+                if entry.id == id_ and not entry.taken_by and entry.expires > self.model.now
             ]
             if not found:
                 raise NoSuchEntry(space="", id=id_)

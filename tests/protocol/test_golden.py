@@ -76,4 +76,4 @@ def test_the_file_is_what_the_reference_writes_today(generate: ModuleType, oracl
 def test_every_message_of_ours_is_in_the_file(generate: ModuleType) -> None:
     ours = {each.name for each in definitions().values() if each.id in generate.OURS}
     assert ours
-    assert ours <= {one["name"] for one in FRAMES}
+    assert ours <= {frame["name"] for frame in FRAMES}

@@ -141,7 +141,7 @@ def test_no_verb_over_a_realm_is_left_out() -> None:
     proved = {line.split()[0] for line, _, _ in SHAPES} | {"watch"}
     proved |= {"role", "rules explain"}  # over scripts and companions: their own tests show them
     proved |= {"decide", "space ls", "history", "why"}  # of hosts that crashed, of spaces, of what was kept
-    promised = {one.verb for one in ACTIONS if one.run and Where.SHELL in one.where} | {"run"}
+    promised = {action.verb for action in ACTIONS if action.run and Where.SHELL in action.where} | {"run"}
     assert proved == promised
 
 

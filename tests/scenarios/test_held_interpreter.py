@@ -113,7 +113,7 @@ async def test_a_signal_ends_a_host_whose_page_holds_the_interpreter(
         guards, began = children(host.pid), time.monotonic()
         handles = [os.pidfd_open(one) for one in (host.pid, *guards)]
         os.kill(host.pid, number)
-        assert all(await asyncio.gather(*(ended(one, HARD) for one in handles)))
+        assert all(await asyncio.gather(*(ended(handle, HARD) for handle in handles)))
         assert time.monotonic() - began >= LAST_WORDS, "it had the time for an orderly end"
     assert f"process {host.pid} was killed: it did not end within 3.5 s" in host.log
 
@@ -134,7 +134,7 @@ async def test_an_orderly_end_is_as_quick_as_without_a_guard(crew: Crew) -> None
     assert is_running(watcher)
     began, handles = time.monotonic(), [os.pidfd_open(host.pid), os.pidfd_open(watcher)]
     os.kill(host.pid, signal.SIGTERM)
-    assert all(await asyncio.gather(*(ended(one, HARD) for one in handles)))
+    assert all(await asyncio.gather(*(ended(handle, HARD) for handle in handles)))
     assert time.monotonic() - began < LAST_WORDS
     assert await host.process.wait() == 0
     assert "killed" not in host.log

@@ -112,7 +112,7 @@ async def run(*words: str, realm: str = "") -> subprocess.CompletedProcess[bytes
 
 
 async def until_online(realm_client: RealmClient, name: str) -> None:
-    await until(lambda: any(one.name == name for one in realm_client.robots()), f"{name} is listed")
+    await until(lambda: any(robot.name == name for robot in realm_client.robots()), f"{name} is listed")
     async with asyncio.timeout(60):
         while not (await realm_client.describe(name)).online:  # noqa: ASYNC110  an answer has no event
             await asyncio.sleep(0.02)

@@ -126,8 +126,8 @@ class Place:
             }
 
     def processes(self) -> set[int]:
-        return {one.pid for one in programs(REALM).values()} | {
-            one.pid for one in controllers(REALM).values()
+        return {program.pid for program in programs(REALM).values()} | {
+            controller.pid for controller in controllers(REALM).values()
         }
 
     def process_of(self, name: str) -> int:

@@ -124,7 +124,7 @@ async def founded_at_once() -> None:
                         lambda realm_client=realm_client: _both(realm_client.services),
                         "both lookup services are seen",
                     )
-                    assert _both(one.address.name for one in await realm_client.hosts())
+                    assert _both(host.address.name for host in await realm_client.hosts())
 
 
 def _both(names: Iterable[str]) -> bool:
@@ -134,22 +134,22 @@ def _both(names: Iterable[str]) -> bool:
 async def every_realm_is_stopped() -> None:
     """Realms with other names and in other folders: one line stops all, and names each."""
     async with AsyncExitStack() as ties:
-        realms = [await ties.enter_async_context(_realm(*one)) for one in REALMS]
+        realms = [await ties.enter_async_context(_realm(*realm)) for realm in REALMS]
         done = _line("stop", "--realm", "nobody")
         assert done.returncode == exit_codes.NOBODY
         assert "--realm lab" in done.stderr, "where robots are is named"
-        assert not any([await one.stopped() for one in realms])
+        assert not any([await realm.stopped() for realm in realms])
         done = _line("stop", "--everywhere", "--json")
         assert done.returncode == exit_codes.DONE, done
         told = {(Path(one["folder"]), *one["stopped"]) for one in json.loads(done.stdout)["realms"]}
-        assert told == {(one.folder, one.robot) for one in realms}
-        assert all([await one.stopped() for one in realms])
+        assert told == {(realm.folder, realm.robot) for realm in realms}
+        assert all([await realm.stopped() for realm in realms])
 
 
 async def a_realm_that_hangs() -> None:
     """The process of one realm hangs: it is named, and the others have stopped."""
     async with AsyncExitStack() as ties:
-        realms = [await ties.enter_async_context(_realm(*one)) for one in REALMS]
+        realms = [await ties.enter_async_context(_realm(*realm)) for realm in REALMS]
         first, hanging, third = realms
         os.kill(hanging.pid, signal.SIGSTOP)
         try:

@@ -128,10 +128,10 @@ async def run(seed: int, *, quick: bool, only: str, limit: float) -> list[Trial]
                     continue
                 results = await _one(stage, name, attempt, random.Random(f"{seed}/{name}"))
                 trials += results
-                for one in results:
-                    seconds = "" if one.seconds is None else f" {one.seconds:.2f} s"
-                    good = "reached" if one.reached else "NOT REACHED"
-                    told = f"{name}: {one.row.what}: {good}{seconds} {one.note} {one.false or ''}"
+                for result in results:
+                    seconds = "" if result.seconds is None else f" {result.seconds:.2f} s"
+                    good = "reached" if result.reached else "NOT REACHED"
+                    told = f"{name}: {result.row.what}: {good}{seconds} {result.note} {result.false or ''}"
                     _tell(f"{time.monotonic() - began:6.1f} {told}")
     return trials
 
@@ -172,8 +172,8 @@ async def _one(stage: Stage, name: str, attempt: Try, chance: random.Random) -> 
     except (TimeoutError, VrError, MemberFailed, OSError, AssertionError) as error:
         results = [Trial(BROKEN, False, note=f"{type(error).__name__}: {error}")]
         await _mend(stage)
-    for one in results:
-        one.number = name
+    for result in results:
+        result.number = name
     return results
 
 

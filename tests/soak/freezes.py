@@ -30,7 +30,7 @@ CONCERNED = {
 }
 """Robots that cannot confirm a stop while this process is frozen."""
 HEALED = "from SIGCONT until all see each other, a new process too"
-HEALS = {one: Row("freeze", one, HEALED, 3.0) for one in VICTIMS}
+HEALS = {victim: Row("freeze", victim, HEALED, 3.0) for victim in VICTIMS}
 STOPPED = Row(
     "freeze",
     "`stop` while one process is frozen: all other robots stand",

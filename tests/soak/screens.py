@@ -81,16 +81,16 @@ async def hang_and_wake(stage: Stage, chance: random.Random) -> Sequence[Trial]:
         try:
             took = await drawn(pilot, lambda: "late" in state() or "HANGS" in state(), 10.0)
             await pilot.pause(chance.uniform(0.0, 4.0))
-            hung, lines = state(), [one.text for one in list(app.store.entries)[told:]]
+            hung, lines = state(), [entry.text for entry in list(app.store.entries)[told:]]
         finally:
             os.kill(pid, signal.SIGCONT)
         back = await drawn(pilot, lambda: "free" in state(), 10.0)
         app.pop_screen()
         listed = await drawn(pilot, lambda: ARM in text_of(app) and "HANGS" not in text_of(app), 5.0)
-        lines += [one.text for one in list(app.store.entries)[told:] if one.text not in lines]
+        lines += [entry.text for entry in list(app.store.entries)[told:] if entry.text not in lines]
         shown = text_of(app)
     false = [f"the panel: {hung}"] if "gone" in hung.lower() else []
-    false += [f"the log: {one}" for one in lines if "gone" in one or "died" in one]
+    false += [f"the log: {line}" for line in lines if "gone" in line or "died" in line]
     false += ["the list: GONE"] if "GONE" in shown else []
     seen = Trial(SEEN, calm is not None and took is not None, took, false)
     healed = Trial(BACK, back is not None and listed is not None, back)
@@ -105,7 +105,7 @@ async def delete_loaded(stage: Stage, _chance: random.Random) -> Sequence[Trial]
     names = [f"brief-{number}" for number in range(DELETED)]
     async with screen(stage) as (app, pilot):
         await asyncio.gather(
-            *(stage.realm_client.create(str(ROOT / "examples/move_to.py"), one) for one in names)
+            *(stage.realm_client.create(str(ROOT / "examples/move_to.py"), name) for name in names)
         )
         known = await drawn(pilot, lambda: set(names) <= app.store.descriptions.keys(), 20.0)
         async with loaded(LOOPS):
@@ -113,9 +113,9 @@ async def delete_loaded(stage: Stage, _chance: random.Random) -> Sequence[Trial]
             took = await drawn(pilot, lambda: app.store.known.isdisjoint(names), 15.0)
         rest = sorted(app.store.known.intersection(names))
         dead = [
-            one.text
-            for one in app.store.entries
-            if one.robot in names and ("gone" in one.text or "hangs" in one.text)
+            entry.text
+            for entry in app.store.entries
+            if entry.robot in names and ("gone" in entry.text or "hangs" in entry.text)
         ]
     trial = Trial(LEFT, known is not None and took is not None, took, dead)
     trial.note = f"left in the list: {', '.join(rest)}" if rest else ""

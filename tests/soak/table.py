@@ -41,11 +41,11 @@ def table(trials: Iterable[Trial]) -> str:
     """Write the table in Markdown; below it each trial that failed."""
     rows: dict[Row, list[Trial]] = {}
     skipped = list[Trial]()
-    for one in trials:
-        if one.skipped:
-            skipped.append(one)
+    for trial in trials:
+        if trial.skipped:
+            skipped.append(trial)
         else:
-            rows.setdefault(one.row, []).append(one)
+            rows.setdefault(trial.row, []).append(trial)
     lines = [
         "| | trials | reached | p50 [s] | max [s] | bar [s] | false | time from … to |",
         "|---|---|---|---|---|---|---|---|",
@@ -66,7 +66,7 @@ def table(trials: Iterable[Trial]) -> str:
 
 def is_good(trials: Iterable[Trial]) -> bool:
     """Whether every trial passed."""
-    return not any(_is_bad(one) for one in trials)
+    return not any(_is_bad(trial) for trial in trials)
 
 
 def _is_bad(one: Trial) -> bool:

@@ -119,7 +119,7 @@ def test_who_may_only_look_has_no_verb_that_changes_robots(
 
 
 def test_what_the_screen_asks_back_about_is_absent_for_who_may_only_look() -> None:
-    assert [one.verb for one in ACTIONS if one.danger and not one.alters] == []
+    assert [action.verb for action in ACTIONS if action.danger and not action.alters] == []
 
 
 def test_a_script_with_a_wrong_line_is_not_played(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

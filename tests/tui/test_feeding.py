@@ -92,7 +92,7 @@ async def test_who_is_deleted_has_left_whichever_of_the_two_news_comes_first(
     await feed.open()
     await realm.create("move_to.py", "mover")
     await until(lambda: "mover" in store.descriptions, "it is known")
-    known = [one for one in realm.realm_client.robots() if one.name == "mover"]
+    known = [robot for robot in realm.realm_client.robots() if robot.name == "mover"]
     late = True
     if first == "listing":
         present, left = feed._present, realm.realm_client.left
@@ -108,7 +108,7 @@ async def test_who_is_deleted_has_left_whichever_of_the_two_news_comes_first(
     late = False
     feed._take_lists()
     await until(lambda: "mover" not in store.known, "it is off the list")
-    told = [one.text for one in store.entries if "mover" in one.text and one.line is None]
+    told = [entry.text for entry in store.entries if "mover" in entry.text and entry.line is None]
     assert told == ["mover (MoveTo) left the list"], "its own log says who created it"
     assert not store.absent
     await feed.close()

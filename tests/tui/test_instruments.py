@@ -65,7 +65,7 @@ def test_the_decimals_of_a_unit_never_change(value: float, unit: str) -> None:
     )
 )
 def test_every_reading_but_a_young_age_is_shown(readings: dict[str, float]) -> None:
-    shown = sum(len(one.figures) for one in groups(readings, UNITS, old=True))
+    shown = sum(len(group.figures) for group in groups(readings, UNITS, old=True))
     extra = instruments.size(readings) is not None
     assert shown == len(readings) + extra
 
@@ -105,8 +105,8 @@ def test_a_well_known_reading_without_a_unit_is_in_si_units() -> None:
 
 def test_joints_share_a_line_until_they_are_unfolded() -> None:
     joints = {"j1": 0.25, "j2": -0.5, "j10": 0.0}
-    assert [one.label for one in groups(joints, UNITS)] == ["joints"]
-    assert [one.label for one in groups(joints, UNITS, folded=False)] == ["j1", "j2", "j10"]
+    assert [group.label for group in groups(joints, UNITS)] == ["joints"]
+    assert [group.label for group in groups(joints, UNITS, folded=False)] == ["j1", "j2", "j10"]
 
 
 def test_a_figure_stays_with_its_name_and_its_unit_where_a_line_ends() -> None:

@@ -59,7 +59,7 @@ def test_a_robot_is_not_ready_when_one_below_it_is_not() -> None:
         "pick: offline: its controller does not answer",
         "pick: slot arm is empty, it takes Arm",
     )
-    assert [one.path for one in openings(store, "lever")] == ["pick.arm"], "e at the parent fills it"
+    assert [opening.path for opening in openings(store, "lever")] == ["pick.arm"], "e at the parent fills it"
 
 
 def test_all_reasons_are_told_and_not_only_the_worst() -> None:

@@ -70,7 +70,7 @@ def test_r2_comes_before_r10() -> None:
 
 def test_children_stand_below_their_parents_with_their_slots() -> None:
     placements = family(store_of(*LEVER))
-    assert [(one.name, one.depth, one.slot) for one in placements] == [
+    assert [(placement.name, placement.depth, placement.slot) for placement in placements] == [
         ("lever", 0, ""),
         ("mover", 1, "mover"),
         ("arm-1", 2, "arm"),
@@ -192,10 +192,10 @@ def test_what_is_short_of_room_goes_in_its_order_and_the_state_never(
 
 
 def test_a_wide_list_has_epoch_lease_and_process_and_a_narrow_one_never() -> None:
-    titles = [one.title for one in columns(160, {}, wide=True)]
+    titles = [column.title for column in columns(160, {}, wide=True)]
     assert titles == ["ROBOT", "KIND", "STATE", "BY", "HOST", "EPOCH", "LEASE", "PROCESS", "ABOUT"]
-    assert [one.title for one in columns(80, {}, wide=True)] == ["ROBOT", "KIND", "STATE", "BY", "HOST"]
-    assert not {"EPOCH", "LEASE", "PROCESS"} & {one.title for one in columns(300, {})}
+    assert [column.title for column in columns(80, {}, wide=True)] == ["ROBOT", "KIND", "STATE", "BY", "HOST"]
+    assert not {"EPOCH", "LEASE", "PROCESS"} & {column.title for column in columns(300, {})}
     store = store_of(*LEVER)
     child = next(placement for placement in family(store) if placement.name == "arm-1")
     store.take_state("arm-1", State(epoch=7), 1.0)

@@ -61,14 +61,14 @@ class Heir(Base):
     label: str | None = None
 """
     base, heir = outline(source)
-    assert [(one.name, one.type, one.default) for one in base.settings] == [
+    assert [(setting.name, setting.type, setting.default) for setting in base.settings] == [
         ("speed", "float", 0.1),
         ("hand", "choice", "left"),
         ("many", "int", 3),
     ]
     speed = base.settings[0]
     assert (speed.unit, speed.lower, speed.upper, speed.doc) == ("m/s", 0.01, 0.3, "how quickly it goes")
-    assert [(one.name, one.default) for one in heir.settings] == [
+    assert [(setting.name, setting.default) for setting in heir.settings] == [
         ("speed", 0.2),
         ("hand", "left"),
         ("many", 3),
@@ -112,7 +112,7 @@ class Team(VirtualRobot):
     speed: float = SLOW
 """
     (team,) = outline(source)
-    assert [(one.name, one.type, one.default, one.choices) for one in team.settings] == [
+    assert [(setting.name, setting.type, setting.default, setting.choices) for setting in team.settings] == [
         ("side", "choice", "right", ("left", "right")),
         ("home", "tuple", [0.3, 0.1], ()),
         ("names", "list", [], ()),

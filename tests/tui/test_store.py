@@ -219,8 +219,8 @@ def test_candidates_are_of_the_right_kind_and_never_above_the_parent(store: Stor
         [],
         1.0,
     )
-    assert [one.name for one in store.candidates("mover", "Arm")] == ["arm-2"]
-    assert [one.name for one in store.candidates("mover", "Robot")] == ["arm-2", "rover-1"]
+    assert [candidate.name for candidate in store.candidates("mover", "Arm")] == ["arm-2"]
+    assert [candidate.name for candidate in store.candidates("mover", "Robot")] == ["arm-2", "rover-1"]
     assert store.lineage("arm-1") == ("arm-1", "mover", "lever")
 
 
@@ -230,7 +230,7 @@ def test_a_robot_that_still_waits_for_its_own_child_is_a_candidate(store: Store)
     waiting = RobotDescription(address=address("arm-2"), kinds=("Arm", "Robot"), commands=(grip,))
     store.take_descriptions([waiting], 1.0)
     store.take_lists([listing("arm-2"), listing("arm-3")], [], 1.0)
-    assert [one.name for one in store.candidates("lever", "Arm", ("grip",))] == ["arm-2"]
+    assert [candidate.name for candidate in store.candidates("lever", "Arm", ("grip",))] == ["arm-2"]
 
 
 def test_who_commands_is_the_parent_or_who_asked(store: Store) -> None:

@@ -19,7 +19,7 @@ def robot(name: str, **children: str | None) -> RobotDescription:
 
 
 def names(branches: tuple[Branch, ...]) -> list[str]:
-    return [name for one in branches for name in [one.name, *names(one.branches)] if name]
+    return [name for branch in branches for name in [branch.name, *names(branch.branches)] if name]
 
 
 def test_free_robots_are_roots_and_empty_slots_are_shown() -> None:

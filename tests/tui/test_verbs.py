@@ -167,8 +167,8 @@ async def test_tree_says_that_a_robot_is_late_which_has_not_answered_yet(
 ) -> None:
     await made(realm)
     robots = list(await realm.realm_client.tree())
-    late = [one for one in robots if one.name in {"arm-1", "rover-1"}]
-    answering = [one for one in robots if one not in late]
+    late = [robot for robot in robots if robot.name in {"arm-1", "rover-1"}]
+    answering = [robot for robot in robots if robot not in late]
 
     async def tree() -> list[RobotDescription]:
         return answering
@@ -284,7 +284,7 @@ async def test_release_and_delete_give_the_children_back(realm: Realm) -> None:
     await made(realm)
     assert "lever.mover is empty" in (await do(realm, "release lever.mover")).text
     assert "mover is deleted" in (await do(realm, "delete mover")).text
-    await until(lambda: "arm-1" in {one.name for one in realm.realm_client.robots()}, "the arm is listed")
+    await until(lambda: "arm-1" in {robot.name for robot in realm.realm_client.robots()}, "the arm is listed")
 
 
 async def test_look_writes_a_picture(realm: Realm, tmp_path: Path) -> None:
@@ -366,7 +366,7 @@ async def test_what_cannot_be_done_is_refused_in_one_sentence_and_loses_nothing(
             await do(realm, text.format(**paths))
         assert says in str(refusal.value)
         assert "\n" not in str(refusal.value)
-        assert {"arm-1", "rover-1", "mover"} == {one.name for one in realm.realm_client.robots()}
+        assert {"arm-1", "rover-1", "mover"} == {robot.name for robot in realm.realm_client.robots()}
 
 
 async def test_an_enslaved_robot_obeys_and_ends_through_its_parent_alone(realm: Realm) -> None:
@@ -403,8 +403,8 @@ async def test_show_and_watch_tell_readings_with_their_units(realm: Realm) -> No
     assert shown.data["units"]["j1"] == "rad"
     listener = Listener()
     watching = asyncio.create_task(do(realm, "watch --within 2s", listener))
-    await until(lambda: any(one.data["name"] == "arm-1" for one in listener.outcomes), "its state")
-    assert any("j1=14.32 °" in one.text for one in listener.outcomes)
+    await until(lambda: any(outcome.data["name"] == "arm-1" for outcome in listener.outcomes), "its state")
+    assert any("j1=14.32 °" in outcome.text for outcome in listener.outcomes)
     watching.cancel()
 
 

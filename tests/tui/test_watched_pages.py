@@ -83,7 +83,7 @@ class Author:
 
     @property
     def texts(self) -> str:
-        return "\n".join(one.text for one in self.listener.outcomes)
+        return "\n".join(outcome.text for outcome in self.listener.outcomes)
 
     async def told(self, words: str) -> dict[str, object]:
         """Wait for an outcome with these words; return its plain data, which is one line of JSON."""

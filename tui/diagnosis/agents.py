@@ -40,24 +40,26 @@ def condition(robot: RobotDescription) -> Iterator[Finding]:
     """Say how a robot is, and what to do where it cannot be commanded."""
     lacks = status.lacks_of(robot)
     kind = status.status_of(robot, lacks)
-    told = f"{robot.name} ({robot.kind}) is {status.words(robot)}"
+    result = f"{robot.name} ({robot.kind}) is {status.words(robot)}"
     match kind:
         case "offline":
             remedy = "its proxy has lost the controller: look whether that runs and at the link between them"
-            yield Finding("robots", "bad", told, remedy)
+            yield Finding("robots", "bad", result, remedy)
         case "stopped":
             reason = f": {robot.stop_reason}" if robot.stop_reason else ""
-            yield Finding("robots", "doubt", told + reason, f"when it is safe: robotree resume {robot.name}")
+            yield Finding(
+                "robots", "doubt", result + reason, f"when it is safe: robotree resume {robot.name}"
+            )
         case "abandoned":
             host = f"host {robot.host}" if robot.host else "its process"
             remedy = f"code of {', '.join(robot.abandoned)} was ended and still runs: restart {host}"
-            yield Finding("robots", "bad", told, remedy)
+            yield Finding("robots", "bad", result, remedy)
         case "needs":
             slot, wanted, *_ = lacks[0]
             remedy = f"robotree enslave {robot.name}.{slot} NAME, of a robot of kind {wanted}"
             yield Finding("robots", "doubt", f"{robot.name} ({robot.kind}): {status.needs(lacks)}", remedy)
         case _:
-            yield Finding("robots", "good", told)
+            yield Finding("robots", "good", result)
 
 
 def missed(
@@ -68,12 +70,12 @@ def missed(
     entries: Sequence[meeting.Entry],
 ) -> Iterator[Finding]:
     """Say why a robot is not seen."""
-    holders = [one for one in entries if any(each.name == name for each in one.holds)]
+    holders = [entry for entry in entries if any(each.name == name for each in entry.holds)]
     robot = robots.get(name)
     if robot is not None and robot.bond is not None:
         parent = f"{robot.bond.parent.name}.{robot.bond.slot}"
-        told = f"{name} runs and is enslaved by {parent}: it is in `robotree tree`, not in `robotree ls`"
-        yield Finding("robot", "good", told, f"to command it yourself: robotree release {parent}")
+        result = f"{name} runs and is enslaved by {parent}: it is in `robotree tree`, not in `robotree ls`"
+        yield Finding("robot", "good", result, f"to command it yourself: robotree release {parent}")
     elif robot is not None and name in listed:
         yield Finding("robot", "good", f"{name} runs, answers and is listed")
     elif robot is not None:
@@ -83,7 +85,7 @@ def missed(
         )  # fmt: skip
     elif holders:
         one = holders[0]
-        told = (
+        result = (
             f"{name} is in {one.who}, which {'is stopped' if one.condition == 'stopped' else one.condition}"
         )
         wake = (
@@ -91,7 +93,7 @@ def missed(
             if one.condition == "stopped"
             else f"kill -KILL {one.pid}, and start it again"
         )
-        yield Finding("robot", "bad", f"{told} and does not answer", wake)
+        yield Finding("robot", "bad", f"{result} and does not answer", wake)
     elif elsewhere := meeting.whereabouts(name, realm):
         yield elsewhere
     else:

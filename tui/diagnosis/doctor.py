@@ -55,11 +55,15 @@ def keys(realm: str) -> Finding:
     """See that the signing keys of the environment can be used, and by nobody else."""
     given = os.environ.get(VARIABLE, "")
     if not given and (realm_folder(realm) / REALM_KEY).exists():
-        told = "the realm has a key of its own: what `robotree demo` starts is signed; other links need --key"
-        return Finding("keys", "good", told)
+        result = (
+            "the realm has a key of its own: what `robotree demo` starts is signed; other links need --key"
+        )
+        return Finding("keys", "good", result)
     if given in {"", NOTHING}:
-        told = "no key is set ($ROBOTREE_KEY): links are open unless --key is given"
-        return Finding("keys", "doubt", told, "robotree wire key cell.key, then --key cell.key on both ends")
+        result = "no key is set ($ROBOTREE_KEY): links are open unless --key is given"
+        return Finding(
+            "keys", "doubt", result, "robotree wire key cell.key, then --key cell.key on both ends"
+        )
     if given == REALM:
         return Finding("keys", "good", "links are signed with the realm's own key ($ROBOTREE_KEY=realm)")
     path = Path(given)

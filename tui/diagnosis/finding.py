@@ -30,25 +30,25 @@ class Finding:
 
 def sound(findings: Iterable[Finding]) -> bool:
     """Whether nothing is bad."""
-    return all(one.grade != "bad" for one in findings)
+    return all(finding.grade != "bad" for finding in findings)
 
 
 def structure(findings: Sequence[Finding]) -> dict[str, Any]:
     """Return all findings as plain data."""
-    return {"ok": sound(findings), "checks": [asdict(one) for one in findings]}
+    return {"ok": sound(findings), "checks": [asdict(finding) for finding in findings]}
 
 
 def text(findings: Sequence[Finding]) -> str:
     """Return all findings for people: one line each, its remedy below it; last what it comes to."""
     lines: list[str] = []
     before = ""
-    for one in findings:
-        head = one.check if one.check != before else ""
-        lines += _wrapped(f"{SIGNS[one.grade]} {head:<{INDENT - 3}} ", one.result)
-        if one.remedy:
-            lines += _wrapped(f"{'':{INDENT}}→ ", one.remedy)
-        before = one.check
-    counts = {grade: sum(one.grade == grade for one in findings) for grade in SIGNS}
+    for finding in findings:
+        head = finding.check if finding.check != before else ""
+        lines += _wrapped(f"{SIGNS[finding.grade]} {head:<{INDENT - 3}} ", finding.result)
+        if finding.remedy:
+            lines += _wrapped(f"{'':{INDENT}}→ ", finding.remedy)
+        before = finding.check
+    counts = {grade: sum(finding.grade == grade for finding in findings) for grade in SIGNS}
     verdict = f"{counts['good']} good, {counts['doubt']} in doubt, {counts['bad']} bad"
     return "\n".join([*lines, "", verdict])
 

@@ -46,7 +46,10 @@ def gather(realm: str, *, readonly: bool) -> dict[str, Any]:
             "python": platform.python_version(),
             "system": platform.platform(),
             "packages": {
-                one.name: one.have for extra in ("", *MODULES) for one in machine.packages(extra) if one.have
+                package.name: package.have
+                for extra in ("", *MODULES)
+                for package in machine.packages(extra)
+                if package.have
             },
         },
         "realm": {"name": realm, "readonly": readonly, "realms here": meeting.realms()},

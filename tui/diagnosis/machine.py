@@ -92,15 +92,15 @@ def _extra(extra: str) -> Iterator[Finding]:
     known = packages(extra)
     missing = [one.name for one in known if not one.have]
     if missing:
-        told = f"robotree[{extra}] is not installed ({', '.join(missing)})"
+        result = f"robotree[{extra}] is not installed ({', '.join(missing)})"
         verbs = [f"`{action.verb}`" for action in ACTIONS if extra in action.needs]
         without = f"; {', '.join(verbs)} cannot be used without it" if verbs else ""
-        yield Finding("extras", "doubt", told + without, installation(extra))
+        yield Finding("extras", "doubt", result + without, installation(extra))
         return
     faults = [Finding("extras", "bad", _misfit(one), installation(extra)) for one in known if not one.fits]
     faults += [
-        Finding("extras", "bad", f"robotree[{extra}] needs {one.thing}, which is not there", one.remedy)
-        for one in lacks(extra)
+        Finding("extras", "bad", f"robotree[{extra}] needs {lack.thing}, which is not there", lack.remedy)
+        for lack in lacks(extra)
     ]
     yield from faults or [Finding("extras", "good", f"robotree[{extra}] is installed")]
 
@@ -113,21 +113,21 @@ def _misfit(one: Needed) -> str:
 def clock(now: float | None = None) -> Finding:
     """See that the clock is not far behind: signatures carry its time, and certificates, too."""
     now = time.time() if now is None else now
-    told = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(now))
+    result = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(now))
     remedy = "set the clock, for example with `timedatectl set-ntp true`: signed links refuse what is too old"
     if now < SIGNING_BEGINS:
         return Finding(
             "clock",
             "bad",
-            f"the clock shows {told}, too early for signatures",
+            f"the clock shows {result}, too early for signatures",
             remedy,
         )
     newest = max((path.stat().st_mtime for path in Path(__file__).parent.glob("*.py")), default=0.0)
     if now < newest - 86_400:
         return Finding(
-            "clock", "bad", f"the clock shows {told}, which is before robotree was installed", remedy
+            "clock", "bad", f"the clock shows {result}, which is before robotree was installed", remedy
         )
-    return Finding("clock", "good", f"the clock shows {told}")
+    return Finding("clock", "good", f"the clock shows {result}")
 
 
 def terminal() -> Iterator[Finding]:
@@ -137,16 +137,16 @@ def terminal() -> Iterator[Finding]:
             "terminal", "doubt", f"the full screen needs a terminal, and {without}", "verbs work anyway"
         )
     able = abilities()
-    told = ", ".join(f"{name} {value}" for name, value in able.items())
+    result = ", ".join(f"{name} {value}" for name, value in able.items())
     columns, lines = shutil.get_terminal_size()
     if (columns, lines) < SMALLEST or lines < SMALLEST[1]:
         yield Finding(
-            "terminal", "doubt", told, f"make it at least {SMALLEST[0]} columns by {SMALLEST[1]} lines"
+            "terminal", "doubt", result, f"make it at least {SMALLEST[0]} columns by {SMALLEST[1]} lines"
         )
     elif "utf" not in able["encoding"].lower():
-        yield Finding("terminal", "bad", told, "set LANG to a UTF-8 locale, for example LANG=C.UTF-8")
+        yield Finding("terminal", "bad", result, "set LANG to a UTF-8 locale, for example LANG=C.UTF-8")
     else:
-        yield Finding("terminal", "good", told)
+        yield Finding("terminal", "good", result)
 
 
 def abilities() -> dict[str, str]:

@@ -49,7 +49,7 @@ class Entry:
     @property
     def who(self) -> str:
         """Name it for people."""
-        agents = ", ".join(f"{one.role} {one.name}" for one in self.holds)
+        agents = ", ".join(f"{hold.role} {hold.name}" for hold in self.holds)
         unknown = "its list of agents is damaged" if self.damaged else "it has announced nothing"
         return f"process {self.pid} ({agents or self.command or unknown})"
 
@@ -57,9 +57,12 @@ class Entry:
 def folder(realm: str) -> Iterator[Finding]:
     """See that the realm's folder can be used, and by nobody else."""
     if not os.environ.get("XDG_RUNTIME_DIR"):
-        told = f"XDG_RUNTIME_DIR is not set, so this realm lies in {realm_folder(realm).parent}"
+        result = f"XDG_RUNTIME_DIR is not set, so this realm lies in {realm_folder(realm).parent}"
         yield Finding(
-            "folder", "doubt", told, "set it alike in all terminals, or robots of one are not seen in others"
+            "folder",
+            "doubt",
+            result,
+            "set it alike in all terminals, or robots of one are not seen in others",
         )
     place = realm_folder(realm)
     for path in (place.parent, place):
@@ -221,8 +224,8 @@ def whereabouts(name: str, realm: str) -> Finding | None:
         if other == realm:
             continue
         with contextlib.suppress(Exception):  # a folder that is not in order is no reason to fail here
-            for one in entries(other):
-                if any(address.name == name for address in one.holds):
+            for entry in entries(other):
+                if any(address.name == name for address in entry.holds):
                     return Finding(
                         "robot",
                         "bad",
@@ -239,7 +242,7 @@ def links(found: list[Entry]) -> Iterator[Finding]:
             continue
         sockets = _sockets(one.pid)
         joined = {_place(far) for _, far in sockets if far}
-        told = [
+        results = [
             f"{_written(near)} to {_written(far)}" if far else f"listens at {_written(near)}"
             for near, far in sockets
         ]
@@ -249,8 +252,8 @@ def links(found: list[Entry]) -> Iterator[Finding]:
                     "links", "bad", f"{one.who} is not connected to tcp:{wanted}",
                     f"start what shall listen there, for example `robotree sim arm --listen tcp:{wanted}`",
                 )  # fmt: skip
-        if told:
-            yield Finding("links", "good", f"{one.who}: {'; '.join(told)}")
+        if results:
+            yield Finding("links", "good", f"{one.who}: {'; '.join(results)}")
 
 
 Place = tuple[str, int]

@@ -200,7 +200,7 @@ def parse(
         [*before, *given[verb.count(" ") + 1 :]], known, internal or {}, wanted.usage
     )
     for rivals in wanted.rivals:
-        if len(both := [f"--{one}" for one in rivals if f"--{one}" in values]) > 1:
+        if len(both := [f"--{rival}" for rival in rivals if f"--{rival}" in values]) > 1:
             raise BadLine(f"{wanted.verb}: take only one of {' and '.join(both)}", wanted.usage)
     for choice in wanted.needed:
         if not any(f"--{one}" in values for one in choice):

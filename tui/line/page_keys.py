@@ -224,4 +224,4 @@ PAGE_KEYS: tuple[PageKey, ...] = (
 
 def page_keys(page: str) -> tuple[PageKey, ...]:
     """Return the keys of a page, in the order of the registry."""
-    return tuple(one for one in PAGE_KEYS if one.page == page)
+    return tuple(key for key in PAGE_KEYS if key.page == page)

@@ -33,7 +33,7 @@ class _Kept(NamedTuple):
 
     def events(self) -> list[tuple[str, HistoryEvent]]:
         """Return all events, the oldest first, each with who has kept it."""
-        found = [(source, one.event) for source, read in self.answers.items() for one in read.events]
+        found = [(source, event.event) for source, read in self.answers.items() for event in read.events]
         return sorted(found, key=lambda kept: kept[1].unix)
 
 

@@ -58,9 +58,9 @@ class Console:
         self._open = True
 
     def _worth_a_line(self, fraction: float, text: str) -> bool:
-        share, told = self._told
+        share, shown_text = self._told
         if (
-            without_seconds(text) != without_seconds(told)
+            without_seconds(text) != without_seconds(shown_text)
             or abs(fraction - share) >= STEP
             or math.isnan(share) != math.isnan(fraction)
         ):

@@ -93,7 +93,7 @@ class Surface(NamedTuple):
 
     def elsewhere(self, words: Sequence[str]) -> NotHere | None:
         """Say where the verb of a line can be used, if it exists and is not here."""
-        known = [one for one in ACTIONS if _begins(words, one.verb)]
+        known = [action for action in ACTIONS if _begins(words, action.verb)]
         if not known or any(self.has(one) for one in known):
             return None
         found = known[0]

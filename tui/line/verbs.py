@@ -144,14 +144,16 @@ def _contents(space: SpaceDescribed) -> Outcome:
     told = [f"{space.address.name}: {', '.join(parts) or 'empty'} ({space.durability}, {space.store})"]
     if space.entries:
         rows: list[tuple[str, ...]] = [("ENTRY", "KIND", "LEASE", "KEY", "FIELDS")]
-        for one in space.entries:
-            fields = " ".join(f"{name}={value!r}" for name, value in one.entry.fields.items())
-            lease = "held" if one.held else _lease(one.term)
-            rows.append((str(one.id), one.entry.kind, lease, one.key or "-", fields))
+        for entry in space.entries:
+            fields = " ".join(f"{name}={value!r}" for name, value in entry.entry.fields.items())
+            lease = "held" if entry.held else _lease(entry.term)
+            rows.append((str(entry.id), entry.entry.kind, lease, entry.key or "-", fields))
         told.append(wording.columns(rows))
     if space.fences:
         rows = [("FENCE", "EPOCH", "HOLDER", "LEFT")]
-        rows += [(one.name, str(one.epoch), one.holder or "-", _lease(one.term)) for one in space.fences]
+        rows += [
+            (fence.name, str(fence.epoch), fence.holder or "-", _lease(fence.term)) for fence in space.fences
+        ]
         told.append(wording.columns(rows))
     return Outcome(plain(space), "\n\n".join(told))
 
@@ -239,12 +241,18 @@ def _listed(
     data: list[dict[str, Any]] = []
     about = ["STATE", "LINK"] if states else []
     rows = [("NAME", "KIND", *about, "HOST", *(["LISTED"] if old else []), "ABOUT")]
-    for one in sorted(listings, key=lambda one: one.name):
-        state = {"state": states[one.name], "link": one.link} if states else {}
-        data.append({**plain(one), **state, **extra})
-        cells = (value or "-" for value in (*state.values(), one.host))
+    for listing in sorted(listings, key=lambda one: one.name):
+        state = {"state": states[listing.name], "link": listing.link} if states else {}
+        data.append({**plain(listing), **state, **extra})
+        cells = (value or "-" for value in (*state.values(), listing.host))
         rows.append(
-            (one.name, wording.kind(one.kind, one.attributes), *cells, *mark, wording.summary(one.doc))
+            (
+                listing.name,
+                wording.kind(listing.kind, listing.attributes),
+                *cells,
+                *mark,
+                wording.summary(listing.doc),
+            )
         )
     text = wording.columns(rows) if data else f"no {what} is {'known' if old else 'listed'}"
     return Outcome(data, text, doubt)
@@ -373,10 +381,10 @@ async def _logged(realm_client: RealmClient, name: str) -> list[tuple[str, Logge
     if faults := [one for one in logs if isinstance(one, BaseException) and not isinstance(one, VrError)]:
         raise faults[0]
     found += [
-        (robot, one)
+        (robot, line)
         for robot, lines in zip(names, logs, strict=True)
         if not isinstance(lines, BaseException)
-        for one in lines
+        for line in lines
     ]
     return sorted(found, key=lambda entry: entry[1].unix)
 
@@ -605,7 +613,7 @@ async def set_(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcom
     except NoSuchCommand:
         raise NoSettings(robot=name) from None
     robot = await realm_client.describe(name)
-    now = {one.name: one.default for one in wording.settings(robot)}
+    now = {setting.name: setting.default for setting in wording.settings(robot)}
     return Outcome({"name": name, "settings": now}, wording.columns(wording.setting_rows(robot)))
 
 

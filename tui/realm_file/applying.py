@@ -140,11 +140,11 @@ class _Work:
 
     async def _see_to(self, step: Step) -> None:
         await asyncio.sleep(0)  # all tasks are there
-        needs = [self._tasks[one] for one in step.needs if one in self._tasks]
+        needs = [self._tasks[need] for need in step.needs if need in self._tasks]
         if needs:
             await asyncio.wait(needs)
         over = self._before | self._over
-        broken = sorted(one for one in step.needs if one in over and over[one].outcome != "done")
+        broken = sorted(need for need in step.needs if need in over and over[need].outcome != "done")
         if broken:
             done = Done(step, "kept back", f"it needs `{over[broken[0]].step.text}`")
         else:

@@ -124,7 +124,7 @@ class RealmFile(msgspec.Struct, frozen=True, kw_only=True):
 
     def section(self, verb: str) -> dict[str, ProcessEntry]:
         """Return the processes of a verb, by name."""
-        return {one.name: one for one in self.processes if one.verb == verb}
+        return {process.name: process for process in self.processes if process.verb == verb}
 
     def bonds(self) -> Iterator[tuple[RobotEntry, str, Word]]:
         """Yield parent, slot and child of each bond."""

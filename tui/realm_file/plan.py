@@ -122,8 +122,8 @@ class _Planner:
         """Deal with robots and processes that the file does not name: those on top first."""
         virtual = self._there.virtual()
         strange = [name for name in virtual if name not in self._names]
-        entries = {one.id for one in self._wanted.processes if one.verb != NAMELESS}
-        ending = [one for one in self._there.processes.values() if one.id not in entries]
+        entries = {process.id for process in self._wanted.processes if process.verb != NAMELESS}
+        ending = [process for process in self._there.processes.values() if process.id not in entries]
         controllers = {
             f"controller {name}": one.pid
             for name, one in self._there.controllers.items()
@@ -280,7 +280,7 @@ class _Planner:
             name = child.text
             needs |= {f"{what} {name}" for what in ("proxy", "robot", "set", "role", "release")}
             needs |= {f"delete {one}" for one in self._above(name)[:1]}
-            below = next((one for one in self._wanted.robots if one.name == name), None)
+            below = next((robot for robot in self._wanted.robots if robot.name == name), None)
             needs |= {f"{name}.{one}" for one in below.slots} if below else set()
         place, names = f"{entry.name}.{slot}", tuple(child.text for child in children)
         self._verb("+", place, Line("enslave", {"PARENT.SLOT": place, "CHILD": names}), needs)

@@ -85,7 +85,7 @@ def _read(root: Written, path: str) -> RealmFile:
     if not isinstance(root, Entries):
         raise root.mark.error(f"a realm is written as `section: …`, with sections of {', '.join(KEYS)}")
     root.expect(KEYS, "a realm")
-    processes = [one for section, verb in SECTIONS.items() for one in _processes(root, section, verb)]
+    processes = [process for section, verb in SECTIONS.items() for process in _processes(root, section, verb)]
     robots = [_robot(name, facets) for name, facets in entries(root.get("robots"), "robots", root.mark)]
     key = root.get("key")
     return RealmFile(
@@ -175,7 +175,7 @@ def _plain(thing: Written) -> object:
         case Word(text=text):
             return text
         case Items(items=parts):
-            return [_plain(one) for one in parts]
+            return [_plain(part) for part in parts]
         case Entries():
             return {key.text: _plain(one) for key, one in thing}
 

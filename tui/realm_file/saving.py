@@ -58,11 +58,13 @@ class _Saving:
 
     def saved(self, path: str) -> tuple[RealmFile, list[str]]:
         there = self._there
-        linked = {one.program.key for one in there.processes.values() if "key" in keys_of(one.line.verb)}
+        linked = {
+            process.program.key for process in there.processes.values() if "key" in keys_of(process.line.verb)
+        }
         key = self._key(linked.pop()) if len(linked) == 1 else ""
         processes = [
             *self._controllers(),
-            *(self._process(one, common=bool(key)) for one in there.processes.values()),
+            *(self._process(process, common=bool(key)) for process in there.processes.values()),
         ]
         order = list(SECTIONS.values())
         processes.sort(key=lambda one: (order.index(one.verb), one.name))
@@ -142,9 +144,9 @@ class _Saving:
             hash=_word(digest[:SHOWN]) if digest else None,
             host=_word(robot.host),
             settings={
-                one.name: _word(_written(one.default))
-                for one in wording.settings(robot)
-                if one.default is not None
+                setting.name: _word(_written(setting.default))
+                for setting in wording.settings(robot)
+                if setting.default is not None
             },
             role=None if role == NEUTRAL else _word(role),
             slots=slots,

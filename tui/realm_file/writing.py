@@ -21,7 +21,7 @@ def write_file(found: RealmFile, *, comments: Iterable[str] = ()) -> str:
         found: what it says.
         comments: lines at its top.
     """
-    lines = [f"# {one}" for one in comments]
+    lines = [f"# {comment}" for comment in comments]
     lines += [f"key: {_text(found.key)}"] if found.key else []
     for section, verb in SECTIONS.items():
         lines += _section(section, list(found.section(verb).values()))
@@ -35,17 +35,17 @@ def write_file(found: RealmFile, *, comments: Iterable[str] = ()) -> str:
 def _section(section: str, processes: list[ProcessEntry]) -> Iterator[str]:
     if not processes:
         return
-    if not any(one.facets for one in processes):
-        yield f"{section}: [{', '.join(_text(one.name) for one in processes)}]"
+    if not any(process.facets for process in processes):
+        yield f"{section}: [{', '.join(_text(process.name) for process in processes)}]"
         return
     yield f"{section}:"
-    for one in processes:
-        options = BY_VERB[one.verb].shape.options
+    for process in processes:
+        options = BY_VERB[process.verb].shape.options
         facets = (
             f"{key}: {_text(word.text) if options.get(key, 'KIND') else 'yes'}"
-            for key, word in one.facets.items()
+            for key, word in process.facets.items()
         )
-        yield f"  {_text(one.name)}: {{{', '.join(facets)}}}"
+        yield f"  {_text(process.name)}: {{{', '.join(facets)}}}"
 
 
 def _robot(robot: RobotEntry) -> Iterator[str]:

@@ -48,13 +48,23 @@ CONTROL_FILTER = ControlFilter()
 
 def program_keys() -> Iterable[Binding]:
     """Make the keys of the whole program from the registry."""
-    for one in ACTIONS:
-        if one.scope is not Scope.PROGRAM:
+    for action in ACTIONS:
+        if action.scope is not Scope.PROGRAM:
             continue
-        first, asked = bool(one.typing_key or one.while_busy), f"verb('{one.verb}')"  # also over a question
-        yield Binding(one.key, f"quiet_{asked}", one.label, show=bool(one.label), priority=first, id=one.verb)
-        if one.typing_key:
-            yield Binding(one.typing_key, asked, show=False, priority=True)
+        first, asked = (
+            bool(action.typing_key or action.while_busy),
+            f"verb('{action.verb}')",
+        )  # also over a question
+        yield Binding(
+            action.key,
+            f"quiet_{asked}",
+            action.label,
+            show=bool(action.label),
+            priority=first,
+            id=action.verb,
+        )
+        if action.typing_key:
+            yield Binding(action.typing_key, asked, show=False, priority=True)
 
 
 class Supervisor(OperatorApp):

@@ -52,7 +52,7 @@ def _panel(app: OperatorApp, place: Place) -> None:
 
 def _rebond(app: OperatorApp, parent: str, slot: str, child: str) -> None:
     """Offer to bind a child again that was lost and is back; who declines is not asked again."""
-    places = [one for one in openings(app.store, parent) if one.slot == slot]
+    places = [opening for opening in openings(app.store, parent) if opening.slot == slot]
 
     def answered(line: Line | None) -> None:
         if line:
@@ -138,7 +138,7 @@ def _delete(app: OperatorApp, place: Place) -> None:
 def _delete_marked(app: OperatorApp) -> None:
     """Ask back once for all marked robots; those of which none can be deleted are left out."""
     robots = [app.store.descriptions.get(name) for name in sorted(app.marks)]
-    names = [one.name for one in robots if one and MADE in one.kinds and not one.bond]
+    names = [robot.name for robot in robots if robot and MADE in robot.kinds and not robot.bond]
     left = sorted(app.marks.difference(names))
     if not names:
         app.tell(f"none of {', '.join(left)} can be deleted: they are no free virtual robots", "warning")
@@ -285,8 +285,10 @@ def _consequence(app: OperatorApp, line: Line) -> str:
         case "delete":
             robot = store.descriptions.get(line.text("NAME"))
             children = [slot.child.name for slot in robot.slots if slot.child] if robot else []
-            told = store.state(line.text("NAME")) or robot  # a state is newer than a description
-            busy = f" It is carrying out {told.busy}, which ends." if told and told.busy else ""
+            condition = store.state(line.text("NAME")) or robot  # a state is newer than a description
+            busy = (
+                f" It is carrying out {condition.busy}, which ends." if condition and condition.busy else ""
+            )
             freed = f" {', '.join(children)} will be free again." if children else ""
             return f"{line.text('NAME')} ends for good.{busy}{freed}"
         case "release":

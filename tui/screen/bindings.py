@@ -11,13 +11,13 @@ def bindings(page: str) -> list[BindingType]:
     """Return the bindings of a page beside the main one."""
     return [
         Binding(
-            one.key,
-            one.action,
-            one.label,
-            show=bool(one.label),
-            key_display=one.shown or None,
-            tooltip=one.help,
-            id=one.id,
+            key.key,
+            key.action,
+            key.label,
+            show=bool(key.label),
+            key_display=key.shown or None,
+            tooltip=key.help,
+            id=key.id,
         )
-        for one in page_keys(page)
+        for key in page_keys(page)
     ]

@@ -74,10 +74,10 @@ class BusyForms(KeysInOrder[ReturnType]):
 
     def keys_while_busy(self) -> set[str]:
         """Return the keys that work while the form in front carries something out."""
-        verbs = [one for one in ACTIONS if one.while_busy]
+        verbs = [action for action in ACTIONS if action.while_busy]
         page = getattr(self.screen, "KEYS_OF", "") if self.screen_stack else ""
-        names = [*(one.verb for one in verbs), *(one.id for one in page_keys(page) if one.while_busy)]
-        return {one.typing_key for one in verbs}.union(*map(self.keymap.keys, names))
+        names = [*(verb.verb for verb in verbs), *(key.id for key in page_keys(page) if key.while_busy)]
+        return {verb.typing_key for verb in verbs}.union(*map(self.keymap.keys, names))
 
     def _meant(self, event: Event) -> DOMNode | None:
         if not self.screen_stack:

@@ -54,8 +54,8 @@ _MAIN = "main"
 @cache
 def default_keys() -> Mapping[str, str]:
     """Return the keys of the registry: by what they do, several of them separated by commas."""
-    verbs = {one.verb: one.key for one in ACTIONS if one.key and Where.SCREEN in one.where}
-    return verbs | {one.id: one.key for one in PAGE_KEYS}
+    verbs = {action.verb: action.key for action in ACTIONS if action.key and Where.SCREEN in action.where}
+    return verbs | {key.id: key.key for key in PAGE_KEYS}
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,15 +107,15 @@ def read(text: str, path: str) -> Keymap:
         BadKeymap: something in it is wrong.
     """
     try:
-        told = tomllib.loads(text)
+        document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise BadKeymap(path, f"it is no TOML: {error}") from None
-    if strange := told.keys() - {"preset", "keys"}:
+    if strange := document.keys() - {"preset", "keys"}:
         raise BadKeymap(path, f"{min(strange)!r} means nothing here; write preset = ... and [keys]")
-    preset = told.get("preset", "robotree")
+    preset = document.get("preset", "robotree")
     if not isinstance(preset, str) or preset not in PRESETS:
         raise BadKeymap(path, f"there is no preset {preset!r}; there are {', '.join(PRESETS)}")
-    if not isinstance(table := told.get("keys", {}), dict):
+    if not isinstance(table := document.get("keys", {}), dict):
         raise BadKeymap(path, "keys must be a table; write [keys] and below it a line for each")
     own = {name: _keys(name, keys, path) for name, keys in _flat(cast("dict[str, Any]", table))}
     changed = {**PRESETS[preset], **own}
@@ -149,9 +149,9 @@ def _keys(name: str, value: Any, path: str) -> str:
         raise BadKeymap(path, f"{name}: {value!r} is no key; write for example y, Y, ctrl+y, f5 or pageup")
     if {*found} & {BY_VERB["stop"].key, BY_VERB["stop"].typing_key}:
         raise BadKeymap(path, f"{name}: {_stop_keys()} are the protective stop's, on every page")
-    for one in ACTIONS:
-        if one.typing_key in found:
-            raise BadKeymap(path, f"{name}: {one.typing_key} is the key of {one.verb} on every page")
+    for action in ACTIONS:
+        if action.typing_key in found:
+            raise BadKeymap(path, f"{name}: {action.typing_key} is the key of {action.verb} on every page")
     return ",".join(found)
 
 
@@ -176,11 +176,11 @@ def _character(letter: str) -> str:
 
 def _clash(changed: Mapping[str, str]) -> str:
     """Return which key would have two meanings on one page; empty: none."""
-    program = [one.verb for one in ACTIONS if one.scope is Scope.PROGRAM and one.key]
-    main = [one.verb for one in ACTIONS if one.scope is Scope.PAGE and one.key]
+    program = [action.verb for action in ACTIONS if action.scope is Scope.PROGRAM and action.key]
+    main = [action.verb for action in ACTIONS if action.scope is Scope.PAGE and action.key]
     pages: dict[str, list[str]] = {_MAIN: [*program, *main]}
-    for one in PAGE_KEYS:
-        pages.setdefault(one.page, [*program] if one.page not in {"question", "text"} else []).append(one.id)
+    for key in PAGE_KEYS:
+        pages.setdefault(key.page, [*program] if key.page not in {"question", "text"} else []).append(key.id)
     keymap = Keymap(changed)
     for names in pages.values():
         if problem := _twice(keymap, names):

@@ -130,7 +130,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
     def report_error(self, error: Exception) -> None:
         """Go on after an error that should not have been."""
         self.errors.append(error)
-        if any(repr(error) in one.text for one in list(self.store.entries)[-3:]):
+        if any(repr(error) in entry.text for entry in list(self.store.entries)[-3:]):
             return  # what goes wrong at every drawing is told once
         self.tell(f"something went wrong in here, not in the robots: {error!r}", "error")
 

@@ -46,10 +46,10 @@ def outline(source: str) -> list[ClassOutline]:
         match node:
             case ast.ClassDef() if any(_leads_to_root(base, found) for base in node.bases):
                 settings = {
-                    one.name: one
+                    setting.name: setting
                     for base in reversed(node.bases)
                     if _last_name(base) in found
-                    for one in found[_last_name(base)].settings
+                    for setting in found[_last_name(base)].settings
                 }
                 settings |= _settings(node, aliases)
                 found[node.name] = replace(_outlined(node), settings=tuple(settings.values()))
@@ -83,7 +83,7 @@ def _outlined(node: ast.ClassDef) -> ClassOutline:
     for item in node.body:
         match item:
             case ast.FunctionDef(name=name, decorator_list=marks) if any(
-                _last_name(one) == "command" for one in marks
+                _last_name(mark) == "command" for mark in marks
             ):
                 commands.append(name)
             case ast.Assign(targets=[ast.Name(id=name)], value=ast.Call() as call):
@@ -166,9 +166,9 @@ def _annotation(node: ast.expr, aliases: Mapping[str, ast.expr]) -> Any:
 def _subscribed(outer: str, parts: list[ast.expr], aliases: Mapping[str, ast.expr]) -> Any:
     """Return what `Literal[…]` and `Annotated[…]` mean; errors as those of `_annotation`."""
     if outer == "Literal":
-        return Literal[tuple(ast.literal_eval(one) for one in parts)]
+        return Literal[tuple(ast.literal_eval(part) for part in parts)]
     if outer == "tuple":
-        return GenericAlias(tuple, tuple(_annotation(one, aliases) for one in parts))
+        return GenericAlias(tuple, tuple(_annotation(part, aliases) for part in parts))
     if outer == "Annotated":
         return Annotated[(_annotation(parts[0], aliases), *map(_extra, parts[1:]))]
     raise ValueError(outer)
@@ -178,7 +178,7 @@ def _extra(node: ast.expr) -> Unit | Range | str:
     """Return what an annotation says beside the type: a unit, a range or a text."""
     if isinstance(node, ast.Call) and (made := _last_name(node.func)) in {"Unit", "Range"}:
         given = [ast.literal_eval(one) for one in node.args]
-        named = {one.arg: ast.literal_eval(one.value) for one in node.keywords if one.arg}
+        named = {keyword.arg: ast.literal_eval(keyword.value) for keyword in node.keywords if keyword.arg}
         return Unit(*given, **named) if made == "Unit" else Range(*given, **named)
     return str(ast.literal_eval(node))
 

@@ -104,7 +104,7 @@ async def _show(realm_client: RealmClient, realm: str, farewell: str, store: Sto
         if app.fatal is None:
             return code or exit_codes.DONE
         now = time.monotonic()
-        ends = [one for one in ends if now - one < CRASH_WINDOW] + [now]
+        ends = [end for end in ends if now - end < CRASH_WINDOW] + [now]
         if len(ends) >= CRASHES:
             complain(
                 f"the screen ended {CRASHES} times by {app.fatal!r}; the robots go on; use the command line"

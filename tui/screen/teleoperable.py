@@ -27,5 +27,5 @@ def bounds(robot: RobotDescription) -> Bounds | None:
 
 
 def _range(command: CommandSpec, axis: str) -> tuple[float, float]:
-    spec = next(one for one in command.parameters if one.name == axis)
+    spec = next(parameter for parameter in command.parameters if parameter.name == axis)
     return (-inf if spec.lower is None else spec.lower, inf if spec.upper is None else spec.upper)

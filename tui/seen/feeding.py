@@ -140,7 +140,7 @@ class Feed:
         """Tell whose process has gone, and whose hangs."""
         hanging = await self.realm_client.hanging()
         store, now, present = self.store, self.clock(), self._present
-        living = {one.address for one in store.descriptions.values()}
+        living = {description.address for description in store.descriptions.values()}
         alive = {*present, *(address for one in hanging if (address := Address.parse(one.key)))}
         for address in list(store.missed):
             if address in living:
@@ -162,7 +162,7 @@ class Feed:
             await self._take_unlisted(tree)
             await self._tell_of_the_missed()
             self.store.take_processes(self.realm_client.held())
-            self.store.take_hosts([one.address.name for one in await self.realm_client.hosts()])
+            self.store.take_hosts([host.address.name for host in await self.realm_client.hosts()])
             self.store.take_services(self.realm_client.services, self.clock(), stale=self.realm_client.stale)
         except VrError as error:
             self.store.tell(f"cannot see the tree: {error}", "warning", self.clock())

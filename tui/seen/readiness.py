@@ -16,14 +16,14 @@ def reasons(store: Store, name: str, now: float) -> tuple[str, ...]:
         now: [s] on the store's clock.
     """
     robot, state = store.described(name), store.state(name)
-    told = state or robot
+    condition = state or robot
     found = [*_faults(store, name, now), *_below(store, name, now)]
-    parent = store.by(name) if told and told.bond is not None else ""
+    parent = store.by(name) if condition and condition.bond is not None else ""
     if parent:
         found.append(f"commanded by {parent}: command that one, or release this one")
-    elif told and told.busy:
+    elif condition and condition.busy:
         caller = state.caller if state else ""
-        found.append(f"{told.busy} runs{f', asked for by {caller}' if caller else ''}")
+        found.append(f"{condition.busy} runs{f', asked for by {caller}' if caller else ''}")
     return tuple(found)
 
 
@@ -33,7 +33,7 @@ def _below(store: Store, name: str, now: float, above: tuple[str, ...] = ()) -> 
     for slot in robot.slots if robot and name not in above else ():
         if slot.child:
             child = slot.child.name
-            found += [f"{child}: {one}" for one in _faults(store, child, now, stop=False)]
+            found += [f"{child}: {fault}" for fault in _faults(store, child, now, stop=False)]
             found += _below(store, child, now, (*above, name))
     return found
 
@@ -41,22 +41,22 @@ def _below(store: Store, name: str, now: float, above: tuple[str, ...] = ()) -> 
 def _faults(store: Store, name: str, now: float, *, stop: bool = True) -> list[str]:
     """Return what is wrong with a robot itself."""
     robot = store.described(name)
-    told = store.state(name) or robot
+    condition = store.state(name) or robot
     found: list[str] = []
     if absent := store.absent.get(name):
         found.append(absent.remedy)
     elif store.status(name, now) == "silent":
         found.append(f"no state has come from it for {status.span(store.age(name, now) or 0.0)}")
-    if told and not told.online:
+    if condition and not condition.online:
         where = robot.attributes.get("controller", "") if robot else ""
         held = robot.attributes.get("held_by", "") if robot else ""
         why = f"is held by {held}" if held else "does not answer"
         found.append(f"offline: its controller {f'at {where} ' if where else ''}{why}")
-    if stop and told and told.stopped:
+    if stop and condition and condition.stopped:
         found.append(stopped(store, name, now))
-    if told and told.abandoned:
+    if condition and condition.abandoned:
         home = f"host {robot.host}" if robot and robot.host else "its process"
-        found.append(f"{', '.join(told.abandoned)} ignores cancel and still runs: restart {home}")
+        found.append(f"{', '.join(condition.abandoned)} ignores cancel and still runs: restart {home}")
     found += [
         f"slot {lack.slot} is empty, it takes {lack.kind}"
         if lack.number == 1
@@ -68,8 +68,8 @@ def _faults(store: Store, name: str, now: float, *, stop: bool = True) -> list[s
 
 def stopped(store: Store, name: str, now: float) -> str:
     """Return why a robot is in protective stop, for how long, and how soon it confirmed it."""
-    told = store.state(name) or store.described(name)
-    parts = [told.stop_reason if told and told.stop_reason else "protective stop"]
+    condition = store.state(name) or store.described(name)
+    parts = [condition.stop_reason if condition and condition.stop_reason else "protective stop"]
     if since := store.stopped_since(name):
         at, whole = since
         parts.append(f"for {'' if whole else 'at least '}{status.span(now - at)}")

@@ -131,11 +131,11 @@ def row(
     name = placement.name
     robot, listing, absent = store.described(name), store.robots.get(name), store.absent.get(name)
     known = robot or listing
-    told = known or absent
+    agent = known or absent
     epoch, lease, process = _more(store, name) if wide else ("", "", "")
     return RobotRow(
         placement,
-        kind=wording.kind(told.kind, told.attributes) if told else "",
+        kind=wording.kind(agent.kind, agent.attributes) if agent else "",
         status=store.status(name, now),
         state=store.doing(name, now) if known or absent else "does not answer",
         by=store.by(name),

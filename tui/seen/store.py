@@ -205,8 +205,8 @@ class Store:
         first, were_listed = not self.joined, self._were_listed
         self.joined, self._were_listed = True, not self.stale
         before = {**self.robots, **self.views}
-        self.robots = {one.name: one for one in robots}
-        self.views = {one.name: one for one in views}
+        self.robots = {robot.name: robot for robot in robots}
+        self.views = {view.name: view for view in views}
         after = {**self.robots, **self.views}
         for name, listing in after.items():
             known = before.get(name)
@@ -462,9 +462,9 @@ class Store:
     def take_descriptions(self, descriptions: Iterable[RobotDescription], now: float = 0.0) -> None:
         """Take how all robots describe themselves; who is not among them does not answer."""
         enslaved, before = self.enslaved, self.descriptions
-        self.descriptions = {one.name: one for one in descriptions}
+        self.descriptions = {description.name: description for description in descriptions}
         self.described_at = now
-        self._welcome([one.address for one in self.descriptions.values()], now)
+        self._welcome([description.address for description in self.descriptions.values()], now)
         for one in enslaved:
             if one.name not in self.descriptions:
                 self.missed.setdefault(one.address, Missed(one, listed=False))
@@ -541,7 +541,9 @@ class Store:
         return [
             robot
             for name, robot in self.descriptions.items()
-            if name not in self.robots and (told := self._condition_of(name)) and told.bond is not None
+            if name not in self.robots
+            and (condition := self._condition_of(name))
+            and condition.bond is not None
         ]
 
     def state(self, name: str) -> State | None:
@@ -582,8 +584,8 @@ class Store:
         """Return how a robot is, in one word. All pages ask this, or `doing`, and nothing else."""
         if away := self._away(name, now):
             return away[0]
-        told = self._condition_of(name)
-        return status.status_of(told, self._lacks(name)) if told else "free"
+        condition = self._condition_of(name)
+        return status.status_of(condition, self._lacks(name)) if condition else "free"
 
     def answers(self, name: str, now: float) -> bool:
         """Whether a robot is there to be commanded: it neither hangs nor has gone."""
@@ -593,13 +595,15 @@ class Store:
         """Return how a robot is, in words."""
         if away := self._away(name, now):
             return away[1]
-        told, heard = self._condition_of(name), self._heard.get(name)
-        if told is None:
+        condition, heard = self._condition_of(name), self._heard.get(name)
+        if condition is None:
             return "free"
-        if told.bond is not None and status.status_of(told, self._lacks(name)) == "enslaved":
+        if condition.bond is not None and status.status_of(condition, self._lacks(name)) == "enslaved":
             return f"under {self.by(name)}"
         seconds, note = (now - heard.since, heard.state.note) if heard else (0.0, "")
-        return status.doing(told, self.progress(name), lacks=self._lacks(name), seconds=seconds, note=note)
+        return status.doing(
+            condition, self.progress(name), lacks=self._lacks(name), seconds=seconds, note=note
+        )
 
     def by(self, name: str) -> str:
         """Return who commands a robot: its parent, or who asked for the command that runs; empty: nobody."""
@@ -647,8 +651,8 @@ class Store:
     def readings(self, name: str) -> dict[str, float]:
         """Return the readings of a robot, over those of the child that its exposed commands lead to."""
         found: dict[str, float] = {}
-        for one in self._downwards(name):
-            state = self.state(one)
+        for name_below in self._downwards(name):
+            state = self.state(name_below)
             found = {**(state.readings if state else {}), **found}
         found.pop(PROGRESS, None)
         return found
@@ -656,11 +660,11 @@ class Store:
     def units(self, name: str) -> dict[str, str]:
         """Return the units of those readings, by name."""
         found: dict[str, str] = {}
-        for one in self._downwards(name):
-            robot, state = self.described(one), self.state(one)
-            told = state.readings if state else {}
+        for name_below in self._downwards(name):
+            robot, state = self.described(name_below), self.state(name_below)
+            readings = state.readings if state else {}
             own = robot.units if robot else {}
-            found = {**{key: own.get(key, "") for key in told}, **found}
+            found = {**{key: own.get(key, "") for key in readings}, **found}
         return found
 
     def _downwards(self, name: str) -> Iterable[str]:
@@ -690,7 +694,9 @@ class Store:
         robot, listing = self.described(name), self.robots.get(name)
         if robot is None:
             return f"{' '.join(listing.kinds)} {listing.doc}" if listing else ""
-        return " ".join([*robot.kinds, robot.doc, *(f"{one.name} {one.doc}" for one in robot.commands)])
+        return " ".join(
+            [*robot.kinds, robot.doc, *(f"{command.name} {command.doc}" for command in robot.commands)]
+        )
 
     def came(self, name: str, now: float) -> bool:
         """Whether a robot has just come."""
@@ -714,7 +720,7 @@ class Store:
     def _commands(self, listed: Listing) -> set[str]:
         """Return the commands of a robot, also those that need a robot in an empty slot."""
         robot = self.descriptions.get(listed.name)
-        return {one.name for one in robot.commands} if robot else set(listed.commands)
+        return {command.name for command in robot.commands} if robot else set(listed.commands)
 
     def lineage(self, name: str) -> tuple[str, ...]:
         """Return a robot and all that command it, upwards."""

@@ -173,9 +173,9 @@ def result(fields: Sequence[FieldSpec], thing: Any) -> list[tuple[str, str]]:
     parts = cast("dict[str, Any]", thing) if isinstance(thing, Mapping) else {"": thing}
     each_part = known[""].items[0] if "" in known and known[""].type == "dict" else None
     for name, part in parts.items():
-        told = each_part or known.get(name)
-        shown = as_shown(told) if told else None
-        value = in_degrees(told, part) if told else part
+        unit = each_part or known.get(name)
+        shown = as_shown(unit) if unit else None
+        value = in_degrees(unit, part) if unit else part
         if shown and shown.type == "list" and shown.items[0].nested and isinstance(value, list):
             each = enumerate(cast("Sequence[Any]", value))
             rows += [(f"{name}[{index}]", measured(shown.items[0], one)) for index, one in each]
@@ -223,8 +223,8 @@ def portrait(robot: RobotDescription) -> str:
     blocks = [columns([fact for fact in facts if fact[1]])]
     if robot.slots:
         rows = [
-            (f"  {one.name}", one.kind, one.child.name if one.child else one.lost or vacant(one))
-            for one in robot.slots
+            (f"  {slot.name}", slot.kind, slot.child.name if slot.child else slot.lost or vacant(slot))
+            for slot in robot.slots
         ]
         blocks.append("slots\n" + columns(rows))
     if settings(robot):
@@ -233,11 +233,11 @@ def portrait(robot: RobotDescription) -> str:
         blocks.append("state\n" + columns([(f"  {name}", value(one)) for name, one in robot.kept.items()]))
     commands = [
         (
-            f"  {signature(one)}",
-            _calls(robot, one.name),
-            summary(one.doc) if one.available else f"needs {one.through.partition('.')[0]}",
+            f"  {signature(command)}",
+            _calls(robot, command.name),
+            summary(command.doc) if command.available else f"needs {command.through.partition('.')[0]}",
         )
-        for one in robot.commands
+        for command in robot.commands
     ]
     if commands:
         blocks.append("commands\n" + columns(commands))

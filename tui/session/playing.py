@@ -81,12 +81,12 @@ class Player:
 
     async def _play(self) -> Report:
         began = time.monotonic()
-        told: list[PlayedStep] = []
+        steps: list[PlayedStep] = []
         for position, step in enumerate(self.script.steps):
             start = time.monotonic()
             verdict, data = await self._step(step)
             now = time.monotonic()
-            told.append(
+            steps.append(
                 PlayedStep(
                     step=step,
                     held=verdict.holds,
@@ -96,15 +96,15 @@ class Player:
                     data=data,
                 )
             )
-            self.tell(told[-1])
+            self.tell(steps[-1])
             if not verdict.holds:
                 left = tuple(one.text for one in self.script.steps[position + 1 :])
-                return self._report(told, began, left)
-        return self._report(told, began, ())
+                return self._report(steps, began, left)
+        return self._report(steps, began, ())
 
-    def _report(self, told: list[PlayedStep], began: float, left: tuple[str, ...]) -> Report:
+    def _report(self, steps: list[PlayedStep], began: float, left: tuple[str, ...]) -> Report:
         wall = time.monotonic() - began
-        return Report(script=self.script.path, told=tuple(told), wall_s=wall, left=left)
+        return Report(script=self.script.path, told=tuple(steps), wall_s=wall, left=left)
 
     async def _step(self, step: Step) -> tuple[Verdict, Any]:
         match step.deed:

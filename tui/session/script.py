@@ -199,12 +199,12 @@ def _expect(text: str) -> Expect:
     return Expect(condition(found[1]), within)
 
 
-def transcript(told: PlayedStep) -> str:
+def transcript(step: PlayedStep) -> str:
     """Return a played step as one line of a transcript, with what was seen below it where that is long."""
-    mark = "✓" if told.held else "✗"
-    lines = told.seen.splitlines() or [""]
-    lead = f"{told.began:7.2f} s  {mark}  {told.step.text}"
-    lasted = f"  ({told.took:.1f} s)" if told.took >= WORTH_TELLING else ""
+    mark = "✓" if step.held else "✗"
+    lines = step.seen.splitlines() or [""]
+    lead = f"{step.began:7.2f} s  {mark}  {step.step.text}"
+    lasted = f"  ({step.took:.1f} s)" if step.took >= WORTH_TELLING else ""
     if len(lines) == 1:
         return f"{lead}  → {lines[0]}{lasted}" if lines[0] else f"{lead}{lasted}"
     lead += lasted

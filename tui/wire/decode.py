@@ -26,9 +26,9 @@ def run(line: Line) -> int:
     if line.text("--xml"):
         extend(Path(line.text("--xml")))
     file = Recording(line.text("FILE"), line.text("--as"))
-    told = to_json if as_json else to_text
+    write = to_json if as_json else to_text
     for batch in file.frames():
-        if lines := [told(one) for one in batch]:
+        if lines := [write(one) for one in batch]:
             put("\n".join(lines))
     statistics = file.statistics
     put(_statistics_json(statistics) if as_json else summary(statistics))

@@ -46,11 +46,11 @@ def show(line: Line, controller: str) -> int:
         raise ValueRefused("FILE", "there is no key in `none`; name a key file, or `realm`")
     if controller.partition(":")[0] in SCHEMES:
         controller = (names(controller) or [controller])[0]
-    told = Keyring(file).told(controller)
+    facts = Keyring(file).told(controller)
     if line.flag("--json"):
-        put(msgspec.json.encode({"controller": controller, **told}).decode())
+        put(msgspec.json.encode({"controller": controller, **facts}).decode())
     else:
-        put("\n".join(f"{name:<11} {value}" for name, value in {"controller": controller, **told}.items()))
+        put("\n".join(f"{name:<11} {value}" for name, value in {"controller": controller, **facts}.items()))
     return exit_codes.DONE
 
 

@@ -119,14 +119,14 @@ def table(link: LinkReading) -> str:
     rows: list[tuple[str, ...]] = [("FROM", "MESSAGE", "RATE/S", "AGE/S", "COUNT", "LAST")]
     rows += [
         (
-            f"{one.sysid}/{one.compid}",
-            one.name,
-            _rate(one.rate),
-            f"{one.age:.2f}",
-            str(one.count),
-            fields(one.fields),
+            f"{message.sysid}/{message.compid}",
+            message.name,
+            _rate(message.rate),
+            f"{message.age:.2f}",
+            str(message.count),
+            fields(message.fields),
         )
-        for one in link.messages
+        for message in link.messages
     ]
     about = [*_present(link.peers), *_claims(link.messages)]
     return "\n".join([head, *doubt, *about, *(_cut(row) for row in columns(rows).splitlines())])
@@ -139,18 +139,18 @@ def _rate(rate: float | None, digits: int = 1) -> str:
 
 def _present(peers: list[PeerReading]) -> list[str]:
     """Who is there, and who was: a line, unless nobody ever was."""
-    told = [
+    words = [
         f"{each.sysid}/{each.compid} {_named(MavType, each.type)} {_named(MavState, each.state)}"
         if each.there
         else f"{each.sysid}/{each.compid} gone for {each.age:.0f} s"
         for each in peers
     ]
-    return [_cut(f"there: {', '.join(told)}")] if told else []
+    return [_cut(f"there: {', '.join(words)}")] if words else []
 
 
 def _claims(messages: list[MessageReading]) -> list[str]:
     """Who holds the claim of each controller that tells it: a line each."""
-    told: list[str] = []
+    lines: list[str] = []
     for each in messages:
         if each.name != CLAIM_STATUS:
             continue
@@ -158,8 +158,8 @@ def _claims(messages: list[MessageReading]) -> list[str]:
         name, system, component = status["name"] or "?", status["holder_system"], status["holder_component"]
         holder = f"held by {name} ({system}/{component})" if status["holder"] else "free"
         late = f", {each.age:.0f} s ago" if each.age > LATE else ""
-        told.append(_cut(f"claim on {each.sysid}/{each.compid}: {holder}, epoch {status['epoch']}{late}"))
-    return told
+        lines.append(_cut(f"claim on {each.sysid}/{each.compid}: {holder}, epoch {status['epoch']}{late}"))
+    return lines
 
 
 def _named(kind: type[IntEnum], number: int) -> str:

@@ -163,8 +163,8 @@ async def _record(line: Line) -> int:
 def tell(line: Line, recorder: Recorder, seconds: float) -> None:
     """Say how much it was."""
     if line.flag("--json"):
-        told = {"frames": recorder.frames, "skipped": recorder.skipped, "withheld": recorder.withheld}
-        put(json.dumps({"file": line.text("FILE"), **told, "seconds": round(seconds, 3)}))
+        counts = {"frames": recorder.frames, "skipped": recorder.skipped, "withheld": recorder.withheld}
+        put(json.dumps({"file": line.text("FILE"), **counts, "seconds": round(seconds, 3)}))
     else:
         skipped = f"; {recorder.skipped} bytes were no frame" if recorder.skipped else ""
         withheld = f"; {recorder.withheld} with keys were left out" if recorder.withheld else ""

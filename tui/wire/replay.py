@@ -82,13 +82,13 @@ def _signed(data: bytes, signer: Signer) -> bytes:
     frames = Parser().feed(data)
     again = [
         encode(
-            one.message,
-            sequence=one.sequence,
-            system=one.system,
-            component=one.component,
+            frame.message,
+            sequence=frame.sequence,
+            system=frame.system,
+            component=frame.component,
             signer=signer,
         )
-        for one in frames
+        for frame in frames
     ]
     return b"".join(again) or data
 
@@ -161,8 +161,8 @@ async def _replay(line: Line, moments: Iterable[tuple[float, bytes]], filter_: R
     names = ", ".join(f"{number} {name}" for name, number in filter_.commands.most_common())
     count = filter_.commands.total()
     commands = f"; {count} that command were left out: {names} (--commands sends them)" if count else ""
-    told = {"frames": sent, "withheld": filter_.withheld, "commands": dict(filter_.commands)}
-    put(json.dumps(told) if line.flag("--json") else f"{sent} frames were sent{withheld}{commands}")
+    counts = {"frames": sent, "withheld": filter_.withheld, "commands": dict(filter_.commands)}
+    put(json.dumps(counts) if line.flag("--json") else f"{sent} frames were sent{withheld}{commands}")
     return here.exit_code()
 
 

@@ -144,8 +144,8 @@ class Child(Slotted, Generic[K]):
         for name, unit in units.items():
             given: Any = unit
             if not isinstance(given, Unit):
-                told = f"exposed({name}={unit!r})"
-                raise TypeError(f"{told}: a unit is written {name}=Unit({str(unit)!r})")
+                correct = f"exposed({name}={unit!r})"
+                raise TypeError(f"{correct}: a unit is written {name}=Unit({str(unit)!r})")
         return Exposed(self, command, {name: unit.symbol for name, unit in units.items()})
 
     def spec(self) -> SlotSpec:

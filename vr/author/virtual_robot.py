@@ -171,8 +171,8 @@ def _expect_promised(cls: type[Any], name: str, exposed: Exposed) -> None:
     slot = exposed.child
     known = sorted(promise.name for promise in slot.promises())
     if slot.interface is not None and exposed.command not in known:
-        told = f"{slot.name} is of kind {slot.kind}, which has no command {exposed.command!r}"
-        raise TypeError(f"{cls.__name__}.{name}: {told}; it has: {offered(known, exposed.command)}")
+        reason = f"{slot.name} is of kind {slot.kind}, which has no command {exposed.command!r}"
+        raise TypeError(f"{cls.__name__}.{name}: {reason}; it has: {offered(known, exposed.command)}")
     for promise in slot.promises():
         if promise.name == exposed.command:
             try:
@@ -191,8 +191,8 @@ def _expect_called(cls: type[Any], name: str, value: object) -> None:
         kind = cast("type[Slotted]", value).__name__
         raise TypeError(f'{cls.__name__}.{name} is {kind} without a kind; write: {name} = {kind}("Arm")')
     if inspect.ismethod(value) and isinstance(slot := value.__self__, Slotted):
-        told = f"{slot.name}.{value.__name__}"
-        raise TypeError(f"{cls.__name__}.{name} is {told} without parentheses; write: {name} = {told}()")
+        text = f"{slot.name}.{value.__name__}"
+        raise TypeError(f"{cls.__name__}.{name} is {text} without parentheses; write: {name} = {text}()")
 
 
 def _listed(value: object) -> list[str]:

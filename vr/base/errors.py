@@ -271,8 +271,8 @@ class Failed(CommandFailed):
 
     @classmethod
     def words(cls, data: dict[str, Any]) -> dict[str, Any]:
-        told = ", ".join(f"{name}={value}" for name, value in data["values"].items())
-        return data | {"values": f" ({told})" if told else ""}
+        given = ", ".join(f"{name}={value}" for name, value in data["values"].items())
+        return data | {"values": f" ({given})" if given else ""}
 
     @classmethod
     def of_data(cls, data: dict[str, Any]) -> VrError:

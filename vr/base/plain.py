@@ -82,8 +82,8 @@ def _mapping(value: Mapping[Any, Any], depth: int) -> dict[str, Any]:
 
 def _bytes(value: bytes) -> bytes:
     if len(value) > LARGEST_BYTES:
-        told = f"{len(value)} bytes are more than {LARGEST_BYTES}"
-        raise TypeError(f"cannot travel: {told}; make the picture smaller, or its quality lower")
+        reason = f"{len(value)} bytes are more than {LARGEST_BYTES}"
+        raise TypeError(f"cannot travel: {reason}; make the picture smaller, or its quality lower")
     return value
 
 

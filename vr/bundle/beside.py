@@ -70,8 +70,8 @@ class _Collector:
         if node.level:
             parents = [module.parent, *module.parent.parents]
             if node.level > len(parents):
-                told = f"line {node.lineno}: an import leads above the folder of the page"
-                raise BrokenSource(path=str(self.path), reason=f"{told}; put the module beside it")
+                reason = f"line {node.lineno}: an import leads above the folder of the page"
+                raise BrokenSource(path=str(self.path), reason=f"{reason}; put the module beside it")
             base = parents[node.level - 1]
         if node.module:
             base = base.joinpath(*node.module.split("."))
@@ -113,7 +113,9 @@ class _Collector:
             raise BrokenSource(path=str(self.path), reason=reason) from None
         self.found[str(file)] = data
         if len(self.found) > MOST or sum(map(len, self.found.values())) > LARGEST:
-            told = f"more than {MOST} files or {LARGEST // 1_000_000} MB belong to it ({file} is the last)"
-            reason = f"{told}; keep large data elsewhere, and name its absolute path"
+            sentence = (
+                f"more than {MOST} files or {LARGEST // 1_000_000} MB belong to it ({file} is the last)"
+            )
+            reason = f"{sentence}; keep large data elsewhere, and name its absolute path"
             raise BrokenSource(path=str(self.path), reason=reason)
         return data

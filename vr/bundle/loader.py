@@ -129,9 +129,9 @@ def built(cls: type[VirtualRobot], name: str, given: Mapping[str, Any]) -> Virtu
     robot.__init__(name)  # type: ignore[misc] # with its settings in place
     for attribute, value in vars(robot).items():
         if isinstance(value, Slotted):
-            told = f"{cls.__name__}.__init__ sets self.{attribute} to a Child, which makes no slot"
+            reason = f"{cls.__name__}.__init__ sets self.{attribute} to a Child, which makes no slot"
             slot = f"{attribute} = {type(value).__name__}({value.kind!r})"
-            raise TypeError(f"{told}; write {slot} in the class")
+            raise TypeError(f"{reason}; write {slot} in the class")
     if hasattr(robot, "name"):
         robot.field_values.give(given)  # what is asked for comes before what a constructor sets
     return robot
@@ -214,9 +214,9 @@ def within(work: Callable[[], _T], path: str, file: str, limit: float) -> _T:
         thread.interrupt()
         futures.wait([outcome], _INTERRUPTED_WITHIN)
     if not outcome.done():
-        told = f"it did not end within {limit:g} s, ignores every interruption and still runs"
-        _log.error("%s is abandoned while being loaded: %s; restart this host", path, told)
-        raise BrokenSource(path=path, reason=f"{told}; restart the host")
+        reason = f"it did not end within {limit:g} s, ignores every interruption and still runs"
+        _log.error("%s is abandoned while being loaded: %s; restart this host", path, reason)
+        raise BrokenSource(path=path, reason=f"{reason}; restart the host")
     value, error = outcome.result()
     if error is None:
         return cast("_T", value)
@@ -278,8 +278,8 @@ def _no_slot(error: BaseException, file: str) -> str:
     if f"{error.name}.exposed(" not in (last[0].line or ""):
         return ""
     slots = slots_at("".join(linecache.getlines(file)), last[0].lineno or 0)
-    told = f"the slots above it are: {', '.join(slots)}" if slots else "there is none above it"
-    return f"no slot {error.name!r}; {told}"
+    sentence = f"the slots above it are: {', '.join(slots)}" if slots else "there is none above it"
+    return f"no slot {error.name!r}; {sentence}"
 
 
 def _of_author(filename: str, file: str) -> bool:

@@ -55,14 +55,14 @@ def trace(error: BaseException) -> str:
     parsers in one place (github.com/python/cpython/issues/106905): of two threads that parse at once one is
     told "AST constructor recursion depth mismatch", and that may be one that has nothing to do with robots.
     """
-    told = traceback.TracebackException.from_exception(error)
-    todo = [told]
+    trace = traceback.TracebackException.from_exception(error)
+    todo = [trace]
     while todo:
         one = todo.pop()
         for frame in one.stack:
             frame.colno = None
         todo += [other for other in (one.__cause__, one.__context__, *(one.exceptions or ())) if other]
-    return "".join(told.format())
+    return "".join(trace.format())
 
 
 class PageLine(NamedTuple):

@@ -156,8 +156,8 @@ class Engine:
     def __del__(self) -> None:
         """Let go of the facts before their environment ends."""
         if hasattr(self, "_memory"):
-            told = (fact for facts in self._told_of.values() for fact in facts.values())
-            for fact in (*self._partners.values(), *self._roles.values(), *told):
+            given = (fact for facts in self._told_of.values() for fact in facts.values())
+            for fact in (*self._partners.values(), *self._roles.values(), *given):
                 self._memory.remove(fact)
             self._memory.close()
             self._env.clear()  # else CLIPS says on standard output that not all memory is free
@@ -354,10 +354,10 @@ class Engine:
         )
 
     def _raise(self, where: str) -> None:
-        told = "".join(self._told).strip()
-        if self._error or told:
-            reason = self._error or _sentence(told)
-            if (found := _RULE.search(told)) and not self._error:
+        complaint = "".join(self._told).strip()
+        if self._error or complaint:
+            reason = self._error or _sentence(complaint)
+            if (found := _RULE.search(complaint)) and not self._error:
                 where = f"in rule {found.group(1)}"
             where = "" if self._crowded is not None else f", {where}"
             self._error = ""
@@ -510,9 +510,9 @@ def _fenced(mine: weakref.ref[Any], name: str) -> Callable[..., Any]:
 class _Ear(clips.Router):
     """Hears what CLIPS says of mistakes: nothing of it reaches the terminal, and nothing is lost."""
 
-    def __init__(self, told: list[str]) -> None:
+    def __init__(self, lines: list[str]) -> None:
         super().__init__("robotree-ear", 100)
-        self._heard = told
+        self._heard = lines
 
     def query(self, name: str) -> bool:
         return name in {"stdout", "stderr", "stdwrn"}
@@ -555,9 +555,9 @@ def _first(happening: Happening) -> str:
     return str(happening.arguments[-1]) if happening.arguments else "no reason given"
 
 
-def _sentence(told: str) -> str:
+def _sentence(text: str) -> str:
     """Return the first thing that CLIPS said, without its code."""
-    line = next((line for line in told.splitlines() if line.strip()), "CLIPS gives no reason")
+    line = next((line for line in text.splitlines() if line.strip()), "CLIPS gives no reason")
     line = re.sub(r"^\[\w+\]\s*(WARNING:\s*)?", "", line.strip())
     for pattern, words in _PLAIN:
         line = pattern.sub(words, line)

@@ -31,11 +31,11 @@ def why(engine: Engine, name: str) -> str:
     """Tell why a rule fired last, or why it does not fire; without a name, which rules fired last."""
     if not name:
         latest = list(engine.firings)[-LATEST:]
-        told = (
+        sentence = (
             f"{one.number}: {one.rule}" + "".join(f"\n    {order_line(order)}" for order in one.orders)
             for one in latest
         )
-        return "\n".join(told) or "no rule has fired"
+        return "\n".join(sentence) or "no rule has fired"
     rule = engine.program.rule(name)
     if rule is None:
         return unknown_rule(engine.program, name)

@@ -70,20 +70,20 @@ class _Known:
 
     def happening(self, line: str) -> None:
         """Check one line of what happens."""
-        told = happening(line, self._default)
+        event = happening(line, self._default)
         match line.split(maxsplit=1)[0]:
             case "done" | "progress":
-                self._partner(plain(told.sender))
-                self._act(plain(told.sender), plain(str(told.arguments[0])))
+                self._partner(plain(event.sender))
+                self._act(plain(event.sender), plain(str(event.arguments[0])))
             case "failed":
-                self._partner(plain(told.sender))
-                self._act(plain(told.sender), plain(told.act))
+                self._partner(plain(event.sender))
+                self._act(plain(event.sender), plain(event.act))
             case "role":
-                self.plays(told.sender, str(told.arguments[0]))
+                self.plays(event.sender, str(event.arguments[0]))
             case head if head in CHANGES or head == "reading":
-                self._partner(plain(told.sender))
+                self._partner(plain(event.sender))
             case "timer":
-                self._timer(plain(str(told.arguments[0])))
+                self._timer(plain(str(event.arguments[0])))
             case _:
                 pass
 
@@ -128,12 +128,12 @@ class _Known:
         act, sender = _first(slots.get("act", ())), _first(slots.get("from", ()))
         first = _first(slots.get("args", ()))
         failed = _constant(_first(slots.get("perf", ()))) == "failure"
-        told = _constant(act)
-        if failed or told in {"done", "progress", "lost", "found", "stopped", "released"}:
+        name = _constant(act)
+        if failed or name in {"done", "progress", "lost", "found", "stopped", "released"}:
             self._partner(sender)
-        if failed or told in {"done", "progress"}:
+        if failed or name in {"done", "progress"}:
             self._act(sender, act if failed else first)
-        elif told == "timer":
+        elif name == "timer":
             self._timer(first)
 
     def _timer(self, given: Node | None) -> None:

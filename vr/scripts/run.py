@@ -334,10 +334,10 @@ class ScriptRun:
         return None
 
     def _look_at_readings(self, partner: str, readings: Mapping[str, float]) -> None:
-        told = self._readings.setdefault(partner, {})
+        latest = self._readings.setdefault(partner, {})
         for name, value in readings.items():
-            if is_meant(name, self._wants_readings) and value != told.get(name) and math.isfinite(value):
-                told[name] = value
+            if is_meant(name, self._wants_readings) and value != latest.get(name) and math.isfinite(value):
+                latest[name] = value
                 self._news.append(Happening(act="reading", sender=partner, arguments=(name, value)))
 
     def _look_at_progress(self) -> None:

@@ -243,14 +243,14 @@ class CanListener:
 
     def _is_told(self, host: int, frame: bytes, topic: Hashable) -> bool:
         """Whether this went out on behalf of another host; what is said to one host twice is news."""
-        told = _told_by(frame)
+        content = _told_by(frame)
         latest, hosts = self._latest.get(topic, (b"", set[int]()))
-        if told == latest and host not in hosts:
+        if content == latest and host not in hosts:
             hosts.add(host)
             return True
         if len(self._latest) >= _MOST_TOPICS:
             self._latest.clear()
-        self._latest[topic] = told, {host}
+        self._latest[topic] = content, {host}
         return False
 
     def _control(self, control: Control, *, target: int, fd: bool) -> None:

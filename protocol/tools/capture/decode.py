@@ -235,4 +235,4 @@ def _strangers(data: bytes, most: int) -> list[int]:
     """The ids of unknown messages, at most so many, whose frames are most of the data; in noise none are."""
     pieces = Splitter().feed(data)
     frames = [piece.data for piece in pieces if piece.framed and not known(piece.data)]
-    return [msgid(one) for one in frames][:most] if 2 * sum(map(len, frames)) > len(data) else []
+    return [msgid(frame) for frame in frames][:most] if 2 * sum(map(len, frames)) > len(data) else []

@@ -142,7 +142,7 @@ class PeerTable:
                 del self._gone[next(iter(self._gone))]
             self._gone[lost.peer] = before[lost.peer], now - lost.silence
         here = {peer: (beat, self._monitor.heard(peer) or now) for peer, beat in self._monitor.peers.items()}
-        told = sorted((self._gone | here).items(), key=lambda each: (each[0].system, each[0].component))
+        peers = sorted((self._gone | here).items(), key=lambda each: (each[0].system, each[0].component))
         return [
             PeerReading(
                 sysid=peer.system,
@@ -152,7 +152,7 @@ class PeerTable:
                 age=now - heard,
                 there=peer in here,
             )
-            for peer, (beat, heard) in told
+            for peer, (beat, heard) in peers
         ]
 
 

@@ -276,8 +276,8 @@ async def _key_larger_epoch(t: Trial) -> None:
     t.line.say(hold)
     await t.status(hold.key, FIRST, GoalState.SUCCEEDED)
     epoch = t.epoch + 2
-    told = (await t.ask(msgspec.structs.replace(hold, epoch=epoch))).epoch
-    require(told == epoch, f"epoch {epoch} came with a repeated goal, and it obeys {told}")
+    obeyed_epoch = (await t.ask(msgspec.structs.replace(hold, epoch=epoch))).epoch
+    require(obeyed_epoch == epoch, f"epoch {epoch} came with a repeated goal, and it obeys {obeyed_epoch}")
 
 
 @_rule(

@@ -257,8 +257,8 @@ class Trial:
         """The controller's time, [s] since about the beginning: it stands still while no MODE comes."""
         if not self._times:
             return self.now()
-        at, told = self._times[-1]
-        return told + min(self.now() - at, MODE_LATE) * self.pace
+        at, controller_time = self._times[-1]
+        return controller_time + min(self.now() - at, MODE_LATE) * self.pace
 
     # -- links
 

@@ -186,12 +186,12 @@ async def compare(rounds: int = 500, turn: int = 1, more: Mapping[str, Trip] | N
         for trip in trips.values():  # each can be gone, and is warm
             async with asyncio.timeout(FIRST_TRIP_WITHIN):
                 await trip()
-        told = await _take_turns({**trips, **(more or {})}, rounds, turn)
+        results = await _take_turns({**trips, **(more or {})}, rounds, turn)
         for link in links:
             link.close()
         bare.close()
         await asyncio.sleep(0.05)  # until every link has told the far end
-    return told
+    return results
 
 
 async def _take_turns(trips: dict[str, Trip], rounds: int, turn: int) -> list[Way]:

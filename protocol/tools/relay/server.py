@@ -164,9 +164,9 @@ class Relay:
 
 def _sum(parts: list[Traffic]) -> Traffic:
     return Traffic(
-        sum(one.taken for one in parts),
-        sum(one.passed for one in parts),
-        sum(one.withheld for one in parts),
+        sum(part.taken for part in parts),
+        sum(part.passed for part in parts),
+        sum(part.withheld for part in parts),
     )
 
 

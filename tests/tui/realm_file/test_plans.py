@@ -47,7 +47,7 @@ def realm(bonds: Mapping[str, Mapping[str, str]]) -> Present:
 
 def planned(robots: str, there: Present, *, prune: bool = False) -> Plan:
     wanted = read_file(f"robots:\n{robots}", "cell.yaml")
-    return plan(wanted, there, {one.name: PAGE for one in wanted.robots}, prune=prune)
+    return plan(wanted, there, {robot.name: PAGE for robot in wanted.robots}, prune=prune)
 
 
 def in_order(found: Plan) -> list[str]:

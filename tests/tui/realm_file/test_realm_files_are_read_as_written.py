@@ -65,18 +65,20 @@ def bare(found: RealmFile) -> RealmFile:
         return Word(one.text, Mark())
 
     processes = [
-        structs.replace(one, mark=Mark(), facets={key: word(text) for key, text in one.facets.items()})
-        for one in found.processes
+        structs.replace(
+            process, mark=Mark(), facets={key: word(text) for key, text in process.facets.items()}
+        )
+        for process in found.processes
     ]
     robots = [
         structs.replace(
-            one,
+            robot,
             mark=Mark(),
-            page=word(one.page),
-            settings={key: word(text) for key, text in one.settings.items()},
-            slots={key: tuple(map(word, children)) for key, children in one.slots.items()},
+            page=word(robot.page),
+            settings={key: word(text) for key, text in robot.settings.items()},
+            slots={key: tuple(map(word, children)) for key, children in robot.slots.items()},
         )
-        for one in found.robots
+        for robot in found.robots
     ]
     return structs.replace(found, processes=tuple(processes), robots=tuple(robots))
 

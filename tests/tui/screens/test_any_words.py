@@ -62,9 +62,9 @@ class Bare(Supervisor):
         super().__init__(cast("RealmClient", None), realm=words[0])
         self.words_shown = words
         robots = [described(word, words) for word in words]
-        self.store.descriptions = {one.name: one for one in robots}
+        self.store.descriptions = {robot.name: robot for robot in robots}
         self.store.robots = {
-            one.name: Listing(address=one.address, kinds=one.kinds, doc=one.doc) for one in robots
+            robot.name: Listing(address=robot.address, kinds=robot.kinds, doc=robot.doc) for robot in robots
         }
         self.feed = cast("Feed", Quiet())
 
@@ -110,7 +110,7 @@ async def look(words: tuple[str, ...]) -> None:
         dialogs: list[Modal] = [  # type: ignore[type-arg] # of whatever they answer
             Confirm(words[0], words[-1], words[0]),
             Reading(words[0], words[-1]),
-            EnslaveDialog(app.store, [Opening(one, one, one, one) for one in words], words[0]),
+            EnslaveDialog(app.store, [Opening(word, word, word, word) for word in words], words[0]),
             ReleaseDialog([(one, one) for one in dict.fromkeys(words)]),
         ]
         for dialog in dialogs:

@@ -48,7 +48,7 @@ async def test_an_error_at_every_drawing_is_told_once(
         monkeypatch.setattr(Store, "attend", trips)
         await operator.until(lambda: len(operator.app.errors) > 3, "several drawings")
         monkeypatch.undo()
-        assert sum("at every drawing" in one.text for one in operator.app.store.entries) == 1
+        assert sum("at every drawing" in entry.text for entry in operator.app.store.entries) == 1
         await operator.press("space")
         await operator.sees("PROTECTIVE STOP")
 
@@ -85,7 +85,7 @@ class Headless:
 
     async def run(self, app: Supervisor, **_: Any) -> int | None:
         end = self.ends.pop(0)
-        self.seen = [one.text for one in app.store.entries]
+        self.seen = [entry.text for entry in app.store.entries]
         if isinstance(end, Exception):
             app.fatal = end
             return None

@@ -59,7 +59,7 @@ async def panel(operator: Operator) -> PanelPage:
 async def test_a_command_that_was_just_chosen_is_the_one_that_runs(realm: Realm, operate: Operate) -> None:
     async with operate(realm.realm_client) as operator:
         page = await panel(operator)
-        names = [one.name for one in page.robot.commands]
+        names = [command.name for command in page.robot.commands]
         page.query_one("#commands", OptionList).highlighted = names.index("hold")
         page.action_run()
         page.action_fill_in()

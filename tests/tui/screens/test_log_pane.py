@@ -94,4 +94,4 @@ async def test_the_progress_of_a_typed_command_pushes_nothing_out_of_the_log(
         operator.app.tell("what matters")
         for number in range(1000):
             operator.app.progress(number / 1000, "3 cm to go")
-        assert [one.text for one in operator.app.store.entries][-1] == "what matters"
+        assert [entry.text for entry in operator.app.store.entries][-1] == "what matters"

@@ -115,7 +115,7 @@ async def test_branch_and_picture_come_with_the_first_command_and_stay(
     await realm.realm_client.enslave("teleop", "arm", "arm-1")
     realm.arm.under_way = True
     async with at_go_to(realm, operate, "teleop") as (operator, page):
-        commands = [one.name for one in page.robot.commands]
+        commands = [command.name for command in page.robot.commands]
         await operator.press(*["down"] * commands.index("go_to"), "ctrl+r")
         await operator.sees("teleop  ◐ go_to", "└ arm: arm-1  ◐ go_to", "cell / cell", "▀▀▀")
         assert "--%" not in operator.text

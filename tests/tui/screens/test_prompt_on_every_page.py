@@ -92,9 +92,11 @@ async def test_what_is_typed_for_the_prompt_at_a_question_answers_nothing_and_st
         operator.burst(":delete \r")
         entries = operator.app.store.entries
         await operator.until(
-            lambda: any("a question or a text is in front" in one.text for one in entries), "it is told"
+            lambda: any("a question or a text is in front" in entry.text for entry in entries), "it is told"
         )
-        await operator.until(lambda: any("keys (" in one.text for one in entries), "what was dropped is told")
+        await operator.until(
+            lambda: any("keys (" in entry.text for entry in entries), "what was dropped is told"
+        )
         assert operator.app.screen is question
         assert operator.app.store.stop is None
 

@@ -61,7 +61,7 @@ async def test_the_question_to_delete_closes_when_another_robot_has_taken_the_na
         await realm.create("two_arms.py", "mover")
         await operator.at(MainPage)
         await operator.until(
-            lambda: any("mover " in one.text for one in operator.app.store.entries), "it is told"
+            lambda: any("mover " in entry.text for entry in operator.app.store.entries), "it is told"
         )
         assert "mover" in {robot.name for robot in await realm.realm_client.tree()}, "the new one lives"
 

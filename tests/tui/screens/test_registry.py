@@ -31,12 +31,12 @@ if TYPE_CHECKING:
 
 
 def keys(holder: type[Supervisor | Page]) -> set[str]:
-    return {one.key for one in holder.BINDINGS if isinstance(one, Binding)}
+    return {binding.key for binding in holder.BINDINGS if isinstance(binding, Binding)}
 
 
 def test_every_action_of_the_screen_knows_what_to_ask_and_nothing_else_does() -> None:
-    shown = {one.verb for one in ACTIONS if one.where & Where.SCREEN}
-    typed_alone = {one.verb for one in ACTIONS if one.where & Where.PROMPT and not one.run}
+    shown = {action.verb for action in ACTIONS if action.where & Where.SCREEN}
+    typed_alone = {action.verb for action in ACTIONS if action.where & Where.PROMPT and not action.run}
     assert shown == ASK.keys()
     assert typed_alone <= ASK.keys()
     assert PANES.keys() <= ASK.keys()
@@ -52,8 +52,8 @@ def test_a_key_works_in_the_scope_that_the_registry_says_and_only_there() -> Non
 
 
 def test_only_what_is_on_the_screen_is_about_something_there() -> None:
-    assert all(one.key for one in ACTIONS if one.about is not About.NOTHING)
-    assert all(one.scope is Scope.PAGE for one in ACTIONS if one.about is not About.NOTHING)
+    assert all(action.key for action in ACTIONS if action.about is not About.NOTHING)
+    assert all(action.scope is Scope.PAGE for action in ACTIONS if action.about is not About.NOTHING)
 
 
 @pytest.mark.parametrize(
@@ -68,9 +68,9 @@ def test_only_what_is_on_the_screen_is_about_something_there() -> None:
     ],
 )
 def test_every_key_of_a_page_comes_from_the_registry_and_is_explained(name: str, page: type[Screen]) -> None:
-    bound = {(one.id, one.key) for one in page.BINDINGS if isinstance(one, Binding)}
-    assert bound == {(one.id, one.key) for one in page_keys(name)}
-    assert all(one.help.endswith(".") for one in page_keys(name))
+    bound = {(binding.id, binding.key) for binding in page.BINDINGS if isinstance(binding, Binding)}
+    assert bound == {(key.id, key.key) for key in page_keys(name)}
+    assert all(key.help.endswith(".") for key in page_keys(name))
 
 
 def test_one_letter_has_one_meaning_in_the_whole_program() -> None:
@@ -91,9 +91,9 @@ async def test_the_help_explains_every_key_of_the_registry_and_of_the_pages(
     async with operate(realm.realm_client) as operator:
         lines = [" ".join(line.split()) for line in help_text(operator.app).plain.splitlines()]
         wanted = [
-            f"{spell(one.key)} {f'{one.typing_key} ' if one.typing_key else ''}{one.help}"
-            for one in ACTIONS
-            if one.key and one.verb != "stop"
+            f"{spell(action.key)} {f'{action.typing_key} ' if action.typing_key else ''}{action.help}"
+            for action in ACTIONS
+            if action.key and action.verb != "stop"
         ]
         wanted += [
             f"{told} {meaning}"

@@ -91,4 +91,4 @@ async def test_a_process_that_hangs_has_not_gone(realm: Realm, operate: Operate)
         realm.network.thaw(realm.members["rover-1"])
         await operator.sees("✓ rover-1 (Rover) answers again")
         await operator.until(lambda: not operator.app.store.missed, "it is back")
-        assert not [one for one in operator.app.store.entries if "gone" in one.text]
+        assert not [entry for entry in operator.app.store.entries if "gone" in entry.text]

@@ -65,7 +65,7 @@ async def test_help_is_in_the_line_of_keys_however_small_the_terminal(realm: Rea
             await operator.resize(width, 24)
             await operator.until(lambda: "? Help" in operator.text.splitlines()[-1], f"help at {width}")
             keys = operator.text.splitlines()[-1].split()
-            labels = {one.label for one in ACTIONS if one.label}
+            labels = {action.label for action in ACTIONS if action.label}
             assert all(word in labels or not word.isalpha() or len(word) == 1 for word in keys), keys
 
 

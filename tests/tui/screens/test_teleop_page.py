@@ -121,7 +121,7 @@ async def test_a_pressed_key_is_lit_for_a_moment_and_the_step_is_remembered(
     async with operate(realm.realm_client) as operator:
         page = await sit_at(operator)
         await operator.press("minus", "left")
-        lit = [str(one.label) for one in page.query(".-lit").results(Button)]
+        lit = [str(result.label) for result in page.query(".-lit").results(Button)]
         assert lit == ["← +y"]
         await operator.until(lambda: not page.query(".-lit"), "it goes out")
         await operator.press("escape")

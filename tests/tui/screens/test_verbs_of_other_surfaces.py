@@ -43,7 +43,7 @@ async def test_who_may_only_look_has_keys_that_look_and_the_stop(realm: Realm, o
         await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
         page = operator.app.main
         await operator.sees("realm test (read-only)")
-        bound = {one.binding.id for one in page.active_bindings.values() if one.enabled}
+        bound = {binding.binding.id for binding in page.active_bindings.values() if binding.enabled}
         assert bound.isdisjoint({"create", "enslave", "release", "delete", "cancel", "resume", "panel"})
         assert {"show", "stop", "help", "quit"} <= bound
         await operator.press("n", "e", "d", "enter", "R")
@@ -53,6 +53,6 @@ async def test_who_may_only_look_has_keys_that_look_and_the_stop(realm: Realm, o
         shown = help_text(operator.app).plain
         assert "enslave PARENT.SLOT CHILD" not in shown
         assert "stop [NAME]" in shown
-        assert all("delete" not in one.title for one in operator.app.get_system_commands(page))
+        assert all("delete" not in command.title for command in operator.app.get_system_commands(page))
         await operator.press("space")
         await operator.until(lambda: len(operator.app.store.stopped) == 2, "the stop")

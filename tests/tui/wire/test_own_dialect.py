@@ -61,7 +61,9 @@ def test_messages_of_ones_own_dialect_are_decoded_beside_ours(mine: Path, stream
         say("wire", "decode", "-", "--json", *more, input=stream) for more in ((), ("--xml", mine))
     )
     *frames, last = map(json.loads, said.stdout.splitlines())
-    assert [(one["name"], one["fields"]) for one in frames][1:] == [("PROBE", {"depth": 1500, "tag": "deep"})]
+    assert [(frame["name"], frame["fields"]) for frame in frames][1:] == [
+        ("PROBE", {"depth": 1500, "tag": "deep"})
+    ]
     assert (last["statistics"]["frames"], last["statistics"]["unknown"]) == (2, 0)
     assert json.loads(plain.stdout.splitlines()[-1])["statistics"]["unknown"] == 1
 

@@ -33,7 +33,7 @@ def damaged(path: Path) -> Path:
 def test_a_damaged_time_is_counted_and_its_frame_shown_without_one(say: Any, tmp_path: Path) -> None:
     path = damaged(tmp_path / "a.tlog")
     *frames, last = say("wire", "decode", path, "--json").objects
-    assert [one["fields"]["value"] for one in frames] == [n / 2 for n in range(10)]
+    assert [frame["fields"]["value"] for frame in frames] == [n / 2 for n in range(10)]
     assert [n for n, one in enumerate(frames) if "time" not in one] == [4]
     assert last["statistics"]["bad_times"] == 1
     said = say("wire", "decode", path)

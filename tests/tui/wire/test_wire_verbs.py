@@ -57,9 +57,9 @@ def test_conform_at_a_port_where_nobody_speaks_says_so(say: Any) -> None:
 def test_decode_prints_an_object_per_frame_and_statistics_last(say: Any, tmp_path: Path) -> None:
     said = say("wire", "decode", recording(tmp_path / "a.tlog"), "--json")
     *frames, last = said.objects
-    assert [one["fields"]["value"] for one in frames] == [n / 2 for n in range(10)]
+    assert [frame["fields"]["value"] for frame in frames] == [n / 2 for n in range(10)]
     promised = {"msgid", "name", "sysid", "compid", "seq", "fields", "signed"}
-    assert all(promised <= one.keys() for one in frames)
+    assert all(promised <= frame.keys() for frame in frames)
     assert last["statistics"]["frames"] == 10
     assert last["statistics"]["messages"] == {"NAMED_VALUE_FLOAT": 10}
 
@@ -245,7 +245,7 @@ def test_ping_measures_and_says_when_nobody_answers(say: Any, arm: str, tmp_path
     said = say(*words, "--by", "timesync", "--json")
     *answers, last = said.objects
     assert said.code == exit_codes.DONE
-    assert [one["seq"] for one in answers] == [1, 2, 3, 4, 5]
+    assert [answer["seq"] for answer in answers] == [1, 2, 3, 4, 5]
     assert last["statistics"]["answered"] == 5
     assert 0 < last["statistics"]["shortest"] <= last["statistics"]["longest"] < 1
     slow = recording(tmp_path / "a.tlog", 2, period=9_000_000)

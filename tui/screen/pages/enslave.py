@@ -126,7 +126,7 @@ class EnslaveDialog(Modal[Line | None]):
         self.query_one("#yes", Button).disabled = not names
 
     def _why_none(self, opening: Opening) -> str:
-        others = [one.name for one in self._store.candidates(opening.parent, opening.kind)]
+        others = [candidate.name for candidate in self._store.candidates(opening.parent, opening.kind)]
         if others:
             return (
                 f"{', '.join(others)}: not all of {', '.join(opening.commands)}, which {opening.path} needs"

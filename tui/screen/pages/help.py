@@ -65,20 +65,20 @@ def help_text(app: OperatorApp) -> Text:
 def page_rows(page: str, keymap: Keymap) -> list[tuple[str, str]]:
     """Return the keys of a page with what they do; those that do the same share a line."""
     found: dict[str, list[str]] = {}
-    for one in page_keys(page):
-        found.setdefault(one.help, []).append(
-            one.shown
-            if one.shown and one.id not in keymap.changed
-            else " ".join(map(spell, keymap.keys(one.id)))
+    for key in page_keys(page):
+        found.setdefault(key.help, []).append(
+            key.shown
+            if key.shown and key.id not in keymap.changed
+            else " ".join(map(spell, keymap.keys(key.id)))
         )
     return [(" ".join(keys), meaning) for meaning, keys in found.items()]
 
 
 def _own(page: type[Page]) -> list[tuple[str, str]]:
     """Return what the main page binds beside the registry."""
-    told = {action.help for action in ACTIONS}
-    bound = [one for one in page.BINDINGS if isinstance(one, Binding)]
-    return [(spell(one.key), one.tooltip) for one in bound if one.tooltip not in told]
+    helps = {action.help for action in ACTIONS}
+    bound = [binding for binding in page.BINDINGS if isinstance(binding, Binding)]
+    return [(spell(one.key), one.tooltip) for one in bound if one.tooltip not in helps]
 
 
 def _stop(app: OperatorApp, text: Text) -> None:

@@ -215,7 +215,7 @@ class NewPage(Form, Page):
         if chosen == self._outlined:
             return
         self._outlined = chosen
-        self._rows = [FieldRow(one, {}) for one in chosen.settings] if chosen else []
+        self._rows = [FieldRow(setting, {}) for setting in chosen.settings] if chosen else []
         self.query_one("#settings-caption").display = bool(self._rows)
         place = self.query_one("#settings", Vertical)
         place.remove_children()

@@ -83,7 +83,7 @@ class PanelPage(Page):
         commands = self.query_one("#commands", OptionList)
         commands.border_title, self.query_one("#readings").border_title = "commands", "readings"
         if self.robot.commands:
-            names = [one.name for one in self.robot.commands]
+            names = [command.name for command in self.robot.commands]
             wanted = self._command or (BEGINS if self._leads else "")
             commands.highlighted = names.index(wanted) if wanted in names else 0
         commands.focus()
@@ -101,10 +101,10 @@ class PanelPage(Page):
         """Show facts, agenda and firings, live, until the panel is left."""
         while True:
             try:
-                told = str(await self.app.realm_client.call(self.robot.name, "facts", {}, deadline=GLANCE))
+                answer = str(await self.app.realm_client.call(self.robot.name, "facts", {}, deadline=GLANCE))
             except VrError as error:
-                told = str(error)
-            self.query_one("#facts", CachedText).show(Text(told))
+                answer = str(error)
+            self.query_one("#facts", CachedText).show(Text(answer))
             await asyncio.sleep(GLANCE)
 
     @property
@@ -293,8 +293,8 @@ def _forms(robot: RobotDescription) -> list[object]:
     """Return what the forms of a robot are made from: of settings all but their present values."""
     import msgspec
 
-    plain = [msgspec.structs.replace(one, default=None) for one in wording.settings(robot)]
-    return [plain if one.beside and not one.through else one for one in robot.commands]
+    plain = [msgspec.structs.replace(setting, default=None) for setting in wording.settings(robot)]
+    return [plain if command.beside and not command.through else command for command in robot.commands]
 
 
 def _form_id(index: int) -> str:

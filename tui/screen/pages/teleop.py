@@ -188,9 +188,9 @@ class TeleopPage(Page):
         except VrError as error:
             self._tell(str(error))
             return None
-        told = cast("dict[str, Any]", info) if isinstance(info, Mapping) else {}
-        if set(AXES) <= told.keys():
-            return {axis: float(told[axis]) for axis in AXES}
+        pose = cast("dict[str, Any]", info) if isinstance(info, Mapping) else {}
+        if set(AXES) <= pose.keys():
+            return {axis: float(pose[axis]) for axis in AXES}
         self._tell(f"{self.robot.name}.{GET_INFO} does not return x, y, z and twist")
         return None
 
@@ -231,8 +231,8 @@ class TeleopPage(Page):
     def _draw_gauges(self) -> None:
         if self.is_active:
             self.query_one("#state", CachedText).show(self._state_line())
-            told = ShownReadings.of(self.app.store, self.robot.name, self.app.now())
-            self.query_one(Readings).draw(told)
+            shown = ShownReadings.of(self.app.store, self.robot.name, self.app.now())
+            self.query_one(Readings).draw(shown)
 
     def draw(self) -> None:
         """Draw the step and the target."""

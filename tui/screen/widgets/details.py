@@ -52,8 +52,8 @@ class Details(Lines):
         shown = status_mark(self.app, store.status(name, now), store.doing(name, now))
         self.line(text, "state", shown)
         for number, reason in enumerate(readiness.reasons(store, name, now)):
-            told = reason if number else f"no: {reason}"
-            self.line(text, "" if number else "ready", Text(told, tint(self.app, "warning")))
+            answer = reason if number else f"no: {reason}"
+            self.line(text, "" if number else "ready", Text(answer, tint(self.app, "warning")))
 
     def _lease(self, text: Text, store: Store, robot: RobotDescription, now: float) -> None:
         state = store.state(robot.name)

@@ -118,11 +118,11 @@ class LogPane(Part, RichLog):
         entries = list(store.entries)
         start = next((i + 1 for i in range(len(entries) - 1, -1, -1) if entries[i] is self._last), 0)
         wanted = matching.terms(letters)
-        for one in entries[start:]:
-            said = {"name": one.robot, "state": one.weight, "text": one.text}
-            if LEVELS[one.weight] < LEVELS[level] or not matching.matches(wanted, said):
+        for entry in entries[start:]:
+            said = {"name": entry.robot, "state": entry.weight, "text": entry.text}
+            if LEVELS[entry.weight] < LEVELS[level] or not matching.matches(wanted, said):
                 continue
-            self.write(self._line(one, wall - (now - one.at), wall, room), width=room, scroll_end=False)
+            self.write(self._line(entry, wall - (now - entry.at), wall, room), width=room, scroll_end=False)
         if entries and entries[-1] is not self._last:
             self._last = entries[-1]
             self.call_after_refresh(self._follow, end)

@@ -165,8 +165,8 @@ class PictureView(Part, Widget):
             )
         if self._dated and y == 0:
             why = self._trouble or "its view does not answer"
-            told = clip(f" {span(self._age)} old: {why}", width)
-            return Strip([Segment(fit(told, width), background + tint(self.app, "warning"))])
+            caption = clip(f" {span(self._age)} old: {why}", width)
+            return Strip([Segment(fit(caption, width), background + tint(self.app, "warning"))])
         row = y - max((self.size.height - len(self._rows)) // 2, 0)
         if not 0 <= row < len(self._rows):
             return Strip.blank(width, background)

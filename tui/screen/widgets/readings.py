@@ -95,75 +95,77 @@ class Lines(CachedText):
             text.append_text(part)
 
     def append_readings(
-        self, text: Text, told: ShownReadings, *, folded: bool = True, bars: bool = False
+        self, text: Text, shown: ShownReadings, *, folded: bool = True, bars: bool = False
     ) -> None:
         """Append the groups of the readings.
 
         Args:
             text: to which they are appended.
-            told: the readings.
+            shown: the readings.
             folded: the joints share a line.
             bars: forces and torques also have a bar for each axis.
         """
-        if told.old and told.readings:
-            self.line(text, "", Text(told.old, tint(self.app, "warning")))
-        for group in instruments.groups(told.readings, told.units, folded=folded):
+        if shown.old and shown.readings:
+            self.line(text, "", Text(shown.old, tint(self.app, "warning")))
+        for group in instruments.groups(shown.readings, shown.units, folded=folded):
             words = Text()
-            axes = [name for name in (one.name for one in group.figures) if name in FULL] if bars else []
-            figures = tuple(one for one in group.figures if one.name not in axes)
+            axes = (
+                [name for name in (figure.name for figure in group.figures) if name in FULL] if bars else []
+            )
+            figures = tuple(figure for figure in group.figures if figure.name not in axes)
             if group.label == "force":
-                self._force(words, told, Group(group.label, figures))
+                self._force(words, shown, Group(group.label, figures))
             else:
-                self._figures(words, figures, "" if not told.old else tint(self.app, "muted"))
+                self._figures(words, figures, "" if not shown.old else tint(self.app, "muted"))
             self.line(text, group.label, words)
             for name in axes:
-                self.line(text, name, self._bar(name, told))
+                self.line(text, name, self._bar(name, shown))
 
     def _figures(self, words: Text, figures: tuple[Figure, ...], style: str | Style) -> None:
         muted = tint(self.app, "muted")
-        for one in figures:
+        for figure in figures:
             if words:
                 words.append(" ")
-            if one.name:
-                words.append(f"{seen(one.name)}{TIE}", muted)
-            words.append(one.text.replace(" ", TIE), style)
-            if one.unit:
-                words.append(f"{TIE}{seen(one.unit).replace(' ', TIE)} ", muted)
+            if figure.name:
+                words.append(f"{seen(figure.name)}{TIE}", muted)
+            words.append(figure.text.replace(" ", TIE), style)
+            if figure.unit:
+                words.append(f"{TIE}{seen(figure.unit).replace(' ', TIE)} ", muted)
         words.rstrip()
 
-    def _force(self, words: Text, told: ShownReadings, group: Group) -> None:
+    def _force(self, words: Text, shown: ShownReadings, group: Group) -> None:
         """Draw the size of the force: what it was, as a line of bars; what it is; the largest one."""
         muted = tint(self.app, "muted")
-        size = instruments.size(told.readings)
+        size = instruments.size(shown.readings)
         figures = group.figures
         if size is not None:
             total, *rest = figures
             parts = [one for one in rest if one.name != instruments.PEAK]
             peaks = [one.text for one in rest if one.name == instruments.PEAK]
-            peaks = peaks or ([instruments.figure(max(told.past), "N")[0]] if told.past else [])
-            style = muted if told.old else self._alarm(size, FULL_FORCE)
-            if told.past:
-                words.append(instruments.spark(told.past, FULL_FORCE, SPARK), style)
+            peaks = peaks or ([instruments.figure(max(shown.past), "N")[0]] if shown.past else [])
+            style = muted if shown.old else self._alarm(size, FULL_FORCE)
+            if shown.past:
+                words.append(instruments.spark(shown.past, FULL_FORCE, SPARK), style)
                 words.append(" ")
             words.append(total.text, style)
             words.append(f"{TIE}{total.unit}  ", muted)
-            words.append("".join(f"peak{TIE}{one}   " for one in peaks))
+            words.append("".join(f"peak{TIE}{peak}   " for peak in peaks))
             figures = tuple(parts)
-        self._figures(words, figures, muted if told.old or size is not None else "")
+        self._figures(words, figures, muted if shown.old or size is not None else "")
         words.rstrip()
 
     def _alarm(self, value: float, full: float) -> Style:
         share = abs(value) / full
         return tint(self.app, "error" if share >= ALARM else "warning" if share >= WARN else "primary")
 
-    def _bar(self, name: str, told: ShownReadings) -> Text:
+    def _bar(self, name: str, shown: ShownReadings) -> Text:
         """Return the bar of one axis, with its figure."""
-        value, full = told.readings[name], FULL[name]
-        style = tint(self.app, "muted") if told.old else self._alarm(value, full)
+        value, full = shown.readings[name], FULL[name]
+        style = tint(self.app, "muted") if shown.old else self._alarm(value, full)
         half = min(max((self.size.width - LABEL - BESIDE) // 2, 2), instruments.HALF)
         left, right = instruments.bar(value, full, half)
-        figure, unit = instruments.figure(value, instruments.unit_of(name, told.units))
-        strong = "bold" if abs(value) < WARN * full and not told.old else style
+        figure, unit = instruments.figure(value, instruments.unit_of(name, shown.units))
+        strong = "bold" if abs(value) < WARN * full and not shown.old else style
         return Text.assemble(
             (left, style), ("│", tint(self.app, "muted")), (right, style), (f" {figure:>6} {unit}", strong)
         )
@@ -172,11 +174,11 @@ class Lines(CachedText):
 class Readings(Lines):
     """The readings of a robot or a view, with a bar for each axis of its force."""
 
-    def draw(self, told: ShownReadings) -> None:
+    def draw(self, shown: ShownReadings) -> None:
         """Draw these readings."""
         text = Text()
-        if told.readings:
-            self.append_readings(text, told, bars=True)
+        if shown.readings:
+            self.append_readings(text, shown, bars=True)
         else:
             text.append("no readings yet", tint(self.app, "muted"))
         self.show(text)

@@ -216,9 +216,9 @@ class RobotTable(Part, ScrollView, can_focus=True):
             style = base + tint(self.app, "muted")
             # a cell for marks stands before the names
             titles = [Segment(" ", style)]
-            for one in self._columns:
-                room = one.room - (one.title == "ROBOT")
-                titles.append(Segment(fit(one.title, room) + " " * GAP, style))
+            for column in self._columns:
+                room = column.room - (column.title == "ROBOT")
+                titles.append(Segment(fit(column.title, room) + " " * GAP, style))
             return Strip(titles).adjust_cell_length(width, base)
         wanted = self._wanted(self.scroll_offset.y + y - HEADER)
         if wanted is None:
@@ -258,20 +258,20 @@ class RobotTable(Part, ScrollView, can_focus=True):
                     tail = (f", {UNGUARDED}" if room >= STATES else " open") if shown.unguarded else ""
                     tail += " stale" if shown.unlisted else ""
                     tail = f" ({self.app.keymap.spelled('enslave')})" if shown.status == "needs" else tail
-                    told = clip(shown.state, max(room - 2 - len(tail), 0)) + tail
+                    text = clip(shown.state, max(room - 2 - len(tail), 0)) + tail
                     cells += [Segment(fit(sign, min(2, room)), strong)]
-                    cells += [Segment(fit(told, max(room - 2, 0)) + gap, words)]
+                    cells += [Segment(fit(text, max(room - 2, 0)) + gap, words)]
                 case "KIND":
                     cells.append(Segment(fit(_short_kind(shown.kind, room), room) + gap, plain))
                 case title:
-                    told = {
+                    text = {
                         "BY": shown.by,
                         "HOST": shown.host or "-",
                         "EPOCH": shown.epoch or "-",
                         "LEASE": shown.lease or "-",
                         "PROCESS": shown.process or "-",
                     }.get(title, shown.about)
-                    cells.append(Segment(fit(told, room) + gap, muted))
+                    cells.append(Segment(fit(text, room) + gap, muted))
         return cells
 
     # -- the cursor --------------------------------------------------------------------------------

@@ -79,8 +79,8 @@ class Banner(CachedText):
         ground = block(self.app) if self.app.no_color else ""  # with colours the style sheet gives it
         stop = store.stop
         if stop and stop.open:
-            told = ", ".join(f"{seen(name)} ({seen(why)})" for name, why in stop.open.items())
-            lines.append(Text(f" ■ NOT CONFIRMED: {told} ", block(self.app)))
+            unconfirmed = ", ".join(f"{seen(name)} ({seen(why)})" for name, why in stop.open.items())
+            lines.append(Text(f" ■ NOT CONFIRMED: {unconfirmed} ", block(self.app)))
         if store.stopped:
             took = f"  after {stop.longest:.2f} s" if stop and stop.confirmed else ""
             tail = f"{took} — {self.app.keymap.spelled('resume')} resumes"

@@ -79,9 +79,9 @@ class ViewsPane(Part, Horizontal):
         cameras = self.query_one(Cameras)
         view, _ = cameras.all[cameras.at]
         try:
-            told = await self.app.realm_client.describe_view(view)
+            description = await self.app.realm_client.describe_view(view)
         except VrError as error:
             self.query_one(Readings).show(Text(str(error), tint(self.app, "error")))
             return
         if cameras.all[cameras.at][0] == view:  # else a person has turned to another one meanwhile
-            self.query_one(Readings).draw(ShownReadings(told.readings, told.units))
+            self.query_one(Readings).draw(ShownReadings(description.readings, description.units))

@@ -119,7 +119,7 @@ times = st.lists(st.integers(0, 10**9) | st.none(), max_size=30)
 def test_a_replay_never_goes_back_and_keeps_every_record(times: list[int | None], speed: float) -> None:
     records = [Captured(bytes((n,)), time) for n, time in enumerate(times)]
     moments = [*schedule(records, speed)]
-    assert [data for _, data in moments] == [one.data for one in records]
+    assert [data for _, data in moments] == [record.data for record in records]
     due = [moment for moment, _ in moments]
     assert due == sorted(due)
 

@@ -54,12 +54,12 @@ def test_a_program_in_c_understands_the_arm(tmp_path: Path, frames: list[Frame])
     flags = ["-std=c99", "-Wall", "-Werror", "-Wno-address-of-packed-member", "-isystem", str(include)]
     subprocess.run([GCC, *flags, str(source), "-o", str(program)], check=True)
     heard = subprocess.run(
-        [program], input=b"".join(one.raw for one in frames), capture_output=True, check=True
+        [program], input=b"".join(frame.raw for frame in frames), capture_output=True, check=True
     )
     expected = [
-        f"{one.msgid} {one.system} {one.component} {one.sequence}"
-        + (f" {one.message.width:.9g}" if isinstance(one.message, Gripper) else "")
-        for one in frames
+        f"{frame.msgid} {frame.system} {frame.component} {frame.sequence}"
+        + (f" {frame.message.width:.9g}" if isinstance(frame.message, Gripper) else "")
+        for frame in frames
     ]
     assert heard.stdout.decode().splitlines() == expected
 
@@ -192,7 +192,7 @@ def test_tshark_understands_the_arm(tmp_path: Path, frames: list[Frame]) -> None
         text=True,
         check=True,
     )
-    expected = [f"{one.msgid}\t{one.system}\t{one.sequence}" for one in frames]
+    expected = [f"{frame.msgid}\t{frame.system}\t{frame.sequence}" for frame in frames]
     assert done.stdout.splitlines() == expected
 
 

@@ -137,7 +137,7 @@ def test_a_splitter_finds_every_frame_between_noise() -> None:
     splitter = Splitter()
     stream = b"\xfd\x01".join(frame(number) for number in range(9)) + b"noise"
     pieces = splitter.feed(stream) + splitter.flush()
-    assert [one.data for one in pieces if one.framed] == [frame(number) for number in range(9)]
+    assert [piece.data for piece in pieces if piece.framed] == [frame(number) for number in range(9)]
 
 
 def test_a_text_field_of_any_message_can_be_recorded() -> None:

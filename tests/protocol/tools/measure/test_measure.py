@@ -62,7 +62,7 @@ def test_both_sides_of_a_contest_do_the_same(mavgen: ModuleType) -> None:
     for message in codec.messages():
         values = [getattr(message, field.name) for field in message.codec.definition.fields]
         theirs = mavgen.mavlink_map[message.codec.definition.id](*values)
-        frames, *_ = (one.ours() for one in codec.contests(message, mavgen, signed=False)[1:2])
+        frames, *_ = (contest.ours() for contest in codec.contests(message, mavgen, signed=False)[1:2])
         raw = [frame.raw for frame in frames]  # type: ignore[attr-defined]  # this contest hands out frames
         speaker = reference.speaker(mavgen, signed=False)
         assert len(raw) == codec.BATCH
