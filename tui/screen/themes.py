@@ -147,7 +147,9 @@ def chosen(wanted: str, color_system: str | None) -> Theme:
         wanted: by name, with or without `robotree-`; unknown or empty: the dark one.
         color_system: of the terminal, as Rich names it: `truecolor`, `256`, `standard`, or None.
     """
-    found = next((theme for theme in OURS if wanted in {theme.name, theme.name.removeprefix("robotree-")}), DARK)
+    found = next(
+        (theme for theme in OURS if wanted in {theme.name, theme.name.removeprefix("robotree-")}), DARK
+    )
     if color_system in {"standard", "windows"}:
         return SIXTEEN[found.name]
     return found if color_system == "truecolor" else REDUCED[found.name]
