@@ -2,8 +2,10 @@
 
     python bench/durable.py [--rounds N] [--restarts N] [--json]
 
-Two hosts, one with a journal and one without, take the same calls in turns, in one run. Restarts are measured
-from the start of the new process to the next effect in another process; beside it how long Python takes to
+Two hosts, one with a journal and one without, take the same calls in turns, in one run. An intent, which a
+command keeps for good before it asks for something that adds up, is measured in turns with a bare write and
+fdatasync of as many bytes; the folder is one of the system's for temporary files (`$TMPDIR`). Restarts are
+measured from the start of the new process to the next effect in another process; beside it how long Python takes to
 start with an empty script, and a host without robots to be ready.
 """
 
@@ -28,7 +30,13 @@ from robotree.client.joining import joined
 from robotree.vr import Child, Robot, VirtualRobot, command
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.run import run_host
+from robotree.vr.base.address import Address
+from robotree.vr.core.bonds import GrantedLease, Slots
+from robotree.vr.core.events import StepResult, StepTaken
+from robotree.vr.core.machine import Calls, RobotState
+from robotree.vr.core.stop import Stop
 from robotree.vr.journal.journal import HostJournal
+from robotree.vr.journal.records import KeptPage
 from robotree.vr.network.local import join
 from robotree.vr.running.runner import Threads
 from robotree.vr.supervision.realm_client import RealmClient
@@ -50,6 +58,11 @@ class Counter(Robot):
         Counter.moments.append(time.monotonic())
         return x
 
+    @command
+    def act(self, x: float = 0.0) -> float:
+        """Do what adds up, as far as its callers know."""
+        return x
+
 
 class Bottom(VirtualRobot):
     """The end of a nested chain."""
@@ -57,6 +70,11 @@ class Bottom(VirtualRobot):
     @command(effect="repeat")
     def step(self, x: float = 0.0) -> float:
         """Return the argument."""
+        return x
+
+    @command
+    def act(self, x: float = 0.0) -> float:
+        """Return the argument, too."""
         return x
 
 
@@ -72,6 +90,16 @@ class Top(VirtualRobot):
         for _ in range(repeats):
             began = time.perf_counter()
             self.below.step(x=1.0)
+            times.append((time.perf_counter() - began) * 1e6)
+        return times
+
+    @command
+    def measure_once(self, repeats: int) -> list[float]:
+        """Have the child do what adds up, many times; the times of all calls [us]."""
+        times: list[float] = []
+        for _ in range(repeats):
+            began = time.perf_counter()
+            self.below.act(x=1.0)
             times.append((time.perf_counter() - began) * 1e6)
         return times
 
@@ -146,12 +174,49 @@ async def calls(
                     await realm_client.call(name, "measure", {"repeats": REPEATS})
                 )
                 sizes[name] = host.size - before
+        times.setdefault("once", []).extend(
+            await realm_client.call(f"far-{kept.name}", "measure_once", {"repeats": REPEATS})
+        )
     found: dict[str, Any] = {}
     for way in ("near", "far"):
         with_it, without = (statistics.median(times[f"{way}-{host.name}"]) for host in (kept, bare))
         found |= {f"{way} kept us": with_it, f"{way} bare us": without, f"{way} ratio": with_it / without}
         found[f"{way} bytes"] = sizes[f"{way}-{kept.name}"] / REPEATS
+    found["far once us"] = statistics.median(times["once"])
+    found["far once more us"] = found["far once us"] - found["far kept us"]
     return found
+
+
+def intents(folder: Path, count: int) -> dict[str, float]:
+    """Measure what precedes a call of what adds up, and in turns as many bytes without a journal."""
+    key, name = "robot/it/1", "it"
+    state = RobotState(
+        address=Address("robot", name, "1"), home="h", lease=GrantedLease.free(name, unix=0.0),
+        slots=Slots(name), calls=Calls(), stop=Stop(),
+    )  # fmt: skip
+    journal = HostJournal(folder / "intents", Threads())
+    journal.begin()
+    journal.made(key, name, KeptPage("", ""), lambda query: query(state))
+    path = folder / "bare.log"
+    bare = os.open(path, os.O_CREAT | os.O_WRONLY | os.O_APPEND, 0o600)
+    times: dict[str, list[float]] = {"journal": [], "bare": []}
+    for number in range(count):
+        step = StepResult("begun", None, "robot/arm-1/0123456789")
+        intent = StepTaken(key="k", path=f"{number}~", step=step)
+        before = journal.size
+        began = time.perf_counter()
+        journal.append(key, 1.0, intent)
+        journal.sync()
+        times["journal"].append((time.perf_counter() - began) * 1e6)
+        body = bytes(journal.size - before)
+        began = time.perf_counter()
+        os.write(bare, body)
+        os.fdatasync(bare)
+        times["bare"].append((time.perf_counter() - began) * 1e6)
+    os.close(bare)
+    journal.close()
+    kept, floor = (statistics.median(times[way]) for way in ("journal", "bare"))
+    return {"intent us": kept, "bare fdatasync us": floor, "intent ratio": kept / floor}
 
 
 async def next_effect(after: float, within: float = 60.0) -> float:
@@ -234,7 +299,7 @@ async def counters(*names: str) -> AsyncIterator[None]:
 
 async def measure(folder: Path, rounds: int, count: int) -> dict[str, Any]:
     """Measure all."""
-    found: dict[str, Any] = dict(bare_starts())
+    found: dict[str, Any] = {**bare_starts(), **intents(folder, rounds * 50)}
     kept, bare = HostProcess("kept", folder / "kept"), HostProcess("bare", None)
     far = [f"far-of-{name}" for name in ("kept", "bare", "short", "long")]
     async with counters(*far), joined("bench") as realm_client:

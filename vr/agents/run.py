@@ -104,6 +104,7 @@ async def run_host(
         stack.push_async_callback(transport.close)
         if journal is not None:
             process.life, process.returns, process.keeps_steps = journal.life, returns, True
+            process.sync = journal.sync
             transport = Outlet(transport, journal.barrier)
         registrar = Registrar(transport)
         stack.push_async_callback(registrar.close)

@@ -2,7 +2,9 @@
 
 *Output commit*: `append` only fills a buffer. `barrier` writes it, and `Outlet` calls that before any byte
 leaves the process: a request, a reply, a published state. What nobody outside has seen may be lost by a
-crash: it is done again. What is written survives the process; after `sync` it survives a loss of power.
+crash: it is done again. What is written survives the process. After `sync` it survives a loss of power: a
+command waits for that before it asks another process for something that adds up (`effect="once"`), so that
+the next process knows of it, whatever else of the log was lost.
 
 A disk that takes nothing more must not keep robots from being stopped: then the journal removes itself, for
 an old one would repeat what was done since, and begins anew with the whole state when there is room again.
@@ -109,8 +111,12 @@ class HostJournal:
         self.life = 1 if before is None else before.life + 1
         """How often a host has begun with this log."""
         self._buffer, self._count = bytearray(_EMPTY), 0
-        self._lock, self._writing = clocks.lock(), clocks.lock()
+        self._lock, self._writing, self._syncing = clocks.lock(), clocks.lock(), clocks.lock()
         self._busy = False
+        self._appended = self._written = self._synced = 0
+        """How many records there were, how many of them are written, and how many survive a loss of power."""
+        self._held = False
+        """Whether the file is being synchronised: it stays the newest one meanwhile."""
         self._numbers: dict[str, int] = {}
         self._last_number = 0
         self._made: dict[str, Made] = {}
@@ -140,6 +146,11 @@ class HostJournal:
         """Where the log is."""
         return self._segments.folder
 
+    @property
+    def size(self) -> int:
+        """[bytes] of the newest file."""
+        return self._segments.size
+
     def begin(self) -> None:
         """Begin a segment with all robots that are here, and forget the older ones.
 
@@ -166,6 +177,7 @@ class HostJournal:
         self._flush()
         self._segments.sync()
         self._segments.drop_older()
+        self._synced = self._written
         self.suspended = ""
 
     # -- what a robot's runtime tells -------------------------------------------------------------
@@ -238,11 +250,30 @@ class HostJournal:
                 self._write()
 
     def sync(self) -> None:
-        """Return when all that was appended would survive a loss of power."""
-        with self._writing:
-            self._write()
-            if not (self.suspended or self._sealed):
-                self._attempt(self._segments.sync)
+        """Return when all that was appended would survive a loss of power.
+
+        Those that come meanwhile share the next one. Others go on writing.
+        """
+        own = self._appended
+        with self._syncing:
+            if self._synced >= own:
+                return
+            with self._writing:
+                self._write()
+                if self.suspended or self._sealed:
+                    return
+                written, self._held = self._written, True
+            trouble: OSError | None = None
+            try:
+                self._segments.sync()
+            except OSError as error:
+                trouble = error
+            with self._writing:
+                self._held = False
+                if trouble is None:
+                    self._synced = max(self._synced, written)
+                elif not (self.suspended or self._sealed):
+                    self._suspend(trouble)
 
     def seal(self) -> None:
         """Write nothing more: what happens from now on belongs to the end of this process."""
@@ -265,6 +296,7 @@ class HostJournal:
                 self._unfit = f"{type(record).__name__} cannot be written: {error}"
             else:
                 self._count += 1
+                self._appended += 1
 
     def _write(self) -> None:
         """Write what was appended. Under `_writing`."""
@@ -279,7 +311,7 @@ class HostJournal:
             self._resume()
             return
         self._attempt(self._flush)
-        if self._segments.size > LONG and not self.suspended:
+        if self._segments.size > LONG and not (self.suspended or self._held):
             self._attempt(self._begin)
 
     def _flush(self) -> None:
@@ -287,11 +319,12 @@ class HostJournal:
             if not self._count:
                 return
             self._busy = True
-            body, count = self._buffer, self._count
+            body, count, upto = self._buffer, self._count, self._appended
             self._buffer, self._count = bytearray(_EMPTY), 0
         try:
             body[HEAD.size + 1 : len(_EMPTY)] = count.to_bytes(4, "big")
             self._segments.write(body)
+            self._written = upto
         finally:
             self._busy = False
 

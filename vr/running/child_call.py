@@ -260,11 +260,15 @@ class ChildCall(Started):
     # -- to a child in another process ------------------------------------------------------------
 
     def _note_begin(self) -> None:
-        """Keep whom a command was given that adds up: another life of that child must not get it again."""
+        """Keep whom a command was given that adds up: another life of that child must not get it again.
+
+        Also a loss of power must not make the next process of the host forget it.
+        """
         if self.frame.keeps:
             spec = self.frame.runtime.child_spec(self.slot, self.command)
             if spec is None or spec.effect == "once":
                 self.frame.keep_step(f"{self.key}{on.BEGUN}", on.StepResult("begun", None, self.child.key))
+                self.frame.worker.process.sync()
 
     def ask(self, call: Call) -> None:
         """Call a child in another process; its answers come to `take_reply`."""

@@ -161,6 +161,8 @@ class Process(Generic[R]):
         """[s] for which its robots were away, before it was started."""
         self.keeps_steps = False
         """Whether the journal also takes what the steps of commands give, so that they can go on."""
+        self.sync: Callable[[], None] = lambda: None
+        """Waits until what the journal has taken would survive a loss of power."""
         self.robots: dict[Address, R] = {}
         """The robots that live here."""
         self.on_raise: Callable[[str, BaseException], None] = lambda _robot, _error: None
