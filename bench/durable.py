@@ -5,8 +5,8 @@
 Two hosts, one with a journal and one without, take the same calls in turns, in one run. An intent, which a
 command keeps for good before it asks for something that adds up, is measured in turns with a bare write and
 fdatasync of as many bytes; the folder is one of the system's for temporary files (`$TMPDIR`). Restarts are
-measured from the start of the new process to the next effect in another process; beside it how long Python takes to
-start with an empty script, and a host without robots to be ready.
+measured from the start of the new process to the next effect in another process; beside it how long Python
+takes to start with an empty script, and a host without robots to be ready.
 """
 
 from __future__ import annotations
