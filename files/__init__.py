@@ -1,5 +1,7 @@
 """Files and folders that somebody else may have prepared: opened here, and nowhere else by hand.
 
+    opened_own(path)        an ordinary file of ours, never through a link
+    expect_own(path)        whether it is one, for libraries that open files by their names
     read(path, most)        an ordinary file, whole; a FIFO, a device or an endless file is an error at once
     private_folder(path)    a folder (0700) that only its owner can enter, made or repaired
     private_file(path)      a file (0600) that only its owner can open, made or repaired
@@ -11,7 +13,18 @@ Everything that is wrong is an `OSError`, whose `strerror` is a clause such as "
 The other rooms turn it into errors of their own. This room knows none of them, and all of them may use it.
 """
 
-from robotree.files.opening import opened, overwrite, own, read, text
+from robotree.files.opening import expect_own, opened, opened_own, overwrite, own, read, text
 from robotree.files.private import own_folder, private_file, private_folder
 
-__all__ = ["opened", "overwrite", "own", "own_folder", "private_file", "private_folder", "read", "text"]
+__all__ = [
+    "expect_own",
+    "opened",
+    "opened_own",
+    "overwrite",
+    "own",
+    "own_folder",
+    "private_file",
+    "private_folder",
+    "read",
+    "text",
+]

@@ -38,6 +38,56 @@ def opened(path: Path, flags: int = os.O_RDONLY, mode: int = 0o600) -> int:
     raise OSError(errno.EINVAL, f"it is {_kind(found)}, not a file", str(path))
 
 
+def opened_own(path: Path, flags: int = os.O_RDONLY) -> int:
+    """Open an ordinary file that this program keeps for itself: no link is followed, also none of our own.
+
+    Args:
+        path: of the file.
+        flags: as for `os.open`; a new file is for this user alone.
+
+    Returns:
+        The descriptor; no child process inherits it.
+
+    Raises:
+        OSError: it cannot be opened, is no ordinary file, or belongs to another user; `strerror` says which.
+    """
+    try:
+        descriptor = opened(path, flags | os.O_NOFOLLOW)
+    except OSError as error:
+        raise _explained(path) or error from None
+    if (owner := os.fstat(descriptor).st_uid) == os.geteuid():
+        return descriptor
+    os.close(descriptor)
+    raise _belongs_to(owner, path)
+
+
+def expect_own(path: Path) -> None:
+    """Hold that a file is missing, or an ordinary one of this user: who opens it by its name is safe then.
+
+    Raises:
+        OSError: it is something else; `strerror` says what.
+    """
+    if (error := _explained(path)) is not None:
+        raise error
+
+
+def _explained(path: Path) -> OSError | None:
+    """Return what is wrong with a file that should be ours; None: nothing, or it is not there."""
+    try:
+        found = path.lstat()
+    except OSError:
+        return None
+    if stat.S_ISLNK(found.st_mode):
+        return OSError(errno.ELOOP, "it is a symbolic link, not a file", str(path))
+    if not stat.S_ISREG(found.st_mode):
+        return OSError(errno.EINVAL, f"it is {_kind(found.st_mode)}, not a file", str(path))
+    return None if found.st_uid == os.geteuid() else _belongs_to(found.st_uid, path)
+
+
+def _belongs_to(user: int, path: Path) -> OSError:
+    return PermissionError(errno.EPERM, f"it belongs to somebody else (user {user})", str(path))
+
+
 def read(path: Path, most: int) -> bytes:
     """Read an ordinary file whole.
 

@@ -36,6 +36,11 @@ def private_folder(path: Path, *, strict: bool = False) -> bool:
     try:
         link = os.O_NOFOLLOW if strict else own(path)
         folder = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC | link)
+    except FileNotFoundError:
+        if not path.is_symlink():
+            raise
+        reason = "it is a symbolic link to what is not there"
+        raise FileNotFoundError(errno.ENOENT, reason, str(path)) from None
     except NotADirectoryError:
         reason = "it is a symbolic link, not a directory" if path.is_symlink() else "it is not a directory"
         raise NotADirectoryError(errno.ENOTDIR, reason, str(path)) from None

@@ -11,7 +11,17 @@ from pathlib import Path
 
 import pytest
 
-from robotree.files import opened, overwrite, own_folder, private_file, private_folder, read, text
+from robotree.files import (
+    expect_own,
+    opened,
+    opened_own,
+    overwrite,
+    own_folder,
+    private_file,
+    private_folder,
+    read,
+    text,
+)
 
 root_only = pytest.mark.skipif(os.geteuid() != 0, reason="only root can play a second user")
 NOBODY = 65534
@@ -168,3 +178,45 @@ def test_nothing_that_belongs_to_another_user_becomes_ours(tmp_path: Path) -> No
         with pytest.raises(PermissionError, match=f"a link that user {NOBODY} made"):
             astray(tmp_path / "link")
     assert ours.read_text() == "precious"
+
+
+KEPT: dict[str, tuple[Callable[[Path], object], str]] = {
+    "a FIFO": (os.mkfifo, "it is a FIFO, not a file"),
+    "a folder": (Path.mkdir, "it is a folder, not a file"),
+    "a link of our own": (lambda path: path.symlink_to(path.parent / "precious"), "it is a symbolic link"),
+    "a link to nothing": (lambda path: path.symlink_to("nowhere"), "it is a symbolic link, not a file"),
+    "a socket": (bound_socket, "it is a socket, not a file"),
+}
+
+
+@pytest.mark.timeout(10)
+@pytest.mark.parametrize("flags", [os.O_RDONLY, os.O_WRONLY | os.O_CREAT, os.O_RDWR | os.O_CREAT])
+@pytest.mark.parametrize("prepared", KEPT)
+def test_what_a_program_keeps_for_itself_is_never_something_else(
+    tmp_path: Path, prepared: str, flags: int
+) -> None:
+    prepare, reason = KEPT[prepared]
+    (tmp_path / "precious").write_text("kept")
+    prepare(tmp_path / "x")
+    with pytest.raises(OSError, match=reason):
+        opened_own(tmp_path / "x", flags)
+    with pytest.raises(OSError, match=reason):
+        expect_own(tmp_path / "x")
+    assert (tmp_path / "precious").read_text() == "kept"
+    assert not (tmp_path / "nowhere").exists()
+
+
+@root_only
+def test_what_a_program_keeps_for_itself_is_no_file_of_another_user(tmp_path: Path) -> None:
+    (tmp_path / "x").write_text("theirs")
+    give_away(tmp_path / "x")
+    for look in (opened_own, expect_own):
+        with pytest.raises(PermissionError, match=f"it belongs to somebody else \\(user {NOBODY}\\)"):
+            look(tmp_path / "x")
+
+
+def test_what_a_program_keeps_for_itself_may_be_missing(tmp_path: Path) -> None:
+    expect_own(tmp_path / "x")
+    os.close(opened_own(tmp_path / "x", os.O_CREAT | os.O_WRONLY))
+    expect_own(tmp_path / "x")
+    assert mode(tmp_path / "x") == 0o600

@@ -170,7 +170,7 @@ class Host:
         log says why.
 
         Raises:
-            OSError: the journal cannot be written.
+            JournalUnusable: the journal cannot be written.
         """
         journal = self._journal
         if journal is None:

@@ -89,8 +89,7 @@ async def run_host(
         BadName: that cannot be a name.
         DuplicateName: a living host has the name.
         TransportError: the realm cannot be joined.
-        JournalError: what is kept in the folder cannot be used.
-        OSError: the folder cannot be used.
+        JournalError: the folder, or what is kept in it, cannot be used.
     """
     for one in (name, only or name):
         check_name(one)

@@ -600,6 +600,33 @@ class DamagedJournal(JournalError):
     )
 
 
+class LostJournal(JournalError):
+    """Something in it that was written is not there any more."""
+
+    sentence = (
+        "{missing} from {folder}, where a host keeps its robots: somebody has removed or shortened it, so "
+        "none of them is started; bring it back, or begin without them: `robotree host NAME --forget`"
+    )
+
+
+class CopiedJournal(JournalError):
+    """It is the journal of a host of another name."""
+
+    sentence = (
+        "{folder} is a copy of what host {other} keeps, and no robot can live twice: start host {other}, or "
+        "begin without its robots: `robotree host NAME --forget`"
+    )
+
+
+class JournalUnusable(JournalError):
+    """It cannot be opened, read or written."""
+
+    sentence = (
+        "{path} cannot be used ({reason}), so no robots can be kept: {remedy}, or begin without those that "
+        "were kept: `robotree host NAME --forget`"
+    )
+
+
 class OtherJournal(JournalError):
     """Another version of robotree has written it."""
 

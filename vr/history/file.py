@@ -17,7 +17,7 @@ from pathlib import Path
 
 import msgspec
 
-from robotree.files import private_file, private_folder
+from robotree.files import expect_own, private_file, private_folder
 from robotree.vr.base.errors import HistoryUnusable
 from robotree.vr.base.history_event import HistoryEvent, NumberedEvent
 from robotree.vr.base.requests import EventsRead, EventsVerified, ReadEvents
@@ -34,6 +34,8 @@ PORTION = 2000
 """Events that are deleted at a time."""
 DEEPEST = 64
 """Calls above a call that are looked for."""
+_BESIDE = ("", "-wal", "-shm", "-journal")
+"""Ends of the names of the file itself, and of those that SQLite makes beside it."""
 
 _SCHEMA = """
 CREATE TABLE event (number INTEGER PRIMARY KEY, unix REAL NOT NULL, robot TEXT NOT NULL, kind TEXT NOT NULL,
@@ -75,6 +77,9 @@ class HistoryFile:
         with self._explained():
             if writes:
                 private_folder(path.parent)
+            for beside in _BESIDE:  # SQLite opens them by their names
+                expect_own(path.with_name(f"{path.name}{beside}"))
+            if writes:
                 private_file(path)
             way = f"{path.absolute().as_uri()}?mode={'rw' if writes else 'ro'}"
             self._file = sqlite3.connect(way, uri=True, isolation_level=None, check_same_thread=False)
@@ -103,7 +108,8 @@ class HistoryFile:
         try:
             yield
         except (sqlite3.Error, OSError, msgspec.MsgspecError) as error:
-            raise HistoryUnusable(path=str(self.path), detail=str(error)) from None
+            reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+            raise HistoryUnusable(path=str(self.path), detail=reason) from None
 
     def close(self) -> None:
         """Use it no more."""

@@ -12,14 +12,15 @@ an old one would repeat what was done since, and begins anew with the whole stat
 
 from __future__ import annotations
 
+import errno
 import logging
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Generator
+from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Protocol
 
-from robotree.vr.base.errors import VrError
+from robotree.vr.base.errors import CopiedJournal, JournalUnusable, VrError
 from robotree.vr.core.events import CoreEvent
 from robotree.vr.core.machine import RobotCore, RobotState
 from robotree.vr.journal.records import (
@@ -69,7 +70,23 @@ class Clocks(Protocol):
 LookAtState = Callable[[Callable[[RobotState], None]], None]
 """Hands the state of a robot to a function, while nothing changes it."""
 
+_FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+"""Errors of a disk that takes no more, and of a user who may write no more."""
+
 _log = logging.getLogger(__name__)
+
+
+@contextmanager
+def _explained(folder: Path) -> Generator[None]:
+    """Have an error of the operating system say what a person can do."""
+    try:
+        yield
+    except OSError as error:
+        full = error.errno in _FULL
+        remedy = "make room on that disk" if full else "move away what is there, or make it yours"
+        path, reason = error.filename or str(folder), error.strerror or str(error)
+        reason = f"{reason[:1].lower()}{reason[1:]}"
+        raise JournalUnusable(path=path, reason=reason, remedy=remedy) from None
 
 
 class HostJournal:
@@ -96,17 +113,21 @@ class HostJournal:
         Raises:
             JournalInUse: another host has it.
             DamagedJournal: it cannot be read.
+            LostJournal: a part of it is missing.
+            CopiedJournal: it is that of a host of another name.
             OtherJournal: another version of robotree has written it.
-            OSError: the folder cannot be made or read.
+            JournalUnusable: the folder, or a file in it, cannot be made or read.
         """
-        self._clocks, self._boot = clocks, boot
-        self._segments = Segments(folder, OSDisk() if disk is None else disk)
+        self._clocks, self._boot, self._host = clocks, boot, folder.name
         self.found = Recovered(machine_of)
-        try:
-            self.found.read(self._segments.frames(self._may_have_lost_power), str(folder))
-        except BaseException:
-            self._segments.close()
-            raise
+        with _explained(folder):
+            self._segments = Segments(folder, OSDisk() if disk is None else disk, boot)
+            try:
+                self.found.read(self._segments.frames(self._may_have_lost_power), str(folder))
+                self._expect_own()
+            except BaseException:
+                self._segments.close()
+                raise
         before = self.found.began
         self.life = 1 if before is None else before.life + 1
         """How often a host has begun with this log."""
@@ -127,6 +148,20 @@ class HostJournal:
         self.suspended = ""
         """Why nothing is kept at the moment; empty: all is."""
         self.on_suspend: Callable[[str], None] = lambda _: None
+
+    def _expect_own(self) -> None:
+        """Refuse the log of another host, and tell what is not there of the own one.
+
+        Raises:
+            CopiedJournal: the folder is a copy.
+        """
+        began, folder = self.found.began, self._segments.folder
+        if began is not None and began.host not in {"", self._host}:
+            raise CopiedJournal(folder=str(folder), other=began.host)
+        if self._segments.missing:
+            _log.warning("%s: the machine has ended, and %s", folder, self._segments.missing)
+        if self._segments.was_full:
+            _log.warning("%s: the robots of the last host are not back: the disk was full", folder)
 
     @property
     def shift(self) -> float:
@@ -155,9 +190,9 @@ class HostJournal:
         """Begin a segment with all robots that are here, and forget the older ones.
 
         Raises:
-            OSError: it cannot be written.
+            JournalUnusable: it cannot be written.
         """
-        with self._writing:
+        with self._writing, _explained(self.folder):
             self._begin()
 
     def _begin(self) -> None:
@@ -165,7 +200,7 @@ class HostJournal:
         with self._lock:
             self._buffer, self._count = bytearray(_EMPTY), 0
         self._segments.begin()
-        self._put(Began(VERSION, self.life, self._boot, self._clocks.unix(), self._clocks.now()))
+        self._put(Began(VERSION, self.life, self._boot, self._clocks.unix(), self._clocks.now(), self._host))
         for made in list(self._made.values()):
             self._put(made)
             look = self._looks.get(made.key)

@@ -28,6 +28,8 @@ class Began(_LogRecord, frozen=True):
     """[s] since 1970."""
     now: float
     """[s] on the monotonic clock, at the same moment."""
+    host: str = ""
+    """Name of the host's folder; empty: an earlier version has written it."""
 
 
 class KeptPage(msgspec.Struct, frozen=True):

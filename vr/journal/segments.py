@@ -1,7 +1,8 @@
 """Files to which frames of bytes are appended, each with its length and a checksum, oldest file first.
 
     NUMBER.log    frames: length (u32), CRC-32 of the length (u32), CRC-32 of the body (u32), body
-    lock          held by the host that writes: of two, the second is refused
+    lock          held by the host that writes: of two, the second is refused. It says how long the newest
+                  file is, so that a file that somebody has removed or shortened is missed
 
 A frame that the end of a file cuts short was never finished, so nothing has depended on it: it is left out,
 also in an older file, for the process that came next may have ended before its own file was whole. Anything
@@ -11,21 +12,29 @@ was not synced may look like that, too, when the machine has lost its power.
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import logging
 import os
+import re
 import struct
 import zlib
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
-from robotree.files import private_folder
-from robotree.vr.base.errors import DamagedJournal, JournalInUse
+from robotree.files import opened_own, private_folder
+from robotree.vr.base.errors import DamagedJournal, JournalInUse, LostJournal
 
 HEAD = struct.Struct("<III")
 """Length of the body that follows, the checksum of these four bytes, and that of the body."""
 _LENGTH = struct.Struct("<I")
+_MARK = struct.Struct("<QQ36s")
+"""Number and size of the newest file, and the boot of the machine; a CRC-32 of them follows."""
+MARK_SIZE = _MARK.size + _LENGTH.size
+"""[bytes] of the lock file."""
+_NAME = re.compile(r"([0-9]{8,19})\.log")
 
 _log = logging.getLogger(__name__)
 
@@ -73,6 +82,14 @@ class Disk(Protocol):
         """
         ...
 
+    def marked(self, lock: int) -> bytes:
+        """Return what `mark` has written last, also by another process; empty: nothing."""
+        ...
+
+    def mark(self, lock: int, data: bytes) -> None:
+        """Replace the content of the lock file; always with as many bytes."""
+        ...
+
 
 class OSDisk:
     """The production form of `Disk`."""
@@ -83,7 +100,8 @@ class OSDisk:
 
     def read(self, path: Path) -> bytes:
         """See `Disk.read`."""
-        return path.read_bytes()
+        with os.fdopen(opened_own(path), "rb") as file:
+            return file.read()
 
     def create(self, path: Path) -> int:
         """See `Disk.create`."""
@@ -116,7 +134,7 @@ class OSDisk:
     def lock(self, folder: Path) -> int:
         """See `Disk.lock`."""
         private_folder(folder)
-        descriptor = os.open(folder / "lock", os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+        descriptor = opened_own(folder / "lock", os.O_CREAT | os.O_RDWR)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
@@ -124,28 +142,72 @@ class OSDisk:
             raise
         return descriptor
 
+    def marked(self, lock: int) -> bytes:
+        """See `Disk.marked`."""
+        return os.pread(lock, MARK_SIZE, 0)
+
+    def mark(self, lock: int, data: bytes) -> None:
+        """See `Disk.mark`."""
+        os.pwrite(lock, data, 0)
+
+
+class Mark(NamedTuple):
+    """What the lock file says of the log."""
+
+    number: int
+    """Of the newest file; 0: there is none, for the disk took no more."""
+    size: int
+    """[bytes] of it."""
+    boot: bytes
+    """Of the machine: what was not synced is lost with it."""
+
+    def packed(self) -> bytes:
+        """Return its content."""
+        content = _MARK.pack(*self)
+        return content + _LENGTH.pack(zlib.crc32(content))
+
+    @classmethod
+    def read(cls, data: bytes) -> Mark | None:
+        """Read it; None: it was never written, or not to its end."""
+        content = data[: _MARK.size]
+        whole = len(data) == MARK_SIZE and data[_MARK.size :] == _LENGTH.pack(zlib.crc32(content))
+        return cls(*_MARK.unpack(content)) if whole else None
+
 
 class Segments:
     """The files of one log, in a folder of their own."""
 
-    def __init__(self, folder: Path, disk: Disk) -> None:
+    def __init__(self, folder: Path, disk: Disk, boot: str = "") -> None:
         """Take the folder for this process.
+
+        Args:
+            folder: of the log.
+            disk: where the folder is.
+            boot: of the machine, 36 characters; empty: unknown.
 
         Raises:
             JournalInUse: another host has it.
             OSError: the folder cannot be made.
         """
-        self.folder, self._disk = folder, disk
+        self._open = -1
+        self.folder, self._disk, self._boot = folder, disk, boot.encode()[:36].ljust(36, b"\0")
         try:
             self._lock = disk.lock(folder)
         except BlockingIOError:
             raise JournalInUse(folder=str(folder)) from None
-        self._numbers = sorted(int(name[:-4]) for name in disk.names(folder) if name.endswith(".log"))
-        self._open = -1
         self._named = False
         """Whether the name of the newest file would survive a loss of power."""
+        try:
+            self._before = Mark.read(disk.marked(self._lock))
+            names = map(_NAME.fullmatch, disk.names(folder))
+        except BaseException:
+            self.close()
+            raise
+        self._numbers = sorted(int(name[1]) for name in names if name)
         self.size = 0
         """[bytes] of the newest file, as far as this process has written it."""
+        self.missing = ""
+        """What is not there, though it was written; a clause. Empty: all is."""
 
     def frames(self, lost_power: Callable[[], bool] = lambda: False) -> Iterator[bytes]:
         """Return the bodies of all frames, the oldest first.
@@ -156,16 +218,42 @@ class Segments:
 
         Raises:
             DamagedJournal: one does not fit its checksum.
+            LostJournal: what was written is not there any more, and the machine has run on since.
             OSError: a file cannot be read.
         """
+        whole = 0, 0
         for number in self._numbers:
             path = self._path(number)
+            data = self._disk.read(path)
             try:
-                yield from _frames(self._disk.read(path), str(path))
+                for frame in _frames(data, str(path)):
+                    whole = number, len(data)
+                    yield frame
             except DamagedJournal as damage:
                 if not lost_power():
                     raise
                 _log.warning("what was not synced was lost with the power: %s", damage)
+        self._expect(*whole)
+
+    def _expect(self, number: int, size: int) -> None:
+        """Miss what was there when the last host wrote; a machine that lost its power may have lost it, too.
+
+        Raises:
+            LostJournal: it has not.
+        """
+        before = self._before
+        if before is None or (number, size) >= before[:2]:
+            return
+        path = self._path(before.number).name
+        lost = before.size - size if number == before.number else 0
+        self.missing = f"{lost} bytes at the end of {path} are missing" if lost else f"{path} is missing"
+        if before.boot == self._boot and self._boot.strip(b"\0"):
+            raise LostJournal(folder=str(self.folder), missing=self.missing)
+
+    @property
+    def was_full(self) -> bool:
+        """Whether the last host kept nothing when it ended, for the disk took no more."""
+        return self._before is not None and not self._before.number
 
     def begin(self) -> None:
         """Write to a new file from now on."""
@@ -185,8 +273,9 @@ class Segments:
         check = zlib.crc32(_LENGTH.pack(length))
         HEAD.pack_into(body, 0, length, check, zlib.crc32(memoryview(body)[HEAD.size :]))
         if self._disk.write(self._open, body) < len(body):
-            raise OSError(28, "it was written in part only: the disk is full")
+            raise OSError(errno.ENOSPC, "it was written in part only: the disk is full")
         self.size += len(body)
+        self._disk.mark(self._lock, Mark(self._numbers[-1], self.size, self._boot).packed())
 
     def sync(self) -> None:
         """Return when all that was written would survive a loss of power."""
@@ -208,6 +297,8 @@ class Segments:
             self._disk.unlink(self._path(number))
         self._numbers = []
         self._disk.sync_folder(self.folder)
+        with suppress(OSError):  # else the next host misses the files
+            self._disk.mark(self._lock, Mark(0, 0, self._boot).packed())
 
     def close(self) -> None:
         """Leave the folder to others. Twice is once."""

@@ -48,6 +48,8 @@ class _Folder:
 
     names: dict[str, _Content] = field(default_factory=dict[str, _Content])
     synced: dict[str, _Content] = field(default_factory=dict[str, _Content])
+    mark: bytes = b""
+    """In the lock file; after a loss of power a host only tells what it misses."""
 
 
 class Medium:
@@ -209,6 +211,15 @@ class MemoryDisk:
         self.medium.locks[str(folder)] = self
         self._locks[number] = str(folder)
         return number
+
+    def marked(self, lock: int) -> bytes:
+        """See `Disk.marked`."""
+        return self.medium.folders[self._locks[lock]].mark
+
+    def mark(self, lock: int, data: bytes) -> None:
+        """See `Disk.mark`."""
+        self._expect_whole()
+        self.medium.folders[self._locks[lock]].mark = data
 
     def _folder(self, path: Path) -> _Folder:
         if str(path) not in self.medium.folders:

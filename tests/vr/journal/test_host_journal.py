@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import os
 import random
+import shutil
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from robotree.vr.base.address import Address
-from robotree.vr.base.errors import OtherJournal
+from robotree.vr.base.errors import CopiedJournal, JournalUnusable, OtherJournal
 from robotree.vr.base.requests import Call, Returned
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import GrantedLease, Slots
@@ -181,6 +184,67 @@ def test_a_full_disk_keeps_nothing_and_says_so_and_later_all_again(tmp_path: Pat
     assert said[1:] == [""]
     robot.call("l")
     assert reopened(journal) == {"it": encode_state(robot.core.state)}
+
+
+PREPARED: dict[str, tuple[str, Callable[[Path], object], str]] = {
+    "a FIFO as the log": ("00000001.log", os.mkfifo, "it is a FIFO, not a file"),
+    "a link as the log": ("00000001.log", lambda path: path.symlink_to(path.parent), "it is a symbolic link"),
+    "a folder as the log": ("00000001.log", Path.mkdir, "it is a folder, not a file"),
+    "a FIFO as the lock": ("lock", os.mkfifo, "it is a FIFO, not a file"),
+    "a link as the lock": ("lock", lambda path: path.symlink_to("/dev/null"), "it is a symbolic link"),
+    "a folder as the lock": ("lock", Path.mkdir, "it is a folder, not a file"),
+}
+
+
+@pytest.mark.timeout(10)
+@pytest.mark.parametrize("prepared", PREPARED)
+def test_what_lies_in_the_place_of_a_file_is_named_with_what_to_do(tmp_path: Path, prepared: str) -> None:
+    name, prepare, reason = PREPARED[prepared]
+    (tmp_path / "h").mkdir(mode=0o700)
+    prepare(tmp_path / "h" / name)
+    with pytest.raises(JournalUnusable, match=f"{name}.*{reason}.*move away what is there.*--forget"):
+        opened(tmp_path / "h")
+
+
+def test_a_link_to_nothing_as_the_folder_is_named_with_what_to_do(tmp_path: Path) -> None:
+    (tmp_path / "h").symlink_to("nowhere")
+    with pytest.raises(JournalUnusable, match=r"it is a symbolic link to what is not there.*move away"):
+        opened(tmp_path / "h")
+
+
+def test_a_disk_that_is_full_from_the_start_is_named_with_what_to_do(tmp_path: Path) -> None:
+    journal = opened(tmp_path / "h")
+    journal.begin()
+    robot = Kept(journal)
+    journal.close()
+    disk = FullDisk()
+    disk.room = False
+    following = opened(tmp_path / "h", disk=disk)
+    with pytest.raises(JournalUnusable, match=r"no space left on device.*make room on that disk"):
+        following.begin()
+    assert reopened(following) == {"it": encode_state(robot.core.state)}, "what is kept stays"
+
+
+def test_the_next_host_says_that_nothing_was_kept(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    disk = FullDisk()
+    journal = opened(tmp_path / "h", disk=disk)
+    journal.begin()
+    robot = Kept(journal)
+    disk.room = False
+    robot.call("k")
+    journal.barrier()
+    assert reopened(journal) == {}
+    assert "the robots of the last host are not back: the disk was full" in caplog.text
+
+
+def test_a_copy_of_the_folder_of_another_host_is_refused(tmp_path: Path) -> None:
+    journal = opened(tmp_path / "h1")
+    journal.begin()
+    journal.close()
+    shutil.copytree(tmp_path / "h1", tmp_path / "h2")
+    with pytest.raises(CopiedJournal, match=r"h2 is a copy of what host h1 keeps.*start host h1"):
+        opened(tmp_path / "h2")
+    opened(tmp_path / "h1").close()
 
 
 def test_another_version_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

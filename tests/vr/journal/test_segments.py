@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import os
 import random
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from robotree.vr.base.errors import DamagedJournal, JournalInUse
+from robotree.vr.base.errors import DamagedJournal, JournalInUse, LostJournal
 from robotree.vr.journal.segments import HEAD, OSDisk, Segments
 from robotree.vr.world.disk import MemoryDisk
+
+BOOT = "this start of the machine"
 
 
 def written(folder: Path, *bodies: bytes) -> Path:
     """Write a file of frames; returns it."""
-    log = Segments(folder, OSDisk())
+    log = Segments(folder, OSDisk(), BOOT)
     log.begin()
     for body in bodies:
         log.write(bytearray(bytes(HEAD.size) + body))
@@ -23,8 +27,8 @@ def written(folder: Path, *bodies: bytes) -> Path:
     return max(folder.glob("*.log"))
 
 
-def read(folder: Path) -> list[bytes]:
-    log = Segments(folder, OSDisk())
+def read(folder: Path, boot: str = "another") -> list[bytes]:
+    log = Segments(folder, OSDisk(), boot)
     try:
         return list(log.frames())
     finally:
@@ -88,6 +92,56 @@ def test_after_a_loss_of_power_all_that_was_synced_is_there_and_nothing_else_mak
     log.close()
     disk.medium.lose_power(chance)
     assert list(Segments(tmp, MemoryDisk(disk.medium)).frames()) == []
+
+
+LOSSES: dict[str, tuple[Callable[[Path], object], str]] = {
+    "one byte": (
+        lambda file: os.truncate(file, file.stat().st_size - 1),
+        "1 bytes at the end of 00000002.log",
+    ),
+    "a frame": (
+        lambda file: os.truncate(file, file.stat().st_size - HEAD.size - len(b"second")),
+        "18 bytes at the end of 00000002.log are missing",
+    ),
+    "all of it": (lambda file: os.truncate(file, 0), "00000002.log is missing"),
+    "the file": (Path.unlink, "00000002.log is missing"),
+}
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_what_somebody_takes_away_is_missed(tmp_path: Path, loss: str) -> None:
+    take_away, words = LOSSES[loss]
+    written(tmp_path, b"old")
+    take_away(written(tmp_path, b"first", b"second"))
+    with pytest.raises(LostJournal, match=words):
+        read(tmp_path, BOOT)
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_what_a_loss_of_power_takes_away_is_told(tmp_path: Path, loss: str) -> None:
+    take_away, words = LOSSES[loss]
+    written(tmp_path, b"old")
+    take_away(written(tmp_path, b"first", b"second"))
+    log = Segments(tmp_path, OSDisk(), "the next start")
+    assert list(log.frames()) in ([b"old", b"first"], [b"old"])
+    assert words in log.missing
+    log.close()
+
+
+def test_a_mark_that_was_never_finished_says_nothing(tmp_path: Path) -> None:
+    file = written(tmp_path, b"first", b"second")
+    mark = (tmp_path / "lock").read_bytes()
+    file.write_bytes(file.read_bytes()[:-1])
+    for end in range(len(mark)):
+        (tmp_path / "lock").write_bytes(mark[:end])
+        assert read(tmp_path, BOOT) == [b"first"]
+
+
+def test_a_name_that_is_no_file_of_the_log_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "notes.log").write_text("mine")
+    written(tmp_path, b"first")
+    assert read(tmp_path) == [b"first"]
+    assert (tmp_path / "notes.log").read_text() == "mine"
 
 
 def test_of_two_hosts_the_second_is_refused(tmp_path: Path) -> None:
