@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar, cast
 
-from robotree.vr.base.description import Arguments, CommandSpec, FieldSpec, ParameterType
+from robotree.vr.base.description import NESTED, Arguments, CommandSpec, FieldSpec, ParameterType
 from robotree.vr.base.errors import BadArgument
 from robotree.vr.base.literal import read_list, read_record
 from robotree.vr.base.plain import plain_arguments
@@ -111,6 +111,11 @@ def _read(field: FieldSpec, value: object, path: str) -> Any:
         found = _READERS[field.type](field, value)
     except (TypeError, ValueError) as error:
         raise _Refused(path, str(error)) from None
+    return _read_inside(field, found, path) if field.type in NESTED else found
+
+
+def _read_inside(field: FieldSpec, found: Any, path: str) -> Any:
+    """Read the values in a list or record."""
     match field.type:
         case "list":
             (item,) = field.items
@@ -121,11 +126,9 @@ def _read(field: FieldSpec, value: object, path: str) -> Any:
         case "dict":
             (item,) = field.items
             return {name: _read(item, part, f"{path}.{name}") for name, part in found.items()}
-        case "record":
+        case _:
             named = {part.name: part for part in field.items}
             return _read_parts(named, found, f"{path}.", "part; it has")
-        case _:
-            return found
 
 
 def _read_parts(
@@ -137,7 +140,10 @@ def _read_parts(
     for name, part in parts.items():
         if part.required and name not in given:
             raise _Refused(f"{path}{name}", f"is missing; give {expected(part)}")
-    return {name: _read(parts[name], value, f"{path}{name}") for name, value in given.items()}
+    read: dict[str, Any] = {}
+    for name, value in given.items():
+        read[name] = _read(parts[name], value, path + name)
+    return read
 
 
 def _is_none(field: FieldSpec, value: str | None) -> bool:

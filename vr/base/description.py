@@ -30,6 +30,10 @@ LINK, OPEN_LINK, SIGNED_LINK = "link", "open", "signed"
 controller obeys every program that reaches it (docs/security.md)."""
 
 
+NESTED: frozenset[ParameterType] = frozenset({"list", "tuple", "dict", "record"})
+"""Types of values in which there are values."""
+
+
 class FieldSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """One typed value of a command: a parameter, or a part of its result."""
 
@@ -57,7 +61,7 @@ class FieldSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     @property
     def nested(self) -> bool:
         """Whether there are values in it."""
-        return self.type in {"list", "tuple", "dict", "record"}
+        return self.type in NESTED
 
 
 class CommandSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, dict=True):

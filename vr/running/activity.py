@@ -517,7 +517,7 @@ class CommandActivity(Frame):
 
 def execute(runtime: RobotRuntime, key: str, run: Run, worker: Worker) -> None:
     """Carry out a call whose turn it is, on a worker, on top of what is there."""
-    context, robot, command, arguments, exposed = runtime.turn_of(key)
+    context, robot, command, arguments, exposed = runtime.turn_of(key, run)
     activity = CommandActivity(runtime, run, context, worker)
     run.interrupt = activity.interrupt
     work = _work_of(activity, robot, command, arguments, exposed)

@@ -43,7 +43,7 @@ from robotree.vr.running.log import Log, waits
 from robotree.vr.running.own_errors import as_itself
 from robotree.vr.running.page_trace import line_at_work
 from robotree.vr.running.process import Process, Worker
-from robotree.vr.running.run import NO_PROGRESS, Listener, Run
+from robotree.vr.running.run import NO_PROGRESS, Listener, OfferedTurn, Run
 
 LONGEST_NOTE = 80
 """Characters of a command's progress text that the state of its robot contains."""
@@ -51,7 +51,7 @@ LONGEST_NOTE = 80
 LATE = 0.001
 """[s] that a deadline may be noticed late, so that deadlines which differ by rounding share one timer."""
 
-INVISIBLE = Begin | Settled | on.RenewLease | on.AskPart | on.LeaseGranted | on.StopTaken
+INVISIBLE = frozenset({Begin, Settled, on.RenewLease, on.AskPart, on.LeaseGranted, on.StopTaken})
 """Effects that others do not see: a call that only reads, a renewal, a copy of a stop."""
 
 _T = TypeVar("_T")
@@ -66,9 +66,6 @@ class NotDescribed(Exception):
         super().__init__(f"{slot}.{command}")
         self.slot, self.command = slot, command
 
-
-OfferedTurn = Callable[[Callable[[Worker], None]], bool]
-"""Has the worker of a caller, which waits, carry a command out; returns whether it still waits."""
 
 OnDescribed = Callable[[VrError | None], None]
 """Called when a child was asked for a command: with None, or with why it was in vain."""
@@ -159,7 +156,7 @@ class RobotRuntime:
 
     # -- the one door -----------------------------------------------------------------------------
 
-    def post(
+    def post(  # noqa: C901, PLR0912 # the steps of one change, in their order
         self,
         event: CoreEvent,
         *,
@@ -181,7 +178,8 @@ class RobotRuntime:
         Raises:
             VrError: the event is refused; nothing has changed.
         """
-        forks.expect_parent()
+        if forks.is_child:
+            forks.expect_parent()
         now, refusal = self._runner.now(), None
         with self._lock:
             effects: list[CoreEffect] = []
@@ -193,7 +191,7 @@ class RobotRuntime:
                 refusal = error
             else:
                 if isinstance(event, on.Invoke):
-                    self._attend(event.call.key, listener, turn)
+                    self._run_of(event.call.key).attend(listener, turn)
             turned = None if self._coming is None else self._turn_page(effects, now)
             shows = self._shows(effects)
             due, written = self.core.due, self._written
@@ -203,9 +201,13 @@ class RobotRuntime:
             accepted()
         if turned is not None:
             turned()
-        self._remind_at(due if turn is None else math.inf)  # its caller watches over the deadline of a turn
+        if turn is None:  # else its caller watches over the deadline
+            self._remind_at(due)
         if shows:
-            self._show_change()
+            if not self.has_news:
+                self.changed()
+            if self._at_work[1]:
+                self._tell_waiting()
         self._carry_out(effects)  # last, for this wakes other threads, which wait for the interpreter then
         if refusal is not None:
             raise refusal
@@ -291,12 +293,6 @@ class RobotRuntime:
     def lease(self) -> Lease | None:
         """The lease that the robot has granted; None: it is free."""
         return self.look(lambda state: state.lease.current)
-
-    def _attend(self, key: str, listener: Listener | None, turn: OfferedTurn | None) -> None:
-        run = self.runs.get(key) or self._run_of(key)
-        run.turn = run.turn or turn
-        if listener is not None:
-            run.listeners.append(listener)
 
     def _run_of(self, key: str) -> Run:
         """Return what is known of a live call; nothing, if the state was decoded."""
@@ -408,14 +404,7 @@ class RobotRuntime:
         """Whether others can see it: a call that only reads, and a renewal, show nowhere. Under the lock."""
         calls = self.core.state.calls
         before, self._at_work = self._at_work, (calls.running, len(calls.waiting))
-        return before != self._at_work or any(not isinstance(one, INVISIBLE) for one in effects)
-
-    def _show_change(self) -> None:
-        """Let others see a change, and tell people whose commands wait which one is first."""
-        if not self.has_news:
-            self.changed()
-        if self._at_work[1]:
-            self._tell_waiting()
+        return before != self._at_work or not INVISIBLE.issuperset(map(type, effects))
 
     def _tell_waiting(self) -> None:
         """Tell people whose commands wait which one is first and how long they wait; again each second."""
@@ -686,7 +675,9 @@ class RobotRuntime:
 
     # -- for the code of a call -------------------------------------------------------------------
 
-    def turn_of(self, key: str) -> tuple[CommandContext, Robot, Command | None, Arguments, Exposed | None]:
+    def turn_of(
+        self, key: str, run: Run
+    ) -> tuple[CommandContext, Robot, Command | None, Arguments, Exposed | None]:
         """Return what the code of a call needs whose turn it is.
 
         Returns:
@@ -696,7 +687,7 @@ class RobotRuntime:
         """
         with self._lock:  # the page may be another one in a moment, for a command that only reads
             call = self.core.state.calls.live[key]
-            run, name = self._run_of(key), call.command
+            name = call.command
             if run.recall is None:
                 run.fields = call.fields
             context = CommandContext(

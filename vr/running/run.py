@@ -16,6 +16,10 @@ NO_PROGRESS = (math.nan, "")
 """How far a command is that has not said so: progress from 0 to 1, here unknown, and a text."""
 
 
+OfferedTurn = Callable[[Callable[[Worker], None]], bool]
+"""Has the worker of a caller, which waits, carry a command out; returns whether it still waits."""
+
+
 class Listener(Protocol):
     """Who wants to know how a call fares. Called in any thread; must not block."""
 
@@ -34,7 +38,7 @@ class Run:
     The runtime of the robot makes it when the call is accepted, and forgets it when the call has ended.
     """
 
-    turn: Callable[[Callable[[Worker], None]], bool] | None = None
+    turn: OfferedTurn | None = None
     """Has the worker of its caller, which waits for it, carry it out; see `ChildCall.give_turn`."""
     cause: VrError | None = None
     """Why its code was asked to end."""
@@ -61,10 +65,14 @@ class Run:
     callers: frozenset[str] = frozenset()
     """Keys under which those are present with whom it ends; empty: it goes on without them."""
 
-    def __init__(self) -> None:
-        """Begin without anybody who listens."""
-        self.listeners: list[Listener] = []
-        """Those who are told how it fares."""
+    listeners: tuple[Listener, ...] = ()
+    """Those who are told how it fares."""
+
+    def attend(self, listener: Listener | None, turn: OfferedTurn | None) -> None:
+        """Take who wants to know how it fares, and whose worker may carry it out; see `turn`."""
+        self.turn = self.turn or turn
+        if listener is not None:
+            self.listeners += (listener,)
 
     def tell(self, fraction: float, text: str) -> None:
         """Tell those who listen how far it is."""
