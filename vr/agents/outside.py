@@ -40,8 +40,9 @@ PROGRESS_PERIOD = 0.05
 """[s] Least time between two messages with a command's progress to one caller."""
 
 ACCEPTED_WITHIN = 0.05
-"""[s] A command that only reads and ends earlier is answered with its result alone: to ask again changes
-nothing, so its caller need not know whether it has begun. All others are accepted before they begin."""
+"""[s] A command that ends earlier is answered with its result alone, if its caller need not know whether it
+has begun: it only reads, or its caller is a parent, which takes for begun what it has sent. All others are
+accepted before they begin."""
 
 MOST_PENDING = 32
 """Reports that wait for the next message: of more, the middle ones are left out, never the latest."""
@@ -55,11 +56,13 @@ class OutsideCaller:
         self._runtime, self._call, self._respond, self._end = runtime, call, respond, end
         self._quiet_until = 0.0
         self._pending: list[Progress] = []
-        self._accepted = self._over = False
+        self._accepted = False
+        self.over = False
+        """Whether the call has ended."""
 
     def accept(self) -> None:
         """Say that the call is accepted, once and only before its end."""
-        if not self._accepted and not self._over:
+        if not self._accepted and not self.over:
             self._accepted = True
             self._respond(encode(Accepted(key=self._call.key, returns=self._runtime.process.returns)))
 
@@ -80,12 +83,12 @@ class OutsideCaller:
             fields = self._runtime.result_of(self._call.command)
             reply = msgspec.structs.replace(reply, fields=fields)
         self._tell()
-        self._over = True
+        self.over = True
         self._end(encode(reply))
 
     def _tell(self) -> None:
         pending, self._pending = self._pending, []
-        if pending and not self._over:
+        if pending and not self.over:
             self._quiet_until = self._runtime.process.runner.now() + PROGRESS_PERIOD
             self.accept()
             for progress in pending:
@@ -129,20 +132,13 @@ class OutsideCalls:
         seconds = min(call.deadline, LONGEST_DEADLINE) if math.isfinite(call.deadline) else call.deadline
         # what a parent's bond does for its calls, its presence does for the call of a program that waits
         attended_by = "" if call.oneway or call.epoch is not None else principal.agent
-        admit = partial(
-            self._admit,
-            call,
-            principal,
-            respond,
-            end,
-            received.asked + seconds,
-            self._runtime.stops,
-            attended_by,
-        )
-        if self._runtime.takes_long(call):
-            self._units.submit(lambda: admit() is None)  # to load them takes a while
+        ends, runtime = received.asked + seconds, self._runtime
+        if runtime.takes_long(call):  # to load units takes a while
+            stops = runtime.stops
+            admit = partial(self._admit, call, principal, respond, end, ends, attended_by, stops)
+            self._units.submit(lambda: admit() is None)
         else:
-            admit()
+            self._admit(call, principal, respond, end, ends, attended_by)
 
     def _admit(
         self,
@@ -151,16 +147,17 @@ class OutsideCalls:
         respond: Respond,
         end: End,
         deadline_at: float,
-        stops: int,
         attended_by: str,
+        stops: int = -1,
     ) -> None:
+        """Have a call accepted; `stops` as in `RobotRuntime.admit`."""
         runtime = self._runtime
         caller = None if call.oneway else OutsideCaller(runtime, call, respond, end)
 
         def accepted() -> None:
             if caller is None:
                 end(encode(Accepted(key=call.key)))
-            elif runtime.only_reads(call.command):
+            elif call.epoch is not None or runtime.only_reads(call.command):
                 self._accept_later(caller)
             else:
                 caller.accept()
@@ -169,14 +166,15 @@ class OutsideCalls:
             self._expect_open()
             runtime.admit(call, deadline_at, principal, listener=caller, accepted=accepted, stops=stops)
         except NotDescribed as unknown:
+            came = runtime.stops if stops < 0 else stops
 
             def described(error: VrError | None) -> None:
                 if error is None:
-                    self._admit(call, principal, respond, end, deadline_at, stops, attended_by)
+                    self._admit(call, principal, respond, end, deadline_at, attended_by, came)
                 else:
                     self._refuse(error, end)
 
-            self._runtime.describe_child(unknown, described)
+            runtime.describe_child(unknown, described)
         except Exception as error:  # noqa: BLE001 # the asker gets an answer, whatever happens
             self._refuse(error, end)
         else:
@@ -192,7 +190,7 @@ class OutsideCalls:
 
     def _accept_all(self) -> None:
         now, waiting = self._runtime.process.runner.now(), self._to_accept
-        while waiting and waiting[0][0] <= now:
+        while waiting and (waiting[0][1].over or waiting[0][0] <= now):
             waiting[0][1].accept()
             waiting.popleft()
         if waiting:

@@ -141,7 +141,8 @@ def seal(request: AnyRequest, *, now: float, within: float, sender: str = "") ->
         within: [s] for which the asker waits for the first answer.
         sender: key under which the asker is present.
     """
-    begins, ends = isinstance(request, BEGINS), isinstance(request, ENDS)
+    begins = isinstance(request, BEGINS)
+    ends = not begins and isinstance(request, ENDS)
     holds = min(within, FRESH) if begins else math.inf if ends else within
     terminal = "" if sender.startswith(_OF_A_ROBOT) else _here
     body = _encode(Envelope(request, sender, now, holds, this_clock(), b"", terminal))

@@ -14,6 +14,9 @@ from robotree.vr.base.principal import Principal, user_name
 from robotree.vr.base.requests import AnyRequest, Petition, Release, Renew, Retract
 from robotree.vr.core.machine import RobotState
 
+OF_LEASES = (Petition, Retract, Renew, Release)
+"""Requests in the name of a parent: whether they are allowed depends on the state of the robot."""
+
 
 def authorise(principal: Principal, request: AnyRequest, state: RobotState | None) -> None:
     """Refuse a request that its principal may not make.
@@ -21,7 +24,7 @@ def authorise(principal: Principal, request: AnyRequest, state: RobotState | Non
     Args:
         principal: who asks.
         request: what is asked.
-        state: of the robot that is asked; None: another agent is asked.
+        state: of the robot that is asked; None: another agent is asked, or it does not matter.
 
     Raises:
         NotAllowed: the principal may not ask for this.
@@ -29,7 +32,7 @@ def authorise(principal: Principal, request: AnyRequest, state: RobotState | Non
     if principal.user != user_name(os.geteuid()):
         reason = f"the processes of this realm belong to {user_name(os.geteuid())}"
         raise NotAllowed(who=principal.person or principal.user, what=type(request).__name__, reason=reason)
-    if not isinstance(request, Petition | Retract | Renew | Release):
+    if not isinstance(request, OF_LEASES):
         return
     lease = None if state is None else state.lease.current
     away = isinstance(request, Release) and lease is not None and lease.away

@@ -123,8 +123,8 @@ class ChildCall(Started):
     """The call, if a child in another process was asked."""
     _ends: float = math.inf
     """[s] when the child must have ended it."""
-    _leave: Callable[[], None] | None = None
-    """Called once it has ended; None: nobody is to be told."""
+    _leave: tuple[Callable[[], object], ...] = ()
+    """Called once it has ended."""
     _unlimit: Callable[[], None] | None = None
     """Has the end of its time not noticed."""
     _fraction: float = math.nan
@@ -187,6 +187,11 @@ class ChildCall(Started):
         runtime, now, deadline_at = self.frame.runtime, self.frame.worker.now(), self.frame.deadline_at
         if self.limit is not None:
             deadline_at = min(deadline_at, now + self.limit.seconds)
+        neighbour, source, number, lowest = runtime.neighbours.get(self.child), "", 0, 0
+        if neighbour is None:
+            self._note_begin()
+            source, number, lowest, closed = runtime.number(self.slot, epoch)
+            self._leave = (closed,)
         call = Call(
             key=self.key,
             command=self.command,
@@ -195,12 +200,13 @@ class ChildCall(Started):
             caller=runtime.name,
             deadline=deadline_at - now,
             oneway=manner == "told",
+            source=source,
+            number=number,
+            lowest=lowest,
             line=page_line(sys._getframe()) if self.frame.keeps else 0,  # noqa: SLF001  # pyright: ignore[reportPrivateUsage] # inspect's is slow
         )
-        neighbour = runtime.neighbours.get(self.child)
         if neighbour is None:
-            self._note_begin()
-            self.ask(call)
+            self.ask(call, now)
         else:
             self.enter(neighbour, call, deadline_at, nested=manner in {"awaited", "passed on"})
         if self.limit is not None:
@@ -270,19 +276,12 @@ class ChildCall(Started):
                 self.frame.keep_step(f"{self.key}{on.BEGUN}", on.StepResult("begun", None, self.child.key))
                 self.frame.worker.process.sync()
 
-    def ask(self, call: Call) -> None:
-        """Call a child in another process; its answers come to `take_reply`."""
-        runtime, now = self.frame.runtime, self.frame.worker.now()
-        call, closed = runtime.numbered(call, self.slot)
+    def ask(self, call: Call, now: float) -> None:
+        """Call a child in another process, at a time [s]; its answers come to `take_reply`."""
+        runtime = self.frame.runtime
         self._sent, self.accept_by, self._ends = call, now + ANSWER_WITHIN, now + call.deadline
-        forget = None if call.oneway else runtime.when_gone(self.slot, self.fail)
-
-        def leave() -> None:
-            closed()
-            if forget is not None:
-                forget()
-
-        self._leave = leave
+        if not call.oneway:
+            self._leave += (runtime.when_gone(self.slot, self.fail),)
         runtime.ask(self.child.key, call, self.take_reply, now=now)
 
     def take_reply(self, reply: Reply | None) -> None:
@@ -298,8 +297,8 @@ class ChildCall(Started):
             self.accepted, self.accept_by = True, math.inf
             if self._sent is not None and self._sent.oneway:
                 self.frame.keep_step(self.key, on.StepResult("tell", self.content))
-            if self._sent is not None and self._sent.oneway and self._leave is not None:
-                self._leave()
+                for leave in self._leave:
+                    leave()
             if self._awaited:
                 self.frame.worker.wake()
 
@@ -313,11 +312,21 @@ class ChildCall(Started):
             self.accept_by = math.inf
             process = self.frame.worker.process
             process.at(process.runner.now() + ABSENCE, self._ask_again)
-        elif self.accepted:
+        elif self.accepted or self._may_have_begun():
             detail = "it ended in the middle; look where the robot stands before you go on"
             self.fail(CommandInDoubt(robot=self.child.name, command=self.command, detail=detail))
         else:
             self.fail(Unreachable(key=self.child.key))
+
+    def _may_have_begun(self) -> bool:
+        """Whether the child may have begun it: the request has left, and its answer does not only read.
+
+        That nobody serves the child's key is said at once, in the thread that asks.
+        """
+        worker = self.frame.worker
+        return worker.here() != worker.thread and not self.frame.runtime.child_only_reads(
+            self.slot, self.command
+        )
 
     def _comes_back(self) -> bool:
         """Whether the child is still bound, and comes back with all that it had accepted."""
@@ -357,8 +366,8 @@ class ChildCall(Started):
         self.reply = reply
         if self._unlimit is not None:
             self._unlimit()
-        if self._leave is not None:
-            self._leave()
+        for leave in self._leave:
+            leave()
         if self._on_done:
             self.tell_all()
         self.frame.worker.wake()

@@ -38,7 +38,7 @@ from robotree.vr.core.bonds import Bond, Lease
 from robotree.vr.core.events import Begin, CoreEffect, CoreEvent, Interrupt, Settled
 from robotree.vr.core.machine import Calls, RobotCore, RobotState
 from robotree.vr.exchange.asking import TakeReply, send_request
-from robotree.vr.exchange.authority import authorise
+from robotree.vr.exchange.authority import OF_LEASES, authorise
 from robotree.vr.running.log import Log, waits
 from robotree.vr.running.own_errors import as_itself
 from robotree.vr.running.page_trace import line_at_work
@@ -53,6 +53,9 @@ LATE = 0.001
 
 INVISIBLE = frozenset({Begin, Settled, on.RenewLease, on.AskPart, on.LeaseGranted, on.StopTaken})
 """Effects that others do not see: a call that only reads, a renewal, a copy of a stop."""
+
+NUMBERS = frozenset({float, int, bool})
+"""Types of arguments in which there is no text."""
 
 _T = TypeVar("_T")
 _log = logging.getLogger(__name__)
@@ -269,7 +272,10 @@ class RobotRuntime:
 
     def authorise(self, principal: Principal, request: AnyRequest) -> None:
         """Refuse a request that its principal may not make; see `authority.authorise`."""
-        self.look(lambda state: authorise(principal, request, state))
+        if isinstance(request, OF_LEASES):
+            self.look(lambda state: authorise(principal, request, state))
+        else:
+            authorise(principal, request, None)
 
     def look(self, query: Callable[[RobotState], _T]) -> _T:
         """Ask the state something while nothing changes it.
@@ -655,6 +661,8 @@ class RobotRuntime:
 
     def takes_long(self, call: Call) -> bool:
         """Whether an argument is a text with another unit than the declared, and units are not loaded yet."""
+        if NUMBERS.issuperset(map(type, call.arguments.values())):
+            return False
         command = self._commands.get(call.command)
         known: Mapping[str, FieldSpec] = {} if command is None else command.spec.by_name
         return any(
@@ -729,6 +737,14 @@ class RobotRuntime:
         """
         return self.look(lambda state: state.slots.require(slot).description.command(command))
 
+    def child_only_reads(self, slot: str, command: str) -> bool:
+        """Whether a command of the child in a slot is known to change nothing."""
+        try:
+            spec = self.child_spec(slot, command)
+        except VrError:
+            return False
+        return spec is not None and spec.effect == "read"
+
     def translate_child_error(self, slot: str, error: VrError) -> Exception:
         """Return the error of a call as its caller sees it: the child is gone, or a class of the page."""
         with self._lock:
@@ -752,14 +768,19 @@ class RobotRuntime:
         for tell in tuple(self._bereft.get(slot, ())):
             tell(self.look(lambda state: state.slots.emptiness(slot)))
 
-    def numbered(self, call: Call, slot: str) -> tuple[Call, Callable[[], None]]:
-        """Return a call of a child in another process with its number, and how to say that it has ended."""
-        source = f"{self.key}/{slot}/{call.epoch}{self._life}"
+    def number(self, slot: str, epoch: int) -> tuple[str, int, int, Callable[[], None]]:
+        """Number a call of a child in another process.
+
+        Returns:
+            `Call.source`, `Call.number`, `Call.lowest`, and how to say that the call has ended.
+        """
+        source = f"{self.key}/{slot}/{epoch}{self._life}"
         with self._lock:
-            ledger = self._ledgers.setdefault(source, _Ledger())
+            ledger = self._ledgers.get(source)
+            if ledger is None:
+                ledger = self._ledgers[source] = _Ledger()
             number, lowest = ledger.open()
-        call = msgspec.structs.replace(call, source=source, number=number, lowest=lowest)
-        return call, partial(ledger.numbers.discard, number)
+        return source, number, lowest, partial(ledger.numbers.discard, number)
 
     def spaces(self, name: str) -> list[str]:
         """Return the keys of the spaces of a name that run; empty: of all."""
