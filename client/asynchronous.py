@@ -219,6 +219,23 @@ class AsyncRealm:
         """End all commands of a robot."""
         await self.realm_client.cancel(robot)
 
+    async def pause(self, robot: str) -> str:
+        """Have a virtual robot, and those below it, wait before each step. Returns a note for people."""
+        return await self.realm_client.pause(robot)
+
+    async def step(self, robot: str) -> str:
+        """Let one step of a paused robot, or of one below it, pass. Returns the step in words.
+
+        Raises:
+            NotPaused: it is not paused.
+            NothingHeld: nothing of it waits before a step.
+        """
+        return await self.realm_client.step(robot)
+
+    async def go_on(self, robot: str) -> str:
+        """End the pause of a robot and of those below it (`robotree continue`). Returns a note for people."""
+        return await self.realm_client.go_on(robot)
+
     async def stop(self, robot: str | None = None) -> Sequence[str]:
         """Protective stop of one robot, or of all. Returns the names of those that have confirmed it.
 

@@ -249,6 +249,18 @@ class Realm:
         """End all commands of a robot."""
         self.wait_for(self.behind.cancel(robot))
 
+    def pause(self, robot: str) -> str:
+        """Have a virtual robot, and those below it, wait before each step. Returns a note for people."""
+        return self.wait_for(self.behind.pause(robot))
+
+    def step(self, robot: str) -> str:
+        """Let one step of a paused robot, or of one below it, pass. Returns the step in words."""
+        return self.wait_for(self.behind.step(robot))
+
+    def go_on(self, robot: str) -> str:
+        """End the pause of a robot and of those below it (`robotree continue`). Returns a note for people."""
+        return self.wait_for(self.behind.go_on(robot))
+
     def stop(self, robot: str | None = None) -> Sequence[str]:
         """Protective stop of one robot, or of all. Returns the names of those that have confirmed it."""
         return self.wait_for(self.behind.stop(robot))

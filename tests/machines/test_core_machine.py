@@ -24,6 +24,7 @@ from robotree.vr.base.errors import (
     NotConfirmed,
     NothingAsked,
     NotInControl,
+    NotPaused,
     SlotHeld,
     StaleEpoch,
     StillRunning,
@@ -41,6 +42,7 @@ from robotree.vr.core.events import (
     CoreEvent,
     Interrupt,
     LeaseChanged,
+    PauseChanged,
     RenewLease,
     Settled,
     StopSettled,
@@ -439,8 +441,10 @@ class CoreMachine(RuleBasedStateMachine):
     def the_lease_ends(self) -> None:
         lease = self.core.state.lease.current
         assert lease is not None
+        own = self.core.state.pause.by
         self.handle(on.EndLease(parent=lease.parent, unix=UNIX + self.now, reason="it let go"))
         assert self.core.state.lease.epoch > lease.epoch
+        assert self.core.state.pause.in_force == own, "the pause of a parent ends with its lease"
 
     @precondition(lambda self: self.right() is not None)
     @rule(late=st.booleans(), above=st.sampled_from([(), ("train",), ("arm-1",)]))
@@ -565,8 +569,13 @@ class CoreMachine(RuleBasedStateMachine):
         child = self.expected.pop(slot)
         lease = HeldLease.begin(epoch=next(self.numbers), term=TERM, sent=self.now - 0.1, now=self.now)
         description = RobotDescription(address=child, kinds=("Tool", "Robot"))
-        self.handle(on.Bind(slot=slot, bond=Bond(child=child, lease=lease, description=description)))
         self.granted[slot] = self.now - 0.1 + TERM
+        effects = self.handle(
+            on.Bind(slot=slot, bond=Bond(child=child, lease=lease, description=description))
+        )
+        assert bool(effects) == bool(self.core.state.pause.in_force), (
+            "it hears at once that its parent is paused"
+        )
 
     @precondition(lambda self: self.renewals)
     @rule(data=st.data(), news=st.booleans())
@@ -695,6 +704,84 @@ class CoreMachine(RuleBasedStateMachine):
     @rule(halted=st.sampled_from(["", "its controller is in safe stop"]))
     def the_robot_says_that_it_is_stopped(self, halted: str) -> None:
         self.handle(on.Halted(reason=halted))
+
+    # -- pauses ----------------------------------------------------------------------------------
+
+    def expect_refusal(self, order: CoreEvent) -> bool:
+        """Whether its parent commands it: then nobody else lets it go on, nor pauses it unless it is away."""
+        lease = self.core.state.lease.current
+        away = lease is not None and lease.away
+        if self.right() is None or (away and isinstance(order, on.PauseAsked)):
+            return False
+        with pytest.raises(NotInControl):
+            self.handle(order)
+        return True
+
+    @rule(by=st.sampled_from(["anna@pts/3", "ben@pts/4"]))
+    def it_is_paused(self, *, by: str) -> None:
+        self.handle(on.Tick(unix=UNIX + self.now))
+        pause, order = self.core.state.pause, on.PauseAsked(by=by, principal=STRANGER)
+        if self.expect_refusal(order):
+            return
+        self.expect_news_of_pause(order)
+        assert pause.in_force == pause.by == by
+        assert not pause.may_pass("k/1")
+
+    @rule()
+    def its_pause_ends(self) -> None:
+        self.handle(on.Tick(unix=UNIX + self.now))
+        pause, order = self.core.state.pause, on.ContinueAsked(principal=STRANGER)
+        if self.expect_refusal(order):
+            return
+        self.expect_news_of_pause(order)
+        assert pause.may_pass("k/1")
+
+    def expect_news_of_pause(self, order: CoreEvent) -> None:
+        """Its children hear of it at once."""
+        changes = self.core.state.pause.changes
+        effects = self.handle(order)
+        assert effects[0] == PauseChanged()
+        renewed = {effect.slot for effect in effects if isinstance(effect, RenewLease)}
+        assert renewed == set(self.core.state.slots.bonds())
+        assert self.core.state.pause.changes == changes + 1
+
+    @rule()
+    def one_step_passes(self) -> None:
+        self.handle(on.Tick(unix=UNIX + self.now))
+        pause, right = self.core.state.pause, self.right()
+        self.expect_refusal(on.StepLet(step="k/2", principal=STRANGER))
+        order = on.StepLet(step="k/2", epoch=right, principal=HOLDER)
+        if not pause.in_force:
+            with pytest.raises(NotPaused):
+                self.handle(order)
+            return
+        assert self.handle(order) == [PauseChanged()]
+        assert pause.may_pass("k/2")
+        assert not pause.may_pass("k/3")
+
+    @rule(paused=st.sampled_from(["", "anna@pts/3"]), changes=st.integers(0, 6))
+    def its_parent_says_whether_it_is_paused(self, paused: str, changes: int) -> None:
+        """With a renewal; one that comes late says nothing."""
+        self.handle(on.Tick(unix=UNIX + self.now))
+        lease, pause = self.core.state.lease.current, self.core.state.pause
+        if lease is None:
+            return
+        own, above, heard = pause.by, pause.above, pause.heard
+        renewal = on.Prolong(
+            parent=lease.parent,
+            epoch=lease.epoch,
+            lineage=lease.lineage,
+            principal=lease.principal,
+            paused=paused,
+            pauses=changes,
+        )
+        changed = PauseChanged() in self.handle(renewal)
+        expected = (own, above)
+        if changes > heard:
+            ended = heard >= 0 and not paused
+            expected = ("" if ended else own, paused)
+        assert (pause.by, pause.above) == expected
+        assert changed == (expected != (own, above))
 
     # -- always ----------------------------------------------------------------------------------
 

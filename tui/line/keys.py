@@ -5,7 +5,7 @@ from __future__ import annotations
 _SPELLED = {
     "question_mark": "?", "slash": "/", "colon": ":", "comma": ",", "full_stop": ".",
     "escape": "esc", "enter": "⏎", "up": "↑", "down": "↓", "left": "←", "right": "→",
-    "pageup": "pgup", "pagedown": "pgdn",
+    "greater_than_sign": ">", "pageup": "pgup", "pagedown": "pgdn",
 }  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Awaitable, Callable
 from contextlib import AbstractAsyncContextManager, AsyncExitStack
-from math import inf, isfinite
+from math import inf, isfinite, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, NoReturn, Protocol, cast
 
@@ -39,6 +39,8 @@ SCRIPT_LIMIT = 7 * 24 * 3600.0
 LEVELS: Mapping[Weight, Level] = {"good": "info", "plain": "info", "warning": "warning", "error": "error"}
 """Level of what was seen from here, by its weight."""
 
+STEP_WITHIN = 10.0
+"""[s] in which `step` waits for the end of the step that it let pass."""
 FOLLOWING = 0.1
 """[s] between two looks for what was logged."""
 
@@ -667,6 +669,29 @@ async def cancel(realm_client: RealmClient, line: Line, _teller: Teller) -> Outc
     """End the commands of a robot."""
     await realm_client.cancel(line.text("NAME"))
     return Outcome({"cancelled": line.text("NAME")}, f"the commands of {line.text('NAME')} are cancelled")
+
+
+async def pause(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
+    """Have a robot wait before each step."""
+    name = line.text("NAME")
+    note = await realm_client.pause(name)
+    return Outcome({"paused": name, "note": note}, f"{name} is paused" + (f"; {note}" if note else ""))
+
+
+async def step(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
+    """Let one step of a paused robot pass."""
+    name = line.text("NAME")
+    taken = await realm_client.step(name)
+    teller.progress(nan, taken)
+    stands = await realm_client.where_held(name, within=STEP_WITHIN)
+    return Outcome({"step": taken, "stands": stands}, f"{taken}; now {stands}")
+
+
+async def continue_(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
+    """End the pause of a robot."""
+    name = line.text("NAME")
+    note = await realm_client.go_on(name)
+    return Outcome({"continued": name, "note": note}, f"{name} goes on" + (f"; {note}" if note else ""))
 
 
 async def decide(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:

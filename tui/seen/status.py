@@ -17,6 +17,7 @@ Status = Literal[
     "offline",
     "stopped",
     "abandoned",
+    "paused",
     "busy",
     "waits",
     "needs",
@@ -75,6 +76,16 @@ class Condition(Protocol):
         ...
 
     @property
+    def paused(self) -> str:
+        """Who has paused it; empty: it is not paused."""
+        ...
+
+    @property
+    def held(self) -> str:
+        """The step before which it waits then; empty: before none."""
+        ...
+
+    @property
     def away(self) -> float | None:
         """[s] that it still waits for a parent whose process has ended; None: it does not."""
         ...
@@ -91,6 +102,7 @@ def status_of(robot: Condition, lacks: Sequence[Lack] = ()) -> Status:
         ("offline", not robot.online),
         ("stopped", robot.stopped),
         ("abandoned", robot.abandoned),
+        ("paused", robot.paused),
         ("busy", robot.busy),
         ("waits", robot.away is not None),
         ("needs", lacks),
@@ -174,6 +186,8 @@ def doing(
     match status_of(robot, lacks):
         case "abandoned":
             return f"ABANDONED: {', '.join(robot.abandoned)} still runs"
+        case "paused":
+            return f"paused before {robot.held}" if robot.held else f"paused: {robot.busy or 'idle'}"
         case "busy":
             parts = [
                 robot.busy,

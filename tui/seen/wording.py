@@ -214,6 +214,7 @@ def portrait(robot: RobotDescription) -> str:
         ("host", robot.host),
         ("state", status.text(robot)),
         ("stopped", robot.stop_reason),
+        ("paused", robot.paused and f"by {robot.paused}"),
         ("abandoned", _abandoned(robot)),
         *(("hook", fault) for fault in robot.faults),
         ("link", _link(robot)),

@@ -20,6 +20,7 @@ from robotree.vr.agents.callers import Callers
 from robotree.vr.agents.children import ChildKeeper
 from robotree.vr.agents.hooks import Hooks
 from robotree.vr.agents.outside import OutsideCalls
+from robotree.vr.agents.pauses import Pauses
 from robotree.vr.agents.publisher import Publisher
 from robotree.vr.agents.shared import Shared
 from robotree.vr.agents.stops import Stops
@@ -46,6 +47,7 @@ from robotree.vr.base.principal import Principal
 from robotree.vr.base.requests import (
     Accepted,
     AnyRequest,
+    Continue,
     Decide,
     Delete,
     Describe,
@@ -55,6 +57,7 @@ from robotree.vr.base.requests import (
     Free,
     Granted,
     Logged,
+    Pause,
     Petition,
     ReadLog,
     Release,
@@ -64,6 +67,7 @@ from robotree.vr.base.requests import (
     Retract,
     SafeStop,
     State,
+    TakeStep,
     decode_event,
 )
 from robotree.vr.base.transport import Registration, Transport
@@ -87,7 +91,7 @@ PARTING = 0.5
 _AT_THE_END = (Describe, Release, SafeStop, Delete)
 """Requests that it answers also while it ends."""
 
-_TAKE_TIME = (SafeStop, Resume, Enslave, Free, Delete)
+_TAKE_TIME = (SafeStop, Resume, Enslave, Free, Delete, TakeStep)
 """Requests whose answers wait for something."""
 
 _log = logging.getLogger(__name__)
@@ -458,6 +462,8 @@ class RobotAgent:
                 await self._virtual("release children").free(request.slot, asker)
                 self._note_order(f"{request.slot}: released", asker)
                 return Described(robot=self.description())
+            case TakeStep():
+                return await self._pauses().step(request, asker)
             case Delete():
                 self._note_order("deleted", asker)
                 await self._delete(lambda left: send(Done(note=left)))
@@ -485,6 +491,10 @@ class RobotAgent:
                 return self._petition(request, asker)
             case Decide():
                 return self._decide(request, asker)
+            case Pause():
+                return self._pauses().pause(asker)
+            case Continue():
+                return self._pauses().go_on(asker)
             case Retract():
                 return self._retract(request, asker)
             case Renew():
@@ -499,6 +509,10 @@ class RobotAgent:
         self.runtime.post(on.DoubtSettled(answer=request.answer, epoch=request.epoch, principal=asker))
         self._note_order(f"answered with {request.answer}", asker)
         return Done()
+
+    def _pauses(self) -> Pauses:
+        children = self._virtual("be paused: it has no steps; pause its parent, or stop it")
+        return Pauses(self.runtime, children)
 
     # -- who commands it --------------------------------------------------------------------------
 
@@ -544,6 +558,8 @@ class RobotAgent:
         renewal = on.Prolong(
             parent=request.parent, epoch=request.epoch, lineage=request.lineage, principal=asker
         )
+        if self._children is not None:  # else it has no steps
+            renewal = msgspec.structs.replace(renewal, paused=request.paused, pauses=request.pauses)
         lease = self.runtime.lease
         try:
             effects = self.runtime.post(renewal)

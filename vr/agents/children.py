@@ -10,8 +10,9 @@ import asyncio
 import contextlib
 import logging
 from collections.abc import Sequence
+from functools import partial
 
-from robotree.vr.author.virtual_robot import slots_of
+from robotree.vr.author.virtual_robot import VirtualRobot, slots_of
 from robotree.vr.base.address import Address, everyone
 from robotree.vr.base.description import CommandSpec, RobotDescription, SlotSpec, offered
 from robotree.vr.base.errors import (
@@ -20,6 +21,8 @@ from robotree.vr.base.errors import (
     LeaseError,
     NoAnswer,
     NoSuchCommand,
+    NothingHeld,
+    NotPaused,
     SlotEmpty,
     TransportClosed,
     TransportError,
@@ -33,6 +36,7 @@ from robotree.vr.base.transport import Transport
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import DEFAULT_TERM, FRESH, RETURN, Bond, HeldLease
 from robotree.vr.core.confirmation import HOPELESS, LEAST, Budget, Confirmations
+from robotree.vr.core.machine import RobotState
 from robotree.vr.exchange.asking import fresh_key
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.running.robot_runtime import RobotRuntime
@@ -366,9 +370,7 @@ class ChildKeeper:
             elif not isinstance(error, TransportError):  # of these the next one may get through
                 _log.warning("%s: renewal for %s: %s", self._parent.name, slot, error)
 
-        renewal = Renew(
-            parent=self._parent, epoch=epoch, lineage=self._runtime.look(lambda state: state.lineage)
-        )
+        renewal = self._runtime.look(partial(_renewal, epoch))
         self._runtime.ask(child.key, renewal, take, now=effect.sent, within=self._term, urgent=True)
 
     def _renewed(self, effect: on.RenewLease, granted: Granted) -> None:
@@ -479,6 +481,28 @@ class ChildKeeper:
             confirmations.take(bond.child.name, answer)
 
         await asyncio.gather(*map(resume, chosen))
+
+    async def step(self, within: float) -> str:
+        """Let one step of one of those below pass; returns which, in words, empty: none waits."""
+        for bond in self._with_steps():
+            with contextlib.suppress(NothingHeld, NotPaused):
+                return await self._client(bond).step(epoch=bond.lease.epoch, within=within)
+        return ""
+
+    def _with_steps(self) -> list[Bond]:
+        return [bond for bond in self._bonds().values() if VirtualRobot.__name__ in bond.description.kinds]
+
+
+def _renewal(epoch: int, parent: RobotState) -> Renew:
+    """Return the request of a parent for a lease, as it is now."""
+    pause = parent.pause
+    return Renew(
+        parent=parent.address,
+        epoch=epoch,
+        lineage=parent.lineage,
+        paused=pause.in_force,
+        pauses=pause.changes,
+    )
 
 
 def _now() -> float:

@@ -308,6 +308,8 @@ class Publisher:
             "stop_reason": stop.in_force,
             "stops": stop.generation,
             "abandoned": tuple(calls.abandoned.values()),
+            "paused": state.pause.in_force,
+            "held": self._runtime.held_step(),
         }
 
     def _readings(self) -> dict[str, float]:

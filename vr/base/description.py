@@ -213,6 +213,10 @@ class RobotDescription(_Agent, frozen=True, kw_only=True, omit_defaults=True):
     """How many protective stops have begun: a request to end one names the count that its sender saw."""
     abandoned: tuple[str, ...] = ()
     """Commands that were ended and whose code still runs: only a restart of its host ends them."""
+    paused: str = ""
+    """Who has paused it, for people; empty: it is not paused."""
+    held: str = ""
+    """The step before which it waits then: `step 3: arm.go_to(x=0.3)`; empty: before none."""
     faults: tuple[str, ...] = ()
     """How hooks of its page failed when they were last called, as sentences with page and line."""
     readings: dict[str, float] = {}

@@ -33,6 +33,7 @@ from robotree.vr.base.requests import (
     Call,
     Cancel,
     CloseTransaction,
+    Continue,
     Create,
     Decide,
     Delete,
@@ -41,12 +42,14 @@ from robotree.vr.base.requests import (
     Free,
     GiveUp,
     OpenTransaction,
+    Pause,
     Release,
     Reload,
     Resume,
     Retract,
     RollBack,
     SafeStop,
+    TakeStep,
     WriteEntry,
 )
 
@@ -56,6 +59,7 @@ and longer than it takes to see that a process hangs, so that an asker who gives
 
 BEGINS = (
     *(Call, Decide, Resume, Enslave, Free, Delete, Create, Reload),
+    *(Pause, TakeStep, Continue),
     *(WriteEntry, FindEntries, OpenTransaction, CloseTransaction, AcquireFence),
 )
 """Requests that begin something: they must not begin after their asker gave up."""

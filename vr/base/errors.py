@@ -301,6 +301,18 @@ class NothingAsked(CommandError):
     sentence = "no command of {robot} waits for an answer"
 
 
+class NotPaused(CommandError):
+    """A robot is to take one step, and nobody has paused it."""
+
+    sentence = "{robot} is not paused; pause it first: `robotree pause {robot}`"
+
+
+class NothingHeld(CommandError):
+    """A paused robot is to take one step, and nothing of it waits before one."""
+
+    sentence = "nothing of {robot} waits before a step: {reason}"
+
+
 class Diverged(CommandError):
     """A command that was interrupted takes another step now than it took before."""
 

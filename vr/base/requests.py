@@ -87,6 +87,25 @@ class Decide(_Message, frozen=True, kw_only=True):
     epoch: int | None = None
 
 
+class Pause(_Message, frozen=True, kw_only=True):
+    """Have the commands of a virtual robot, and of those below it, wait before each step.
+
+    Answered by `Done` with a note for people.
+    """
+
+
+class TakeStep(_Message, frozen=True, kw_only=True):
+    """Let one step of a paused robot, or of one below it, pass. Answered by `Done` with the step in words."""
+
+    epoch: int | None = None
+    within: float = ANSWER_WITHIN
+    """[s] in which the answer must leave."""
+
+
+class Continue(_Message, frozen=True, kw_only=True):
+    """End the pause of a robot and of those below it. Answered by `Done`."""
+
+
 class Petition(_Message, frozen=True, kw_only=True):
     """A parent asks to enslave the robot. Answered by `Granted`."""
 
@@ -126,6 +145,10 @@ class Renew(_Message, frozen=True, kw_only=True):
     parent: Address
     epoch: int
     lineage: tuple[str, ...]
+    paused: str = ""
+    """Who has paused the parent, for people; empty: nobody."""
+    pauses: int = 0
+    """How often that has changed: a renewal that comes late changes nothing."""
 
 
 class Release(_Message, frozen=True, kw_only=True):
@@ -741,12 +764,16 @@ class State(_Message, frozen=True, kw_only=True):
     """Who asked for the command that runs, for people to read."""
     note: str = ""
     """The latest progress text of the running command, for people."""
+    paused: str = ""
+    """Who has paused it, for people; empty: it is not paused."""
+    held: str = ""
+    """The step before which it waits then: `step 3: arm.go_to(x=0.3)`; empty: before none."""
 
 
 AnyRequest = (
-    Describe | Call | Detach | Cancel | Decide | Petition | Retract | Renew | Release | SafeStop
-    | Resume | Enslave | Free | Delete | Create | Reload | ReadLog | ReadHistory | DescribeHost
-    | Register | Query | Look | DescribeView | WriteEntry | FindEntries | GiveUp | RenewEntry
+    Describe | Call | Detach | Cancel | Decide | Pause | TakeStep | Continue | Petition | Retract | Renew
+    | Release | SafeStop | Resume | Enslave | Free | Delete | Create | Reload | ReadLog | ReadHistory
+    | DescribeHost | Register | Query | Look | DescribeView | WriteEntry | FindEntries | GiveUp | RenewEntry
     | OpenTransaction | CloseTransaction | RollBack | AcquireFence | RenewFence | WatchEntries
     | DescribeSpace
     | ReadEvents | VerifyEvents

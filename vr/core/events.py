@@ -193,6 +193,10 @@ class Prolong(_Event, frozen=True, kw_only=True):
     parent: Address
     epoch: int
     lineage: tuple[str, ...]
+    paused: str = ""
+    """Who has paused it, for people; empty: nobody."""
+    pauses: int = 0
+    """How often that has changed."""
 
 
 class EndLease(_Event, frozen=True, kw_only=True):
@@ -311,6 +315,26 @@ class StopAsked(_Event, frozen=True, kw_only=True):
     """[s] in which its parts are to answer."""
 
 
+class PauseAsked(_Event, frozen=True, kw_only=True):
+    """From now on each command waits before its next step."""
+
+    by: str
+    """Who orders it, for people."""
+
+
+class StepLet(_Event, frozen=True, kw_only=True):
+    """One step may pass though the robot is paused."""
+
+    step: str
+    """Its key; empty: none waits."""
+    epoch: int | None = None
+    """Of the asker's lease."""
+
+
+class ContinueAsked(_Event, frozen=True, kw_only=True):
+    """The pause ends."""
+
+
 class Restored(_Event, frozen=True, kw_only=True):
     """The robot goes on from its encoded state: who carried out effects before has ended."""
 
@@ -343,6 +367,7 @@ CoreEvent = (
     | DetachAsked | CancelAsked | CancelAll | Abandon | Gone | Tick | ParentAsked
     | Prolong | EndLease | Obeyed | Reserve | Unreserve | Bind | FreeAsked | Lose | Renewed
     | ChildDescribed | Set | PageReloaded | StopAsked | Halted | Restored | StopAnswered | ReleaseAsked
+    | PauseAsked | StepLet | ContinueAsked
 )  # fmt: skip
 
 
@@ -475,11 +500,15 @@ class StopSettled(_Value, frozen=True, kw_only=True):
     reply: Done | Raised
 
 
+class PauseChanged(_Value, frozen=True, kw_only=True):
+    """What waits before a step is to look again whether it may pass."""
+
+
 class FieldsChanged(_Value, frozen=True, kw_only=True):
     """Settings or declared state have other values: those who look at the robot are to see them."""
 
 
 CoreEffect = (
     Begin | Decided | Interrupt | Settled | LeaseGranted | LeaseChanged | LeaseEnded | RenewLease | ChildGone
-    | FieldsChanged | AskPart | StopTaken | StopSettled
+    | FieldsChanged | PauseChanged | AskPart | StopTaken | StopSettled
 )  # fmt: skip

@@ -27,6 +27,7 @@ from robotree.vr.base.errors import (
     KeyReused,
     NotConfirmed,
     NothingAsked,
+    NotPaused,
     StillRunning,
     Stopped,
     UnderWay,
@@ -49,11 +50,13 @@ from robotree.vr.core.events import (
     LeaseChanged,
     LeaseEnded,
     LeaseGranted,
+    PauseChanged,
     RenewLease,
     Settled,
     StopSettled,
     StopTaken,
 )
+from robotree.vr.core.pause import PauseState
 from robotree.vr.core.stop import HARDWARE, Stop
 
 LONGEST_DEADLINE = 7 * 24 * 3600.0
@@ -271,6 +274,7 @@ class RobotState(msgspec.Struct, kw_only=True):
     """Which robots it commands."""
     calls: Calls
     stop: Stop
+    pause: PauseState = msgspec.field(default_factory=PauseState)
     fields: dict[str, Any] = {}
     """Its settings and what its page has declared as state: plain values by name."""
 
@@ -620,7 +624,10 @@ class RobotCore:
         changed = (
             before is None or before.away or (before.parent, before.lineage) != (lease.parent, lease.lineage)
         )
-        news = [LeaseChanged(), *self._keep_bonds(now, all_of_them=True)] if changed else []
+        pauses = self.state.pause.hear(event.paused, event.pauses)
+        news: Effects = [LeaseChanged()] if changed else []
+        news += [PauseChanged()] if pauses else []
+        news += self._keep_bonds(now, all_of_them=True) if news else []
         return [self._granted(), *news]
 
     def _granted(self) -> LeaseGranted:
@@ -647,8 +654,9 @@ class RobotCore:
     def _freed(self, lease: Lease, reason: str, now: float) -> Effects:
         parent, slot = lease.parent, lease.slot
         ended = self._end_all(f"the bond with {parent.name}.{slot} is over: {reason}", now)
+        changed = [PauseChanged()] if self.state.pause.leave_parent() else []
         renewals = self._keep_bonds(now, all_of_them=True)
-        return [*ended, LeaseEnded(parent=parent, slot=slot, reason=reason), *renewals]
+        return [*ended, LeaseEnded(parent=parent, slot=slot, reason=reason), *changed, *renewals]
 
     def _obeyed(self, event: on.Obeyed, _: float) -> Effects:
         self.state.lease.note_obeyed(event.epoch)
@@ -664,9 +672,10 @@ class RobotCore:
         self.state.slots.abort(event.slot)
         return []
 
-    def _bind(self, event: on.Bind, _: float) -> Effects:
-        self.state.slots.bind(event.slot, event.bond.copied())  # no part of the state is known outside
-        return []
+    def _bind(self, event: on.Bind, now: float) -> Effects:
+        bond = event.bond.copied()  # no part of the state is known outside
+        self.state.slots.bind(event.slot, bond)
+        return [_renew(event.slot, bond, now)] if self.state.pause.in_force else []
 
     def _free(self, event: on.FreeAsked, _: float) -> Effects:
         bond = self.state.slots.free(event.slot)
@@ -756,6 +765,32 @@ class RobotCore:
             for part in self.state.stop.unanswered(generation)
         ]
 
+    # -- pauses -----------------------------------------------------------------------------------
+
+    def _pause(self, event: on.PauseAsked, now: float) -> Effects:
+        self.state.lease.check(None, now, event.principal, ends=True)  # as a cancel
+        self.state.pause.begin(event.by)
+        return self._pause_changed(now)
+
+    def _let_step(self, event: on.StepLet, now: float) -> Effects:
+        self.state.lease.check(event.epoch, now, event.principal)
+        if not self.state.pause.in_force:
+            raise NotPaused(robot=self.name)
+        if event.step:
+            self.state.pause.pass_one(event.step)
+        return [PauseChanged()]
+
+    def _continue(self, event: on.ContinueAsked, now: float) -> Effects:
+        self.state.lease.check(None, now, event.principal)
+        self.state.pause.end()
+        return self._pause_changed(now)
+
+    def _pause_changed(self, now: float) -> Effects:
+        """Have those look again that wait, and have the children hear of it at once."""
+        return [PauseChanged(), *self._keep_bonds(now, all_of_them=True)]
+
+    # -- after a crash ----------------------------------------------------------------------------
+
     def _restored(self, event: on.Restored, _: float) -> Effects:
         stop, calls = self.state.stop, self.state.calls
         orders = {generation: order for order, generation in stop.orders.items()}
@@ -816,6 +851,9 @@ class RobotCore:
         on.Halted: _halted,
         on.StopAnswered: _stop_answered,
         on.ReleaseAsked: _release,
+        on.PauseAsked: _pause,
+        on.StepLet: _let_step,
+        on.ContinueAsked: _continue,
     }
 
 

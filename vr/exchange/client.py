@@ -16,6 +16,7 @@ from robotree.vr.base.requests import (
     AnyRequest,
     Call,
     Cancel,
+    Continue,
     Create,
     Decide,
     Delete,
@@ -32,6 +33,7 @@ from robotree.vr.base.requests import (
     Logged,
     LoggedLine,
     Look,
+    Pause,
     Petition,
     Picture,
     ReadHistory,
@@ -43,6 +45,7 @@ from robotree.vr.base.requests import (
     Resume,
     Retract,
     SafeStop,
+    TakeStep,
     ViewDescribed,
 )
 from robotree.vr.base.transport import Transport
@@ -218,6 +221,38 @@ class RobotClient:
             NotInControl: a parent commands the robot.
         """
         await self._ask(Decide(answer=answer), Done)
+
+    async def pause(self) -> str:
+        """Have its commands, and those of robots below it, wait before each step; returns a note for people.
+
+        Raises:
+            NotVirtual: it has no steps.
+            LeaseError: its parent commands it.
+        """
+        return (await self._ask(Pause(), Done, urgent=True)).note
+
+    async def step(self, *, epoch: int | None = None, within: float | None = None) -> str:
+        """Let one step pass, of the robot or of one below it; returns which, in words.
+
+        Args:
+            epoch: of the caller's lease; None: an operator's.
+            within: [s] for the answer; None: as long as usual.
+
+        Raises:
+            NotPaused: it is not paused.
+            NothingHeld: nothing waits before a step.
+            LeaseError: its parent commands it.
+        """
+        within = self._patience if within is None else within
+        return (await self._ask(TakeStep(epoch=epoch, within=within / 2), Done, timeout=within)).note
+
+    async def go_on(self) -> str:
+        """End the pause of the robot and of those below it; returns a note for people.
+
+        Raises:
+            LeaseError: its parent commands it.
+        """
+        return (await self._ask(Continue(), Done)).note
 
     async def safe_stop(
         self,

@@ -296,6 +296,7 @@ class CommandActivity(Frame):
         if step is not None and step.value:
             raise TimeoutError(step.value)
         if step is None:
+            self.hold(path, "wait until")
             try:
                 self.feeds.wait_until(condition, limit)
             except TimeoutError as late:

@@ -91,6 +91,8 @@ def call_child(  # who calls whom, how, and for how long
         if (step := frame.recalled(key, kind, content)) is not None:
             return ChildCall.recalled(frame, slot, key, command, step)
         given_to = frame.begun_before(key)
+    if frame.runtime.paused and not (instead or given_to or _has_begun(frame, slot, key)):
+        frame.hold(key, kind, [slot, command, arguments])
     try:
         child, epoch = frame.runtime.child_in(slot)
         if given_to and given_to != child.key:
@@ -536,6 +538,17 @@ class ChildCall(Started):
         error = self.error()
         assert error is not None  # noqa: S101 # it has failed
         raise error
+
+
+def _has_begun(frame: Frame, slot: str, key: str) -> bool:
+    """Whether a child in this process has taken the call of a step, before the process was started again."""
+    if frame.replay is None:
+        return False
+    try:
+        child = frame.runtime.neighbours.get(frame.runtime.child_in(slot)[0])
+    except VrError:
+        return False
+    return child is not None and child.look(lambda state: key in state.calls.live or key in state.calls.ended)
 
 
 def _plain(content: list[Any]) -> Any:

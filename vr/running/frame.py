@@ -10,6 +10,7 @@ A part of a command on another worker has a frame, too: a function of its page, 
 from __future__ import annotations
 
 import contextvars
+import inspect
 import math
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -24,10 +25,11 @@ from robotree.vr.author.together import Group, Started
 from robotree.vr.base.errors import CommandCancelled, CommandFailed, VrError
 from robotree.vr.core import events as on
 from robotree.vr.running.interruptible import Interrupted
+from robotree.vr.running.page_trace import page_line
 from robotree.vr.running.process import Worker
-from robotree.vr.running.replay import Replay
+from robotree.vr.running.replay import Replay, words_of_step
 from robotree.vr.running.robot_runtime import RobotRuntime
-from robotree.vr.running.run import Run
+from robotree.vr.running.run import HeldStep, Run
 
 GRACE = 1.0
 """[s] between a cancel and the interruption of code that does not listen, and between two interruptions."""
@@ -37,6 +39,9 @@ LONGEST_END = GRACE * (ATTEMPTS + 1)
 """[s] from a cancel to the moment when its command has ended or is known not to end."""
 PAUSE = 0.01
 """[s] that a command waits which swallows the error that should end it: it must not spin."""
+
+PAUSES = ("sleep", "wait", "reading")
+"""Kinds of steps of `taken` before which a paused command waits; the others only look, or end something."""
 
 _T = TypeVar("_T")
 
@@ -280,6 +285,29 @@ class Frame:
     def resume(self) -> None:
         """Do what is to be done before the first new step after a crash."""
 
+    def hold(self, path: str, kind: str, content: Any = None) -> None:
+        """Wait before a step while the robot is paused; the time of a clean-up is too short for that.
+
+        Args:
+            path: see `recalled`; so are the next.
+            kind: of the step.
+            content: of the step.
+
+        Raises:
+            VrError: the command was asked to end meanwhile.
+        """
+        runtime = self.runtime
+        if not runtime.paused or self.replaying or self.shield > -math.inf or runtime.may_pass(path):
+            return
+        step = f"step {self._suffix(path)}: {words_of_step(kind, content)}"
+        if line := page_line(inspect.currentframe()):
+            step = f"{step}, line {line}"
+        runtime.hold(path, HeldStep(self.call_key, step, self.wake))
+        try:
+            self.wait(lambda: runtime.may_pass(path))
+        finally:
+            runtime.let_go(path)
+
     def keep_step(self, path: str, step: on.StepResult) -> None:
         """Keep what a step gave, if steps are kept. From any thread."""
         if self.keeps:
@@ -288,11 +316,11 @@ class Frame:
     def taken(self, kind: str, take: Callable[[], Any], content: Any = None) -> Any:
         """Take a step that gives plain data, or return what it gave before."""
         path = self.step()
-        if not self.keeps:
-            return take()
-        step = self.recalled(path, kind, content)
+        step = self.recalled(path, kind, content) if self.keeps else None
         if step is not None:
             return step.value
+        if self.runtime.paused and kind in PAUSES:
+            self.hold(path, kind, content)
         value = take()
         self.keep_step(path, on.StepResult(kind, content, value))
         return value

@@ -43,7 +43,7 @@ from robotree.vr.running.log import Log, waits
 from robotree.vr.running.own_errors import as_itself
 from robotree.vr.running.page_trace import line_at_work
 from robotree.vr.running.process import Process, Worker
-from robotree.vr.running.run import NO_PROGRESS, Listener, OfferedTurn, Run
+from robotree.vr.running.run import NO_PROGRESS, HeldStep, Listener, OfferedTurn, Run
 
 LONGEST_NOTE = 80
 """Characters of a command's progress text that the state of its robot contains."""
@@ -128,8 +128,7 @@ class RobotRuntime:
             TypeError: the robot's class declares a command in a way that cannot be called from afar.
         """
         self.robot, self.core, self.process, self.name = robot, core, process, robot.name
-        self.address = core.state.address
-        self.key = self.address.key
+        self.address, self.key = core.state.address, core.state.address.key
         self.principal = principal_of(transport.identity, self.key, "")
         """The robot where it asks for something."""
         self.isolated = robot.isolated  # its commands always run on workers of their own
@@ -144,8 +143,7 @@ class RobotRuntime:
         self.on_news: Callable[[], None] = _nothing
         """Called when `has_news` becomes true. In any thread."""
         self._journal, self._runner, self._lock = process.journal, process.runner, process.runner.lock()
-        self._commands = commands_of(type(robot))
-        self._exposures = exposures_of(type(robot))
+        self._commands, self._exposures = commands_of(type(robot)), exposures_of(type(robot))
         self.log = Log(self._runner.now, self._runner.unix, self._runner.lock())
         """What its code says, and how its commands ended."""
         self._bereft: dict[str, dict[Callable[[VrError], None], None]] = {}
@@ -155,6 +153,8 @@ class RobotRuntime:
         """The robots in this process."""
         self._life = "" if process.life == 1 else f"/{process.life}"
         """Of the process, in the name by which it numbers calls: another life counts from 1 again."""
+        self.paused = core.state.pause.in_force != ""  # then commands look before each step: see `may_pass`
+        self._held: dict[str, HeldStep] = {}  # those before which commands wait, by key, the oldest first
         self._ledgers: dict[str, _Ledger] = {}  # the numbered calls of each distant child: parent/slot/epoch
 
     # -- the one door -----------------------------------------------------------------------------
@@ -331,6 +331,61 @@ class RobotRuntime:
         if changed := {name: value for name, value in values.items() if now.get(name) != value}:
             self._keep(changed)
 
+    # -- pauses -----------------------------------------------------------------------------------
+
+    def may_pass(self, step: str) -> bool:
+        """Whether the step of a key may be taken."""
+        return self.look(lambda state: state.pause.may_pass(step))
+
+    def hold(self, path: str, held: HeldStep) -> None:
+        """Take note that a command waits before a step, and tell who has called it. From any thread."""
+        with self._lock:
+            self._held[path] = held
+            by = self.core.state.pause.in_force
+        self._tell_held(held, f"paused by {by} before {held.step}; its deadline goes on")
+
+    def let_go(self, path: str) -> None:
+        """It waits no longer."""
+        with self._lock:
+            held = self._held.pop(path)
+        self._tell_held(held, f"takes {held.step}")
+
+    def _tell_held(self, held: HeldStep, text: str) -> None:
+        if run := self.runs.get(held.call):
+            run.tell(math.nan, text)
+        self.changed()
+
+    def held_step(self) -> str:
+        """Return the step, in words, that waits for the longest time; empty: none waits. Under the lock."""
+        path = self._longest_held()
+        return self._held[path].step if path else ""
+
+    def _longest_held(self) -> str:
+        """Return the key of the step that waits for the longest time; empty: none waits. Under the lock."""
+        may_pass = self.core.state.pause.may_pass
+        return next((path for path in self._held if not may_pass(path)), "")
+
+    def _look_at_pause(self) -> None:
+        """Have those look again that wait before a step."""
+        with self._lock:
+            self.paused = self.core.state.pause.in_force != ""
+            waiting = list(self._held.values())
+        for held in waiting:
+            held.wake()
+
+    def let_step(self, epoch: int | None, principal: Principal) -> str:
+        """Let the step pass that waits for the longest time; returns it in words, empty: none waits.
+
+        Raises:
+            NotPaused: the robot is not paused.
+            LeaseError: its parent has paused it, and somebody else asks.
+        """
+        with self._lock:
+            path = self._longest_held()
+            words = self._held[path].step if path else ""
+        self.post(on.StepLet(step=path, epoch=epoch, principal=principal))
+        return words
+
     def has_forgotten(self, key: str) -> bool:
         """Whether a running command has taken more steps than are kept."""
         return self.look(lambda state: state.calls.live[key].forgotten)
@@ -455,6 +510,9 @@ class RobotRuntime:
             if run is not None:
                 run.end(effect.cause.revive(), final=effect.final)
         else:
+            if isinstance(effect, on.PauseChanged):
+                self._look_at_pause()
+                return
             if isinstance(effect, on.ChildGone):
                 self._tell_gone(effect.slot)
             self._on_effect(effect)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from robotree.vr.base.errors import VrError
 from robotree.vr.base.requests import Raised, Returned
@@ -30,6 +30,17 @@ class Listener(Protocol):
     def settle(self, reply: Returned | Raised) -> None:
         """Take how it ended."""
         ...
+
+
+class HeldStep(NamedTuple):
+    """A step before which a command of a paused robot waits."""
+
+    call: str
+    """Key of the call."""
+    step: str
+    """The step in words: `step 3: arm.go_to(x=0.3)`."""
+    wake: Callable[[], None]
+    """Has the command look again. From any thread."""
 
 
 class Run:

@@ -53,6 +53,7 @@ def ask_space(frame: Frame, space: str, request: AnyRequest) -> Reply:
     content = [type(request).__name__, _about(request)]
     step = frame.recalled(path, "space", content)
     if step is None:
+        frame.hold(path, "space", content)
         if hasattr(request, "ask"):
             request = msgspec.structs.replace(request, ask=path)
         reply = _wait_for(frame, space, request)

@@ -69,6 +69,8 @@ GLANCE = 1.5
 EXAMINATION = 120.0
 """[s] for a host to examine all events that it has kept."""
 
+LOOK_AGAIN = 0.05
+"""[s] between two looks at where a paused robot stands."""
 PORTION = 25
 """Agents that are asked in one go."""
 PAUSE = 0.004
@@ -409,6 +411,51 @@ class RealmClient:
     async def cancel(self, name: str) -> None:
         """End all commands of a robot."""
         await self._ask(name, lambda robot: robot.cancel(reason="the operator ended it"))
+
+    async def pause(self, name: str) -> str:
+        """Have a virtual robot, and those below it, wait before each step; see `RobotClient.pause`."""
+        return await self._ask(name, lambda robot: robot.pause())
+
+    async def step(self, name: str) -> str:
+        """Let one step of a paused robot pass; see `RobotClient.step`."""
+        return await self._ask(name, lambda robot: robot.step())
+
+    async def where_held(self, name: str, *, within: float) -> str:
+        """Wait until a robot, or one below it, waits before a step of its pause, or carries nothing out.
+
+        Args:
+            name: of the robot.
+            within: [s]
+
+        Returns:
+            Where it stands, as a sentence.
+        """
+        now = asyncio.get_running_loop().time
+        end = now() + within
+        while True:
+            robot = await self.describe(name)
+            if place := await self._held_in(robot):
+                return place
+            if not robot.busy:
+                return f"{name} carries nothing out"
+            if now() >= end:
+                return f"the step of {name} is under way"
+            await asyncio.sleep(LOOK_AGAIN)
+
+    async def _held_in(self, robot: RobotDescription) -> str:
+        """Return before which step a robot waits, or one below it; empty: before none."""
+        if robot.held:
+            return f"{robot.name} is before {robot.held}"
+        for slot in robot.slots:
+            if slot.child is not None:
+                below = await self.describe(slot.child.name)
+                if below.paused and (place := await self._held_in(below)):
+                    return place
+        return ""
+
+    async def go_on(self, name: str) -> str:
+        """End the pause of a robot; see `RobotClient.go_on`."""
+        return await self._ask(name, lambda robot: robot.go_on())
 
     async def decide(self, name: str, answer: Literal["done", "again", "abort"]) -> None:
         """Answer what a command of a robot asks after a crash; see `RobotClient.decide`."""

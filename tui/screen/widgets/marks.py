@@ -21,6 +21,7 @@ STATUSES: Mapping[Status, tuple[str, str]] = {
     "offline": ("✗", "error"),
     "stopped": ("■", "error"),
     "abandoned": ("▲", "error"),
+    "paused": ("‖", "warning"),
     "busy": ("◐", "accent"),
     "waits": ("◍", "warning"),
     "needs": ("○", "warning"),
