@@ -7,6 +7,7 @@ import time
 from typing import TYPE_CHECKING
 
 import pytest
+from msgspec.structs import replace
 
 from robotree.tui.seen.feeding import Feed
 from robotree.tui.seen.store import Store
@@ -111,4 +112,28 @@ async def test_who_is_deleted_has_left_whichever_of_the_two_news_comes_first(
     told = [entry.text for entry in store.entries if "mover" in entry.text and entry.line is None]
     assert told == ["mover (MoveTo) left the list"], "its own log says who created it"
     assert not store.absent
+    await feed.close()
+
+
+async def test_a_host_whose_robots_would_not_survive_its_end_is_told_once(
+    realm: Realm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store, looks, trouble = Store(), 0, "its robots would not survive its end now (disk)"
+    feed = Feed(realm.realm_client, store, time.monotonic)
+    hosts = realm.realm_client.hosts
+
+    async def troubled() -> object:
+        nonlocal looks
+        looks += 1
+        return [replace(host, trouble=trouble if looks < 3 else "") for host in await hosts()]
+
+    monkeypatch.setattr(realm.realm_client, "hosts", troubled)
+    await feed.open()
+    for look in (1, 2, 3):
+        await until(lambda look=look: looks >= look, f"look {look}")  # type: ignore[misc]
+        feed.hint()
+    await until(
+        lambda: "host host-1: its robots are kept again" in [one.text for one in store.entries], "end"
+    )
+    assert [one.text for one in store.entries if trouble in one.text] == [f"host host-1: {trouble}"]
     await feed.close()

@@ -26,7 +26,14 @@ async def agents(realm: str, name: str, entries: Sequence[meeting.Entry]) -> lis
     async with joined(realm) as realm_client:
         robots = {robot.name: robot for robot in await realm_client.tree()}
         listed = {one.name for one in realm_client.robots()}
+        hosts = await realm_client.hosts()
     found = [finding for robot in robots.values() for finding in condition(robot)]
+    found += [
+        Finding("hosts", "bad", f"host {one.address.name}: {fact}", remedy)
+        for one in hosts
+        for fact, _, remedy in [one.trouble.partition("; ")]
+        if fact
+    ]
     if not robots:
         found.append(
             Finding("robots", "doubt", "no robot answers", "robotree proxy arm arm-1 --connect tcp:HOST:PORT")

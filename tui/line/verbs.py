@@ -93,12 +93,14 @@ async def ls(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
         return Outcome([*data, *_mute(silent)], text, SomeSilent(silent) if silent else None)
     if line.flag("--hosts"):
         hosts = sorted(await realm_client.hosts(), key=lambda host: host.address.name)
-        runs = {one.address.name: [each.name for each in one.robots] for one in hosts}
-        silent = _silent(realm_client, "host", runs)
-        data = [{"name": name, "robots": robots} for name, robots in runs.items()]
-        rows = [(name, ", ".join(robots) or "-") for name, robots in runs.items()]
-        rows += [(name, MUTE) for name, _, _ in silent]
-        text = wording.columns([("HOST", "ROBOTS"), *rows]) if rows else "no host is running"
+        data = [
+            {"name": one.address.name, "robots": [each.name for each in one.robots], "trouble": one.trouble}
+            for one in hosts
+        ]
+        silent = _silent(realm_client, "host", [one["name"] for one in data])
+        rows = [(one["name"], ", ".join(one["robots"]) or "-", one["trouble"]) for one in data]
+        rows += [(name, MUTE, "") for name, _, _ in silent]
+        text = wording.columns([("HOST", "ROBOTS", ""), *rows]) if rows else "no host is running"
         return Outcome([*data, *_mute(silent)], text, SomeSilent(silent) if silent else None)
     what: Literal["view", "robot"] = "view" if line.flag("--views") else "robot"
     doubt = OldList() if realm_client.stale else None

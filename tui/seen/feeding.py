@@ -46,6 +46,8 @@ class Feed:
         self._listening: Registration | None = None
         self._forget: Callable[[], None] | None = None
         self._tasks: tuple[asyncio.Task[None], ...] = ()
+        self._troubles: dict[str, str] = {}
+        """Of hosts whose robots would not survive their end, as told, by name."""
 
     async def open(self) -> None:
         """Begin to feed: what lookup services list at once, the rest as it comes."""
@@ -153,6 +155,14 @@ class Feed:
         if store.missed:
             self._hint.set()
 
+    def _tell_of_trouble(self, troubles: dict[str, str]) -> None:
+        """Tell once of each host whose robots would not survive its end, and when they would again."""
+        for name, trouble in troubles.items():
+            if trouble != self._troubles.get(name, ""):
+                text = trouble or "its robots are kept again"
+                self.store.tell(f"host {name}: {text}", "error" if trouble else "good", self.clock())
+        self._troubles = troubles
+
     async def _look(self) -> None:
         try:
             tree = await self.realm_client.tree()
@@ -162,7 +172,9 @@ class Feed:
             await self._take_unlisted(tree)
             await self._tell_of_the_missed()
             self.store.take_processes(self.realm_client.held())
-            self.store.take_hosts([host.address.name for host in await self.realm_client.hosts()])
+            hosts = await self.realm_client.hosts()
+            self.store.take_hosts([host.address.name for host in hosts])
+            self._tell_of_trouble({host.address.name: host.trouble for host in hosts})
             self.store.take_services(self.realm_client.services, self.clock(), stale=self.realm_client.stale)
         except VrError as error:
             self.store.tell(f"cannot see the tree: {error}", "warning", self.clock())

@@ -388,7 +388,10 @@ class Host:
         ended = (*self._ended, *(agent for agent in self.agents.values() if agent.gone))
         abandoned = tuple(f"{agent.robot.name}.{name}" for agent in ended for name in agent.abandoned)
         pages = {robot.name: self._pages.get(robot.name, "") for robot in robots}
-        return HostDescribed(address=self.address, robots=robots, abandoned=abandoned, pages=pages)
+        trouble = "" if self._journal is None else self._journal.trouble
+        return HostDescribed(
+            address=self.address, robots=robots, abandoned=abandoned, pages=pages, trouble=trouble
+        )
 
 
 def _page(bundle: Bundle, origin: str) -> KeptPage:

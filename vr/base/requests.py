@@ -570,6 +570,8 @@ class HostDescribed(_Message, frozen=True, kw_only=True):
     """`robot.command` of robots that were deleted and whose code still runs: only a restart ends it."""
     pages: dict[str, str] = {}
     """Hash of the page of each robot, with what belongs to it (`Bundle.hash`), by the robot's name."""
+    trouble: str = ""
+    """Why its robots would not survive its end though it keeps them, in words; empty: they would."""
 
 
 class Registered(_Message, frozen=True, kw_only=True):

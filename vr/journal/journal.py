@@ -147,7 +147,6 @@ class HostJournal:
         self._retry_at = 0.0
         self.suspended = ""
         """Why nothing is kept at the moment; empty: all is."""
-        self.on_suspend: Callable[[str], None] = lambda _: None
 
     def _expect_own(self) -> None:
         """Refuse the log of another host, and tell what is not there of the own one.
@@ -185,6 +184,13 @@ class HostJournal:
     def size(self) -> int:
         """[bytes] of the newest file."""
         return self._segments.size
+
+    @property
+    def trouble(self) -> str:
+        """Why nothing is kept at the moment, and what a person can do; empty: all is kept."""
+        if not self.suspended:
+            return ""
+        return f"its robots would not survive its end now ({self.suspended}); make room on that disk"
 
     def begin(self) -> None:
         """Begin a segment with all robots that are here, and forget the older ones.
@@ -280,7 +286,7 @@ class HostJournal:
 
     def barrier(self) -> None:
         """Return when all that was appended would survive the process."""
-        if self._count or self._busy or self._unfit:
+        if self._count or self._busy or self._unfit or self.suspended:
             with self._writing:
                 self._write()
 
@@ -380,8 +386,7 @@ class HostJournal:
         except OSError as other:  # not even that: the next host must not believe it
             _log.critical("%s cannot be written and not be removed: %s", self.folder, other)
             raise VrError(detail=f"{self.folder} cannot be written: {error}") from None
-        _log.error("%s: nothing is kept at the moment: %s", self.folder, self.suspended)
-        self.on_suspend(self.suspended)
+        _log.error("%s: %s", self.folder, self.trouble)
 
     def _resume(self) -> None:
         with self._lock:
@@ -396,4 +401,3 @@ class HostJournal:
             self._segments.clear()
         else:
             _log.warning("%s: the robots are kept again", self.folder)
-            self.on_suspend("")

@@ -230,7 +230,7 @@ class Segments:
                     whole = number, len(data)
                     yield frame
             except DamagedJournal as damage:
-                if not lost_power():
+                if self._runs_on or not lost_power():
                     raise
                 _log.warning("what was not synced was lost with the power: %s", damage)
         self._expect(*whole)
@@ -247,8 +247,14 @@ class Segments:
         path = self._path(before.number).name
         lost = before.size - size if number == before.number else 0
         self.missing = f"{lost} bytes at the end of {path} are missing" if lost else f"{path} is missing"
-        if before.boot == self._boot and self._boot.strip(b"\0"):
+        if self._runs_on:
             raise LostJournal(folder=str(self.folder), missing=self.missing)
+
+    @property
+    def _runs_on(self) -> bool:
+        """Whether the machine is known to have run on since the last host wrote."""
+        before = self._before
+        return before is not None and before.boot == self._boot and bool(self._boot.strip(b"\0"))
 
     @property
     def was_full(self) -> bool:

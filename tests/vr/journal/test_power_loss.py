@@ -75,7 +75,7 @@ def after_a_loss(journal: HostJournal, disk: FleetingDisk) -> dict[str, bytes]:
     """Have the power fail; return the states that the next host finds, by name."""
     journal._segments.close()
     disk.lose_power()
-    following = opened(journal.folder)
+    following = opened(journal.folder, boot="the next")
     try:
         return {robot.name: encode_state(robot.state) for robot in following.found.robots}
     finally:
