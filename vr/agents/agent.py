@@ -530,6 +530,7 @@ class RobotAgent:
                 returns=request.returns,
                 patience=request.patience,
                 waits=request.waits,
+                life=request.life,
             )
         )
         self._watch(request.parent)
@@ -556,7 +557,11 @@ class RobotAgent:
     def _renew(self, request: Renew, asker: Principal) -> Reply:
         self._expect_only_one(request.parent)
         renewal = on.Prolong(
-            parent=request.parent, epoch=request.epoch, lineage=request.lineage, principal=asker
+            parent=request.parent,
+            epoch=request.epoch,
+            lineage=request.lineage,
+            life=request.life,
+            principal=asker,
         )
         if self._children is not None:  # else it has no steps
             renewal = msgspec.structs.replace(renewal, paused=request.paused, pauses=request.pauses)

@@ -300,6 +300,7 @@ class ChildKeeper:
             returns=returns,
             patience=spec.returns,
             waits=self._runtime.process.returns,
+            life=self._runtime.process.kept_life,
         )
         sent = _now()
         try:
@@ -370,7 +371,7 @@ class ChildKeeper:
             elif not isinstance(error, TransportError):  # of these the next one may get through
                 _log.warning("%s: renewal for %s: %s", self._parent.name, slot, error)
 
-        renewal = self._runtime.look(partial(_renewal, epoch))
+        renewal = self._runtime.look(partial(_renewal, epoch, self._runtime.process.kept_life))
         self._runtime.ask(child.key, renewal, take, now=effect.sent, within=self._term, urgent=True)
 
     def _renewed(self, effect: on.RenewLease, granted: Granted) -> None:
@@ -493,7 +494,7 @@ class ChildKeeper:
         return [bond for bond in self._bonds().values() if VirtualRobot.__name__ in bond.description.kinds]
 
 
-def _renewal(epoch: int, parent: RobotState) -> Renew:
+def _renewal(epoch: int, life: int, parent: RobotState) -> Renew:
     """Return the request of a parent for a lease, as it is now."""
     pause = parent.pause
     return Renew(
@@ -502,6 +503,7 @@ def _renewal(epoch: int, parent: RobotState) -> Renew:
         lineage=parent.lineage,
         paused=pause.in_force,
         pauses=pause.changes,
+        life=life,
     )
 
 

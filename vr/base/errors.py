@@ -411,6 +411,16 @@ class StaleEpoch(LeaseError):
     sentence = "{robot} no longer obeys epoch {epoch}, it is at {current}: the lease ended; enslave it again"
 
 
+class OldParent(LeaseError):
+    """The parent comes back with an older state than it has left."""
+
+    sentence = (
+        "{robot} was commanded by start {known} of the host of {parent}, and this is start {life}: an old "
+        "folder was put back, or copied; bring the newest one back, or begin without its robots: "
+        "`robotree host NAME --forget`"
+    )
+
+
 class Retracted(LeaseError):
     """The petition came after its parent had stopped waiting for the answer and had withdrawn it."""
 

@@ -130,6 +130,8 @@ class Petition(_Message, frozen=True, kw_only=True):
     """[s] after its end in which that lease shall return; 0: as long as usual."""
     waits: float = 0.0
     """[s] that the child is to wait if the parent's process ends: it keeps a journal and comes back."""
+    life: int = 0
+    """How often the parent's process was started with that journal; 0: it keeps none."""
 
 
 class Retract(_Message, frozen=True, kw_only=True):
@@ -149,6 +151,8 @@ class Renew(_Message, frozen=True, kw_only=True):
     """Who has paused the parent, for people; empty: nobody."""
     pauses: int = 0
     """How often that has changed: a renewal that comes late changes nothing."""
+    life: int = 0
+    """How often the parent's process was started with its journal; 0: it keeps none."""
 
 
 class Release(_Message, frozen=True, kw_only=True):

@@ -40,6 +40,7 @@ from robotree.vr.base.errors import (
     LeaseDenied,
     NoSuchSlot,
     NotInControl,
+    OldParent,
     Retracted,
     SlotEmpty,
     SlotHeld,
@@ -86,6 +87,8 @@ class Lease(msgspec.Struct, frozen=True, kw_only=True):
     """Whether it waits: the parent's process has ended, and nobody has come back yet."""
     stopped: int = 0
     """Number of the last stop that came while the parent was away, which it has not heard; 0: none."""
+    life: int = 0
+    """How often its holder was started with its journal; 0: it keeps none."""
 
 
 class GrantedLease(msgspec.Struct, kw_only=True):
@@ -135,6 +138,7 @@ class GrantedLease(msgspec.Struct, kw_only=True):
         returns: int | None = None,
         patience: float = 0.0,
         principal: Principal = ITSELF,
+        life: int = 0,
     ) -> Lease:
         """Grant the lease, anew if the same slot of the same parent asks again.
 
@@ -150,6 +154,7 @@ class GrantedLease(msgspec.Struct, kw_only=True):
                 earlier incarnation; None: it asks anew.
             patience: [s] after its end in which that lease shall return; 0: `RETURN`.
             principal: who asks.
+            life: how often the parent's process was started with its journal; 0: it keeps none.
 
         Raises:
             CycleOfBonds: the robot is the parent itself or one of its ancestors.
@@ -165,8 +170,10 @@ class GrantedLease(msgspec.Struct, kw_only=True):
         if held is not None and (held.parent, held.slot) != (parent, slot):
             raise LeaseDenied(robot=self.robot, holder=held.parent.name, slot=held.slot)
         within = min(patience or RETURN, LONGEST_RETURN)
-        if returns is not None and not self._can_return(parent, slot, returns, now - within):
-            raise StaleEpoch(robot=self.robot, epoch=returns, current=self.epoch)
+        if returns is not None:
+            if not self._can_return(parent, slot, returns, now - within):
+                raise StaleEpoch(robot=self.robot, epoch=returns, current=self.epoch)
+            self._expect_later(self.current or self.silent, principal, life)
         self.silent, self.fresh = None, False
         self.term_granted = max(SHORTEST_TERM, min(wanted, self.term))
         self.epoch = max(self._next_epoch(unix), self.rival + 1)
@@ -178,6 +185,7 @@ class GrantedLease(msgspec.Struct, kw_only=True):
             lineage=lineage,
             petition=key,
             principal=principal,
+            life=life,
         )
         return self.current
 
@@ -246,6 +254,7 @@ class GrantedLease(msgspec.Struct, kw_only=True):
         *,
         now: float,
         principal: Principal = ITSELF,
+        life: int = 0,
     ) -> Lease:
         """Prolong the lease by the term first granted.
 
@@ -254,15 +263,18 @@ class GrantedLease(msgspec.Struct, kw_only=True):
         Raises:
             StaleEpoch: this is not the lease in force.
             NotInControl: somebody else holds it.
+            OldParent: the parent comes back with an older state than it has left.
             CycleOfBonds: the robot has become an ancestor of its parent; the lease should `end`.
         """
         held = self._in_force(now)
         if held is None or (held.parent.identity, held.epoch) != (parent.identity, epoch):
             raise StaleEpoch(robot=self.robot, epoch=epoch, current=self.epoch)
         self._expect_holder(held, parent, principal)
+        self._expect_later(held, principal, life)
         self._refuse_cycle(parent, lineage)
         self.current = msgspec.structs.replace(
             held,
+            life=life,
             parent=parent,
             expires=now + self.term_granted,
             lineage=lineage,
@@ -360,6 +372,15 @@ class GrantedLease(msgspec.Struct, kw_only=True):
         heir = (principal.user, principal.agent) == (held.principal.user, parent.key)
         if not (held.away and heir):
             raise NotInControl(robot=self.robot, holder=held.parent.name, slot=held.slot)
+
+    def _expect_later(self, held: Lease | None, principal: Principal, life: int) -> None:
+        """Refuse the next process of a parent that begins where an earlier one began: it would repeat that.
+
+        Raises:
+            OldParent: its journal was put back, or is a copy.
+        """
+        if held is not None and principal != held.principal and 0 < life <= held.life:
+            raise OldParent(robot=self.robot, parent=held.parent.name, known=held.life, life=life)
 
     def _in_force(self, now: float) -> Lease | None:
         return self.current if self.current is not None and now < self.current.expires else None

@@ -179,6 +179,8 @@ class ParentAsked(_Event, frozen=True, kw_only=True):
     """[s] after its end in which that lease shall return; 0: as long as usual."""
     waits: float = 0.0
     """[s] that the robot is to wait for a parent whose process has ended; 0: it does not."""
+    life: int = 0
+    """How often the parent's process was started with its journal; 0: it keeps none."""
 
 
 class ParentAway(_Event, frozen=True, kw_only=True):
@@ -197,6 +199,8 @@ class Prolong(_Event, frozen=True, kw_only=True):
     """Who has paused it, for people; empty: nobody."""
     pauses: int = 0
     """How often that has changed."""
+    life: int = 0
+    """How often the parent's process was started with its journal; 0: it keeps none."""
 
 
 class EndLease(_Event, frozen=True, kw_only=True):

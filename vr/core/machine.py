@@ -604,6 +604,7 @@ class RobotCore:
             returns=event.returns,
             patience=event.patience,
             principal=event.principal,
+            life=event.life,
         )
         self.state.lease.promise(event.waits)
         return [
@@ -619,7 +620,7 @@ class RobotCore:
     def _prolong(self, event: on.Prolong, now: float) -> Effects:
         before = self.state.lease.current
         lease = self.state.lease.renew(
-            event.parent, event.epoch, event.lineage, now=now, principal=event.principal
+            event.parent, event.epoch, event.lineage, now=now, principal=event.principal, life=event.life
         )
         changed = (
             before is None or before.away or (before.parent, before.lineage) != (lease.parent, lease.lineage)

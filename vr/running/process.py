@@ -177,6 +177,11 @@ class Process(Generic[R]):
         self._bell = self.runner.waiter()
         self._watching = False
 
+    @property
+    def kept_life(self) -> int:
+        """How often it was started with the journal by which its robots come back; 0: they do not."""
+        return self.life if self.returns else 0
+
     def in_child(self) -> Iterable[int]:
         """See `forks.Owner`: in a child no command runs."""
         context.in_child(forks.expect_parent)

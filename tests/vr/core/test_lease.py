@@ -5,7 +5,8 @@ import itertools
 import pytest
 
 from robotree.vr.base.address import Address
-from robotree.vr.base.errors import CycleOfBonds, LeaseDenied, NotInControl, Retracted, StaleEpoch
+from robotree.vr.base.errors import CycleOfBonds, LeaseDenied, NotInControl, OldParent, Retracted, StaleEpoch
+from robotree.vr.base.principal import Principal
 from robotree.vr.core.bonds import MOST_RETRACTED, GrantedLease, HeldLease
 
 LEVER = Address("robot", "lever", "1")
@@ -47,6 +48,40 @@ def test_a_bond_survives_another_incarnation_of_the_parent_that_knows_its_epoch(
     child.check(epoch, 1.0)
     with pytest.raises(StaleEpoch):
         child.renew(OTHER, epoch, ("other",), now=1.0)
+
+
+@pytest.mark.parametrize("life", [1, 2, 3])
+def test_the_next_process_of_a_parent_holds_the_robot_only_if_it_is_a_later_one(
+    life: int,
+) -> None:
+    child, first, heir = free_lease(), holder(1), holder(2)
+    lease = child.petition(LEVER, "mover", ("lever",), 5.0, now=0.0, unix=BORN, principal=first, life=2)
+    child.promise(10.0)
+    child.renew(LEVER, lease.epoch, ("lever",), now=1.0, principal=first, life=2)
+    child.wait_for(LEVER, 2.0)
+    if life > 2:
+        assert child.renew(LEVER, lease.epoch, ("lever",), now=3.0, principal=heir, life=life).life == life
+        return
+    with pytest.raises(OldParent, match=f"start 2 of the host of lever, and this is start {life}"):
+        child.renew(LEVER, lease.epoch, ("lever",), now=3.0, principal=heir, life=life)
+    child.tick(13.0, BORN)
+    with pytest.raises(OldParent):
+        child.petition(
+            LEVER,
+            "mover",
+            ("lever",),
+            5.0,
+            now=13.0,
+            unix=BORN,
+            returns=lease.epoch,
+            principal=heir,
+            life=life,
+        )
+    assert child.petition(LEVER, "mover", ("lever",), 5.0, now=13.0, unix=BORN, principal=heir, life=life)
+
+
+def holder(process: int) -> Principal:
+    return Principal(user="anna", process=process, agent=LEVER.key)
 
 
 def test_a_late_petition_of_an_earlier_incarnation_does_not_take_the_robot() -> None:
