@@ -230,8 +230,16 @@ async def next_effect(after: float, within: float = 60.0) -> float:
 async def restarts(realm_client: RealmClient, folder: Path, count: int) -> dict[str, Any]:
     """Kill a host again and again in the middle of a command."""
     host = HostProcess("again", folder / "again")
-    found: dict[str, Any] = {}
     host.start()
+    try:
+        return await killed(realm_client, host, count)
+    finally:
+        host.kill()
+
+
+async def killed(realm_client: RealmClient, host: HostProcess, count: int) -> dict[str, Any]:
+    """Kill a host that runs again and again, and measure; see `restarts`."""
+    found: dict[str, Any] = {}
     for name, steps in (("short", 0), ("long", LONG)):
         await bind(realm_client, host, f"patrol-{name}", f"far-of-{name}")
         before, memory, began = host.size, host.memory, time.monotonic()
@@ -243,7 +251,7 @@ async def restarts(realm_client: RealmClient, folder: Path, count: int) -> dict[
             found["step bytes"] = (host.size - before) / steps
             found["memory of a step, bytes"] = (host.memory - memory) / steps
         effects, ready, reading = [], [], []
-        for _ in range(count if not steps else max(3, count // 3)):
+        for _ in range(max(3, count // 3 if steps else count)):
             await asyncio.sleep(0.1)
             host.kill()
             reading.append(read_time(host.folder))
@@ -257,7 +265,6 @@ async def restarts(realm_client: RealmClient, folder: Path, count: int) -> dict[
         await asyncio.gather(call, return_exceptions=True)
     found["resume of 10,000 steps s"] = found["long effect p50 s"] - found["short effect p50 s"]
     found["read of a step us"] = (found["long read s"] - found["short read s"]) / LONG * 1e6
-    host.kill()
     return found
 
 

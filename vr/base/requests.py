@@ -456,7 +456,7 @@ class Progress(_Message, frozen=True, kw_only=True):
     text: str = ""
 
 
-class Returned(_Message, frozen=True, kw_only=True):
+class Returned(_Message, frozen=True, kw_only=True, gc=False):
     """The command succeeded."""
 
     key: str

@@ -17,7 +17,7 @@ class _Value(msgspec.Struct, frozen=True, kw_only=True, tag=True, omit_defaults=
     """One event or one effect."""
 
 
-class StepResult(msgspec.Struct, frozen=True, array_like=True):
+class StepResult(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """What one step of a running command gave: enough to take it again without doing anything twice."""
 
     kind: str

@@ -350,7 +350,8 @@ class RobotCore:
             VrError: it is refused; nothing has changed.
         """
         effects = self._handlers[type(event)](self, event, now)
-        self.due = self._due()
+        if type(event) is not on.StepTaken:  # the most frequent one, and nothing is due because of it
+            self.due = self._due()
         return effects
 
     @property

@@ -30,7 +30,7 @@ from robotree.vr.base.errors import (
     Unreachable,
     VrError,
 )
-from robotree.vr.base.plain import to_plain
+from robotree.vr.base.plain import READY, to_plain
 from robotree.vr.base.requests import (
     ANSWER_WITHIN,
     Accepted,
@@ -85,12 +85,13 @@ def call_child(  # who calls whom, how, and for how long
     """
     key = frame.step()
     kind = "tell" if manner == "told" else "call"
-    content, given_to = None, ""
+    content, given_to, given = None, "", dict(arguments)
     if frame.keeps:
-        content = _plain([slot, command, arguments])
-        if (step := frame.recalled(key, kind, content)) is not None:
-            return ChildCall.recalled(frame, slot, key, command, step)
-        given_to = frame.begun_before(key)
+        content = (slot, command, _plain(given))
+        if frame.replay is not None:
+            if (step := frame.recalled(key, kind, list(content))) is not None:
+                return ChildCall.recalled(frame, slot, key, command, step)
+            given_to = frame.begun_before(key)
     if frame.runtime.paused and not (instead or given_to or _has_begun(frame, slot, key)):
         frame.hold(key, kind, [slot, command, arguments])
     try:
@@ -103,7 +104,7 @@ def call_child(  # who calls whom, how, and for how long
         if instead:
             pending.fail(CommandCancelled(robot=child.name, command=command, reason=instead))
         else:
-            pending.begin(dict(arguments), epoch, manner)
+            pending.begin(given, epoch, manner)
     except VrError as error:  # the page has seen it: after a crash it must see the same
         frame.keep_step(key, on.StepResult(kind, content, None, Raised.of(error)))
         raise
@@ -205,7 +206,7 @@ class ChildCall(Started):
             source=source,
             number=number,
             lowest=lowest,
-            line=page_line(sys._getframe()) if self.frame.keeps else 0,  # noqa: SLF001  # pyright: ignore[reportPrivateUsage] # inspect's is slow
+            line=page_line(sys._getframe(3)) if self.frame.keeps else 0,  # noqa: SLF001  # pyright: ignore[reportPrivateUsage] # inspect's is slow
         )
         if neighbour is None:
             self.ask(call, now)
@@ -551,9 +552,11 @@ def _has_begun(frame: Frame, slot: str, key: str) -> bool:
     return child is not None and child.look(lambda state: key in state.calls.live or key in state.calls.ended)
 
 
-def _plain(content: list[Any]) -> Any:
-    """Return data as it is read back from a journal."""
-    return to_builtins(content, builtin_types=(bytes,), enc_hook=to_plain)
+def _plain(arguments: dict[str, Any]) -> Any:
+    """Return arguments as they are read back from a journal."""
+    if READY.issuperset(map(type, arguments.values())):
+        return arguments
+    return to_builtins(arguments, builtin_types=(bytes,), enc_hook=to_plain)
 
 
 def _ignore(_: object) -> None:
