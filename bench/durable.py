@@ -1,6 +1,6 @@
 """What it costs that a host keeps its robots, and how soon a command goes on after `kill -9`.
 
-    python bench/durable.py [--rounds N] [--restarts N] [--json]
+    python bench/durable.py [--rounds N] [--restarts N] [--steps N] [--dbos] [--json]
 
 Two hosts, one with a journal and one without, take the same calls in turns, in one run. An intent, which a
 command keeps for good before it asks for something that adds up, is measured in turns with a bare write and
@@ -22,6 +22,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import venv
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
@@ -45,6 +46,46 @@ REPEATS = 200
 """Calls in one measurement."""
 LONG = 10_000
 """Steps of the long command."""
+CROWD = 50
+"""Robots that take steps at the same time."""
+ENDLESS, BETWEEN = 1_000_000, 1_000
+"""Steps of a command that goes on and on, and between two of its checkpoints."""
+
+
+DBOS_PROGRAM = """
+import sys, time
+from dbos import DBOS
+
+DBOS(config={"name": "bench", "system_database_url": f"sqlite:///{sys.argv[1]}", "log_level": "ERROR"})
+
+@DBOS.step()
+def step(x):
+    return x
+
+@DBOS.step()
+def effect():
+    print("effect", flush=True)
+    time.sleep(0.02)
+
+@DBOS.workflow()
+def measure(count):
+    began = time.perf_counter()
+    for _ in range(count):
+        step(1.0)
+    return (time.perf_counter() - began) / count * 1e6
+
+@DBOS.workflow()
+def patrol():
+    while True:
+        effect()
+
+DBOS.launch()
+if count := int(sys.argv[2]):
+    print(measure(count), flush=True)
+    patrol()
+time.sleep(60)
+"""
+"""Times a step, then acts for ever; started again with 0, it goes on with that."""
 
 
 class Counter(Robot):
@@ -102,6 +143,20 @@ class Top(VirtualRobot):
             self.below.act(x=1.0)
             times.append((time.perf_counter() - began) * 1e6)
         return times
+
+    @command
+    def count(self, steps: int) -> None:
+        """Call the child many times."""
+        for _ in range(steps):
+            self.below.step(x=1.0)
+
+    @command
+    def go_on(self, steps: int) -> None:
+        """Take many steps, of which only those since the last checkpoint are kept."""
+        for number in range(steps):
+            if number % BETWEEN == 0:
+                self.checkpoint()
+            self.random()
 
     @command
     def patrol(self, steps: int) -> None:
@@ -187,6 +242,32 @@ async def calls(
     return found
 
 
+async def crowd(realm_client: RealmClient, host: HostProcess, steps: int = 400) -> dict[str, float]:
+    """Have many robots of one host, each with a child there, call their children at the same time."""
+    names = [f"crowd-{number}" for number in range(CROWD)]
+    for name in names:
+        await bind(realm_client, host, name, f"below-{name}")
+    began = time.monotonic()
+    await asyncio.gather(*(realm_client.call(name, "count", {"steps": steps}) for name in names))
+    return {f"{CROWD} robots, steps/s": CROWD * steps / (time.monotonic() - began)}
+
+
+async def endless(realm_client: RealmClient, host: HostProcess, steps: int) -> dict[str, float]:
+    """Have one robot take many steps with checkpoints: what it leaves in memory and on the disk."""
+    await bind(realm_client, host, "endless", "below-endless")
+    await realm_client.call("endless", "go_on", {"steps": BETWEEN})
+    memory, largest = host.memory, 0
+    call = asyncio.ensure_future(realm_client.call("endless", "go_on", {"steps": steps}, deadline=3600.0))
+    while not call.done():
+        await asyncio.wait({call}, timeout=0.2)
+        largest = max(largest, host.size)
+    await call
+    return {
+        "endless MB of log at most": largest / 1e6,
+        "endless MB more memory": (host.memory - memory) / 1e6,
+    }
+
+
 def intents(folder: Path, count: int) -> dict[str, float]:
     """Measure what precedes a call of what adds up, and in turns as many bytes without a journal."""
     key, name = "robot/it/1", "it"
@@ -268,6 +349,27 @@ async def killed(realm_client: RealmClient, host: HostProcess, count: int) -> di
     return found
 
 
+def beside_dbos(folder: Path) -> dict[str, float]:
+    """Measure a step of DBOS with SQLite, as it is shipped, and its restart after `kill -9`."""
+    environment = folder / "dbos"
+    venv.create(environment, with_pip=True)
+    python = environment / "bin" / "python"
+    subprocess.run([python, "-m", "pip", "install", "-q", "dbos"], check=True)
+    words = [python, "-c", DBOS_PROGRAM, folder / "dbos.sqlite"]
+    with subprocess.Popen([*words, "300"], stdout=subprocess.PIPE) as first:
+        assert first.stdout is not None  # noqa: S101 # started with a pipe
+        found = {"DBOS step us": float(first.stdout.readline())}
+        first.stdout.readline()  # the next workflow is at work
+        first.kill()
+    began = time.monotonic()
+    with subprocess.Popen([*words, "0"], stdout=subprocess.PIPE) as second:
+        assert second.stdout is not None  # noqa: S101 # as above
+        second.stdout.readline()
+        found["DBOS effect s"] = time.monotonic() - began
+        second.kill()
+    return found
+
+
 def read_time(folder: Path | None) -> float:
     """Return how long it takes to read a log, without the start of a process [s]."""
     assert folder is not None  # noqa: S101 # of the host that keeps its robots
@@ -304,7 +406,7 @@ async def counters(*names: str) -> AsyncIterator[None]:
         await transport.close()
 
 
-async def measure(folder: Path, rounds: int, count: int) -> dict[str, Any]:
+async def measure(folder: Path, rounds: int, count: int, steps: int) -> dict[str, Any]:
     """Measure all."""
     found: dict[str, Any] = {**bare_starts(), **intents(folder, rounds * 50)}
     kept, bare = HostProcess("kept", folder / "kept"), HostProcess("bare", None)
@@ -314,6 +416,8 @@ async def measure(folder: Path, rounds: int, count: int) -> dict[str, Any]:
             host.start()
         try:
             found |= await calls(realm_client, kept, bare, rounds)
+            found |= await crowd(realm_client, kept)
+            found |= await endless(realm_client, kept, steps)
         finally:
             for host in (kept, bare):
                 host.kill()
@@ -326,6 +430,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--rounds", type=int, default=20)
     parser.add_argument("--restarts", type=int, default=20)
+    parser.add_argument("--steps", type=int, default=ENDLESS, help="of the command that goes on and on")
+    parser.add_argument("--dbos", action="store_true", help="measure DBOS, too, in an environment of its own")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--host", nargs="+", metavar=("NAME", "FOLDER"), help=argparse.SUPPRESS)
     chosen = parser.parse_args()
@@ -337,7 +443,9 @@ def main() -> int:
         runtime = Path(folder, "run")
         runtime.mkdir(mode=0o700)
         os.environ |= {"XDG_RUNTIME_DIR": str(runtime), "ROBOTREE_REALM": "bench"}
-        found = asyncio.run(measure(Path(folder), chosen.rounds, chosen.restarts))
+        found = asyncio.run(measure(Path(folder), chosen.rounds, chosen.restarts, chosen.steps))
+        if chosen.dbos:
+            found |= beside_dbos(Path(folder))
     if chosen.json:
         print(json.dumps(found))
     else:
