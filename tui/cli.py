@@ -157,7 +157,7 @@ def _start(line: Line, *, readonly: bool) -> int:
             from robotree.tui.session.playing import play_file
 
             return _run(play_file(line, realm, readonly=readonly))
-        case "sim" | "proxy" | "view" | "host" | "lookup" | "space serve":
+        case verb if verb in AGENTS and not line.flag("--print-config"):
             import asyncio
 
             return asyncio.run(_agent(line, realm, tether=tether))
@@ -168,9 +168,16 @@ def _start(line: Line, *, readonly: bool) -> int:
         case verb:
             apart = {
                 "check": _author, "new": _author, "info": _look, "doctor": _look, "completion": _complete,
-                "man": _man, "stop": _stop, "save": _save, "apply": _apply,
+                "man": _man, "stop": _stop, "save": _save, "apply": _apply, "hub": _realm,
             }  # fmt: skip
-            return apart.get(verb, _ask)(line, realm, readonly)
+            return apart.get(verb, _realm if verb.startswith("realm ") else _ask)(line, realm, readonly)
+
+
+def _realm(line: Line, realm: str, _readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike
+    """Make, join or change a realm of several machines, or print how a hub is configured."""
+    from robotree.tui.sites import realms, running
+
+    return running.print_config(line) if line.verb == "hub" else realms.start(line, realm)
 
 
 def _offline(line: Line) -> bool:
@@ -479,6 +486,18 @@ async def _space(line: Line, realm: str, ready: Ready) -> None:
     await run_space(name, str(store), durability=durability, realm=realm, ready=ready)
 
 
+async def _hub(line: Line, realm: str, ready: Ready) -> None:
+    from robotree.tui.sites.running import run_hub
+
+    await run_hub(line, realm, ready)
+
+
+async def _gateway(line: Line, realm: str, ready: Ready) -> None:
+    from robotree.tui.sites.running import run_gateway
+
+    await run_gateway(line, realm, ready)
+
+
 AGENTS: dict[str, Callable[[Line, str, Ready], Coroutine[Any, Any, None]]] = {
     "sim": _sim,
     "proxy": _proxy,
@@ -486,5 +505,7 @@ AGENTS: dict[str, Callable[[Line, str, Ready], Coroutine[Any, Any, None]]] = {
     "host": _host,
     "lookup": _lookup,
     "space serve": _space,
+    "hub": _hub,
+    "gateway": _gateway,
 }
 """The process verbs: each is its agent until it is cancelled."""

@@ -439,6 +439,82 @@ ACTIONS: tuple[Action, ...] = (
         examples=("lookup lookup-1",),
     ),
     Action(
+        usage="hub --listen ADDRESS [--print-config]",
+        help="Run the router that the sites of a realm dial; it delivers, and can read nothing. It prints its"
+        " address with the fingerprint of its certificate. ADDRESS: tls:HOST:PORT; tcp: only on loopback."
+        " --print-config: print the configuration with which the official zenohd does the same.",
+        group=PROCESS,
+        where=Where.SHELL,
+        needs=("machines",),
+        examples=("hub --listen tls:0.0.0.0:7447",),
+    ),
+    Action(
+        usage="gateway",
+        help="Link this machine to the other sites of the realm (--realm NAME), of which it must have a key.",
+        group=PROCESS,
+        where=Where.SHELL,
+        needs=("machines",),
+        examples=("gateway --realm plant",),
+    ),
+    Action(
+        usage="realm create NAME [--hub ADDRESS] [--site SITE]",
+        help="Make a realm of several machines, with this one as its first SITE, and its authority here."
+        " ADDRESS: as `robotree hub` printed it; of several, with commas, the first that answers is used.",
+        group=PROCESS,
+        where=Where.SHELL,
+        needs=("machines",),
+        examples=("realm create plant --hub tls:hub.example:7447#FINGERPRINT --site lab",),
+    ),
+    Action(
+        usage="realm invite NAME [--as KIND] [--may ROLES] [--days N]",
+        help="Print a token with which a machine joins the realm under a NAME, once, within an hour. KIND:"
+        " site, or person. --days: for which its key will be good (90).",
+        group=PROCESS,
+        where=Where.SHELL,
+        needs=("machines",),
+        examples=("realm invite hall --realm plant", "realm invite anna --as person --realm plant"),
+    ),
+    Action(
+        usage="realm join TOKEN",
+        help="Make a key on this machine, which never leaves it, and have it signed with a TOKEN.",
+        group=PROCESS,
+        where=Where.SHELL,
+        needs=("machines",),
+        examples=("realm join TOKEN",),
+    ),
+    Action(
+        usage="realm members",
+        help="List the members of the realm, and how long their keys are good.",
+        group=PROCESS,
+        where=Where.SHELL,
+        needs=("machines",),
+        examples=("realm members --realm plant",),
+    ),
+    Action(
+        usage="realm revoke NAME",
+        help="End the key of a member now, where the realm was made.",
+        group=PROCESS,
+        where=Where.SHELL,
+        needs=("machines",),
+        examples=("realm revoke anna --realm plant",),
+    ),
+    Action(
+        usage="realm renew [--days N]",
+        help="Have the key of this machine signed again.",
+        group=PROCESS,
+        where=Where.SHELL,
+        needs=("machines",),
+        examples=("realm renew --realm plant",),
+    ),
+    Action(
+        usage="realm export",
+        help="Print what everybody may know of the realm; no key is in it.",
+        group=PROCESS,
+        where=Where.SHELL,
+        needs=("machines",),
+        examples=("realm export --realm plant",),
+    ),
+    Action(
         usage="save FILE",
         help="Write the realm into a FILE that people can read and edit: its processes, robots, pages,"
         " settings, roles and bonds.",

@@ -70,7 +70,21 @@ class Liveliness:
         self, key_expr: str, handler: Callback[Sample], *, history: bool | None = None
     ) -> Subscriber: ...
 
+class Publisher:
+    def put(self, payload: bytes) -> None: ...
+
+class SessionInfo:
+    def routers_zid(self) -> list[object]: ...
+
 class Session:
+    info: SessionInfo
+    def declare_publisher(
+        self,
+        key_expr: str,
+        *,
+        congestion_control: CongestionControl | None = None,
+        express: bool | None = None,
+    ) -> Publisher: ...
     def close(self) -> None: ...
     def liveliness(self) -> Liveliness: ...
     def put(

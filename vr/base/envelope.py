@@ -26,7 +26,7 @@ from typing import NamedTuple
 import msgspec
 
 from robotree.vr.base.errors import Garbled, NoAnswer
-from robotree.vr.base.principal import SCRIPT, Credentials, Principal, principal_of
+from robotree.vr.base.principal import SCRIPT, Credentials, Principal, principal_of, user_name, vouched
 from robotree.vr.base.requests import (
     AcquireFence,
     AnyRequest,
@@ -94,7 +94,7 @@ class Envelope(msgspec.Struct, frozen=True, array_like=True):
     clock: str
     """Which clock the asker has: see `this_clock`."""
     proof: bytes = b""
-    """Room for what proves the sender. On one machine the kernel vouches for the user of each process."""
+    """A `Voucher` of this machine's gateway, if it was asked on another one; else the kernel says who."""
     terminal: str = ""
     """At which the person sits for whom it is asked; empty: it is asked for no person, but for a robot."""
 
@@ -172,6 +172,11 @@ def opened(body: bytes, credentials: Credentials, who: str, now: float) -> Recei
         raise Garbled(key="a caller", detail=str(error)) from None
     asked = envelope.asked if same_clock(envelope.clock) and envelope.asked <= now else now
     principal = principal_of(credentials, envelope.sender, envelope.terminal)
+    if envelope.proof and principal.user == user_name(os.geteuid()):
+        try:
+            principal = vouched(envelope.proof, envelope.sender, envelope.terminal)
+        except msgspec.MsgspecError as error:
+            raise Garbled(key="a gateway", detail=str(error)) from None
     received = Received(envelope.request, principal, asked, envelope.holds)
     received.expect_in_time(who, now)
     return received

@@ -22,6 +22,7 @@ that a caller on the far side of the network catches the same class with the sam
       SpaceError      NoSpace · SeveralSpaces · SpaceLost · SpaceFull · SpaceUnusable · SpaceDamaged
                       BadEntry · EntryUnfit · KeyTaken · NoSuchEntry · TransactionOver · FenceHeld · FenceLost
       RealmError      NotAMember · InvitationRefused · NoKeys · NoAuthority · KeysExist · NoSuchMember
+                      SiteSilent
 """
 
 from __future__ import annotations
@@ -934,3 +935,12 @@ class NoSuchMember(RealmError):
     """Nobody of that name belongs to the realm."""
 
     sentence = "no member of realm {realm} is called {name}; `robotree realm members` lists them"
+
+
+class SiteSilent(RealmError):
+    """A site is not heard; it goes on by itself."""
+
+    sentence = (
+        "site {site} has been silent for {seconds:.1f} s ({reason}); what was asked has not begun, and its "
+        "robots go on by themselves"
+    )

@@ -3,6 +3,9 @@
 The kernel names the process that has sent a request and its user (SO_PEERCRED, unix(7)); nobody can be
 somebody else. What the process says beyond that, it answers for: which of its robots or programs asks, and at
 which terminal the person sits.
+
+For who asks from another machine the gateway of this one answers (`Voucher`): that machine has proved to it
+which member of the realm it is, and its kernel has named the process and the user there.
 """
 
 from __future__ import annotations
@@ -38,11 +41,31 @@ class Principal(msgspec.Struct, frozen=True, omit_defaults=True):
     """Key under which the asker is present: of a robot, or of a person's program; empty: it is under none."""
     terminal: str = ""
     """At which the person sits for whom it is asked; empty: it is asked for no person, but for a robot."""
+    site: str = ""
+    """The member of the realm from whose machine it was asked; empty: from this one."""
 
     @property
     def person(self) -> str:
-        """Name of the person who asks, `anna@pts/3`; empty: it is a robot."""
-        return f"{self.user}@{self.terminal}" if self.terminal else ""
+        """Name of the person who asks, `anna@pts/3`, `anna@lab` from a site; empty: it is a robot."""
+        return f"{self.user}@{self.site or self.terminal}" if self.terminal else ""
+
+
+class Voucher(msgspec.Struct, frozen=True, array_like=True):
+    """For whom the gateway of this machine answers, in the envelope of a request from another one.
+
+    Any process of this user could write one, as it could write under which terminal a person sits: on one
+    machine a user is trusted with its own processes. Of other users none is believed.
+    """
+
+    site: str
+    """The member of the realm, proved by its key."""
+    user: str
+    """On its machine, as the kernel there says; of a person's machine: that person."""
+    process: int
+    """Its number there."""
+
+
+_voucher = msgspec.msgpack.Decoder(Voucher)
 
 
 ITSELF = Principal()
@@ -61,6 +84,24 @@ def principal_of(sender: Credentials, agent: str, terminal: str) -> Principal:
     if terminal and not _TERMINAL.fullmatch(terminal):
         terminal = SCRIPT
     return Principal(user_name(sender.user), sender.process, agent, terminal)
+
+
+@lru_cache(1024)
+def vouched(proof: bytes, agent: str, terminal: str) -> Principal:
+    """Return the principal of a request for which the gateway answers.
+
+    Args:
+        proof: a `Voucher`, packed.
+        agent: key of the asker; the gateway has seen that it is present at that site.
+        terminal: as the process there says.
+
+    Raises:
+        msgspec.MsgspecError: it is no voucher.
+    """
+    voucher = _voucher.decode(proof)
+    if terminal and not _TERMINAL.fullmatch(terminal):
+        terminal = SCRIPT
+    return Principal(voucher.user, voucher.process, agent, terminal, voucher.site)
 
 
 @cache

@@ -74,16 +74,28 @@ class Confirmations:
             self._first_hand.add(name)
         elif isinstance(answer, NotConfirmed):  # it says itself who has and who has not
             self._first_hand.add(name)
-            self._confirmed.update(answer.data["told"])
-            for below, reason in answer.data["untold"]:
-                self._unconfirmed[below, reason] = None
-            self._advice.update(dict.fromkeys(answer.data["advice"]))
+            self.report(answer)
             if not self.names(name):
                 self._confirmed.add(name)
         elif isinstance(answer, VrError):
             self.deny(name, _reason(answer))
         else:
             raise answer
+
+    def confirm(self, name: str) -> None:
+        """Note one that has confirmed, as its site reports."""
+        self._confirmed.add(name)
+
+    def report(self, answer: NotConfirmed) -> None:
+        """Take what another one reports of many."""
+        self._confirmed.update(answer.data["told"])
+        for below, reason in answer.data["untold"]:
+            self._unconfirmed[below, reason] = None
+        self._advice.update(dict.fromkeys(answer.data["advice"]))
+
+    def advise(self, remedy: str) -> None:
+        """Note what a person can do next."""
+        self._advice[remedy] = None
 
     def deny(self, name: str, reason: str) -> None:
         """Note one that has not confirmed.

@@ -1,8 +1,8 @@
 """Who may ask for what: the one place that decides it for every request that comes from another program.
 
-Today the policy is short: everybody of this system's user may ask for everything, and a parent speaks for
-itself alone. That a lease belongs to its holder, `GrantedLease.check` decides, together with the change that
-the request makes.
+Today the policy is short: everybody of this system's user may ask for everything, so may each member of the
+realm from its own machine, and a parent speaks for itself alone. That a lease belongs to its holder,
+`GrantedLease.check` decides, together with the change that the request makes.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def authorise(principal: Principal, request: AnyRequest, state: RobotState | Non
     Raises:
         NotAllowed: the principal may not ask for this.
     """
-    if principal.user != user_name(os.geteuid()):
+    if not principal.site and principal.user != user_name(os.geteuid()):
         reason = f"the processes of this realm belong to {user_name(os.geteuid())}"
         raise NotAllowed(who=principal.person or principal.user, what=type(request).__name__, reason=reason)
     if not isinstance(request, OF_LEASES):

@@ -1,1 +1,1 @@
-"""The transports between processes: our own on one machine, Zenoh beyond it. They carry bytes."""
+"""The transports between processes: our own sockets on one machine. They carry bytes."""

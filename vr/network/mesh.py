@@ -413,6 +413,11 @@ class Mesh:
             if (pattern := self._subscribers.remove(number)) is not None:
                 self._announce_change(Topic.SUBSCRIBES, pattern, there=False)
 
+    def wanted(self) -> set[str]:
+        """Return the patterns to which the other processes subscribe."""
+        with self._lock:
+            return {pattern for peer in self._peers.values() for pattern in peer.known[Topic.SUBSCRIBES]}
+
     # -- what one can ask and see
 
     def watch_itself(self, on_cut_off: Callable[[str], None]) -> int:

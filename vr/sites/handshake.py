@@ -100,6 +100,8 @@ class HandshakeStep(NamedTuple):
 
     answer: bytes = b""
     """To be sent to the other side; empty: nothing."""
+    to: str = ""
+    """Name of the member that it is for."""
     established: Established | None = None
     """Both sides have proved who they are; it can be used now."""
 
@@ -204,7 +206,8 @@ class Handshakes:
         sealing = _sealing(secret, greeting.half, transcript, initiator=False)
         self._keep(half, _Begun(secret, now, member.name, transcript, member, sealing))
         signature = self.own.key.sign(b"responder" + transcript)
-        return HandshakeStep(_encode(GreetingAnswer(greeting.half, half, self.own.certificate, signature)))
+        answer = GreetingAnswer(greeting.half, half, self.own.certificate, signature)
+        return HandshakeStep(_encode(answer), member.name)
 
     def _take_answer(self, answer: GreetingAnswer, now: float, wall: float) -> HandshakeStep:
         begun = self._opened.get(answer.to)
@@ -220,7 +223,7 @@ class Handshakes:
         del self._opened[answer.to]
         sealing = _sealing(begun.secret, answer.half, transcript, initiator=True)
         proof = _encode(Proof(answer.half, self.own.key.sign(b"initiator" + transcript)))
-        return HandshakeStep(proof, Established(member, sealing))
+        return HandshakeStep(proof, member.name, Established(member, sealing))
 
     def _take_proof(self, proof: Proof, now: float, wall: float) -> HandshakeStep:
         begun = self._begun.get(proof.to)
@@ -229,7 +232,7 @@ class Handshakes:
         self._trust.check(begun.member, wall)
         _expect(begun.member, proof.signature, b"initiator" + begun.transcript)
         del self._begun[proof.to]
-        return HandshakeStep(b"", Established(begun.member, begun.sealing))
+        return HandshakeStep(b"", begun.peer, Established(begun.member, begun.sealing))
 
     def _keep(self, half: bytes, begun: _Begun) -> None:
         self._begun = {

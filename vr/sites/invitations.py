@@ -46,6 +46,8 @@ class Invitation(msgspec.Struct, frozen=True, array_like=True):
     realm: str
     authority: PublicKey
     secret: bytes
+    name: str
+    """Of the member."""
     kind: MemberKind
     ends: float
     """[s since 1970]"""
@@ -60,6 +62,7 @@ class Invitation(msgspec.Struct, frozen=True, array_like=True):
 class OpenInvitation(msgspec.Struct, frozen=True):
     """What the authority keeps of an invitation."""
 
+    name: str
     kind: MemberKind
     ends: float
     """[s since 1970]"""
@@ -75,7 +78,6 @@ class JoinRequest(msgspec.Struct, frozen=True, array_like=True):
 
     number: str
     """Of the invitation."""
-    name: str
     key: PublicKey
     proof: bytes
     """HMAC of name and key with the key that follows from the secret."""
@@ -123,6 +125,7 @@ def read_token(token: str, now: float) -> Invitation:
         body, check = packed[:-4], packed[-4:]
         invitation = _invitation.decode(body)
         check_name(invitation.realm)
+        check_name(invitation.name)
     except (ValueError, UnicodeError, msgspec.MsgspecError, BadName):
         raise InvitationRefused(reason=_CUT) from None
     if not text.startswith(BEGIN) or hashlib.sha256(body).digest()[:4] != check:
@@ -132,16 +135,12 @@ def read_token(token: str, now: float) -> Invitation:
     return invitation
 
 
-def request_to_join(invitation: Invitation, name: str, key: Ed25519PrivateKey) -> bytes:
-    """Return the request of who has a token and a new key.
-
-    Raises:
-        BadName: nobody can have this name.
-    """
+def request_to_join(invitation: Invitation, key: Ed25519PrivateKey) -> bytes:
+    """Return the request of who has a token and a new key."""
     public = key.public_key().public_bytes_raw()
-    text = _text(invitation.realm, check_name(name), public)
+    text = _text(invitation.realm, invitation.name, public)
     proof = hmac.digest(key_of(invitation.secret), text, "sha256")
-    return _encode(JoinRequest(invitation.number, name, public, proof, key.sign(text)))
+    return _encode(JoinRequest(invitation.number, public, proof, key.sign(text)))
 
 
 class Admission(msgspec.Struct, frozen=True):
@@ -179,8 +178,7 @@ def admitted(
     """
     try:
         request = _request.decode(packed[: LONGEST + 1])
-        check_name(request.name)
-    except (ValueError, msgspec.MsgspecError, BadName):
+    except (ValueError, msgspec.MsgspecError):
         raise InvitationRefused(reason="the request cannot be read") from None
     found = open_invitations.get(request.number)
     if found is None:
@@ -188,19 +186,18 @@ def admitted(
         raise InvitationRefused(reason=reason)
     if now >= found.ends:
         raise InvitationRefused(reason=_over(now - found.ends))
-    text = _text(authority.realm, request.name, request.key)
+    text = _text(authority.realm, found.name, request.key)
     proof = hmac.digest(bytes.fromhex(found.proof_key), text, "sha256")
     if not hmac.compare_digest(proof, request.proof):
         raise InvitationRefused(reason="the request does not prove that it has the token")
     if len(request.key) != KEY_SIZE or not proves(request.key, request.own, text):
         raise InvitationRefused(reason="the request does not prove that it has its key")
-    if request.name in taken:
-        reason = f"there is a member {request.name} already; join under another name: `--name NAME`"
-        raise InvitationRefused(reason=reason)
+    if found.name in taken:
+        raise InvitationRefused(reason=f"there is a member {found.name} already; ask for another name")
     certificate = authority.admit(
-        request.name, found.kind, request.key, serial=serial, now=now, days=found.days, may=found.may
+        found.name, found.kind, request.key, serial=serial, now=now, days=found.days, may=found.may
     )
-    return Admission(request.number, request.name, found.kind, request.key, certificate)
+    return Admission(request.number, found.name, found.kind, request.key, certificate)
 
 
 def _text(realm: str, name: str, key: PublicKey) -> bytes:

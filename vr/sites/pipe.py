@@ -15,6 +15,33 @@ OnArrival = Callable[[str, bytes], None]
 """Takes a topic and what was published there, in any thread. Must not block."""
 
 
+class Topics(NamedTuple):
+    """Where the members of a realm hear each other."""
+
+    realm: str
+
+    def to(self, name: str) -> str:
+        """Messages to one gateway."""
+        return f"robotree/{self.realm}/to/{name}"
+
+    @property
+    def here(self) -> str:
+        """Hints that somebody is there."""
+        return f"robotree/{self.realm}/here"
+
+    def authority(self, about: str, number: str) -> str:
+        """Requests to the authority: `join` with the number of the invitation, `renew` with a name."""
+        return f"robotree/{self.realm}/authority/{about}/{number}"
+
+    def answer(self, about: str, number: str) -> str:
+        """Its answers to these."""
+        return f"robotree/{self.realm}/answer/{about}/{number}"
+
+
+GRANTED = b"+"
+"""First byte of an answer of the authority that is no error."""
+
+
 class LinkState(NamedTuple):
     """Whether the network between machines can be used now."""
 

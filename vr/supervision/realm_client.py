@@ -58,7 +58,7 @@ from robotree.vr.lookup.chronicle import merged
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.network.lean_stop import REASON
 from robotree.vr.supervision.releases import Releases
-from robotree.vr.supervision.stop import OnLate, StopOrder
+from robotree.vr.supervision.stop import EVERYWHERE, OnLate, StopOrder, StopScope
 
 CALLER = "operator"
 """How a supervisor names itself to robots."""
@@ -462,7 +462,12 @@ class RealmClient:
         await self._ask(name, lambda robot: robot.decide(answer))
 
     async def stop(
-        self, name: str | None, *, on_late: OnLate = lambda _: None, order: str = ""
+        self,
+        name: str | None,
+        *,
+        on_late: OnLate = lambda _: None,
+        order: str = "",
+        scope: StopScope = EVERYWHERE,
     ) -> Sequence[str]:
         """Protective stop of one robot or of all, at once, down to the hardware.
 
@@ -472,6 +477,7 @@ class RealmClient:
             name: of the robot; None: all.
             on_late: called, half a second later at most, with the robots that have not answered yet.
             order: id of the order, if it has been sent already; empty: it is new.
+            scope: which sites it concerns.
 
         Returns:
             The names of those that have confirmed it.
@@ -489,6 +495,7 @@ class RealmClient:
             on_late=on_late,
             counted=self._releases.count,
             order=order,
+            scope=scope,
         )
         return await stop.carry_out()
 

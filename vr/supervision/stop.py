@@ -10,11 +10,12 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import NamedTuple
 
 import msgspec
 
 from robotree.vr.base.address import Address, check_name, everyone
-from robotree.vr.base.errors import NoAnswer, NoSuchRobot, Unreachable, VrError
+from robotree.vr.base.errors import NoAnswer, NoSuchRobot, NotConfirmed, Unreachable, VrError
 from robotree.vr.base.presence import Held
 from robotree.vr.base.requests import SafeStop
 from robotree.vr.base.transport import Transport
@@ -44,6 +45,19 @@ OnLate = Callable[[str], None]
 
 Counted = Callable[[str, int], None]
 """Takes the key of a robot and how many stops it has counted."""
+
+
+class StopScope(NamedTuple):
+    """Which sites a stop concerns."""
+
+    sites: Sequence[str] = ()
+    """That belong to the realm besides this machine; each is named if no gateway reaches it."""
+    local: Callable[[str], bool] | None = None
+    """Whether the robot of a key is on this machine: then only those are stopped. None: the gateway of this
+    machine is asked to stop the robots of all other sites."""
+
+
+EVERYWHERE = StopScope()
 
 
 class _StopRequest:
@@ -78,6 +92,7 @@ class StopOrder:
         on_late: OnLate,
         counted: Counted,
         order: str = "",
+        scope: StopScope = EVERYWHERE,
     ) -> None:
         """Prepare.
 
@@ -89,6 +104,7 @@ class StopOrder:
             on_late: called with the robots that have not answered for a while, each of them once.
             counted: called with how many stops each robot that confirms it has counted.
             order: its id, if it has been sent already (`lean_stop.py`); empty: it is new.
+            scope: which sites it concerns.
 
         Raises:
             BadName: no robot can have this name.
@@ -97,10 +113,13 @@ class StopOrder:
         self._directory, self._transport, self._name = directory, transport, name
         self._reason, self._on_late, self._counted = reason, on_late, counted
         self._order = order or fresh_key()
+        self._sites, self._local = scope
         self._requests: dict[Address, _StopRequest] = {}
         self._held: dict[Address, Held] = {}
         self._unlisted: dict[str, tuple[Held, float]] = {}
         """Processes whose robots are not known, by name, and since when [s]."""
+        self._remote: set[str] = set()
+        """Keys of robots of other sites, which are stopped there."""
         self._named: set[str] = set()
         """Keys of the robots and processes that `on_late` has named."""
 
@@ -129,7 +148,7 @@ class StopOrder:
 
     def _look(self) -> None:
         """Find the robots that are there, and send the stop to those that have not received it."""
-        held = self._transport.presence.held(self._pattern)
+        held = self._meant()
         lost, was = {one.where: one for one in held if not one.key}, self._held
         addresses = ((Address.parse(one.key), one) for one in held)
         self._held = {  # also of processes that have lost their files since the last look
@@ -141,13 +160,31 @@ class StopOrder:
         self._unlisted = {one.where: (one, before.get(one.where, new)[1]) for one in held if not one.key}
         if self._unlisted.keys() - before.keys():
             self._leave_for_unlisted()
-        seen = set(self._directory.present("robot", self._name or "*"))
+        seen = {
+            one for one in self._directory.present("robot", self._name or "*") if one.key not in self._remote
+        }
         for address in sorted(seen | self._held.keys()):
             if address not in self._requests:
                 request = self._requests[address] = _StopRequest(address, _now())
                 request.task = asyncio.ensure_future(self._send(request))
         if self._name is not None and self._requests:
             self._unlisted.clear()  # the robot that is meant is found
+
+    def _meant(self) -> list[Held]:
+        """Return who is to be asked: the robots of this machine, and for the others its gateway, once.
+
+        A robot that is named is asked itself, wherever it is.
+        """
+        presence = self._transport.presence
+        if self._local is not None:
+            held = presence.held(self._pattern)
+            self._remote = {one.key for one in held if one.key and not self._local(one.key)}
+            return [one for one in held if one.key not in self._remote]
+        gateways = [] if self._name else [one for one in presence.held(everyone("gateway")) if one.key]
+        places = {one.where for one in gateways}
+        held = presence.held(self._pattern)
+        self._remote = {one.key for one in held if one.key and one.where in places}
+        return [*gateways, *(one for one in held if one.where not in places)]
 
     async def _send(self, request: _StopRequest) -> None:
         """Ask one robot to stop, until it has answered or its time is over."""
@@ -220,7 +257,9 @@ class StopOrder:
         confirmations = Confirmations("the protective stop")
         for address, request in self._requests.items():
             held, answer = self._held.get(address), request.answer
-            if answer is not None and not (held and isinstance(answer, Unreachable)):
+            if address.role == "gateway":
+                self._judge_gateway(confirmations, address, held, answer)
+            elif answer is not None and not (held and isinstance(answer, Unreachable)):
                 confirmations.take(address.name, answer)
             elif request.acknowledged:
                 confirmations.deny(address.name, "it has received the stop and has not confirmed it")
@@ -230,7 +269,34 @@ class StopOrder:
                 confirmations.take(address.name, NoAnswer(key=address.key, seconds=CONFIRM))
         for one, _ in self._unlisted.values():
             confirmations.miss(one.where, one.how, one.remedy)
+        if self._name is None and not any(address.role == "gateway" for address in self._requests):
+            for site in self._sites:
+                self._miss_site(confirmations, site, "no gateway runs on this machine")
         return confirmations.settle()
+
+    def _judge_gateway(
+        self,
+        confirmations: Confirmations,
+        address: Address,
+        held: Held | None,
+        answer: Sequence[str] | VrError | None,
+    ) -> None:
+        """Take what a gateway says of all other sites; one that says nothing has reached none of them."""
+        if isinstance(answer, NotConfirmed):
+            confirmations.report(answer)
+        elif answer is not None and not isinstance(answer, VrError):
+            for name in answer:
+                confirmations.confirm(name)
+        else:
+            reason = "the gateway of this machine did not answer"
+            for site in self._sites:
+                self._miss_site(confirmations, site, reason)
+            where = "" if held is None else f", in {held.in_words}"
+            confirmations.miss(f"gateway {address.name}", f"it did not answer{where}", "start it again")
+
+    def _miss_site(self, confirmations: Confirmations, site: str, why: str) -> None:
+        remedy = "start `robotree gateway` here, then stop again; or stop the robots of the other sites there"
+        confirmations.miss(f"site {site}", f"not reached: {why}", remedy)
 
     # -- inside -----------------------------------------------------------------------------------
 

@@ -4,7 +4,6 @@ import asyncio
 import contextlib
 import os
 import sys
-import tempfile
 from collections.abc import AsyncIterator, Awaitable, Callable
 from pathlib import Path
 
@@ -12,7 +11,6 @@ import pytest
 
 from robotree.vr.base.transport import Transport
 from robotree.vr.network.local import LocalTransport, join
-from robotree.vr.network.zenoh.transport import ZenohTransport, connect
 from robotree.vr.world.network import MemoryNetwork
 from tests.vr.network.processes import Process, Start
 from tests.vr.network.world import World
@@ -30,24 +28,6 @@ async def join_realm(place: Path) -> AsyncIterator[Callable[[], Awaitable[LocalT
     yield enter
     for member in members:
         await member.close()
-
-
-@pytest.fixture
-async def join_zenoh() -> AsyncIterator[Callable[[], Awaitable[ZenohTransport]]]:
-    """Connect members over Zenoh: each later one dials all earlier ones."""
-    members: list[ZenohTransport] = []
-    locators: list[str] = []
-    with tempfile.TemporaryDirectory(prefix="rt-") as folder:
-
-        async def enter() -> ZenohTransport:
-            locator = f"unixsock-stream/{folder}/{len(locators)}"
-            members.append(await connect([locator], locators))
-            locators.append(locator)
-            return members[-1]
-
-        yield enter
-        for member in members:
-            await member.close()
 
 
 @pytest.fixture

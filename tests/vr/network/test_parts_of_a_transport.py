@@ -1,4 +1,4 @@
-"""The parts that transports are made of: presence without flutter, replies, patterns, and the inbox."""
+"""The parts that transports are made of: replies, patterns, and the inbox."""
 
 from __future__ import annotations
 
@@ -13,43 +13,8 @@ from hypothesis import strategies as st
 from robotree.vr.base.errors import NoAnswer, TransportClosed, Unreachable
 from robotree.vr.base.pattern import Handlers, Keys, matches
 from robotree.vr.network.on_loop import LoopTurns, Replies, SampleInbox
-from robotree.vr.network.zenoh.settling import Settling
 from robotree.vr.world.promises import replies_of
 from robotree.vr.world.testing import in_virtual_time
-
-
-@in_virtual_time
-async def test_a_token_that_returns_within_a_moment_has_not_gone() -> None:
-    told: list[tuple[str, bool]] = []
-    presence = Settling(lambda key, there: told.append((key, there)), settle=0.05)
-    for there in (True, True, False, False, True, False, True):
-        presence.change("robot/a/1", there)
-        await asyncio.sleep(0.04)
-    await asyncio.sleep(1)
-    assert told == [("robot/a/1", True)]
-    presence.change("robot/a/1", False)
-    await asyncio.sleep(0.04)
-    assert len(told) == 1
-    await asyncio.sleep(0.02)
-    assert told == [("robot/a/1", True), ("robot/a/1", False)]
-    presence.change("robot/b/1", False)
-    await asyncio.sleep(1)
-    assert len(told) == 2, "who never came cannot go"
-
-
-@in_virtual_time
-async def test_a_watch_waits_for_news_of_all_who_are_there_but_not_for_ever() -> None:
-    loop = asyncio.get_running_loop()
-    presence = Settling(lambda _key, _there: None)
-    presence.change("a", True)
-    loop.call_later(0.1, presence.change, "b", True)
-    loop.call_later(0.2, presence.change, "c", False)
-    await presence.hear_of(["a", "b", "c"], limit=5)
-    assert loop.time() == pytest.approx(0.2)
-    await presence.hear_of(["a"], limit=5)
-    assert loop.time() == pytest.approx(0.2)
-    await presence.hear_of(["never"], limit=0.5)
-    assert loop.time() == pytest.approx(0.7)
 
 
 @in_virtual_time

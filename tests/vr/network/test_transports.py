@@ -27,11 +27,6 @@ async def test_local(check: Check, join_realm: Join) -> None:
     await check(join_realm)
 
 
-@pytest.mark.parametrize("check", TRANSPORT_CHECKS, ids=lambda check: check.__name__)
-async def test_zenoh(check: Check, join_zenoh: Join) -> None:
-    await check(join_zenoh)
-
-
 @pytest.mark.parametrize("delay", [0.0, 0.003])
 def test_a_whole_network_can_be_examined_at_once(delay: float) -> None:
     async def examine() -> None:

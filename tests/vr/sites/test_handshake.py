@@ -19,6 +19,7 @@ from robotree.vr.sites.handshake import (
     Greeting,
     GreetingAnswer,
     Handshakes,
+    HandshakeStep,
     Own,
     Proof,
 )
@@ -31,7 +32,8 @@ pack = msgspec.msgpack.encode
 def take(
     side: Handshakes, packed: bytes, now: float = 0.0, wall: float = WALL
 ) -> tuple[bytes, Established | None]:
-    return tuple(side.take(packed, now=now, wall=wall))
+    step = side.take(packed, now=now, wall=wall)
+    return step.answer, step.established
 
 
 def refused(side: Handshakes, packed: bytes, wall: float = WALL) -> str:
@@ -165,7 +167,7 @@ def test_who_still_has_the_session_is_not_answered() -> None:
     session = meet(lab, plant)[0].sealing.session
     greeting = lab.greet("plant", 0.0, session)
     known = plant.take(greeting, now=0.0, wall=WALL, knows=lambda name, id_: (name, id_) == ("lab", session))
-    assert known == (b"", None)
+    assert known == HandshakeStep()
     assert plant.take(greeting, now=0.0, wall=WALL).answer, "who has forgotten it makes a new one"
 
 

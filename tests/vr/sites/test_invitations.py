@@ -35,9 +35,11 @@ class Inviting:
         self.realm = Realm()
         secret = self.realm.draw(16)
         hubs = (Hub("tls:hub.example:7447", "ab" * 32),)
-        self.invitation = Invitation("cell", self.realm.authority.public, secret, "site", WALL + HOUR, hubs)
+        self.invitation = Invitation(
+            "cell", self.realm.authority.public, secret, "lab", "site", WALL + HOUR, hubs
+        )
         self.open = {
-            self.invitation.number: OpenInvitation("site", WALL + HOUR, 30, (), key_of(secret).hex())
+            self.invitation.number: OpenInvitation("lab", "site", WALL + HOUR, 30, (), key_of(secret).hex())
         }
         self.taken: dict[str, PublicKey] = {}
 
@@ -58,7 +60,7 @@ def test_who_has_the_token_gets_a_certificate_for_its_own_key_once() -> None:
     invitation = read_token(token_of(inviting.invitation), WALL)
     assert invitation == inviting.invitation
     key = inviting.realm.key()
-    request = request_to_join(invitation, "lab", key)
+    request = request_to_join(invitation, key)
     certificate = inviting.realm.trust().certificate(inviting.take(request).certificate, WALL)
     assert (certificate.name, certificate.kind, certificate.serial) == ("lab", "site", 9)
     assert certificate.key == key.public_key().public_bytes_raw()
@@ -71,27 +73,27 @@ def test_a_token_ends() -> None:
     token = token_of(inviting.invitation)
     with pytest.raises(InvitationRefused, match="ended 1 minutes ago"):
         read_token(token, WALL + HOUR + 60)
-    request = request_to_join(inviting.invitation, "lab", inviting.realm.key())
+    request = request_to_join(inviting.invitation, inviting.realm.key())
     assert "ended" in inviting.refused(request, WALL + HOUR)
 
 
 def test_a_name_is_given_once() -> None:
     inviting = Inviting()
     inviting.taken["lab"] = b"x"
-    request = request_to_join(inviting.invitation, "lab", inviting.realm.key())
+    request = request_to_join(inviting.invitation, inviting.realm.key())
     assert "there is a member lab already" in inviting.refused(request)
 
 
 def test_a_request_that_was_changed_on_its_way_is_refused() -> None:
     inviting = Inviting()
     request = msgspec.msgpack.decode(
-        request_to_join(inviting.invitation, "lab", inviting.realm.key()), type=JoinRequest
+        request_to_join(inviting.invitation, inviting.realm.key()), type=JoinRequest
     )
     thief = inviting.realm.key()
     other = msgspec.structs.replace(request, key=thief.public_key().public_bytes_raw())
     assert "does not prove that it has the token" in inviting.refused(msgspec.msgpack.encode(other))
-    renamed = msgspec.structs.replace(request, name="anna")
-    assert "does not prove that it has the token" in inviting.refused(msgspec.msgpack.encode(renamed))
+    guessed = msgspec.structs.replace(request, proof=b"p" * 32)
+    assert "does not prove that it has the token" in inviting.refused(msgspec.msgpack.encode(guessed))
 
 
 def test_nobody_gets_a_certificate_for_a_key_of_somebody_else() -> None:
@@ -100,7 +102,7 @@ def test_nobody_gets_a_certificate_for_a_key_of_somebody_else() -> None:
     text = msgspec.msgpack.encode(("robotree join 1", "cell", "lab", victim))
     proof = hmac.digest(key_of(inviting.invitation.secret), text, "sha256")
     own = inviting.realm.key().sign(text)
-    request = JoinRequest(inviting.invitation.number, "lab", victim, proof, own)
+    request = JoinRequest(inviting.invitation.number, victim, proof, own)
     assert "does not prove that it has its key" in inviting.refused(msgspec.msgpack.encode(request))
 
 

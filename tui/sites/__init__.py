@@ -1,0 +1,1 @@
+"""Realms of several machines on the command line: keys, hubs and gateways."""

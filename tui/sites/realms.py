@@ -1,0 +1,197 @@
+"""The verbs about the keys of a realm: `robotree realm create`, `invite`, `join` and their kin."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from robotree.tui import exit_codes
+from robotree.tui.errors import NoPlaceForState, ValueRefused
+from robotree.tui.line.grammar import Line
+from robotree.tui.processes.state_files import state_file, state_home
+from robotree.tui.terminal import answer
+from robotree.vr.sites.certificates import DAY, MemberKind, fingerprint
+from robotree.vr.sites.hub import hub_of
+from robotree.vr.sites.invitations import Hub, read_token, token_of
+from robotree.vr.sites.joining import ask_authority
+from robotree.vr.sites.keys import DAYS, RealmKeys, create
+
+KEYS = "keys"
+"""Folder of the keys, in that of the realm's state."""
+
+
+def start(line: Line, realm: str) -> int:
+    """Carry out a line, and return its exit code."""
+    verbs: dict[str, Callable[[Line, str], int]] = {
+        "create": _create,
+        "invite": _invite,
+        "join": _join,
+        "members": _members,
+        "revoke": _revoke,
+        "renew": _renew,
+        "export": _export,
+    }
+    return verbs[line.verb.removeprefix("realm ")](line, realm)
+
+
+def keys_folder(realm: str) -> Path:
+    """Return the folder for the keys of a realm; the one above it is there then.
+
+    Raises:
+        NoPlaceForState: it cannot be made.
+    """
+    found = state_file(realm, KEYS)
+    if found is None:
+        raise NoPlaceForState
+    return found
+
+
+def keys_of(realm: str) -> RealmKeys:
+    """Return the keys of a realm; looking makes nothing.
+
+    Raises:
+        NoKeys: this machine has none.
+    """
+    return RealmKeys(state_home() / realm / KEYS)
+
+
+def _create(line: Line, _realm: str) -> int:
+    realm, hubs = line.text("NAME"), _hubs(line.text("--hub"))
+    name = line.text("--site") or socket.gethostname().partition(".")[0]
+    made = create(keys_folder(realm), realm, name, hubs, now=time.time())
+    text = (
+        f"realm {realm} is made, with this machine as site {name}; its authority, "
+        f"{fingerprint(made.trust.authority)}, is in {made.folder}: keep a copy of it in a safe place"
+    )
+    if not hubs:
+        text += "\nit has no hub yet, so nobody can join: `robotree hub --listen tls:HOST:PORT` makes one"
+    answer(text, lambda: {"realm": realm, "site": name, "folder": str(made.folder)})
+    return exit_codes.DONE
+
+
+def _invite(line: Line, realm: str) -> int:
+    name, days = line.text("NAME"), _days(line)
+    may = tuple(role for role in line.text("--may").split(",") if role)
+    invitation = keys_of(realm).invite(
+        name, _kind(line.text("--as", "site")), now=time.time(), days=days, may=may
+    )
+    token = token_of(invitation)
+    until = time.strftime("%H:%M", time.localtime(invitation.ends))
+    text = f"{token}\n\nuntil {until}, once, there: `robotree realm join TOKEN`; a gateway must run here then"
+    answer(text, lambda: {"token": token, "name": name, "ends": invitation.ends})
+    return exit_codes.DONE
+
+
+def _join(line: Line, _realm: str) -> int:
+    now = time.time()
+    invitation = read_token(line.text("TOKEN"), now)
+    keys = ask_authority(keys_folder(invitation.realm), invitation, now=now)
+    answer(
+        f"this machine is {keys.kind} {keys.name} of realm {keys.realm} now; "
+        f"`robotree --realm {keys.realm} gateway` links it to the other sites",
+        lambda: {"realm": keys.realm, "name": keys.name, "kind": keys.kind, "folder": str(keys.folder)},
+    )
+    return exit_codes.DONE
+
+
+def _members(_line: Line, realm: str) -> int:
+    keys, now = keys_of(realm), time.time()
+    rows: list[dict[str, Any]] = []
+    if keys.is_authority:
+        rows = [
+            {
+                "name": one.name,
+                "kind": one.kind,
+                "serial": one.serial,
+                "ends": one.ends,
+                "revoked": one.revoked,
+            }
+            for one in keys.members()
+        ]
+    else:
+        rows = [
+            {"name": one.name, "kind": one.kind, "serial": one.serial, "ends": one.ends, "revoked": False}
+            for one in keys.sites()
+        ]
+        own = keys.certificate(now)
+        rows.insert(
+            0, {"name": own.name, "kind": own.kind, "serial": own.serial, "ends": own.ends, "revoked": False}
+        )
+
+    def text(row: dict[str, Any]) -> str:
+        left = (row["ends"] - now) / DAY
+        state = "revoked" if row["revoked"] else f"{left:.0f} days left" if left > 0 else "ended"
+        return f"{row['name']:24} {row['kind']:7} {state}"
+
+    answer("\n".join(map(text, rows)), lambda: rows)
+    return exit_codes.DONE
+
+
+def _revoke(line: Line, realm: str) -> int:
+    name = line.text("NAME")
+    ended = keys_of(realm).revoke(name)
+    answer(
+        f"{name} is revoked; each site that is linked refuses it within 10 s, any other one when it is "
+        "linked again, or when the certificate ends",
+        lambda: {"name": name, "serials": [one.serial for one in ended]},
+    )
+    return exit_codes.DONE
+
+
+def _renew(line: Line, realm: str) -> int:
+    keys, now = keys_of(realm), time.time()
+    if keys.is_authority:
+        packed = keys.renew(keys.own.certificate, now, _days(line))
+        found = keys.replace_certificate(packed, now)
+    else:
+        from robotree.vr.sites.joining import ask_to_renew
+
+        found = ask_to_renew(keys, now=now)
+    left = (found.ends - now) / DAY
+    answer(f"the certificate of {found.name} is good for {left:.0f} days now", lambda: {"ends": found.ends})
+    return exit_codes.DONE
+
+
+def _export(_line: Line, realm: str) -> int:
+    """Print what everybody may know of a realm; no key is in it."""
+    keys = keys_of(realm)
+    about: dict[str, Any] = {
+        "realm": keys.realm,
+        "authority": keys.trust.authority.hex(),
+        "hubs": [{"address": hub.address, "fingerprint": hub.fingerprint} for hub in keys.hubs],
+        "revocations": keys.trust.packed.hex(),
+        "sites": sorted({keys.name, *(site.name for site in keys.sites())}),
+    }
+    import json
+
+    answer(json.dumps(about, indent=2), lambda: about)
+    return exit_codes.DONE
+
+
+def _hubs(text: str) -> tuple[Hub, ...]:
+    try:
+        return tuple(hub_of(each.strip()) for each in text.split(",") if each.strip())
+    except ValueError as error:
+        raise ValueRefused("ADDRESS", str(error)) from None
+
+
+def _kind(text: str) -> MemberKind:
+    if text == "person":
+        return "person"
+    if text == "site":
+        return "site"
+    raise ValueRefused("KIND", f"{text!r} is none; write person or site")
+
+
+def _days(line: Line) -> float:
+    text = line.text("--days", f"{DAYS:g}")
+    try:
+        days = float(text)
+    except ValueError:
+        days = 0.0
+    if not 0 < days <= 3650:
+        raise ValueRefused("N", f"{text!r} is no number of days from 1 to 3650")
+    return days

@@ -1,1 +1,0 @@
-"""The transport between machines, over Eclipse Zenoh. Nothing on one machine imports it."""

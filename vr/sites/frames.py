@@ -1,0 +1,108 @@
+"""What two gateways say to each other, inside the sealed stream. Pure."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import msgspec
+
+
+class Announced(IntEnum):
+    """What a site lets others know."""
+
+    PRESENT = 0
+    """Somebody is present under a key there, and answers requests to it."""
+    WANTED = 1
+    """Somebody there subscribes to a pattern."""
+
+
+class AllNews(msgspec.Struct, frozen=True, array_like=True, tag=0):
+    """All that a site lets others know: the first frames of a session."""
+
+    keys: list[str]
+    patterns: list[str]
+    more: bool
+    """Another one follows with the rest."""
+
+
+class OneNews(msgspec.Struct, frozen=True, array_like=True, tag=1):
+    """One change of it."""
+
+    topic: Announced
+    key: str
+    there: bool
+
+
+class SiteAsk(msgspec.Struct, frozen=True, array_like=True, tag=2):
+    """A request to an agent of the other site."""
+
+    number: int
+    key: str
+    body: bytes
+    """The envelope, as it was asked."""
+    urgent: bool
+    sent: float
+    """[s] on the sender's clock."""
+    age: float
+    """[s] since it was asked, when it was sent."""
+    user: str
+    """Whose process asked, as the kernel there says."""
+    process: int
+
+
+class SiteReply(msgspec.Struct, frozen=True, array_like=True, tag=3):
+    """One reply to it."""
+
+    number: int
+    body: bytes
+
+
+class SiteEnd(msgspec.Struct, frozen=True, array_like=True, tag=4):
+    """There are no more replies."""
+
+    number: int
+
+
+class SiteSample(msgspec.Struct, frozen=True, array_like=True, tag=5):
+    """Something published."""
+
+    key: str
+    body: bytes
+
+
+class Revoked(msgspec.Struct, frozen=True, array_like=True, tag=6):
+    """The newest list of revoked certificates, as the authority signed it."""
+
+    packed: bytes
+
+
+class StopSite(msgspec.Struct, frozen=True, array_like=True, tag=7):
+    """An order: stop all robots of the site. It is carried out there, however late it comes."""
+
+    number: int
+    order: str
+    reason: str
+
+
+class SiteStopped(msgspec.Struct, frozen=True, array_like=True, tag=8):
+    """What came of it."""
+
+    number: int
+    confirmed: list[str]
+    missed: list[tuple[str, str]]
+    """Names of robots that have not confirmed, and why."""
+    advice: list[str]
+
+
+SiteFrame = AllNews | OneNews | SiteAsk | SiteReply | SiteEnd | SiteSample | Revoked | StopSite | SiteStopped
+
+encode_frame = msgspec.msgpack.Encoder().encode
+_decoder: msgspec.msgpack.Decoder[SiteFrame] = msgspec.msgpack.Decoder(SiteFrame)
+
+
+def decode_frame(body: bytes) -> SiteFrame | None:
+    """Return a frame; None: it cannot be read, and comes from another version."""
+    try:
+        return _decoder.decode(body)
+    except (msgspec.MsgspecError, UnicodeDecodeError):
+        return None

@@ -1,0 +1,568 @@
+"""The gateway: the one process of a machine that joins it to the other sites of a realm.
+
+For the processes of its machine it is one more member of the local network, which is present in the name of
+all agents of the other sites. What is asked of these, it passes on, sealed, to their gateway, which asks
+there and answers for who asked (`Voucher`). Nobody else here knows of other machines, and what is local never
+passes it: if it dies, the machine goes on alone.
+
+Everything happens on the event loop. Callbacks of the local network and of the pipe only hand over.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import logging
+import os
+import time
+from collections import Counter
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from typing import Final
+
+from robotree.vr.base.address import Address
+from robotree.vr.base.chance import token
+from robotree.vr.base.errors import (
+    NoAnswer,
+    NotAMember,
+    SiteSilent,
+    TooManyKeys,
+    VrError,
+)
+from robotree.vr.base.principal import Credentials, Voucher, user_name
+from robotree.vr.base.requests import Raised, encode
+from robotree.vr.base.transport import End, Respond
+from robotree.vr.network.local import LocalTransport
+from robotree.vr.network.on_loop import LoopTurns
+from robotree.vr.sites.certificates import Certificate
+from robotree.vr.sites.frames import (
+    AllNews,
+    Announced,
+    OneNews,
+    Revoked,
+    SiteAsk,
+    SiteEnd,
+    SiteFrame,
+    SiteReply,
+    SiteSample,
+    SiteStopped,
+    StopSite,
+    decode_frame,
+    encode_frame,
+)
+from robotree.vr.sites.handshake import Handshakes
+from robotree.vr.sites.keys import RealmKeys
+from robotree.vr.sites.pipe import GRANTED, Pipe, Topics
+from robotree.vr.sites.sealing import ID_SIZE, Lane
+from robotree.vr.sites.site import ARRIVAL, GONE, Site, SiteExchange
+from robotree.vr.sites.stopping import SiteStops, StopHere
+from robotree.vr.sites.stream import PIECE, Full, Stream
+from robotree.vr.sites.translating import arrived, leaving, sender_of
+
+TICK: Final = 0.1
+"""[s] between two looks at all sites."""
+
+GREET, GREET_SELDOM = 0.5, 5.0
+"""[s] between two greetings of a site that does not answer: at first, and later."""
+
+LOOK: Final = 2.0
+"""[s] between two looks into the folder for revoked certificates."""
+
+HERE: Final = 2.0
+"""[s] between two hints that this gateway is there."""
+
+MOST_STRANGERS: Final = 64
+"""Names of sites that only a hint has told of."""
+
+KEYS_AT_ONCE: Final = 200
+"""Keys in one frame."""
+
+GREETING, SEALED = b"g", b"s"
+"""First byte of a message between gateways."""
+
+_log = logging.getLogger(__name__)
+
+
+class Gateway:
+    """See the module. `open` it, `close` it."""
+
+    def __init__(
+        self,
+        transport: LocalTransport,
+        pipe: Pipe,
+        keys: RealmKeys,
+        *,
+        stop_here: StopHere,
+        wall: Callable[[], float] = time.time,
+    ) -> None:
+        """Prepare.
+
+        Args:
+            transport: the local network.
+            pipe: the network between machines.
+            keys: of the realm.
+            stop_here: stops the robots of this machine.
+            wall: [s since 1970], for certificates.
+        """
+        self.transport, self._mesh, self._pipe, self._keys = transport, transport.mesh, pipe, keys
+        self._wall, self._loop = wall, asyncio.get_running_loop()
+        self._turns = LoopTurns()
+        self._handshakes = Handshakes(keys.own, keys.trust, chance=os.urandom)
+        self._topics = Topics(keys.realm)
+        self.address = Address("gateway", keys.name, token())
+        self.sites: dict[str, Site] = {site.name: Site(site.name) for site in keys.sites()}
+        self._sessions: dict[bytes, Site] = {}
+        self._where: dict[str, Site] = {}
+        """The site of each remote key that is announced here."""
+        self.local = set[str]()
+        """Keys that are present here and of this machine."""
+        self._wanted = set[str]()
+        self._numbers = itertools.count(1)
+        self._stops = SiteStops(self, keys, stop_here)
+        self._admitted: dict[bytes, bytes] = {}
+        """Certificates that were given of late, by request."""
+        self.refused = Counter[str]()
+        """What was refused, by reason."""
+        self._looked = self._hinted = 0.0
+        self._ticking: asyncio.Task[None] | None = None
+        self._leaving = False
+
+    async def open(self) -> None:
+        """Begin: join both networks.
+
+        Raises:
+            NotAMember: the own certificate is not good any more.
+        """
+        self._keys.certificate(self._wall())
+        await self.transport.serve(self.address.key, self._stops.dispatcher.take)
+        await self.transport.announce(self.address.key)
+        self.transport.presence.watch("**", self._changed)
+        self._pipe.subscribe(self._topics.to(self._keys.name), self._on_pipe)
+        self._pipe.subscribe(self._topics.here, self._on_pipe)
+        if self._keys.is_authority:
+            self._pipe.subscribe(self._topics.authority("*", "*"), self._on_pipe)
+        self._pipe.hint(self._hint)
+        self._ticking = asyncio.create_task(self._tick_for_ever(), name="gateway")
+
+    async def close(self) -> None:
+        """Leave both. Twice is once."""
+        ticking, self._ticking = self._ticking, None
+        if ticking is not None:
+            ticking.cancel()
+            await asyncio.gather(ticking, return_exceptions=True)
+            for site in self.sites.values():
+                self._end_session(site, "this gateway ends")
+            await self._loop.run_in_executor(None, self._pipe.close)
+
+    # -- for the stop -----------------------------------------------------------------------------
+
+    def send(self, site: Site, frame: SiteFrame, lane: Lane, *, until: float = float("inf")) -> bool:
+        """Send a frame to a site; returns whether there is a session with it."""
+        stream = site.stream
+        if stream is None:
+            return False
+        try:
+            stream.put(lane, encode_frame(frame), until=until)
+        except Full:
+            self._end_session(site, "it reads nothing")
+            return False
+        self._flush_soon()
+        return True
+
+    def now(self) -> float:
+        """[s] on this machine's monotonic clock."""
+        return self._loop.time()
+
+    def reason(self) -> str:
+        """Return why no site can be reached, as a clause; empty: the hub answers."""
+        state = self._pipe.state()
+        return "" if state.up else f"the hub {state.where} is not reached: {state.reason}"
+
+    # -- the local side ---------------------------------------------------------------------------
+
+    def _changed(self, key: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
+        if key in self._where or key.startswith("gateway/") or there == (key in self.local):
+            return
+        (self.local.add if there else self.local.discard)(key)
+        for site in self.sites.values():
+            self.send(site, OneNews(Announced.PRESENT, key, there), Lane.URGENT)
+
+    def _see_wanted(self) -> None:
+        wanted = self._mesh.wanted()
+        for pattern in wanted ^ self._wanted:
+            for site in self.sites.values():
+                self.send(site, OneNews(Announced.WANTED, pattern, pattern in wanted), Lane.URGENT)
+        self._wanted = wanted
+
+    def _take(  # an `TakeFrame`
+        self,
+        key: str,
+        body: bytes,
+        sender: Credentials,
+        urgent: bool,  # noqa: FBT001
+        respond: Respond,
+        end: End,
+    ) -> None:
+        action = partial(self._pass_on, key, body, sender, urgent=urgent, respond=respond, end=end)
+        if not self._turns.put(action, urgent=urgent):
+            end(None)
+
+    def _pass_on(
+        self, key: str, body: bytes, sender: Credentials, *, urgent: bool, respond: Respond, end: End
+    ) -> None:
+        """Pass a request on to the site of its key."""
+        site, now, found = self._where.get(key), self.now(), leaving(body, self.now())
+        if site is None or site.stream is None or found is None:
+            end(None)
+            return
+        if found.void_at and not site.linked(now):
+            reason = self.reason() or "its gateway is not heard"
+            error = SiteSilent(site=site.name, seconds=site.silence(now), reason=reason)
+            end(encode(Raised.of(error)))
+            return
+        number = next(self._numbers)
+        site.exchanges[number] = SiteExchange(key, respond, end, found.void_at)
+        ask = SiteAsk(number, key, body, urgent, now, found.age, user_name(sender.user), sender.process)
+        lane = Lane.URGENT if urgent else Lane.NORMAL
+        self.send(site, ask, lane, until=found.void_at or float("inf"))
+
+    def _hear(self, site: Site, key: str, body: bytes) -> None:
+        if site.stream is not None and _agent(key) in self.local:
+            site.stream.publish(key, encode_frame(SiteSample(key, body)))
+            self._flush_soon()
+
+    # -- the other sites --------------------------------------------------------------------------
+
+    def _on_pipe(self, topic: str, body: bytes) -> None:
+        """In a thread of the pipe."""
+        self._turns.put(partial(self._take_message, topic, body), urgent=True)
+
+    def _hint(self) -> None:
+        """In a thread of the pipe: somebody may have arrived."""
+        self._turns.put(self._greet_all, urgent=True)
+
+    def _take_message(self, topic: str, body: bytes) -> None:
+        try:
+            if topic == self._topics.here:
+                self._take_hint(body)
+            elif topic != self._topics.to(self._keys.name):
+                self._answer_as_authority(topic, body)
+            elif body[:1] == SEALED:
+                self._take_sealed(body[1:])
+            elif body[:1] == GREETING:
+                self._take_greeting(body[1:])
+        except VrError as error:
+            self.refused[str(error)[:200] if len(self.refused) < 1000 else "others"] += 1
+            if self.refused.total() < 100 or self.refused.total() % 1000 == 0:
+                _log.warning("refused: %s", error)
+
+    def _take_sealed(self, packet: bytes) -> None:
+        site = self._sessions.get(packet[:ID_SIZE])
+        if site is None or site.stream is None:
+            return
+        silent = not site.linked(self.now())
+        body = site.stream.receive(packet, self.now())
+        if silent and site.linked(self.now()):
+            _log.info("site %s is heard again", site.name)
+        if body is not None and (frame := decode_frame(body)) is not None:
+            self._take_frame(site, frame)
+        self._flush_soon()
+
+    def _take_frame(self, site: Site, frame: SiteFrame) -> None:
+        match frame:
+            case AllNews() | OneNews():
+                self._take_news(site, frame)
+            case SiteAsk():
+                self._take_ask(site, frame)
+            case SiteReply() | SiteEnd():
+                self._take_answer(site, frame)
+            case SiteSample():
+                if _agent(frame.key) in site.keys:
+                    self._mesh.publish(frame.key, frame.body)
+            case Revoked():
+                if self._keys.take_revocations(frame.packed):
+                    self._spread()
+            case StopSite():
+                self._stops.carry_out(site, frame)
+            case SiteStopped():
+                self._stops.take_answer(site, frame)
+
+    def _take_news(self, site: Site, news: AllNews | OneNews) -> None:
+        if isinstance(news, AllNews):
+            self._take_all(site, news)
+        elif news.topic is Announced.PRESENT:
+            (self._learn if news.there else self._forget)(site, news.key)
+        else:
+            (self._want if news.there else self._unwant)(site, news.key)
+
+    def _take_answer(self, site: Site, answer: SiteReply | SiteEnd) -> None:
+        exchange = site.exchanges.get(answer.number)
+        if exchange is None:
+            return
+        if isinstance(answer, SiteReply):
+            exchange.void_at = 0.0
+            exchange.respond(answer.body)
+        else:
+            del site.exchanges[answer.number]
+            exchange.end(None)
+
+    def _take_all(self, site: Site, news: AllNews) -> None:
+        site.fresh.update(news.keys)
+        for key in news.keys:
+            self._learn(site, key)
+        for pattern in news.patterns:
+            self._want(site, pattern)
+        if not news.more:
+            for key in site.keys - site.fresh:
+                self._forget(site, key)
+            site.fresh.clear()
+
+    def _learn(self, site: Site, key: str) -> None:
+        if key in self._where or key in self.local or key.startswith("gateway/"):
+            return
+        try:
+            self._mesh.serve(key, partial(self._take, key))
+            self._where[key] = site  # before it is announced: what is remote is never told as local
+            self._mesh.announce(key)
+        except (TooManyKeys, ValueError) as error:
+            self._where.pop(key, None)
+            self._mesh.end_serving(key)
+            _log.warning("%s", error)
+            return
+        site.keys.add(key)
+        for since, ask in list(site.early):
+            if sender_of(ask.body) == key:
+                site.early.remove((since, ask))
+                self._ask_here(site, ask, known=True)
+
+    def _forget(self, site: Site, key: str) -> None:
+        if key in site.keys:
+            site.keys.discard(key)
+            self._mesh.withdraw(key)
+            self._mesh.end_serving(key)
+            self._turns.put(partial(self._where.pop, key, None))  # behind the news that it has gone
+
+    def _want(self, site: Site, pattern: str) -> None:
+        if pattern not in site.patterns:
+            hand_over = partial(self._hear, site)
+
+            def on_sample(key: str, body: bytes) -> None:
+                self._turns.put(partial(hand_over, key, body))
+
+            number = self._mesh.subscribe(pattern, on_sample)
+            site.patterns[pattern] = partial(self._mesh.unsubscribe, number)
+
+    def _unwant(self, site: Site, pattern: str) -> None:
+        if (end := site.patterns.pop(pattern, None)) is not None:
+            end()
+
+    # -- requests from other sites ----------------------------------------------------------------
+
+    def _take_ask(self, site: Site, ask: SiteAsk) -> None:
+        sender = sender_of(ask.body)
+        if sender and sender not in site.keys:
+            site.early.append((self.now(), ask))  # the news of its presence may be on the way
+        else:
+            self._ask_here(site, ask, known=bool(sender))
+
+    def _ask_here(self, site: Site, ask: SiteAsk, *, known: bool) -> None:
+        """Ask an agent of this machine, in the name of who asked on another one."""
+        assert site.stream is not None  # noqa: S101 # it came by it
+        assert site.member is not None  # noqa: S101 # it has proved who it is
+        stream, member, now = site.stream, site.member, self.now()
+        age = ask.age + stream.delay(ask.sent, now)
+        user = member.name if member.kind == "person" else ask.user
+        found = arrived(ask.body, age, Voucher(member.name, user, ask.process), now, known=known)
+        large = False
+
+        def reply(body: bytes | None) -> None:
+            nonlocal large
+            if site.stream is not stream:
+                return  # who asked has been told that nothing comes any more
+            large = large or (body is not None and len(body) > PIECE)
+            lane = Lane.BULK if large else Lane.URGENT if ask.urgent else Lane.NORMAL
+            frame = SiteEnd(ask.number) if body is None else SiteReply(ask.number, body)
+            self.send(site, frame, lane)
+
+        if found is None or ask.key not in self.local:
+            reply(None)
+        elif found.expired:
+            reply(encode(Raised.of(NoAnswer(key=ask.key, seconds=age))))
+            reply(None)
+        else:
+
+            def on_reply(body: bytes | None) -> None:
+                self._turns.put(partial(reply, body), urgent=ask.urgent)
+
+            self._mesh.ask(ask.key, found.body, void_at=found.void_at, urgent=ask.urgent, on_reply=on_reply)
+
+    # -- who is there -----------------------------------------------------------------------------
+
+    def _take_hint(self, body: bytes) -> None:
+        """Somebody says that a gateway is there; nobody vouches for it."""
+        name = body[:64].decode(errors="replace")
+        if name == self._keys.name or Address.parse(f"gateway/{name}/x") is None:
+            return
+        site = self.sites.get(name)
+        if site is None and sum(one.member is None for one in self.sites.values()) < MOST_STRANGERS:
+            site = self.sites[name] = Site(name)
+        if site is not None and site.stream is None and self.now() - site.tried > GREET:
+            site.tries = 0
+            self._greet(site)
+
+    def _greet_all(self) -> None:
+        self._pipe.publish(self._topics.here, self._keys.name.encode())
+        for site in self.sites.values():
+            site.tries = 0
+            self._greet(site)
+
+    def _greet(self, site: Site) -> None:
+        """Begin a handshake, if it is on this side to begin."""
+        if self._keys.name < site.name:
+            site.tried, site.tries = self.now(), site.tries + 1
+            session = b"" if site.stream is None else site.stream.session
+            self._say(site.name, self._handshakes.greet(site.name, self.now(), session))
+
+    def _take_greeting(self, packed: bytes) -> None:
+        step = self._handshakes.take(packed, now=self.now(), wall=self._wall(), knows=self._knows)
+        established = step.established
+        if step.answer:
+            self._say(step.to, step.answer)
+        if established is not None:
+            self._begin(established.member, Stream(established.sealing, self.now()))
+
+    def _knows(self, name: str, session: bytes) -> bool:
+        site = self._sessions.get(session)
+        return site is not None and site.name == name and site.stream is not None
+
+    def _say(self, name: str, packed: bytes) -> None:
+        self._pipe.publish(self._topics.to(name), GREETING + packed)
+
+    def _begin(self, member: Certificate, stream: Stream) -> None:
+        """A member has proved who it is: tell it all."""
+        site = self.sites.setdefault(member.name, Site(member.name))
+        if site.stream is not None:
+            self._end_session(site, "its gateway was started again", hide=False)
+        site.member, site.stream, site.tries = member, stream, 0
+        site.fresh.clear()
+        self._sessions[stream.session] = site
+        self._keys.remember(member)
+        _log.warning("site %s is linked", site.name)
+        local, patterns = sorted(self.local), sorted(self._wanted)
+        for begin in range(0, max(len(local), 1), KEYS_AT_ONCE):
+            keys, rest = local[begin : begin + KEYS_AT_ONCE], patterns if not begin else []
+            self.send(site, AllNews(keys, rest, begin + KEYS_AT_ONCE < len(local)), Lane.URGENT)
+        if self._keys.trust.packed:
+            self.send(site, Revoked(self._keys.trust.packed), Lane.URGENT)
+
+    def _end_session(self, site: Site, why: str, *, hide: bool = True) -> None:
+        stream, site.stream = site.stream, None
+        if stream is None:
+            return
+        _log.warning("site %s: %s", site.name, why)
+        self._sessions.pop(stream.session, None)
+        exchanges, site.exchanges = site.exchanges, {}
+        now = self.now()
+        for exchange in exchanges.values():
+            if exchange.void_at > now:  # it may be begun there until then
+                self._loop.call_later(exchange.void_at + stream.round_trip - now, exchange.end, None)
+            else:
+                exchange.end(None)
+        site.early.clear()
+        for pattern in list(site.patterns):
+            self._unwant(site, pattern)
+        if hide:
+            for key in list(site.keys):
+                self._forget(site, key)
+        self._stops.lost(site)
+
+    # -- the authority ----------------------------------------------------------------------------
+
+    def _answer_as_authority(self, topic: str, body: bytes) -> None:
+        *_, about, number = topic.split("/")
+        try:
+            if about == "join":
+                answer = GRANTED + self._granted(number, body)
+            else:
+                answer = GRANTED + self._keys.renew(body, self._wall())
+        except VrError as error:
+            answer = encode(Raised.of(error))
+            self.refused[str(error)[:200]] += 1
+        self._pipe.publish(self._topics.answer(about, number), answer)
+
+    def _granted(self, number: str, body: bytes) -> bytes:
+        """Admit a member once; who asks again because the answer was lost gets the same."""
+        known = self._admitted.get(body)
+        if known is None:
+            known = self._keys.admit(body, self._wall())
+            while len(self._admitted) >= MOST_STRANGERS:
+                del self._admitted[next(iter(self._admitted))]
+            self._admitted[body] = known
+            _log.warning("a member has joined with invitation %s", number)
+        return known
+
+    # -- time -------------------------------------------------------------------------------------
+
+    def _flush_soon(self) -> None:
+        """Have what waits sent after what is done now."""
+        if not self._leaving:
+            self._leaving = True
+            self._loop.call_soon(self._flush)
+
+    def _flush(self) -> None:
+        self._leaving, now = False, self.now()
+        for site in self.sites.values():
+            if site.stream is not None:
+                topic = self._topics.to(site.name)
+                for packet in site.stream.take(now):
+                    self._pipe.publish(topic, SEALED + packet)
+
+    async def _tick_for_ever(self) -> None:
+        while True:
+            try:
+                self._tick()
+            except Exception:  # noqa: BLE001 # one site's fault is not the others'
+                _log.exception("a look at the sites failed")
+            await asyncio.sleep(TICK)
+
+    def _tick(self) -> None:
+        now = self.now()
+        self._see_wanted()
+        for site in list(self.sites.values()):
+            self._look_at(site, now)
+        if now - self._hinted > HERE:
+            self._hinted = now
+            self._pipe.publish(self._topics.here, self._keys.name.encode())
+        if now - self._looked > LOOK:
+            self._looked = now
+            with suppress(NotAMember):
+                before = self._keys.trust.revocations.number
+                if self._keys.take_revocations() or self._keys.trust.revocations.number > before:
+                    self._spread()
+        self._flush()
+
+    def _look_at(self, site: Site, now: float) -> None:
+        while site.early and now - site.early[0][0] > ARRIVAL:
+            self._ask_here(site, site.early.popleft()[1], known=False)
+        if site.stream is not None and site.stream.silence(now) > GONE:
+            self._end_session(site, f"it was silent for {GONE:g} s")
+        if site.member is not None and site.stream is not None:
+            try:
+                self._keys.trust.check(site.member, self._wall())
+            except NotAMember as error:
+                self._end_session(site, str(error))
+        if not site.linked(now) and now - site.tried > min(GREET * 2 ** min(site.tries, 8), GREET_SELDOM):
+            self._greet(site)
+
+    def _spread(self) -> None:
+        """A newer list of revoked certificates is believed: end what it ends, and hand it on."""
+        for site in list(self.sites.values()):
+            if site.member is not None and site.member.serial in self._keys.trust.revocations.serials:
+                self._end_session(site, "its certificate was revoked")
+            self.send(site, Revoked(self._keys.trust.packed), Lane.URGENT)
+
+
+def _agent(key: str) -> str:
+    """Return the key of the agent that publishes under a key."""
+    return "/".join(key.split("/", 3)[:3])

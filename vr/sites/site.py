@@ -1,0 +1,64 @@
+"""One other site, as the gateway of this machine knows it: linked, silent, or gone. On the event loop.
+
+A site that is not heard is *silent* first, and not dead: its keys stay, so nobody loses a parent or a child
+by a short cut, and bonds end with their leases. New requests to it are refused at once. Only after `GONE`
+seconds it is taken from the lists. The session stays until then, and with it all that is under way.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+from robotree.vr.base.transport import End, Respond
+from robotree.vr.sites.certificates import Certificate
+from robotree.vr.sites.frames import SiteAsk
+from robotree.vr.sites.stream import Stream
+
+SILENT = 1.6
+"""[s] without a sign of life after which a site is silent: it has missed three beats."""
+
+GONE = 6.0
+"""[s] without one after which its session ends, and it is in no list: longer than a lease."""
+
+ARRIVAL = 1.0
+"""[s] for which a request waits for the news that its asker is present."""
+
+
+class SiteExchange:
+    """A request to the site that it has yet to answer."""
+
+    __slots__ = ("end", "key", "respond", "void_at")
+
+    def __init__(self, key: str, respond: Respond, end: End, void_at: float) -> None:
+        self.key, self.respond, self.end, self.void_at = key, respond, end, void_at
+
+
+class Site:
+    """See the module."""
+
+    def __init__(self, name: str) -> None:
+        """Begin: it has not been heard."""
+        self.name = name
+        self.member: Certificate | None = None
+        """Who it is, proved; None: it has not been heard since this gateway began."""
+        self.stream: Stream | None = None
+        self.keys = set[str]()
+        """Under which its agents are present; announced here."""
+        self.fresh = set[str]()
+        """Of these: what it has said since the session began, while it goes on to say."""
+        self.patterns: dict[str, Callable[[], None]] = {}
+        """What it wants to hear, and how to hear it for it no longer."""
+        self.exchanges: dict[int, SiteExchange] = {}
+        self.early: deque[tuple[float, SiteAsk]] = deque()
+        """Requests whose asker is not known to be present yet, and when they came [s]."""
+        self.tried, self.tries = float("-inf"), 0
+        """[s] When this side greeted it last, and how often since it was heard."""
+
+    def linked(self, now: float) -> bool:
+        """Whether it is heard [now in s]."""
+        return self.stream is not None and self.stream.silence(now) < SILENT
+
+    def silence(self, now: float) -> float:
+        """Return for how long it was not heard [s]."""
+        return GONE if self.stream is None else self.stream.silence(now)
