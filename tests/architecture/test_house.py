@@ -32,7 +32,7 @@ WHERE_EXTRAS_ARE_USED = {
     "tui": ("tui/screen/", "tui/seen/cells.py"),
     "scripts": ("vr/scripts/",),
     "wire": ("protocol/dialect/", "protocol/tools/"),
-    "machines": ("vr/sites/", "tui/sites/"),
+    "machines": ("vr/sites/",),
     "postgres": ("vr/space/postgres.py",),
     "testing": ("vr/world/", "testing/"),
 }

@@ -17,11 +17,13 @@ from robotree.tui.line.grammar import Line
 from robotree.tui.line.shell import Console
 from robotree.tui.line.verbs import Outcome, stopped
 from robotree.tui.processes.realm import nothing_to_ask, visited
+from robotree.tui.processes.state_files import KEYS, state_home
 from robotree.tui.terminal import complain, error_data, note
 from robotree.vr.base.chance import token
 from robotree.vr.base.envelope import sitting_at, this_terminal
 from robotree.vr.base.errors import NoSuchRobot, RealmUnusable, VrError
 from robotree.vr.network.realms import all_realms, inhabited, realm_folder
+from robotree.vr.supervision.stop import StopScope
 from robotree.vr.supervision.stop_in_turn import stop_in_turn
 
 Answer = Sequence[str] | VrError | None
@@ -73,9 +75,12 @@ async def _stop_all(
     async def stop_one(folder: Path) -> None:
         async with visited(folder) as realm_client:
             try:
-                inhabited = realm_client.inhabited()
+                sites = _sites(folder)
+                inhabited = realm_client.inhabited() or (sites and name is None)
                 answers[folder] = (
-                    await realm_client.stop(name, on_late=console.warn, order=order) if inhabited else None
+                    await realm_client.stop(name, on_late=console.warn, order=order, scope=StopScope(sites))
+                    if inhabited
+                    else None
                 )
             except VrError as error:
                 answers[folder] = error
@@ -114,6 +119,13 @@ def _report_all(answers: dict[Path, Answer], console: Console) -> int:
             lines.append(f"realm {folder.name}: {done.text}")
     console.outcome(Outcome({"realms": data}, "\n".join(lines)))
     return code
+
+
+def _sites(folder: Path) -> Sequence[str]:
+    """Return the other sites of a realm that has keys on this machine."""
+    from robotree.vr.sites.known import names_of_sites
+
+    return names_of_sites(state_home() / folder.name / KEYS)
 
 
 def _reason(error: BaseException) -> str:

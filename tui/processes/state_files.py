@@ -19,6 +19,9 @@ DEMOS = "demos"
 NOWHERE = "none"
 """What is given instead of a file when nothing shall be kept."""
 
+KEYS = "keys"
+"""Folder of the keys of a realm of several machines, in that of the realm."""
+
 CONTROLLERS = "controllers"
 """Folder of what simulated controllers keep, beside those of the realms: a controller belongs to none."""
 

@@ -11,16 +11,13 @@ from typing import Any
 from robotree.tui import exit_codes
 from robotree.tui.errors import NoPlaceForState, ValueRefused
 from robotree.tui.line.grammar import Line
-from robotree.tui.processes.state_files import state_file, state_home
+from robotree.tui.processes.state_files import KEYS, state_file, state_home
 from robotree.tui.terminal import answer
 from robotree.vr.sites.certificates import DAY, MemberKind, fingerprint
 from robotree.vr.sites.hub import hub_of
 from robotree.vr.sites.invitations import Hub, read_token, token_of
 from robotree.vr.sites.joining import ask_authority
 from robotree.vr.sites.keys import DAYS, RealmKeys, create
-
-KEYS = "keys"
-"""Folder of the keys, in that of the realm's state."""
 
 
 def start(line: Line, realm: str) -> int:

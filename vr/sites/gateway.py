@@ -104,6 +104,9 @@ class Gateway:
             keys: of the realm.
             stop_here: stops the robots of this machine.
             wall: [s since 1970], for certificates.
+
+        Raises:
+            NotAMember: the own certificate is not good any more.
         """
         self.transport, self._mesh, self._pipe, self._keys = transport, transport.mesh, pipe, keys
         self._wall, self._loop = wall, asyncio.get_running_loop()
@@ -119,6 +122,7 @@ class Gateway:
         """Keys that are present here and of this machine."""
         self._wanted = set[str]()
         self._numbers = itertools.count(1)
+        self._own = keys.trust.certificate(keys.own.certificate, wall())
         self._stops = SiteStops(self, keys, stop_here)
         self._admitted: dict[bytes, bytes] = {}
         """Certificates that were given of late, by request."""
@@ -129,12 +133,7 @@ class Gateway:
         self._leaving = False
 
     async def open(self) -> None:
-        """Begin: join both networks.
-
-        Raises:
-            NotAMember: the own certificate is not good any more.
-        """
-        self._keys.certificate(self._wall())
+        """Begin: join both networks."""
         await self.transport.serve(self.address.key, self._stops.dispatcher.take)
         await self.transport.announce(self.address.key)
         self.transport.presence.watch("**", self._changed)
@@ -253,9 +252,10 @@ class Gateway:
             elif body[:1] == GREETING:
                 self._take_greeting(body[1:])
         except VrError as error:
-            self.refused[str(error)[:200] if len(self.refused) < 1000 else "others"] += 1
-            if self.refused.total() < 100 or self.refused.total() % 1000 == 0:
-                _log.warning("refused: %s", error)
+            text = str(error) if len(self.refused) < MOST_STRANGERS else "others"
+            self.refused[text] += 1
+            if self.refused[text] in {1, 10} or self.refused[text] % 1000 == 0:
+                _log.warning("refused %d times: %s", self.refused[text], error)
 
     def _take_sealed(self, packet: bytes) -> None:
         site = self._sessions.get(packet[:ID_SIZE])
@@ -528,6 +528,7 @@ class Gateway:
 
     def _tick(self) -> None:
         now = self.now()
+        self._check_itself()
         self._see_wanted()
         for site in list(self.sites.values()):
             self._look_at(site, now)
@@ -541,6 +542,16 @@ class Gateway:
                 if self._keys.take_revocations() or self._keys.trust.revocations.number > before:
                     self._spread()
         self._flush()
+
+    def _check_itself(self) -> None:
+        """End all sessions when the own certificate is not good any more; say so once."""
+        try:
+            self._keys.trust.check(self._own, self._wall())
+        except NotAMember as error:
+            if any(site.stream is not None for site in self.sites.values()):
+                _log.warning("this machine is out of the realm: %s", error)
+            for site in self.sites.values():
+                self._end_session(site, "this machine is out of the realm")
 
     def _look_at(self, site: Site, now: float) -> None:
         while site.early and now - site.early[0][0] > ARRIVAL:
@@ -556,11 +567,13 @@ class Gateway:
             self._greet(site)
 
     def _spread(self) -> None:
-        """A newer list of revoked certificates is believed: end what it ends, and hand it on."""
-        for site in list(self.sites.values()):
+        """A newer list of revoked certificates is believed: hand it on, and end what it ends."""
+        for site in self.sites.values():
+            self.send(site, Revoked(self._keys.trust.packed), Lane.URGENT)
+        self._flush()
+        for site in self.sites.values():
             if site.member is not None and site.member.serial in self._keys.trust.revocations.serials:
                 self._end_session(site, "its certificate was revoked")
-            self.send(site, Revoked(self._keys.trust.packed), Lane.URGENT)
 
 
 def _agent(key: str) -> str:

@@ -47,6 +47,7 @@ from robotree.vr.sites.invitations import (
     key_of,
     number_of,
 )
+from robotree.vr.sites.known import FILE, KnownSite, read_sites
 
 DAYS = 90.0
 """For which a certificate is good, if nobody says otherwise."""
@@ -61,7 +62,7 @@ MOST_SITES = 1024
 """Sites that are remembered."""
 
 _REALM, _KEY, _CERTIFICATE, _REVOKED = "realm.json", "member.key", "certificate", "revocations"
-_SITES, _AUTHORITY, _MEMBERS = "sites.json", "authority.key", "members.json"
+_AUTHORITY, _MEMBERS = "authority.key", "members.json"
 
 T = TypeVar("T")
 
@@ -96,16 +97,6 @@ class _Members(msgspec.Struct, frozen=True):
 
     members: tuple[Member, ...] = ()
     invitations: dict[str, OpenInvitation] = {}
-
-
-class KnownSite(msgspec.Struct, frozen=True):
-    """A site that belongs to the realm, as this machine remembers it."""
-
-    name: str
-    kind: MemberKind
-    serial: int
-    ends: float
-    """[s since 1970] End of its last certificate."""
 
 
 class RealmKeys:
@@ -150,8 +141,8 @@ class RealmKeys:
             NotAMember: the authority has not signed it.
         """
         if packed:
-            if newer := self.trust.take_revocations(packed):
-                write(self.folder / _REVOKED, packed)
+            if newer := self._believe(packed):
+                self._forget_revoked()
             return newer
         with suppress(OSError, NotAMember):
             return self.trust.take_revocations(read(self.folder / _REVOKED, LONGEST))
@@ -161,7 +152,7 @@ class RealmKeys:
 
     def sites(self) -> Sequence[KnownSite]:
         """Return the other members that have been here and are not revoked, by name."""
-        found = _read(self.folder / _SITES, tuple[KnownSite, ...]) or ()
+        found = read_sites(self.folder)
         revoked = self.trust.revocations.serials
         return [site for site in found if site.serial not in revoked and site.name != self.name]
 
@@ -171,15 +162,16 @@ class RealmKeys:
         with self._alone():
             others = [one for one in self.sites() if one.name != site.name]
             if site not in self.sites() and len(others) < MOST_SITES:
-                write(self.folder / _SITES, _json(sorted([*others, site], key=lambda one: one.name)))
+                write(self.folder / FILE, _json(sorted([*others, site], key=lambda one: one.name)))
 
     def forget(self, name: str) -> bool:
         """Remember a site no longer; returns whether it was known."""
         with self._alone():
-            others = [one for one in self.sites() if one.name != name]
-            known = len(others) < len(self.sites())
+            before = read_sites(self.folder)
+            others = [one for one in before if one.name != name]
+            known = len(others) < len(before)
             if known:
-                write(self.folder / _SITES, _json(others))
+                write(self.folder / FILE, _json(others))
         return known
 
     # -- the authority ----------------------------------------------------------------------------
@@ -276,13 +268,15 @@ class RealmKeys:
                 raise NoSuchMember(realm=self.realm, name=name)
             if meant:
                 serials = tuple(one.serial for one in meant)
-                self.take_revocations(authority.revoke(self.trust.revocations, serials))
+                self._believe(authority.revoke(self.trust.revocations, serials))
             members = tuple(
                 msgspec.structs.replace(one, revoked=True) if one in meant else one for one in known.members
             )
             return _Members(members, rest), meant
 
-        return self._change(change)
+        ended = self._change(change)
+        self._forget_revoked()
+        return ended
 
     def renew(self, packed: bytes, now: float, days: float = DAYS) -> bytes:
         """Return a new certificate of a member, in place of one that is still good, for the same key.
@@ -316,6 +310,17 @@ class RealmKeys:
         return certificate
 
     # -- inside -----------------------------------------------------------------------------------
+
+    def _believe(self, packed: bytes) -> bool:
+        """Believe and keep a list of revoked certificates; returns whether it is newer."""
+        if newer := self.trust.take_revocations(packed):
+            write(self.folder / _REVOKED, packed)
+        return newer
+
+    def _forget_revoked(self) -> None:
+        for site in read_sites(self.folder):
+            if site.serial in self.trust.revocations.serials:
+                self.forget(site.name)
 
     def _authority(self) -> Authority:
         try:

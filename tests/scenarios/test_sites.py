@@ -1,0 +1,275 @@
+"""Two sites and a hub on one machine: what people see and command across them, and what a stop says."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotree.tui.exit_codes import DONE, NOBODY, REFUSED
+from tests.command_line import ROBOTREE
+
+pytestmark = [pytest.mark.e2e, pytest.mark.story]
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+LINKED = 8.0
+"""[s] for two gateways to find each other on a busy machine."""
+
+
+def free_port() -> int:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])
+
+
+class Machine:
+    """A machine: a user's folders of its own, and what runs there."""
+
+    def __init__(self, folder: Path, name: str) -> None:
+        self.name, self.running = name, dict[str, subprocess.Popen[str]]()
+        self.environment = {**os.environ, "ROBOTREE_REALM": "plant"}
+        for variable, part in (("XDG_RUNTIME_DIR", "run"), ("XDG_STATE_HOME", "state")):
+            path = folder / name / part
+            path.mkdir(mode=0o700, parents=True)
+            self.environment[variable] = str(path)
+
+    def start(self, called: str, *words: str) -> str:
+        """Start an agent; return what it says when it is ready."""
+        process = subprocess.Popen(
+            [*ROBOTREE, *words, "--tether"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env=self.environment,
+        )
+        self.running[called] = process
+        assert process.stdout
+        word, _, rest = process.stdout.readline().strip().partition(" ")
+        assert word == "ready", words
+        return rest
+
+    def end(self, called: str, sign: signal.Signals = signal.SIGTERM) -> None:
+        process = self.running.pop(called)
+        process.send_signal(sign)
+        assert process.stdin
+        assert process.stdout
+        process.wait(15)
+        process.stdin.close()
+        process.stdout.close()
+
+    def say(self, *words: str, code: int = DONE) -> Any:
+        """Say a line; return the plain data that it prints last."""
+        done = subprocess.run(
+            [*ROBOTREE, *words, "--json"],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=60,
+            env=self.environment,
+        )
+        assert done.returncode == code, (words, done.stdout, done.stderr)
+        return json.loads(done.stdout.strip().splitlines()[-1])
+
+    def until_listed(self, name: str, *, there: bool = True) -> None:
+        latest = time.monotonic() + LINKED
+        while True:
+            done = subprocess.run(
+                [*ROBOTREE, "ls", "--json"], capture_output=True, text=True, check=False, env=self.environment
+            )
+            if (f'"name": "{name}"' in done.stdout) == there:
+                return
+            assert time.monotonic() < latest, (name, done.stdout, done.stderr)
+            time.sleep(0.2)
+
+
+class Plant:
+    """A hub, and the sites lab, where the realm was made, and hall."""
+
+    def __init__(self, folder: Path) -> None:
+        self.hub, self.lab, self.hall, self.desk = (
+            Machine(folder, name) for name in ("hub", "lab", "hall", "desk")
+        )
+        self.port, self.token = free_port(), ""
+
+    @property
+    def machines(self) -> tuple[Machine, ...]:
+        return self.hub, self.lab, self.hall, self.desk
+
+    def start_hub(self) -> str:
+        return self.hub.start("hub", "hub", "--listen", f"tls:127.0.0.1:{self.port}")
+
+
+@pytest.fixture(scope="module")
+def plant() -> Iterator[Plant]:
+    with tempfile.TemporaryDirectory(prefix="rt-") as folder:
+        found = Plant(Path(folder))
+        try:
+            yield found
+        finally:
+            for machine in found.machines:
+                for called in list(machine.running):
+                    machine.end(called, signal.SIGKILL)
+
+
+def test_a_realm_is_made_and_joined_with_a_token_that_counts_once(plant: Plant) -> None:
+    address = plant.start_hub()
+    lab, hall = plant.lab, plant.hall
+    made = lab.say("realm", "create", "plant", "--hub", address, "--site", "lab")
+    folder = Path(made["folder"])
+    assert folder.stat().st_mode & 0o777 == 0o700
+    assert all(file.stat().st_mode & 0o077 == 0 for file in folder.iterdir())
+    again = lab.say("realm", "create", "plant", "--hub", address, "--site", "lab", code=REFUSED)
+    assert again["error"] == "KeysExist"
+    assert hall.say("gateway", code=REFUSED)["error"] == "NoKeys"
+    lab.start("gateway", "gateway")
+    token = lab.say("realm", "invite", "hall")["token"]
+    joined = hall.say("realm", "join", token)
+    assert (joined["name"], joined["kind"]) == ("hall", "site")
+    assert plant.desk.say("realm", "join", token, code=REFUSED)["error"] == "InvitationRefused"
+    assert hall.say("realm", "invite", "desk", code=REFUSED)["error"] == "NoAuthority"
+    assert [row["name"] for row in lab.say("realm", "members")] == ["lab", "hall"]
+    exported = json.dumps(lab.say("realm", "export"))
+    for secret in ("authority.key", "member.key"):
+        assert (folder / secret).read_bytes().hex() not in exported
+
+
+def test_each_sees_the_robots_of_the_other(plant: Plant) -> None:
+    lab, hall = plant.lab, plant.hall
+    hall.start("gateway", "gateway")
+    lab.start("lookup", "lookup", "lookup-lab")
+    hall.start("lookup", "lookup", "lookup-hall")
+    port = free_port()
+    hall.start("sim", "sim", "rover", "--listen", f"tcp:127.0.0.1:{port}", "--open")
+    hall.start("view", "view", "cell", "--connect", f"tcp:127.0.0.1:{port}", "--open")
+    hall.start("proxy", "proxy", "rover", "r1", "--connect", f"tcp:127.0.0.1:{port}", "--open")
+    lab.start("host", "host", "host-lab")
+    lab.until_listed("r1")
+    assert [row["name"] for row in hall.say("ls", "--hosts")] == ["host-lab"]
+
+
+def test_a_command_goes_there_and_the_log_there_names_who_asked(plant: Plant) -> None:
+    lab, hall = plant.lab, plant.hall
+    lab.say("call", "r1.move", "x=0.05", "y=0")
+    lines = json.dumps(hall.say("log", "r1"))
+    assert "@lab" in lines, lines
+
+
+def test_a_virtual_robot_here_commands_a_robot_there(plant: Plant) -> None:
+    lab, hall = plant.lab, plant.hall
+    lab.say("create", str(EXAMPLES / "move_square.py"), "as", "square")
+    lab.say("enslave", "square.rover", "r1")
+    lab.say("call", "square.move_square", "length=0.05m")
+    tree = json.dumps(hall.say("tree"))
+    assert "square" in tree
+    assert "r1" in tree
+
+
+def test_a_picture_and_a_watch_come_across(plant: Plant, tmp_path: Path) -> None:
+    lab, hall = plant.lab, plant.hall
+    lab.until_listed("r1", there=False)  # it is enslaved
+    picture = tmp_path / "cell.jpg"
+    lab.say("look", "cell", str(picture))
+    assert picture.read_bytes()[:2] == b"\xff\xd8"
+    watching = subprocess.Popen(
+        [*ROBOTREE, "watch", "square", "--json"], stdout=subprocess.PIPE, text=True, env=hall.environment
+    )
+    try:
+        assert watching.stdout
+        assert "square" in watching.stdout.readline()
+    finally:
+        watching.send_signal(signal.SIGINT)
+        watching.communicate(timeout=15)
+
+
+def test_a_stop_reaches_all_sites_and_says_which_robot_is_where(plant: Plant) -> None:
+    stopped = plant.lab.say("stop")
+    assert {"square", "hall:r1"} <= set(stopped["stopped"])
+    assert {"r1", "lab:square"} <= set(plant.hall.say("stop")["stopped"])
+    resumed(plant.lab)
+
+
+@pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGTERM])
+def test_a_stop_names_a_site_whose_gateway_is_dead(plant: Plant, sign: signal.Signals) -> None:
+    lab, hall = plant.lab, plant.hall
+    hall.end("gateway", sign)
+    said = lab.say("stop", code=NOBODY)
+    assert said["error"] == "NotConfirmed"
+    assert "site hall" in said["message"]
+    assert "not reached" in said["message"]
+    assert "kill" not in said["message"]
+    hall.start("gateway", "gateway")
+    lab.until_listed("square")
+    linked(lab, "r1")
+    resumed(lab)
+
+
+def resumed(machine: Machine) -> None:
+    """Resume as soon as nobody commands a robot any more whose bond the cut has ended: its lease is over."""
+    latest = time.monotonic() + 10
+    while (
+        subprocess.run(
+            [*ROBOTREE, "resume"], capture_output=True, check=False, env=machine.environment
+        ).returncode
+        != DONE
+    ):
+        assert time.monotonic() < latest
+        time.sleep(0.2)
+
+
+def linked(machine: Machine, robot: str) -> None:
+    latest = time.monotonic() + 2 * LINKED
+    while (
+        subprocess.run(
+            [*ROBOTREE, "show", robot], capture_output=True, check=False, env=machine.environment
+        ).returncode
+        != DONE
+    ):
+        assert time.monotonic() < latest
+        time.sleep(0.2)
+
+
+def test_a_stop_names_all_other_sites_where_the_own_gateway_is_dead(plant: Plant) -> None:
+    lab = plant.lab
+    lab.end("gateway", signal.SIGKILL)
+    said = lab.say("stop", code=NOBODY)
+    assert "site hall (not reached: no gateway runs on this machine)" in said["message"]
+    lab.start("gateway", "gateway")
+    linked(lab, "r1")
+    resumed(lab)
+
+
+def test_a_hub_that_dies_is_named_and_one_that_is_back_links_them_again(plant: Plant) -> None:
+    lab = plant.lab
+    plant.hub.end("hub", signal.SIGKILL)
+    time.sleep(3)
+    said = lab.say("stop", code=NOBODY)
+    assert "site hall" in said["message"]
+    assert "hub" in said["message"]
+    plant.start_hub()
+    linked(lab, "r1")
+    resumed(lab)
+
+
+def test_a_revoked_site_is_out_within_ten_seconds(plant: Plant) -> None:
+    lab, hall = plant.lab, plant.hall
+    lab.say("realm", "revoke", "hall")
+    revoked = time.monotonic()
+    while (
+        subprocess.run(
+            [*ROBOTREE, "show", "r1"], capture_output=True, check=False, env=lab.environment
+        ).returncode
+        == DONE
+    ):
+        assert time.monotonic() < revoked + 10
+    assert hall.say("realm", "members", code=REFUSED)["error"] == "NotAMember"
+    assert lab.say("stop")["stopped"] == ["square"], "it belongs to the realm no longer"
