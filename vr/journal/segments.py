@@ -19,12 +19,12 @@ import os
 import re
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
-from robotree.files import opened_own, private_folder
+from robotree.files import forks, opened_own, private_folder
 from robotree.vr.base.errors import DamagedJournal, JournalInUse, LostJournal
 
 HEAD = struct.Struct("<III")
@@ -92,7 +92,16 @@ class Disk(Protocol):
 
 
 class OSDisk:
-    """The production form of `Disk`."""
+    """The production form of `Disk`. A process that a page forks keeps none of its files, nor the lock."""
+
+    def __init__(self) -> None:
+        """Begin without open files."""
+        self._open: dict[int, None] = {}
+        forks.owns(self)
+
+    def in_child(self) -> Iterable[int]:
+        """See `forks.Owner`."""
+        return tuple(self._open)
 
     def names(self, folder: Path) -> list[str]:
         """See `Disk.names`."""
@@ -105,7 +114,12 @@ class OSDisk:
 
     def create(self, path: Path) -> int:
         """See `Disk.create`."""
-        return os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC, 0o600)
+        with forks.opening:
+            descriptor = os.open(
+                path, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC, 0o600
+            )
+            self._open[descriptor] = None
+        return descriptor
 
     def write(self, descriptor: int, data: bytes | bytearray) -> int:
         """See `Disk.write`."""
@@ -125,7 +139,9 @@ class OSDisk:
 
     def close(self, descriptor: int) -> None:
         """See `Disk.close`."""
-        os.close(descriptor)
+        with forks.opening:
+            self._open.pop(descriptor, None)
+            os.close(descriptor)
 
     def unlink(self, path: Path) -> None:
         """See `Disk.unlink`."""
@@ -134,11 +150,13 @@ class OSDisk:
     def lock(self, folder: Path) -> int:
         """See `Disk.lock`."""
         private_folder(folder)
-        descriptor = opened_own(folder / "lock", os.O_CREAT | os.O_RDWR)
+        with forks.opening:
+            descriptor = opened_own(folder / "lock", os.O_CREAT | os.O_RDWR)
+            self._open[descriptor] = None
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            os.close(descriptor)
+            self.close(descriptor)
             raise
         return descriptor
 

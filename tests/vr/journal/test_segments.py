@@ -5,6 +5,9 @@ from __future__ import annotations
 import os
 import random
 import re
+import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -160,3 +163,32 @@ def test_only_the_newest_file_stays_when_the_older_are_dropped(tmp_path: Path) -
     log.drop_older()
     log.close()
     assert read(tmp_path) == [b"two"]
+
+
+def test_a_process_that_a_page_has_forked_keeps_no_lock(tmp_path: Path) -> None:
+    """Its parent is killed, and the next host takes the folder while the child lives on."""
+    program = """
+import os, sys, time
+from pathlib import Path
+from robotree.vr.journal.segments import OSDisk, Segments
+segments = Segments(Path(sys.argv[1]), OSDisk())
+segments.begin()
+if os.fork() == 0:
+    print(os.getpid(), flush=True)
+    time.sleep(30)
+    os._exit(0)
+time.sleep(30)
+"""
+    words = [sys.executable, "-c", program, str(tmp_path)]
+    with subprocess.Popen(words, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        child = int(process.stdout.readline())
+        try:
+            with pytest.raises(JournalInUse):
+                Segments(tmp_path, OSDisk())
+            process.kill()
+            process.wait()
+            assert Path(f"/proc/{child}/comm").exists(), "the child lives"
+            Segments(tmp_path, OSDisk()).close()
+        finally:
+            os.kill(child, signal.SIGKILL)
