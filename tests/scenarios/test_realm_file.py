@@ -210,24 +210,79 @@ async def test_what_died_with_its_host_comes_back_and_nothing_else_is_touched(sm
     async with joined(REALM) as realm_client:
         kept = (await realm_client.describe("team")).address
         await realm_client.create(str(small.folder / "team.py"), "stranger", host="host-2")
-    host = small.process_of("host-1")
-    handle = os.pidfd_open(host)
-    os.kill(host, signal.SIGKILL)
-    over = asyncio.Event()
-    asyncio.get_running_loop().add_reader(handle, over.set)
-    await over.wait()
-    asyncio.get_running_loop().remove_reader(handle)
-    os.close(handle)
+    await killed(small.process_of("host-1"))
     code, done, complaints = await small.apply("small.yaml")
     assert code == exit_codes.DONE, complaints
     assert [step["line"].split()[0] for step in done["steps"]][:3] == ["host", "create", "create"]
-    assert {step["reason"] for step in done["steps"][1:]} == {"its host has kept it"}
+    assert {step["reason"] for step in done["steps"][1:]} == {"host-1 has brought it back"}
     assert done["left"] == ["stranger is not in the file"]
     after = await small.shape()
     assert after.pop("stranger")
     assert after == before
     async with joined(REALM) as realm_client:
         assert (await realm_client.describe("team")).address == kept
+
+
+ARM = """
+controllers:
+  table: {kind: arm, listen: "tcp:127.0.0.1:0"}
+hosts: [host-1]
+proxies:
+  arm-1: {kind: arm, controller: table}
+robots:
+  mover: {page: mover.py, host: host-1, slots: {arm: arm-1}}
+"""
+MOVER = """
+import os, time
+from robotree.vr import Child, VirtualRobot, command
+
+class Mover(VirtualRobot):
+    arm = Child("Arm")
+
+    @command
+    def wave(self, rounds: int, forks: bool) -> int:
+        if forks and os.fork() == 0:
+            time.sleep(20)
+            os._exit(0)
+        for n in range(rounds):
+            self.arm.go_to(x=0.4, y=0.04 * (n % 2), z=0.4, twist=0.0, speed=0.05)
+        return rounds
+"""
+
+
+async def killed(pid: int) -> None:
+    """Kill a process that is no child of ours, and wait until it has ended."""
+    handle, over = os.pidfd_open(pid), asyncio.Event()
+    asyncio.get_running_loop().add_reader(handle, over.set)
+    os.kill(pid, signal.SIGKILL)
+    await over.wait()
+    asyncio.get_running_loop().remove_reader(handle)
+    os.close(handle)
+
+
+@pytest.mark.parametrize("forks", ["no", "yes"])
+async def test_a_command_of_a_proxied_arm_goes_on_after_its_host_was_killed(cell: Place, forks: str) -> None:
+    """The file is applied three times, each time after a kill; what the page has forked lives on."""
+    cell.write("mover.py", MOVER)
+    cell.write("arm.yaml", ARM)
+    code, _, complaints = await cell.apply("arm.yaml")
+    assert code == exit_codes.DONE, complaints
+    saved = cell.folder / "saved.yaml"
+    await cell.line("save", str(saved))
+    words = ("call", "mover.wave", "rounds=6", f"forks={forks}", "--within", "60 s", "--json")
+    call = asyncio.ensure_future(cell.line(*words))
+    async with joined(REALM) as realm_client:
+        for _ in range(3):
+            while (await realm_client.describe("arm-1")).busy != "go_to":  # noqa: ASYNC110 # a table
+                await asyncio.sleep(0.02)
+            await killed(cell.process_of("host-1"))
+            code, done, complaints = await cell.apply("saved.yaml")
+            assert code == exit_codes.DONE, complaints
+            assert {step["sign"] for step in done["steps"]} == {"+"}, "the arm waits: nobody releases it"
+            assert {step["reason"] for step in done["steps"][1:]} == {"host-1 has brought it back"}
+    code, answer, complaints = await call
+    assert code == exit_codes.DONE, complaints
+    assert json.loads(answer) == 6
 
 
 async def test_what_is_not_in_the_file_ends_only_when_it_is_said_twice(small: Place) -> None:

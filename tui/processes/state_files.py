@@ -103,6 +103,11 @@ def journal_folder(realm: str, host: str) -> Path | None:
     return path / host
 
 
+def kept_hosts(realm: str) -> frozenset[str]:
+    """Return the names of the hosts whose robots are kept; looking makes nothing."""
+    return frozenset(path.parent.name for path in (state_home() / realm / "hosts").glob("*/*.log"))
+
+
 def history_folder(realm: str, robot: str) -> Path | None:
     """Return the folder in which a proxy keeps what its robot did; None: it cannot be made."""
     path = state_file(realm, "robots")

@@ -109,7 +109,9 @@ async def bring_about(
         await agree(structs.replace(then, steps=new, left=()))
     for step in first.steps:
         if step.id not in hosts and step.text not in still:
-            done.append(Done(step, "done", "its host has kept it"))
+            free = "it is free already"
+            reason = free if step.sign == "-" else f"{step.keeper or 'a host'} has brought it back"
+            done.append(Done(step, "done", reason))
             report(done[-1])
     rest = [step for step in then.steps if step.id not in hosts]
     done += await _Work(rest, wanted, realm_client, starter, report, done).carry_out()

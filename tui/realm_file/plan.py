@@ -52,6 +52,14 @@ class Step(msgspec.Struct, frozen=True, kw_only=True):
     """A process to start."""
     process: int = 0
     """Id of a process to end."""
+    keeper: str = ""
+    """Name of a host that is about to start, and may have kept this: then nothing is to be done."""
+
+    @property
+    def described(self) -> str:
+        """The line with its sign, and in which case it is left out."""
+        unless = f"   (unless {self.keeper} brings it back)" if self.keeper else ""
+        return f"{self.sign} {self.text}{unless}"
 
 
 class Plan(msgspec.Struct, frozen=True, kw_only=True):
@@ -101,6 +109,8 @@ class _Planner:
         self._names = names_in(wanted)
         self._free: set[str] = set()
         """Children that a step of this plan releases."""
+        self._starting: list[str] = []
+        """Hosts that are started, and may have kept their robots."""
 
     def plan(self) -> Plan:
         self._strangers()
@@ -112,9 +122,18 @@ class _Planner:
             self._bonds(robot)
         return Plan(steps=tuple(self._steps), left=tuple(self._left), against=tuple(self._against))
 
-    def _verb(self, sign: Sign, name: str, line: Line, needs: Collection[str] = ()) -> None:
+    def _verb(self, sign: Sign, name: str, line: Line, needs: Collection[str] = (), keeper: str = "") -> None:
         text = form(line, self._shapes)
-        self._steps.append(Step(id=name, sign=sign, text=text, needs=frozenset(needs), line=line))
+        step = Step(id=name, sign=sign, text=text, needs=frozenset(needs), line=line, keeper=keeper)
+        self._steps.append(step)
+
+    def _keeper(self, name: str) -> str:
+        """Return the host that is about to start and may bring a robot back; empty: there is none."""
+        entry = next((robot for robot in self._wanted.robots if robot.name == name), None)
+        if entry is None or name in self._there.robots or name in self._there.silent:
+            return ""
+        homes = [entry.host.text] if entry.host else self._wanted.section("host")
+        return next((host for host in homes if host in self._starting), "")
 
     # -- what is not in the file -------------------------------------------------------------------
 
@@ -160,6 +179,8 @@ class _Planner:
         )
         needs = frozenset({f"{NAMELESS} {controller}"} if controller else ())
         text = " ".join(entry.words(self._wanted.folder, address))
+        if entry.verb == "host" and "forget" not in entry.facets and entry.name in self._there.keepers:
+            self._starting.append(entry.name)
         self._steps.append(Step(id=entry.id, sign="+", text=text, needs=needs, entry=entry))
 
     def _elsewhere(self, entry: ProcessEntry) -> bool:
@@ -219,7 +240,7 @@ class _Planner:
         if role and (robot is None or robot.attributes.get("role") != role):
             bonds = {f"{entry.name}.{slot}" for slot in entry.slots}
             line = Line("role", {"NAME": entry.name, "ROLE": page.role_file or role})
-            self._verb("~", f"role {entry.name}", line, {entry.id, *bonds})
+            self._verb("~", f"role {entry.name}", line, {entry.id, *bonds}, self._keeper(entry.name))
 
     def _create(self, entry: RobotEntry, page: Page) -> None:
         settings = tuple(f"{name}={word.text}" for name, word in entry.settings.items())
@@ -229,7 +250,8 @@ class _Planner:
             values["HOST"] = entry.host.text
         if settings:
             values["PARAMETER=VALUE"] = settings
-        self._verb("+", entry.id, Line("create", values), {f"host {name}" for name in hosts})
+        needs = {f"host {name}" for name in hosts}
+        self._verb("+", entry.id, Line("create", values), needs, self._keeper(entry.name))
 
     def _settings(self, entry: RobotEntry, robot: RobotDescription) -> None:
         spec = robot.command("set")
@@ -283,7 +305,9 @@ class _Planner:
             below = next((robot for robot in self._wanted.robots if robot.name == name), None)
             needs |= {f"{name}.{one}" for one in below.slots} if below else set()
         place, names = f"{entry.name}.{slot}", tuple(child.text for child in children)
-        self._verb("+", place, Line("enslave", {"PARENT.SLOT": place, "CHILD": names}), needs)
+        keepers = [self._keeper(name) for name in (entry.name, *names)]
+        keeper = next((host for host in keepers if host), "")
+        self._verb("+", place, Line("enslave", {"PARENT.SLOT": place, "CHILD": names}), needs, keeper)
 
     def _above(self, name: str) -> list[str]:
         """Return who commands a robot now, from its parent up to the top."""
@@ -309,7 +333,10 @@ class _Planner:
         if other not in self._names:  # with `prune` it is deleted
             self._against.append(_stays(child.text, f"{other}.{slot}", f"{other} is not in the file"))
             return False
-        self._release(other, slot, child.text)
+        if not self._keeper(
+            other
+        ):  # else it waits for its parent, and what is to be done then is planned anew
+            self._release(other, slot, child.text)
         return True
 
     def _release(self, parent: str, slot: str, child: str) -> list[str]:

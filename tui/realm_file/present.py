@@ -14,6 +14,7 @@ from robotree.tui.errors import SupervisorError
 from robotree.tui.line import manual
 from robotree.tui.line.grammar import Line
 from robotree.tui.processes.programs import Program, programs
+from robotree.tui.processes.state_files import kept_hosts
 from robotree.tui.realm_file.content import SECTIONS
 from robotree.tui.realm_file.controllers import Controller
 from robotree.vr.base.errors import VrError
@@ -65,6 +66,8 @@ class Present(msgspec.Struct, frozen=True, kw_only=True):
     """Robots that do not answer: where they are, by name."""
     controllers: Mapping[str, Controller] = {}
     """Simulated ones that live, by their names in the file."""
+    keepers: frozenset[str] = frozenset()
+    """Names of hosts that bring robots back when they are started."""
 
     def virtual(self) -> dict[str, RobotDescription]:
         """Return the robots that live on hosts, by name."""
@@ -96,6 +99,7 @@ async def present(realm_client: RealmClient, known: Mapping[str, Controller]) ->
         others=others,
         silent=silent,
         controllers=known,
+        keepers=kept_hosts(realm_client.realm),
     )
 
 

@@ -21,6 +21,7 @@ from robotree.tui.errors import BadRealmFile, ValueRefused
 from robotree.tui.line.grammar import Line
 from robotree.tui.processes.detached import start_detached
 from robotree.tui.processes.realm import anybody_met, nothing_to_ask
+from robotree.tui.processes.state_files import kept_hosts
 from robotree.tui.realm_file.applying import Done, bring_about
 from robotree.tui.realm_file.content import NAMELESS, ProcessEntry, RealmFile
 from robotree.tui.realm_file.controllers import Controller, controllers, keep
@@ -114,7 +115,8 @@ async def apply(line: Line, realm: str, kinds: Kinds) -> int:
     pages = await asyncio.to_thread(pages_of, wanted)
     prune, starter = line.flag("--prune"), Detached(realm)
     if dry and not anybody_met(realm):  # joining would leave an empty folder behind
-        found = plan(wanted, Present(realm=realm, controllers=starter.controllers), pages, prune=prune)
+        nobody = Present(realm=realm, controllers=starter.controllers, keepers=kept_hosts(realm))
+        found = plan(wanted, nobody, pages, prune=prune)
         _show(found)
         return _tell(found, [], dry=True)
 
@@ -173,7 +175,7 @@ async def _confirm(found: Plan) -> None:
 
 def _show(found: Plan) -> None:
     for step in found.steps:
-        aside(f"{step.sign} {step.text}")
+        aside(step.described)
     for one in found.left:
         aside(f"  {one}")
 

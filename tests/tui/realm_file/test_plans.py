@@ -155,3 +155,30 @@ def test_a_robot_on_another_host_is_named_and_not_moved() -> None:
     assert found.steps == ()
     (said,) = found.against
     assert said.startswith("one runs on host-1, and the file says host-2: `robotree delete one`")
+
+
+def test_a_child_waits_for_the_parent_that_its_host_brings_back() -> None:
+    """Its parent is away: what was kept is not released before the host had its chance."""
+    text = (
+        "hosts: [host-1]\nrobots:\n  up: {page: a.py, host: host-1, slots: {arm: low}}\n  low: {page: a.py}\n"
+    )
+    wanted = read_file(text, "cell.yaml")
+    both = realm({"up": {"arm": "low"}, "low": {}})
+    alone = {"low": both.robots["low"]}
+    pages = dict.fromkeys(("up", "low"), PAGE)
+
+    def said(keepers: frozenset[str]) -> list[str]:
+        there = Present(realm="cell", robots=alone, pages=both.pages, keepers=keepers)
+        return [step.described for step in plan(wanted, there, pages).steps]
+
+    assert said(frozenset({"host-1"})) == [
+        "+ host host-1",
+        "+ create /pages/a.py as up on host-1   (unless host-1 brings it back)",
+        "+ enslave up.arm low   (unless host-1 brings it back)",
+    ]
+    assert said(frozenset()) == [
+        "+ host host-1",
+        "+ create /pages/a.py as up on host-1",
+        "- release up.arm",
+        "+ enslave up.arm low",
+    ]
