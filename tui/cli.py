@@ -262,7 +262,8 @@ def _take_calm(line: Line) -> None:
 
 def _demo(line: Line, *, readonly: bool) -> int:
     """Play the demo: on the full screen where there is a terminal for it, else as its script."""
-    from robotree.tui import demo, demo_companion
+    from robotree.tui import demo, demo_companion, demo_crash
+    from robotree.tui.errors import ValueRefused
     from robotree.tui.line.installed import require
     from robotree.tui.wire import security
 
@@ -272,14 +273,16 @@ def _demo(line: Line, *, readonly: bool) -> int:
         note(
             f"the full screen needs a terminal, and {without}; the demo plays its script (`demo --headless`)"
         )
-    companion = demo_companion.wanted(line.text("STORY"))
+    companion, crash = demo_companion.wanted(line.text("STORY")), line.flag("--crash")
+    if companion and crash:
+        raise ValueRefused("--crash", "the host of the cell is killed, not that of the companion's flat")
     require("demo", *(["scripts"] if companion else []), *([] if headless or without else ["tui"]))
     if not (headless or without):
         from robotree.tui.screen import keymap
 
         keymap.load()  # one that is wrong is told before anything begins
     over = demo.Wire.of(can=line.flag("--can"), classic=line.flag("--classic"))
-    story = demo_companion.STORY if companion else demo.CELL
+    story = demo_companion.STORY if companion else demo_crash.Crash() if crash else demo.CELL
     work = demo.demo(
         story,
         headless=headless or bool(without),
@@ -389,9 +392,36 @@ async def _sim(line: Line, _realm: str, ready: Ready) -> None:
                     note(openness(address))
                 ready(address)
 
+            if line.text("--log"):
+                _log_goals(line.text("--log"))
             speedup = values.factor(line.text("--speedup", "1"))
             kind = line.text("KIND")
             await serve(kind, url, ready=listens, speedup=speedup, security=security, memory=memory)
+
+
+def _log_goals(given: str) -> None:
+    """Write each goal that the simulated controller begins and ends into a file, behind what is there.
+
+    Raises:
+        ValueRefused: the file cannot be opened.
+    """
+    import logging
+    from pathlib import Path
+
+    from robotree.files import opened
+    from robotree.sim.firmware import goals
+    from robotree.tui.errors import ValueRefused
+
+    try:
+        descriptor = opened(Path(given).expanduser(), os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW)
+    except OSError as error:
+        raise ValueRefused("--log", f"{given} cannot be written: {error.strerror}") from None
+    handler = logging.StreamHandler(os.fdopen(descriptor, "w", buffering=1))
+    handler.setFormatter(logging.Formatter("%(created).3f %(message)s"))
+    log = logging.getLogger(goals.__name__)
+    log.addHandler(handler)
+    log.setLevel(logging.DEBUG)
+    log.propagate = False
 
 
 async def _proxy(line: Line, realm: str, ready: Ready) -> None:

@@ -38,6 +38,7 @@ from robotree.tui.wire.security import NOTHING, REALM, key_file
 from robotree.vr.base.written import Word
 
 if TYPE_CHECKING:
+    from robotree.tui.seen.store import Weight
     from robotree.vr.supervision.realm_client import RealmClient
 
 ARM, ROVER, VIEW = "arm-1", "rover-1", "cell"
@@ -67,8 +68,21 @@ class Wire(Enum):
         return f"can:robotree/demo-{realm}?fd={int(self is Wire.CAN_FD)}&node={number}"
 
 
+class Tell(Protocol):
+    """Takes a line for the log of the screen."""
+
+    def __call__(self, text: str, weight: Weight = "plain") -> object:
+        """Take it, and how much it matters."""
+        ...
+
+
 class Story(Protocol):
     """What a demo consists of."""
+
+    @property
+    def goals(self) -> Path | None:
+        """Folder of the files into which controllers write their goals, by name; None: they do not."""
+        ...
 
     @property
     def file(self) -> Path:
@@ -79,7 +93,7 @@ class Story(Protocol):
         """Build what a person finds on the screen, and return their next step, in one sentence."""
         ...
 
-    async def accompany(self, realm_client: RealmClient) -> None:
+    async def accompany(self, realm_client: RealmClient, tell: Tell) -> None:
         """Do what nobody does at the screen, until it is left."""
         ...
 
@@ -126,7 +140,7 @@ async def demo(
         with kept_apart(realm) as state:
             async with Crew(realm, key=str(file or NOTHING), state=state, restarts=True) as crew:
                 note(f"starting the demo in realm {realm!r}: {len(wanted.processes)} programs …")
-                await cast(crew, wire=wire, speedup=speedup, file=story.file)
+                await cast(crew, wire=wire, speedup=speedup, file=story.file, goals=story.goals)
                 if headless:
                     return await story.play(realm, folder, readonly=readonly)
                 return await _supervise(story, realm, readonly=readonly)
@@ -174,7 +188,14 @@ async def _alone(realm: str, wanted: RealmFile) -> None:
         raise DemoRuns(realm, taken)
 
 
-async def cast(crew: Crew, *, wire: Wire = Wire.TCP, speedup: str = "1", file: Path | None = None) -> None:
+async def cast(
+    crew: Crew,
+    *,
+    wire: Wire = Wire.TCP,
+    speedup: str = "1",
+    file: Path | None = None,
+    goals: Path | None = None,
+) -> None:
     """Bring up what a realm file says, as `robotree apply` does, with processes of a crew.
 
     Args:
@@ -182,13 +203,13 @@ async def cast(crew: Crew, *, wire: Wire = Wire.TCP, speedup: str = "1", file: P
         wire: between controllers and proxies.
         speedup: seconds of the simulated world in a second.
         file: which; None: the demo's cell.
+        goals: see `Story.goals`.
 
     Raises:
         MemberFailed: a step could not be done.
     """
-    wanted = adapted(
-        await asyncio.to_thread(read_realm_file, str(file or CELL.file)), crew.realm, wire, speedup
-    )
+    wanted = await asyncio.to_thread(read_realm_file, str(file or CELL.file))
+    wanted = adapted(wanted, crew.realm, wire, speedup, goals)
     pages = await asyncio.to_thread(pages_of, wanted)
     failed: list[Done] = []
 
@@ -205,16 +226,18 @@ async def cast(crew: Crew, *, wire: Wire = Wire.TCP, speedup: str = "1", file: P
         raise MemberFailed(done.step.text.split(), "failed", done.reason)
 
 
-def adapted(wanted: RealmFile, realm: str, wire: Wire, speedup: str) -> RealmFile:
-    """Return a file whose simulated controllers are on another wire, and run at another speed."""
+def adapted(wanted: RealmFile, realm: str, wire: Wire, speedup: str, goals: Path | None = None) -> RealmFile:
+    """Return a file whose simulated controllers are on another wire, at another speed, and write goals."""
     controllers = [process.name for process in wanted.processes if process.verb == NAMELESS]
 
     def other(entry: ProcessEntry) -> ProcessEntry:
         if entry.verb != NAMELESS:
             return entry
         address = wire.address(realm, 1 + controllers.index(entry.name))
-        facets = entry.facets | {"listen": Word(address, entry.mark), "speedup": Word(speedup, entry.mark)}
-        return structs.replace(entry, facets=facets)
+        words = {"listen": address, "speedup": speedup}
+        words |= {} if goals is None else {"log": str(goals / entry.name)}
+        facets = {name: Word(text, entry.mark) for name, text in words.items()}
+        return structs.replace(entry, facets=entry.facets | facets)
 
     return structs.replace(wanted, processes=tuple(map(other, wanted.processes)))
 
@@ -239,14 +262,14 @@ class CrewStarter:
 class Cell:
     """An arm at its lever, and a rover."""
 
-    file = EXAMPLES / "cell.realm.yaml"
+    file, goals = EXAMPLES / "cell.realm.yaml", None
 
     async def open(self, realm_client: RealmClient) -> str:
         """Build nothing: here a person begins."""
         del realm_client
         return f"next: n makes a virtual robot from a page, e puts it on top of {ARM}; ? shows all keys"
 
-    async def accompany(self, realm_client: RealmClient) -> None:
+    async def accompany(self, realm_client: RealmClient, tell: Tell) -> None:
         """Do nothing."""
 
     async def play(self, realm: str, folder: Path, *, readonly: bool) -> int:
@@ -259,12 +282,20 @@ CELL = Cell()
 
 async def _supervise(story: Story, realm: str, *, readonly: bool) -> int:
     from robotree.tui.screen.supervise import supervise
+    from robotree.tui.seen.store import Store
+
+    store = Store(restarter="the demo")
+
+    def tell(text: str, weight: Weight = "plain") -> None:
+        store.tell(text, weight, time.monotonic())
 
     async with joined(realm) as realm_client:
         hint = "" if readonly else await story.open(realm_client)
-        beside = asyncio.create_task(story.accompany(realm_client))
+        beside = asyncio.create_task(story.accompany(realm_client, tell))
         try:
-            return await supervise(realm_client, realm, farewell=FAREWELL, hint=hint, readonly=readonly)
+            return await supervise(
+                realm_client, realm, farewell=FAREWELL, hint=hint, readonly=readonly, store=store
+            )
         finally:
             beside.cancel()
             await asyncio.gather(beside, return_exceptions=True)

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robotree.tui import exit_codes
-from robotree.tui.demo import EXAMPLES
+from robotree.tui.demo import EXAMPLES, Tell
 from robotree.tui.errors import ValueRefused
 from robotree.tui.terminal import aside, put
 from robotree.vr.base.errors import VrError
@@ -52,7 +52,7 @@ def wanted(story: str) -> bool:
 class Companion:
     """A flat with visitors, and the companion in it."""
 
-    file = EXAMPLES / "companion" / "flat.realm.yaml"
+    file, goals = EXAMPLES / "companion" / "flat.realm.yaml", None
 
     async def open(self, realm_client: RealmClient) -> str:
         """Lead the companion to the door, and give it to its script: a person starts that.
@@ -65,7 +65,7 @@ class Companion:
         await realm_client.enslave(SCRIPT, "robot", ROBOT)
         return f"next: select {SCRIPT}, ⏎ opens its panel, ^r runs start; ? shows all keys"
 
-    async def accompany(self, realm_client: RealmClient) -> None:
+    async def accompany(self, realm_client: RealmClient, tell: Tell) -> None:  # noqa: ARG002 # the robots speak
         """Be the recogniser: report to the script who has come and who leaves, to each run of it anew."""
         number, runs, here, reported = 0, 0, set[str](), set[str]()
         while True:

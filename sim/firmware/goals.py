@@ -3,6 +3,7 @@
 Pure. `now` is controller time in whole milliseconds.
 """
 
+import logging
 from collections.abc import Iterable
 
 from robotree.protocol.messages import Goal, GoalCancel, GoalState, Reason
@@ -14,6 +15,8 @@ from robotree.sim.firmware.device import Device, Start
 from robotree.sim.firmware.movement import Job, Movement
 from robotree.sim.firmware.outgoing import Outgoing, sends
 from robotree.sim.firmware.rights import Rights
+
+_log = logging.getLogger(__name__)
 
 
 class Goals:
@@ -78,6 +81,7 @@ class Goals:
         out: list[Outgoing] = []
         for effect in effects:
             if isinstance(effect, Begin):
+                _log.debug("begin %d verb %d", effect.id.key, effect.verb)
                 out += self._begin(effect.id, now)
             elif isinstance(effect, Abandon):
                 self._movement.leave(effect.id)
@@ -94,6 +98,7 @@ class Goals:
             return sends(self._server.progress(goal, fraction, now / 1000))
 
         def finish(state: GoalState, reason: Reason, text: str, now: int) -> list[Outgoing]:
+            _log.debug("end %d %s", goal.key, state.name)
             return sends(self._server.finish(goal, state, now / 1000, reason, text))
 
         asker = self._server.asker(goal)

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import signal
 import socket
+import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
 from robotree.client.joining import joined
+from robotree.tui import exit_codes
 from robotree.tui.demo import cast
 from robotree.tui.errors import MemberFailed
-from robotree.tui.processes.crew import Crew, Member
+from robotree.tui.processes.crew import LONGEST_PAUSE, PAUSE, Crew, Member, pause_after
+from robotree.vr.agents.run import RETURNS
 from robotree.vr.base.address import ROLES, Role
 from tests.command_line import ROBOTREE
 
@@ -179,6 +183,32 @@ async def test_a_demo_outlives_the_crash_of_each_of_its_processes(tmp_path: Path
             for robot in ("arm-1", "rover-1"):
                 while not (await realm_client.describe(robot)).online:  # noqa: ASYNC110 # an answer has no event
                     await asyncio.sleep(0.02)
+
+
+def test_the_first_crash_costs_no_pause_and_no_pause_is_longer_than_children_wait() -> None:
+    pauses = [pause_after(crashes) for crashes in range(1, 50)]
+    assert pauses[:3] == [0.0, PAUSE, 2 * PAUSE]
+    assert pauses == sorted(pauses)
+    assert pauses[-1] == LONGEST_PAUSE
+    assert LONGEST_PAUSE <= RETURNS / 2, "the other half is for the start"
+
+
+def test_a_demo_whose_host_is_killed_closes_its_lever(tmp_path: Path) -> None:
+    words = [
+        *ROBOTREE,
+        "demo",
+        "--crash",
+        "--headless",
+        "--speedup",
+        "2",
+        "--pictures",
+        str(tmp_path / "here"),
+    ]
+    played = subprocess.run(words, capture_output=True, text=True, timeout=180, check=False)
+    assert played.returncode == exit_codes.DONE, played.stdout + played.stderr
+    verdict = json.loads(played.stdout.splitlines()[-1])
+    assert (verdict["ok"], verdict["kills"], verdict["continued"]) == (True, 2, 2)
+    assert (verdict["twice"], verdict["lost"], verdict["doubts"]) == (0, 0, 0)
 
 
 async def test_a_crew_leaves_what_crashes_down_unless_it_is_told_otherwise(tmp_path: Path) -> None:

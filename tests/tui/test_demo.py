@@ -20,6 +20,7 @@ class Unlucky:
     """A demo whose first program does not start."""
 
     file = demo.CELL.file
+    goals = None
 
     def __init__(self) -> None:
         self.realm = ""

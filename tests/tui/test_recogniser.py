@@ -57,7 +57,7 @@ async def test_the_companion_stands_at_the_door_where_visitors_come_before_the_s
 async def test_who_is_there_is_reported_to_each_run_of_the_script(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(demo_companion, "LISTEN", 0.0)
     flat = Flat()
-    recogniser = asyncio.ensure_future(demo_companion.Companion().accompany(flat))  # type: ignore[arg-type]
+    recogniser = asyncio.ensure_future(demo_companion.Companion().accompany(flat, print))  # type: ignore[arg-type]
 
     async def passes() -> None:
         for _ in range(20):

@@ -59,6 +59,14 @@ def test_what_an_agent_said_decides_if_it_has_left_or_is_lost(store: Store) -> N
     store.departed(address("arm-2"), 3.0, left=True)
     assert texts(store)[1:] == ["arm-1 (Arm): its process has gone", "arm-2 (Arm) left the list"]
     assert set(store.absent) == {"arm-1"}, "who took its leave is not kept"
+    assert store.absent["arm-1"].remedy == "its process has gone: start it again"
+
+
+def test_who_starts_a_process_again_is_named(store: Store) -> None:
+    store.restarter = "the demo"
+    store.take_lists([], [], 2.0)
+    store.departed(address("arm-1"), 3.0, left=False)
+    assert store.absent["arm-1"].remedy == "its process has gone: the demo starts it again"
 
 
 def test_a_robot_whose_listing_expires_stays_in_sight_until_it_is_known_why(store: Store) -> None:

@@ -371,15 +371,21 @@ ACTIONS: tuple[Action, ...] = (
     ),
     # -- run
     Action(
-        usage="demo [STORY] [--headless] [--pictures FOLDER] [--can] [--classic] [--speedup FACTOR]"
+        usage="demo [STORY] [--crash] [--headless] [--pictures FOLDER] [--can] [--classic] [--speedup FACTOR]"
         " [--key FILE | --open]",
         help="A whole cell: simulated robots, proxies, lookups, a host, the full screen; --can: over CAN FD."
         " STORY: companion, a flat with visitors instead of the cell."
+        " --crash: close the lever, kill the host of its robots meanwhile, and see them go on."
         " Its links are signed with the realm's own key, with --open they are not. --speedup: as for sim.",
         group=PROCESS,
         where=Where.SHELL,
         needs=("sim",),
-        examples=("demo --can", "demo companion --headless", "demo --headless --can --classic"),
+        examples=(
+            "demo --can",
+            "demo --crash",
+            "demo companion --headless",
+            "demo --headless --can --classic",
+        ),
     ),
     Action(
         usage="supervise",
@@ -398,9 +404,11 @@ ACTIONS: tuple[Action, ...] = (
         guide=("robotree.tui.session.script", "robotree.tui.session.conditions"),
     ),
     Action(
-        usage="sim KIND --listen URL [--key FILE | --open] [--state FILE] [--reset-epoch] [--speedup FACTOR]",
+        usage="sim KIND --listen URL [--key FILE | --open] [--state FILE] [--reset-epoch] [--speedup FACTOR]"
+        " [--log FILE]",
         help="Simulate a robot's controller; every program can command it unless it has a key"
         " (`realm`: the realm's). --reset-epoch: forget the leases that it has accepted."
+        " --log: write each goal that it begins and ends into a file, with its key."
         " --speedup: simulated seconds in a second, up to 10.",
         group=PROCESS,
         where=Where.SHELL,

@@ -43,7 +43,7 @@ async def history(realm_client: RealmClient, line: Line, teller: Teller) -> Outc
     from robotree.vr.base.requests import ReadEvents
 
     name = line.text("NAME")
-    kept = await _ask(realm_client, ReadEvents(robot=name, since=_since(line.text("--since"))))
+    kept = await kept_events(realm_client, ReadEvents(robot=name, since=_since(line.text("--since"))))
     if line.flag("--verify"):
         return await _verified(realm_client, name, kept)
     events = kept.events()
@@ -71,9 +71,9 @@ async def why(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
     from robotree.vr.supervision.why import explain, last_motion
 
     name = line.text("NAME|KEY")
-    kept = await _ask(realm_client, ReadEvents(robot=name, last=True))
+    kept = await kept_events(realm_client, ReadEvents(robot=name, last=True))
     key = last_motion((event for _, event in kept.events()), name) or name
-    kept = await _ask(realm_client, ReadEvents(key=key))
+    kept = await kept_events(realm_client, ReadEvents(key=key))
     for note in kept.notes:
         teller.warn(note)
     chain = explain(key, kept.events())
@@ -85,7 +85,7 @@ async def why(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
 # -- who has kept it -------------------------------------------------------------------------------
 
 
-async def _ask(realm_client: RealmClient, request: ReadEvents) -> _Kept:
+async def kept_events(realm_client: RealmClient, request: ReadEvents) -> _Kept:
     """Ask the hosts that live, and read the files of the others and of proxies on this machine."""
     answers = {f"host {name}": read for name, read in (await realm_client.read_events(request)).items()}
     notes = [

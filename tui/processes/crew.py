@@ -5,8 +5,9 @@ on its standard output when it is up, and it holds the read end of a pipe (`--te
 ends, whatever ended it, the pipe closes and the member ends too. So no member outlives its crew, not even
 after `kill -9`.
 
-A crew may start members again that crash: with the same words, a controller at the address that it had, after
-a pause that grows while the member goes on crashing. One that was asked to end (SIGTERM) has not crashed.
+A crew may start members again that crash: with the same words, a controller at the address that it had. After
+a first crash it does so at once. Before one that goes on crashing it pauses, longer each time, but never so
+long that the children of a host do not wait for it any more. Who was asked to end (SIGTERM) has not crashed.
 """
 
 from __future__ import annotations
@@ -35,12 +36,21 @@ START_LIMIT = 30.0
 STOP_LIMIT = 2.5
 """[s] allowed for a polite end, before the process is killed."""
 
-PAUSE, LONGEST_PAUSE = 0.2, 10.0
-"""[s] before a member is started again: at first, and at most. Each crash doubles it."""
+PAUSE, LONGEST_PAUSE = 0.25, 4.0
+"""[s] before a member is started again that has crashed twice, and at most. Each further crash doubles it."""
 SOUND = 60.0
 """[s] after which a member that runs counts as sound: its next crash is a first one."""
 
 _log = logging.getLogger(__name__)
+
+
+def pause_after(crashes: int) -> float:
+    """Return how long a crew waits before it starts a member again [s].
+
+    Args:
+        crashes: of the member, one soon after the other.
+    """
+    return 0.0 if crashes <= 1 else min(PAUSE * 2.0 ** min(crashes - 2, 10), LONGEST_PAUSE)
 
 
 class Member:
@@ -186,7 +196,7 @@ class Crew:
             crashes = 1 if time.monotonic() - member.began > SOUND else crashes + 1
             line = " ".join(member.words[:3])
             _log.warning("%s has ended with code %d, and is started again", line, code)
-            await asyncio.sleep(min(PAUSE * 2 ** (crashes - 1), LONGEST_PAUSE))
+            await asyncio.sleep(pause_after(crashes))
             self.members.remove(member)
             await member.stop()
             member = await self._spawn(member.words_again)

@@ -60,7 +60,13 @@ def wants_calm() -> bool:
 
 
 async def supervise(
-    realm_client: RealmClient, realm: str, *, farewell: str = "", hint: str = "", readonly: bool = False
+    realm_client: RealmClient,
+    realm: str,
+    *,
+    farewell: str = "",
+    hint: str = "",
+    readonly: bool = False,
+    store: Store | None = None,
 ) -> int:
     """Show the full screen until the operator leaves; open it anew should an error end it.
 
@@ -70,6 +76,7 @@ async def supervise(
         farewell: what ends with the screen; empty: nothing does.
         hint: what a person can do next, as the first line of the log; empty: none.
         readonly: whether all that changes robots is absent.
+        store: what the screen shows; None: a new one.
 
     Returns:
         The exit code.
@@ -78,7 +85,7 @@ async def supervise(
         BadKeymap: the operator's file of keys is wrong.
     """
     with _logging_to_a_file(realm), prompt_answers():
-        store = Store()
+        store = store or Store()
         if hint:
             store.tell(hint, "good", time.monotonic())
         return await _show(realm_client, realm, farewell, store, readonly=readonly)

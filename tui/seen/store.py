@@ -128,6 +128,8 @@ class LatestState:
 class Store:
     """The supervisor's memory."""
 
+    restarter: str = ""
+    """Who starts processes again that crash, for people; empty: a person does."""
     robots: dict[str, Listing] = field(default_factory=dict[str, Listing])
     """Free robots by name: those that are listed, or that are known while no lookup service lists any."""
     views: dict[str, Listing] = field(default_factory=dict[str, Listing])
@@ -308,7 +310,8 @@ class Store:
         else:
             self.tell(f"{what}: its process has gone", "error", now, address.name)
         if address.role == "robot":
-            remedy = hangs.remedy if hangs else "its process has gone: start it again"
+            again = f"{self.restarter} starts it again" if self.restarter else "start it again"
+            remedy = hangs.remedy if hangs else f"its process has gone: {again}"
             self.absent[address.name] = Absent(
                 address, kind, who.host if who else "", now, pid, remedy, attributes
             )

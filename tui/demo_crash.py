@@ -1,0 +1,236 @@
+"""The demo of a crash: the host of the lever's robots is killed while they close it, and the lever closes.
+
+The crew of the demo starts the host again; its robots come back and their command goes on at its next step.
+What came of it is counted where it happens: the controller writes down each goal that it begins, the arm's
+proxy each call that it has accepted, and the host each answer that a page has got.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import msgspec
+
+from robotree.client.joining import joined
+from robotree.tui import exit_codes
+from robotree.tui.demo import ARM, CELL, EXAMPLES, VIEW, Tell
+from robotree.tui.line.past import kept_events
+from robotree.tui.processes.programs import programs
+from robotree.tui.terminal import aside, put
+from robotree.vr.base.errors import CommandInDoubt, VrError
+from robotree.vr.base.requests import ReadEvents
+
+if TYPE_CHECKING:
+    from robotree.tui.seen.store import Weight
+    from robotree.vr.base.history_event import HistoryEvent
+    from robotree.vr.supervision.realm_client import RealmClient
+
+HOST, CONTROLLER, MOVER, LEVER = "host-1", "table", "mover", "lever"
+AT = (3, 9)
+"""Goals of the command that the controller has begun when the host is killed."""
+CLOSED = 0.75
+"""[rad] from where on the lever is closed."""
+LONGEST = 180.0
+"""[s] that the command may take."""
+SETTLES = 5.0
+"""[s] in which all that has happened stands in the histories."""
+LOOKS = 0.02
+"""[s] between two looks at what the controller has begun."""
+OPENING = 4.0
+"""[s] for a person to see the cell before it begins."""
+
+
+class Goal(NamedTuple):
+    """A goal that the controller has begun."""
+
+    unix: float
+    """[s] since 1970."""
+    key: str
+
+
+class Verdict(msgspec.Struct, frozen=True, kw_only=True):
+    """What came of it."""
+
+    ok: bool
+    kills: int
+    continued: int
+    """Kills after which steps of the same command were taken."""
+    twice: int
+    """Steps that were taken more than once."""
+    lost: int
+    """Steps that were accepted and that the controller never began."""
+    doubts: int
+    """Steps of which nobody could say whether they had happened."""
+    goals: int
+    """That the controller has begun for the command."""
+    lever_angle_rad: float | None
+    peak_force_n: float | None
+    trouble: str
+    """Why the command has not ended well; empty: it has."""
+    wall_s: float
+
+
+def verdict_of(
+    kills: Sequence[float],
+    goals: Sequence[Goal],
+    events: Sequence[HistoryEvent],
+    *,
+    angle: float | None,
+    force: float | None,
+    trouble: str,
+    wall: float,
+) -> Verdict:
+    """Compare what the controller did with what its callers asked. Pure.
+
+    Args:
+        kills: [s] since 1970, of the host.
+        goals: that the controller has begun since the command was called.
+        events: of the histories since then.
+        angle: [rad] of the lever in the end.
+        force: [N] the largest that the arm has felt.
+        trouble: why the call has failed; empty: it has not.
+        wall: [s] that all took.
+    """
+    calls = [event.key for event in events if (event.robot, event.kind) == (LEVER, "accepted")]
+    own = [event for event in events if event.key.partition("/")[0] in calls]
+    asked = Counter(event.key for event in own if (event.robot, event.kind) == (ARM, "accepted"))
+    answered = {event.key for event in own if (event.robot, event.kind) == (MOVER, "answered")}
+    last = [event.unix for event in own if (event.robot, event.kind) == (ARM, "accepted")]
+    begun = Counter(goal.key for goal in goals)
+    continued = sum(any(unix > kill for unix in last) for kill in kills) if len(calls) == 1 else 0
+    repeated = sum(count - 1 for count in begun.values()) + sum(count - 1 for count in asked.values())
+    twice = repeated + len(asked.keys() - answered) + max(0, len(begun) - len(asked))
+    lost = max(0, len(asked) - len(begun))
+    doubts = sum(event.error == CommandInDoubt.__name__ for event in own)
+    closed = angle is not None and angle > CLOSED
+    sound = not (twice or lost or doubts or trouble) and 0 < len(kills) == continued
+    return Verdict(
+        ok=closed and sound,
+        kills=len(kills),
+        continued=continued,
+        twice=twice,
+        lost=lost,
+        doubts=doubts,
+        goals=len(goals),
+        lever_angle_rad=angle,
+        peak_force_n=force,
+        trouble=trouble,
+        wall_s=round(wall, 2),
+    )
+
+
+class Crash:
+    """The cell, its robots on top of the arm, and a host that is killed."""
+
+    file = CELL.file
+
+    def __init__(self) -> None:
+        """Make the folder in which the controllers write down what they begin."""
+        self._folder = tempfile.TemporaryDirectory(prefix="robotree-demo-")
+        self.goals: Path | None = Path(self._folder.name)
+
+    async def open(self, realm_client: RealmClient) -> str:
+        """Put a robot that moves smoothly on the arm, and one that knows the lever on that."""
+        for page, name in (("move_to.py", MOVER), ("open_close_lever.py", LEVER)):
+            await realm_client.create(str(EXAMPLES / page), name, HOST)
+        await realm_client.enslave(MOVER, "arm", ARM)
+        await realm_client.enslave(LEVER, "mover", MOVER)
+        return (
+            f"{LEVER} closes its lever now, and {HOST}, where it lives, is killed meanwhile; ? shows all keys"
+        )
+
+    async def accompany(self, realm_client: RealmClient, tell: Tell) -> None:
+        """Close the lever with its crashes, and say what came of it."""
+        await asyncio.sleep(OPENING)
+        verdict = await self._course(realm_client, tell)
+        figures = f"{verdict.kills} kills, {verdict.continued} times continued, {verdict.twice} steps twice"
+        if verdict.ok:
+            tell(f"the lever is closed: {figures}, {verdict.doubts} in doubt", "good")
+        else:
+            tell(f"the lever is not closed as it should be: {figures}; {verdict.trouble}", "error")
+
+    async def play(self, realm: str, folder: Path, *, readonly: bool) -> int:  # noqa: ARG002  a fixed course
+        """Play without a person; the last line is one JSON object."""
+
+        def tell(text: str, weight: Weight = "plain") -> None:
+            del weight
+            aside(text)
+
+        async with joined(realm) as realm_client:
+            await self.open(realm_client)
+            verdict = await self._course(realm_client, tell)
+        put(json.dumps(msgspec.to_builtins(verdict)))
+        return exit_codes.DONE if verdict.ok else exit_codes.REFUSED
+
+    # -- the course -------------------------------------------------------------------------------
+
+    async def _course(self, realm_client: RealmClient, tell: Tell) -> Verdict:
+        began, since, before = time.monotonic(), time.time(), len(self._begun())
+        tell(f"{LEVER} closes its lever")
+        call = asyncio.ensure_future(realm_client.call(LEVER, "close", {}, deadline=LONGEST))
+        kills: list[float] = []
+        for count in AT:
+            while not call.done() and len(self._begun()) < before + count:  # noqa: ASYNC110 # a file
+                await asyncio.sleep(LOOKS)
+            pid = None if call.done() else self._host(realm_client.realm)
+            if pid is None:
+                break
+            kills.append(time.time())
+            os.kill(pid, signal.SIGKILL)
+            tell(f"{HOST} (process {pid}) is killed by kill -9; the demo starts it again", "warning")
+        trouble = ""
+        try:
+            await call
+        except VrError as error:
+            trouble = str(error)
+        readings = (await realm_client.describe_view(VIEW)).readings
+        events = await self._events(realm_client, since)
+        return verdict_of(
+            kills,
+            self._begun()[before:],
+            events,
+            angle=readings.get("lever"),
+            force=readings.get("peak_force"),
+            trouble=trouble,
+            wall=time.monotonic() - began,
+        )
+
+    def _begun(self) -> list[Goal]:
+        """Return the goals that the arm's controller has begun, in their order."""
+        goals: list[Goal] = []
+        with suppress(OSError):
+            for line in (Path(self._folder.name) / CONTROLLER).read_text().splitlines():
+                unix, word, key, *_ = line.split()
+                if word == "begin":
+                    goals.append(Goal(float(unix), key))
+        return goals
+
+    def _host(self, realm: str) -> int | None:
+        """Return the process of the host; None: it does not live at the moment."""
+        found = programs(realm).items()
+        return next((one.pid for who, one in found if (who.role, who.name) == ("host", HOST)), None)
+
+    async def _events(self, realm_client: RealmClient, since: float) -> list[HistoryEvent]:
+        """Return what the histories say of the three robots, when the end of the command is among it."""
+        latest = time.monotonic() + SETTLES
+        while True:
+            events: list[HistoryEvent] = []
+            for robot in (LEVER, MOVER, ARM):
+                kept = await kept_events(realm_client, ReadEvents(robot=robot, since=since))
+                events += [event for _, event in kept.events()]
+            accepted = {event.key for event in events if (event.robot, event.kind) == (ARM, "accepted")}
+            answered = {event.key for event in events if (event.robot, event.kind) == (MOVER, "answered")}
+            over = any((event.robot, event.kind) == (LEVER, "ended") for event in events)
+            if (over and accepted <= answered) or time.monotonic() > latest:
+                return events
+            await asyncio.sleep(0.1)
