@@ -22,6 +22,7 @@ class FleetingDisk(OSDisk):
     """Keeps for good what was synchronised: bytes of files, and names in folders."""
 
     def __init__(self, chance: random.Random) -> None:
+        super().__init__()
         self._chance = chance
         self._paths: dict[int, Path] = {}
         self._lasting: dict[Path, int] = {}
