@@ -24,7 +24,7 @@ from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.running.process import Process
 from robotree.vr.supervision.realm_client import RealmClient
-from robotree.vr.world.world import SimulatedProcess, World
+from robotree.vr.world.world import Main, SimulatedProcess, World
 from tests.world.controller import FIRST_EPOCH, CartController
 
 SOURCE = """
@@ -119,15 +119,18 @@ class Realm:
 
     def start(self, name: str) -> SimulatedProcess:
         """Start the process of that name, or start it again."""
-        role = name.partition("-")[0]
-        main = {
+        skew = self._chance.uniform(-2.0, 2.0)
+        self.processes[name] = self.world.start(name, self._main_of(name), skew=skew)
+        return self.processes[name]
+
+    def _main_of(self, name: str) -> Main:
+        roles: dict[str, Main] = {
             "lookup": self._lookup,
             "host": self._host,
             "cart": self._cart,
             "operator": self._operator,
-        }[role]
-        self.processes[name] = self.world.start(name, main, skew=self._chance.uniform(-2.0, 2.0))
-        return self.processes[name]
+        }
+        return roles[name.partition("-")[0]]
 
     def agents(self) -> dict[str, RobotAgent]:
         """Return the agents of all robots whose process runs, by name."""

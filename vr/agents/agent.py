@@ -151,7 +151,9 @@ class RobotAgent:
         self._children = self._new_children(term) if isinstance(robot, VirtualRobot) else None
         self._stops = Stops(self.runtime, self._hooks, self._children)
         self._callers = Callers(self.runtime, transport.presence)
-        self._outside = OutsideCalls(self.runtime, is_open=lambda: self.open, attend=self._callers.attend)
+        self._outside = OutsideCalls(
+            self.runtime, is_open=lambda: self.open, attend=self._callers.attend, waits=self._restored
+        )
         self._begin_life()
 
     @property
@@ -238,6 +240,7 @@ class RobotAgent:
         for key, caller in self.runtime.look(_callers):
             self._callers.attend(caller, key)
         self.runtime.begin_again()
+        self._outside.go_on()
 
     async def listed(self) -> None:
         """Wait until the lookup services know what they should, or as many of them as answer."""
@@ -562,6 +565,7 @@ class RobotAgent:
             lineage=request.lineage,
             life=request.life,
             principal=asker,
+            is_there=self.transport.presence.there(request.parent.key),
         )
         if self._children is not None:  # else it has no steps
             renewal = msgspec.structs.replace(renewal, paused=request.paused, pauses=request.pauses)

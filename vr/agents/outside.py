@@ -104,6 +104,7 @@ class OutsideCalls:
         *,
         is_open: Callable[[], bool],
         attend: Callable[[str, str], None],
+        waits: bool,
     ) -> None:
         """Begin, on the event loop.
 
@@ -111,10 +112,27 @@ class OutsideCalls:
             runtime: the robot.
             is_open: returns whether it takes anything new.
             attend: ends a call when a caller's presence goes; takes presence and key.
+            waits: whether calls wait for `go_on`: the robots of a host that was started again are not all back.
         """
         self._runtime, self._is_open, self._attend = runtime, is_open, attend
         self._units = SerialWorker(runtime.process.runner, f"{runtime.robot.name} units")
         self._to_accept: deque[tuple[float, OutsideCaller]] = deque()
+        self._waits = waits
+        self._waiting: list[Callable[[], object]] = []
+        self._lock = runtime.process.runner.lock()
+
+    def go_on(self) -> None:
+        """Take the calls that have waited for it, and from now on each at once."""
+        with self._lock:
+            self._waits = False
+        while self._waiting:
+            self._waiting.pop(0)()
+
+    def _has_to_wait(self, call: Callable[[], object]) -> bool:
+        with self._lock:
+            if self._waits:
+                self._waiting.append(call)
+            return self._waits
 
     @property
     def answers(self) -> Mapping[type[AnyRequest], AnswerAtOnce]:
@@ -133,12 +151,13 @@ class OutsideCalls:
         # what a parent's bond does for its calls, its presence does for the call of a program that waits
         attended_by = "" if call.oneway or call.epoch is not None else principal.agent
         ends, runtime = received.asked + seconds, self._runtime
+        admit = partial(self._admit, call, principal, respond, end, ends, attended_by)
+        work: Callable[[], object] = admit
         if runtime.takes_long(call):  # to load units takes a while
-            stops = runtime.stops
-            admit = partial(self._admit, call, principal, respond, end, ends, attended_by, stops)
-            self._units.submit(lambda: admit() is None)
-        else:
-            self._admit(call, principal, respond, end, ends, attended_by)
+            known = partial(admit, runtime.stops)
+            work = partial(self._units.submit, lambda: known() is None)
+        if not self._waits or not self._has_to_wait(partial(admit, runtime.stops)):
+            work()
 
     def _admit(
         self,

@@ -102,9 +102,7 @@ async def run_host(
         transport: Transport = await join(realm)
         stack.push_async_callback(transport.close)
         if journal is not None:
-            process.life, process.returns, process.keeps_steps = journal.life, returns, True
-            process.sync = journal.sync
-            transport = Outlet(transport, journal.barrier)
+            transport = kept_by(journal, process, transport, returns)
         registrar = Registrar(transport)
         stack.push_async_callback(registrar.close)
         host = Host(
@@ -120,6 +118,22 @@ async def run_host(
             await host.deserted(ARRIVAL)
         else:
             await asyncio.get_running_loop().create_future()
+
+
+def kept_by(
+    journal: HostJournal, process: Process, transport: Transport, returns: float = RETURNS
+) -> Transport:
+    """Have a process go on after a crash, from its journal; returns its way to the others.
+
+    Args:
+        journal: of the process; its `Process` was made with it.
+        process: whose commands go on.
+        transport: the way to the others.
+        returns: [s] that the children of its robots wait for it.
+    """
+    process.life, process.returns, process.keeps_steps = journal.life, returns, True
+    process.sync = journal.sync
+    return Outlet(transport, journal.barrier)
 
 
 def _kept_in(

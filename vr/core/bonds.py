@@ -255,10 +255,12 @@ class GrantedLease(msgspec.Struct, kw_only=True):
         now: float,
         principal: Principal = ITSELF,
         life: int = 0,
+        is_there: bool = True,
     ) -> Lease:
         """Prolong the lease by the term first granted.
 
-        The parent may be another incarnation than the one that asked for it, which holds the lease then.
+        The parent may be another incarnation than the one that asked for it, which holds the lease then. One
+        that is away is so until it asks while it is there.
 
         Raises:
             StaleEpoch: this is not the lease in force.
@@ -279,7 +281,7 @@ class GrantedLease(msgspec.Struct, kw_only=True):
             expires=now + self.term_granted,
             lineage=lineage,
             principal=principal,
-            away=False,
+            away=held.away and not is_there,
         )
         return self.current
 

@@ -201,6 +201,8 @@ class Prolong(_Event, frozen=True, kw_only=True):
     """How often that has changed."""
     life: int = 0
     """How often the parent's process was started with its journal; 0: it keeps none."""
+    is_there: bool = True
+    """Whether it is present; else its process has ended since it asked, and its next one is its heir."""
 
 
 class EndLease(_Event, frozen=True, kw_only=True):

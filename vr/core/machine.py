@@ -621,7 +621,13 @@ class RobotCore:
     def _prolong(self, event: on.Prolong, now: float) -> Effects:
         before = self.state.lease.current
         lease = self.state.lease.renew(
-            event.parent, event.epoch, event.lineage, now=now, principal=event.principal, life=event.life
+            event.parent,
+            event.epoch,
+            event.lineage,
+            now=now,
+            principal=event.principal,
+            life=event.life,
+            is_there=event.is_there,
         )
         changed = (
             before is None or before.away or (before.parent, before.lineage) != (lease.parent, lease.lineage)

@@ -8,19 +8,21 @@ the next process knows of it, whatever else of the log was lost.
 
 A disk that takes nothing more must not keep robots from being stopped: then the journal removes itself, for
 an old one would repeat what was done since, and begins anew with the whole state when there is room again.
+Where not even that can be done, the process ends at once: what it has told nobody is not known to anybody.
 """
 
 from __future__ import annotations
 
 import errno
 import logging
+import os
 from collections.abc import Callable, Generator
 from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Protocol
 
-from robotree.vr.base.errors import CopiedJournal, JournalUnusable, VrError
+from robotree.vr.base.errors import CopiedJournal, JournalUnusable
 from robotree.vr.core.events import CoreEvent
 from robotree.vr.core.machine import RobotCore, RobotState
 from robotree.vr.journal.records import (
@@ -147,6 +149,8 @@ class HostJournal:
         self._retry_at = 0.0
         self.suspended = ""
         """Why nothing is kept at the moment; empty: all is."""
+        self.end_process: Callable[[], object] = partial(os._exit, os.EX_IOERR)
+        """Ends the process at once, when its log can neither be written nor removed."""
 
     def _expect_own(self) -> None:
         """Refuse the log of another host, and tell what is not there of the own one.
@@ -381,12 +385,16 @@ class HostJournal:
         """Keep nothing: what is on the disk is not true any more."""
         self.suspended = error.strerror or str(error)
         self._retry_at = self._clocks.now() + AGAIN
+        self._clear()
+        _log.error("%s: %s", self.folder, self.trouble)
+
+    def _clear(self) -> None:
+        """Remove the log, or end before it is untrue: the next host would believe it and do things twice."""
         try:
             self._segments.clear()
-        except OSError as other:  # not even that: the next host must not believe it
-            _log.critical("%s cannot be written and not be removed: %s", self.folder, other)
-            raise VrError(detail=f"{self.folder} cannot be written: {error}") from None
-        _log.error("%s: %s", self.folder, self.trouble)
+        except OSError as error:
+            _log.critical("%s can neither be written nor removed: this host ends (%s)", self.folder, error)
+            self.end_process()
 
     def _resume(self) -> None:
         with self._lock:
@@ -398,6 +406,6 @@ class HostJournal:
         except OSError as error:
             self.suspended = error.strerror or str(error)
             self._retry_at = self._clocks.now() + AGAIN
-            self._segments.clear()
+            self._clear()
         else:
             _log.warning("%s: the robots are kept again", self.folder)

@@ -166,6 +166,7 @@ def rebase(states: Sequence[RobotState], by: float, now: float) -> None:
     here = {state.address for state in states}
     for state in states:
         shift(state, by)
+        _forget_questions(state)
         lease = state.lease
         if lease.current is not None and lease.current.parent in here:
             expires = now + lease.term_granted  # and the next process of the parent is its heir
@@ -178,3 +179,9 @@ def rebase(states: Sequence[RobotState], by: float, now: float) -> None:
             held.confirmed = held.last_asked = now if bond.child in here else now - held.term / 2
             if bond.returns and bond.child not in here:  # its host may be starting, too
                 held.confirmed = now + bond.returns - held.term
+
+
+def _forget_questions(state: RobotState) -> None:
+    """Have no slot wait for a child that was asked by a process which has ended: nobody hears the answer."""
+    for slot in state.slots.by_name.values():
+        slot.asked = None

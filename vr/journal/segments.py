@@ -317,12 +317,12 @@ class Segments:
     def clear(self) -> None:
         """Remove all files: nothing is kept any more, also after a loss of power."""
         self._close()
+        with suppress(OSError):  # else the next host misses the files
+            self._disk.mark(self._lock, Mark(0, 0, self._boot).packed())
         for number in self._numbers:
             self._disk.unlink(self._path(number))
         self._numbers = []
         self._disk.sync_folder(self.folder)
-        with suppress(OSError):  # else the next host misses the files
-            self._disk.mark(self._lock, Mark(0, 0, self._boot).packed())
 
     def close(self) -> None:
         """Leave the folder to others. Twice is once."""

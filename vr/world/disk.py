@@ -50,6 +50,7 @@ class _Folder:
     synced: dict[str, _Content] = field(default_factory=dict[str, _Content])
     mark: bytes = b""
     """In the lock file; after a loss of power a host only tells what it misses."""
+    synced_mark: bytes = b""
 
 
 class Medium:
@@ -77,6 +78,7 @@ class Medium:
                     folder.names[name] = kept
                     _tear(kept, chance)
             folder.synced = dict(folder.names)
+            folder.mark = chance.choice([folder.mark, folder.synced_mark])
 
     def copy(self) -> dict[str, _Folder]:
         """Return all that is on it, for `put_back`."""
@@ -184,7 +186,7 @@ class MemoryDisk:
         self.moment("before sync")
         entries = self._folder(folder)
         self._expect_whole()
-        entries.synced = dict(entries.names)
+        entries.synced, entries.synced_mark = dict(entries.names), entries.mark
         self.moment("after sync")
 
     def close(self, descriptor: int) -> None:
@@ -218,6 +220,7 @@ class MemoryDisk:
 
     def mark(self, lock: int, data: bytes) -> None:
         """See `Disk.mark`."""
+        self.moment("before mark")
         self._expect_whole()
         self.medium.folders[self._locks[lock]].mark = data
 

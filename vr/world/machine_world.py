@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import logging
 import traceback
+from collections.abc import Generator
 from pathlib import Path
 from typing import Self
 
@@ -63,17 +65,7 @@ class MachineWorld(World):
         """Errors that robotree has logged: faults, if there are any."""
 
     def __enter__(self) -> Self:
-        log, keeper = logging.getLogger("robotree"), _Keeper(self.logged)
-        level, log.propagate = log.level, False
-        log.setLevel(logging.ERROR)
-        log.addHandler(keeper)
-
-        def undo() -> None:
-            log.removeHandler(keeper)
-            log.setLevel(level)
-            log.propagate = True
-
-        self._stack.callback(undo)
+        self._stack.enter_context(errors_kept(self.logged))
         return super().__enter__()
 
     @property
@@ -82,6 +74,21 @@ class MachineWorld(World):
         machine = self.machine
         whole = f"{super().digest} {machine.checksum} {machine.calls} {self.runner.preemption.count}"
         return hashlib.blake2b(whole.encode(), digest_size=16).hexdigest()
+
+
+@contextlib.contextmanager
+def errors_kept(lines: list[str]) -> Generator[None]:
+    """Keep what robotree logs as an error inside the block, instead of printing it."""
+    log, keeper = logging.getLogger("robotree"), _Keeper(lines)
+    level, log.propagate = log.level, False
+    log.setLevel(logging.ERROR)
+    log.addHandler(keeper)
+    try:
+        yield
+    finally:
+        log.removeHandler(keeper)
+        log.setLevel(level)
+        log.propagate = True
 
 
 class _Keeper(logging.Handler):

@@ -24,7 +24,7 @@ from collections.abc import Callable, Generator
 from contextlib import AbstractContextManager
 from functools import partial
 from heapq import heapify, heappop, heappush
-from math import inf
+from math import inf, nextafter
 from types import FrameType
 from typing import Any, Protocol, cast
 
@@ -207,6 +207,16 @@ class VirtualRunner:
         else:
             self.resume(me)
         self._switch()
+
+    def leave(self) -> None:
+        """Never go on: the process of this thread has ended here."""
+        while True:
+            self._switch()
+
+    @property
+    def acting(self) -> bool:
+        """Whether an action of the agenda is under way, which belongs to no process."""
+        return self._acting
 
     def toil(self, seconds: float) -> None:
         """Compute for some time [s], as code does that asks nobody: only an interruption ends it early."""
@@ -458,8 +468,11 @@ class VirtualProcess:
         self._waiting: list[greenlet | Turns] = []
 
     def of_world(self, when: float) -> float:
-        """Return the time of the world [s] at which its monotonic clock shows `when` [s]."""
-        return (when - self.offset) / self.rate
+        """Return the time of the world [s] at which its monotonic clock shows `when` [s], or a moment later."""
+        moment = (when - self.offset) / self.rate
+        while moment * self.rate + self.offset < when:  # rounded down: a timer would go off before its time
+            moment = nextafter(moment, inf)
+        return moment
 
     def now(self) -> float:
         return self.runner.now() * self.rate + self.offset
@@ -589,7 +602,10 @@ class VirtualWaiter:
             self._waiting = getcurrent()
             self._deadline = inf
             if timeout is not None:
-                self._deadline = runner.now() + max(timeout, 0.0) / self._rate
+                now = runner.now()
+                self._deadline = now + max(timeout, 0.0) / self._rate
+                if self._deadline == now and timeout > 0:  # time passes, however little
+                    self._deadline = nextafter(now, inf)
                 if self._deadline < self._armed:
                     self._arm(self._deadline)
             try:

@@ -46,10 +46,12 @@ TraceEntry = tuple[Any, ...]
 class SimulatedProcess:
     """One process: an event loop, a transport, and the greenlets that belong to it."""
 
-    def __init__(self, world: World, name: str, main: Main, *, skew: float, rate: float) -> None:
+    def __init__(
+        self, world: World, name: str, main: Main, *, skew: float, rate: float, offset: float
+    ) -> None:
         """Made by `World.start`."""
         self.world, self.name = world, name
-        self.runner = VirtualProcess(world.runner, name, skew=skew, rate=rate)
+        self.runner = VirtualProcess(world.runner, name, skew=skew, rate=rate, offset=offset)
         self.loop = VirtualLoop(self.runner)
         self.loop.set_exception_handler(self._complain)
         self._boot()
@@ -220,7 +222,9 @@ class World:
             logging.disable(level)
         self._stack.close()
 
-    def start(self, name: str, main: Main, *, skew: float = 0.0, rate: float = 1.0) -> SimulatedProcess:
+    def start(
+        self, name: str, main: Main, *, skew: float = 0.0, rate: float = 1.0, offset: float = 0.0
+    ) -> SimulatedProcess:
         """Start a process.
 
         Args:
@@ -228,9 +232,10 @@ class World:
             main: what it does.
             skew: [s] by which its time of day is ahead.
             rate: [s/s] of its clocks.
+            offset: [s] by which its monotonic clock is ahead of the world's.
         """
         self.note(name, "started")
-        process = self.process_class(self, name, main, skew=skew, rate=rate)
+        process = self.process_class(self, name, main, skew=skew, rate=rate, offset=offset)
         self.processes.append(process)
         return process
 

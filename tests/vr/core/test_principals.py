@@ -210,6 +210,8 @@ def test_the_next_process_of_a_parent_that_is_away_is_its_heir_and_nobody_else()
     for principal in others:
         with pytest.raises(NotInControl):
             lease.renew(parent, epoch, ("pair",), now=9.0, principal=principal)
+    # what the process before had asked arrives after its end: its heir is waited for all the same
+    assert lease.renew(parent, epoch, ("pair",), now=8.0, principal=before, is_there=False).away
     lease.renew(parent, epoch, ("pair",), now=9.0, principal=after)
     lease.check(epoch, 9.5, after)
     with pytest.raises(NotInControl):  # the process before, should it have been paused only
