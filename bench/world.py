@@ -38,7 +38,7 @@ from tests.world.points import codes_of
 from tests.world.safeguards import SAFEGUARDS, without
 from tests.world.story import LENGTH, Outcome, play
 
-SLOWER = {"realm": 6, "host": 2, "host at statements": 4, "whole": 20, "whole at statements": 40}
+SLOWER = {"realm": 6, "disk": 2, "host": 2, "host at statements": 4, "whole": 20, "whole at statements": 40}
 """By how much fewer stories of a family are played, as they take longer."""
 COUNTED = ("mesh", "host", "whole")
 """Families over the network of one machine, without points at statements."""

@@ -2,8 +2,8 @@
 
 A story lasts 20 s. Until 9 s operators call, stop, cancel, bind anew and delete, while hosts end at chosen
 moments, lose their power, find their disks full or as they were before; proxies and controllers fail, too.
-Then all is healed, and at 16 s a call through the whole tree must succeed. In a *calm* story only processes of
-hosts end, and are started again at once: there each call must succeed.
+Then all is healed, and at 16 s a call through the whole tree must succeed. In a *calm* story only processes
+of hosts end, and are started again at once: there each call must succeed.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import random
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from functools import partial
 from math import inf
 from typing import Any
@@ -109,7 +109,7 @@ class Guide(VirtualRobot):
         self.helper.drive.tell(ticket=ticket, seconds=seconds)
         self.cart.drive(ticket=ticket + 1, seconds=seconds)
         self.helper.drive(ticket=ticket + 2, seconds=seconds)
-        return [ticket, ticket + 1, ticket + 2]
+        return [ticket + 1, ticket + 2]
 
     @command
     def rounds(self, ticket: float, seconds: float) -> list[float]:
@@ -145,8 +145,8 @@ class KeepingJudge(Judge):
         super().__init__(realm)
         self.held = {}
         self.forgetful = False
-        """Whether a host has forgotten what its robots were told, by an old copy of its disk: then a proxy may
-        be told once more, and only the controller knows the key."""
+        """Whether a host was started from an old copy of its disk: then a proxy may be told once more what it
+        has done and forgotten, and only its controller knows the key."""
 
     def look_at_call(self, cart: CartProxy) -> None:
         if self.forgetful:
@@ -419,6 +419,8 @@ class CrashStory:
         copy = keep.medium.copy()
 
         def put() -> None:
+            if self.world.runner.now() > CALM:
+                return
             self.realm.processes[name].kill()
             keep.medium.put_back(copy)
             keep.replaced = self.judge.forgetful = True
@@ -528,12 +530,12 @@ class CrashStory:
         for label, latest in self.open.items():
             if latest < self.world.runner.now():
                 complain(f"{label} never ends")
-        for one in self.world.complaints:
-            complain(f"complaint: {one}")
+        for complaint in self.world.complaints:
+            complain(f"complaint: {complaint}")
         if not self.whole:
             complain("the realm is not whole again")
         agents = self.realm.agents()
-        for (parent, slot), child in self.bonds.items():
+        for (parent, _), child in self.bonds.items():
             lease = lease_of(agents[child]) if child in agents else None
             if lease is None or lease.parent.name != parent:
                 complain(f"{child} has {lease and lease.parent.name} as its parent, not {parent}")

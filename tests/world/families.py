@@ -12,7 +12,7 @@ import robotree.vr.network
 import robotree.vr.running
 from robotree.vr.agents import callers
 from robotree.vr.base import presence
-from tests.world import host, mesh, story, threads, whole
+from tests.world import crashes, host, mesh, story, threads, whole
 
 Played = tuple[str, list[str]]
 """The digest of a trace, and the laws that were broken."""
@@ -50,6 +50,11 @@ def _host(seed: int, among: tuple[ModuleType, ...] = ()) -> Played:
     return digest, played.broken
 
 
+def _disk(seed: int) -> Played:
+    digest, played = crashes.play(seed)
+    return digest, played.judge.broken
+
+
 def _whole(seed: int, among: tuple[ModuleType, ...] = ()) -> Played:
     digest, played = whole.play(seed, among)
     return digest, played.judge.broken
@@ -59,6 +64,7 @@ FAMILIES: dict[str, Callable[[int], Played]] = {
     "realm": _realm,
     "mesh": _mesh,
     "mesh at statements": lambda seed: _mesh(seed, network()),
+    "disk": _disk,
     "host": _host,
     "host at statements": lambda seed: _host(seed, running()),
     "whole": _whole,

@@ -16,8 +16,8 @@ from robotree.vr.base.errors import VrError
 from robotree.vr.core.events import CoreEvent
 from robotree.vr.core.machine import RobotCore, RobotState, decode_state, encode_state
 from robotree.vr.journal.journal import HostJournal
-from robotree.vr.journal.recovery import KeptRobot
 from robotree.vr.journal.records import KeptPage
+from robotree.vr.journal.recovery import KeptRobot
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.running.process import Process
 from robotree.vr.world.disk import LogClocks, Medium, MemoryDisk
@@ -43,13 +43,13 @@ MOMENTS = (
 
 
 class Shadow:
-    """What a journal was given of one robot, apart from the journal: the judge of what the next host finds."""
+    """What a journal was given of one robot, beside the journal: it judges what the next host finds."""
 
     def __init__(self, state: RobotState) -> None:
         self.first = encode_state(state)
         self.events: list[tuple[float, CoreEvent]] = []
         self.acknowledged = self.synced = -1
-        """Events that must be found after the end of the process, and of the power; -1: not even the robot."""
+        """Events that must outlive the process, and the power; -1: not even the robot must."""
         self.gone = False
 
     def states(self, least: int) -> list[bytes]:
@@ -179,14 +179,15 @@ class Door:
         return await self._transport.serve(key, lambda incoming: take(self._watched(incoming)))
 
     def _watched(self, incoming: Any) -> Any:
-        reply = incoming.reply
+        def at_moments(send: Callable[..., None]) -> Callable[..., None]:
+            def sends(body: bytes | None = None) -> None:
+                self._moment("before reply")
+                send(body)
+                self._moment("after reply")
 
-        def replies(body: bytes) -> None:
-            self._moment("before reply")
-            reply(body)
-            self._moment("after reply")
+            return sends
 
-        incoming.reply = replies
+        incoming.reply, incoming.end = at_moments(incoming.reply), at_moments(incoming.end)
         return incoming
 
 

@@ -11,6 +11,7 @@ MANY = {
     "realm": 500,
     "mesh": 1000,
     "mesh at statements": 500,
+    "disk": 2000,
     "host": 1000,
     "host at statements": 300,
     "whole": 300,

@@ -112,7 +112,7 @@ class OutsideCalls:
             runtime: the robot.
             is_open: returns whether it takes anything new.
             attend: ends a call when a caller's presence goes; takes presence and key.
-            waits: whether calls wait for `go_on`: the robots of a host that was started again are not all back.
+            waits: whether calls wait for `go_on`: not all robots of a host that was started again are back.
         """
         self._runtime, self._is_open, self._attend = runtime, is_open, attend
         self._units = SerialWorker(runtime.process.runner, f"{runtime.robot.name} units")

@@ -468,9 +468,9 @@ class VirtualProcess:
         self._waiting: list[greenlet | Turns] = []
 
     def of_world(self, when: float) -> float:
-        """Return the time of the world [s] at which its monotonic clock shows `when` [s], or a moment later."""
+        """Return the time of the world [s] when its monotonic clock shows `when` [s], or just after it."""
         moment = (when - self.offset) / self.rate
-        while moment * self.rate + self.offset < when:  # rounded down: a timer would go off before its time
+        while moment * self.rate + self.offset < when:  # else a timer would go off before its time
             moment = nextafter(moment, inf)
         return moment
 
