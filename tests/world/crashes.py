@@ -18,8 +18,9 @@ from typing import Any
 
 from robotree.vr.base.errors import NoSuchRobot, Unreachable, VrError
 from robotree.vr.bundle import Bundle
-from robotree.vr.exchange.client import HostClient
-from robotree.vr.supervision.realm_client import RealmClient
+from robotree.vr.exchange.asking import fresh_key
+from robotree.vr.exchange.client import HostClient, RobotClient
+from robotree.vr.supervision.realm_client import CALLER, RealmClient
 from robotree.vr.world.machine_world import errors_kept
 from robotree.vr.world.world import World
 from tests.world.keeping import MOMENTS, RETURNS, KeepingRealm
@@ -299,13 +300,17 @@ class CrashStory:
     async def _call_until_taken(
         self, client: RealmClient, name: str, command: str, arguments: dict[str, Any], deadline: float
     ) -> Any:
-        """Call a robot; in a calm story again, as long as it is not there to accept the call."""
+        """Call a robot; in a calm story again under the same key, as long as nobody has accepted it."""
+        if not self.calm:
+            return await client.call(name, command, arguments, deadline=deadline)
+        key, caller = fresh_key(), await client.caller()
         while True:
             try:
-                return await client.call(name, command, arguments, deadline=deadline)
+                robot = RobotClient(client._transport, await client.directory.resolve(name))
+                return await robot.call(
+                    command, arguments, deadline=deadline, key=key, caller=CALLER, sender=caller
+                )
             except (NoSuchRobot, Unreachable):
-                if not self.calm:
-                    raise
                 await asyncio.sleep(0.05)
 
     # -- ends of hosts ----------------------------------------------------------------------------
