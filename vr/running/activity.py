@@ -153,9 +153,7 @@ class CommandActivity(Frame):
             return step.value
         value = look()
         if step is None:  # what is no plain data is looked at again
-            plain = isinstance(value, (float, bool, str, bytes, type(None))) or value in _SMALL
-            result = on.StepResult("look", None, value) if plain else on.StepResult("look", "object")
-            self.keep_step(path, result)
+            self.keep_step(path, _kept_look(value))
         return value
 
     @_from_author
@@ -663,6 +661,23 @@ def _reply(
 
 _SMALL = range(-(2**63), 2**63)
 """Whole numbers that MessagePack can write."""
+
+
+def _kept_look(value: Any) -> on.StepResult:
+    if isinstance(value, list):  # of the numbers of the members of a group
+        numbers: list[Any] = [*cast("list[Any]", value)]
+        plain, value = all(map(_is_plain, numbers)), numbers
+    else:
+        plain = _is_plain(value)
+    return on.StepResult("look", None, value) if plain else on.StepResult("look", "object")
+
+
+def _is_plain(value: Any) -> bool:
+    """Whether a value that was looked at can be kept as it is."""
+    small = (
+        isinstance(value, int) and value in _SMALL
+    )  # of anything else a range would search all its numbers
+    return small or isinstance(value, (float, str, bytes, type(None)))
 
 
 def _never() -> bool:
