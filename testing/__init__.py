@@ -15,6 +15,7 @@ Nothing here takes real time, and the same seed gives the same order of events.
     kind        what a fake needs to know of a kind, from a class, a description or a file
     fake        fakes, their results and their faults
     journal     what was commanded, and how it differs from what a test expects
+    home        the process of a page, which keeps its robot and comes back after a crash
     team        the World of one rehearsal, and what a test does to it
     space       the space of a rehearsal
     seeds       the same page under many seeds, with faults

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from robotree.vr.running.process import Process
     from robotree.vr.world.world import SimulatedProcess, World
 
-What = Literal["refuse", "delay", "lose", "freeze", "stop", "cancel"]
+What = Literal["refuse", "delay", "lose", "freeze", "stop", "cancel", "crash"]
 
 
 class Fault(msgspec.Struct, frozen=True, kw_only=True):
@@ -36,6 +36,8 @@ class Fault(msgspec.Struct, frozen=True, kw_only=True):
     """[s] that it takes longer, or lasts."""
     why: str = ""
     error: Exception | None = None
+    path: str = ""
+    """Slot of the page that crashes."""
 
     def __str__(self) -> str:
         where = self.command or "command"
@@ -73,7 +75,7 @@ class Stage(Protocol):
         page: PageSource,
         settings: Mapping[str, Any],
         children: Mapping[str, Parts],
-    ) -> VirtualRobot:
+    ) -> None:
         """Make a robot of a page, let it live, and those that are meant for its slots."""
         ...
 
@@ -162,4 +164,4 @@ class Page(Part):
         """The robot of the present rehearsal, or of the last one."""
 
     def enter(self, team: Stage, path: str, name: str) -> None:
-        self.robot = team.start_page(path, name, self.page, self.settings, self.children)
+        team.start_page(path, name, self.page, self.settings, self.children)

@@ -20,8 +20,9 @@ from typing import Any, Self, cast
 import msgspec
 
 from robotree.testing import watch
+from robotree.testing.home import Home
 from robotree.testing.journal import Commanded, Journal, Step
-from robotree.testing.parts import Fault, PageSource, Part, Parts
+from robotree.testing.parts import Fault, Page, PageSource, Part, Parts
 from robotree.testing.space import TeamSpace
 from robotree.testing.watch import Endless, watched
 from robotree.vr.agents.agent import RobotAgent
@@ -37,6 +38,7 @@ from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.loader import built
 from robotree.vr.exchange.asking import ask, fresh_key
 from robotree.vr.exchange.client import RobotClient
+from robotree.vr.running.process import Journal as EventJournal
 from robotree.vr.running.process import Process
 from robotree.vr.world.world import SimulatedProcess, World
 
@@ -114,6 +116,8 @@ class Team:
         """Slot of each robot, by its name."""
         self._agents: dict[str, RobotAgent] = {}
         self._processes: dict[str, SimulatedProcess] = {}
+        self._homes: dict[str, Home] = {}
+        """Where the pages live."""
         self._bonds: list[tuple[str, str, str]] = []
         """What is to be bound: parent, slot, child."""
         self._counts: Counter[tuple[str, str]] = Counter()
@@ -129,7 +133,7 @@ class Team:
         _open.append(self)
         try:
             self._operator = self.start_process(OPERATOR, _wait_for_ever)
-            self.page = self.start_page("", "", page, settings, children)
+            self.start_page("", "", page, settings, children)
             self._assemble()
         except BaseException:
             self.close()
@@ -293,6 +297,42 @@ class Team:
         if after is None:
             self.wait(PERIOD)
 
+    def crash(
+        self, path: str = "", *, at: int | None = None, after: float | None = None, away: float = 1.0
+    ) -> None:
+        """Kill the process of the page, as `kill -9` does to its host, and start it again.
+
+        Args:
+            path: slot of another page, for `Page(…)`.
+            at: when the how-manieth command of any child begins, from 1; None: no matter.
+            after: [s] from now, or from that moment. Neither of both: now, and wait until the page is back.
+            away: [s] until it is started again.
+
+        Raises:
+            KeyError: there is no page at this path.
+        """
+        home = self._homes[path]
+        fault = Fault(what="crash", at=at, after=after or 0.0, by=away, path=path)
+        if at is not None:
+            self._faults.append(fault)
+        else:
+            self._at(fault.after, partial(self._crash, home, fault))
+        if at is None and after is None:
+            self.wait(PERIOD)
+            self.wait_until(lambda: path in self._agents, within=away + ASSEMBLY)
+
+    def _crash(self, home: Home, fault: Fault) -> None:
+        page = fault.path or "the page"
+        self._note(f"{page} is killed")
+        self._agents.pop(fault.path, None)
+        self._processes[fault.path].kill()
+
+        def start() -> None:
+            self._note(f"{page} is started again")
+            self.start_process(fault.path, home.live)
+
+        self._at(fault.by, start)
+
     def fill(self, slot: str, part: Part) -> None:
         """Put another robot into an empty slot of the page."""
         self._enter(slot, "", slot, part)
@@ -303,6 +343,11 @@ class Team:
         self._do(lambda: self._client().free(slot))
 
     # -- for parts --------------------------------------------------------------------------------
+
+    @property
+    def page(self) -> VirtualRobot:
+        """The robot of the page; another one after a crash."""
+        return cast("VirtualRobot", self._agents[""].robot)
 
     def start_robot(self, path: str, robot: Robot) -> None:
         """Let a robot live in a process of its own."""
@@ -315,9 +360,14 @@ class Team:
 
         self.start_process(path, live)
 
-    def threads(self, process: SimulatedProcess) -> Process:
-        """Return what carries the commands of a simulated process out, and writes them down."""
-        threads = Process(process.runner, self.journal)
+    def threads(self, process: SimulatedProcess, journal: EventJournal | None = None) -> Process:
+        """Return what carries the commands of a simulated process out, and writes them down.
+
+        Args:
+            process: the process.
+            journal: where; None: in that of the rehearsal.
+        """
+        threads = Process(process.runner, self.journal if journal is None else journal)
         threads.on_raise = self._hear_error
         return threads
 
@@ -340,6 +390,9 @@ class Team:
     def lives(self, path: str, agent: RobotAgent) -> None:
         """Take note that a robot can be called."""
         self._agents[path] = agent
+        part = self._parts.get(path)
+        if isinstance(part, Page):
+            part.robot = cast("VirtualRobot", agent.robot)
 
     def start_page(
         self,
@@ -348,7 +401,7 @@ class Team:
         page: PageSource,
         settings: Mapping[str, Any],
         children: Mapping[str, Parts],
-    ) -> VirtualRobot:
+    ) -> None:
         """Make a robot of a page, let it live, and those that are meant for its slots.
 
         Raises:
@@ -362,8 +415,8 @@ class Team:
             raise TypeError(f"{cls.__name__} has no child slot {slot!r}; it has: {known}")
         name = name or self._new_name(_snake(cls.__name__))
         self._paths[name] = path
-        robot = _made(cls, name, settings)
-        self.start_robot(path, robot)
+        home = self._homes[path] = Home(self, path, partial(_made, cls, name, settings))
+        self.start_process(path, home.live)
         for slot, parts in children.items():
             below = f"{path}.{slot}" if path else slot
             if isinstance(parts, list | tuple):
@@ -371,7 +424,6 @@ class Team:
                     self._enter(f"{below}[{number}]", path, f"{slot}[{number}]", part)
             else:
                 self._enter(below, path, slot, parts)
-        return robot
 
     def _enter(self, path: str, parent: str, slot: str, part: object) -> None:
         if not isinstance(part, Part):
@@ -505,7 +557,8 @@ class Team:
                 self._strike(step, part, fault)
 
     def _strike(self, step: Step, part: Part, fault: Fault) -> None:
-        self._note(f"{step.robot}: {fault}")
+        if fault.what != "crash":  # it says so itself, when it happens
+            self._note(f"{step.robot}: {fault}")
         process = self._processes[step.robot]
         match fault.what:
             case "lose":
@@ -513,6 +566,8 @@ class Team:
             case "freeze":
                 self._at(fault.after, process.pause)
                 self._at(fault.after + fault.by, process.resume)
+            case "crash":
+                self._at(fault.after, partial(self._crash, self._homes[fault.path], fault))
             case "stop" | "cancel":
                 self._at(fault.after, lambda: self._strike_page(fault))
             case "refuse" | "delay":
