@@ -176,8 +176,8 @@ async def test_after_a_kill_at_any_record_nothing_is_said_twice_and_nothing_is_l
     ends, acknowledged, body, name = await whole_log(tmp_path / "whole")
     assert len(ends) > 20
     for number, end in enumerate(ends):
-        folder = tmp_path / str(number)
-        folder.mkdir()
+        folder = tmp_path / str(number) / "whole"  # a folder of another name would be a copy
+        folder.mkdir(parents=True)
         (folder / name).write_bytes(body[:end])
         async with Life(folder) as life:
             known = [who for who, size in acknowledged if size <= end]
