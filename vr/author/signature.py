@@ -71,16 +71,16 @@ class Command(msgspec.Struct, frozen=True):
             BadArgument: a class of the author's refuses to be made of them.
             Exception: what the author's code raises.
         """
-        given = arguments.keys()
         if not _CHANGEABLE.isdisjoint(map(type, arguments.values())):
             arguments = copy.deepcopy(arguments)  # they are part of the robot's state, which no code changes
+        given = arguments
         if self.changeable:
             missing = {name: self.changeable[name] for name in self.changeable.keys() - arguments.keys()}
             arguments = {**arguments, **copy.deepcopy(missing)}
         if not self.builds:
             return self.function(robot, **arguments)
         built = {
-            name: self._build(name, value) if name in self.builds and name in given else value
+            name: self._build(name, value) if name in given and name in self.builds else value
             for name, value in arguments.items()
         }
         return self.function(robot, **built)
@@ -102,7 +102,7 @@ class Command(msgspec.Struct, frozen=True):
         except TypeError as error:
             raise TypeError(f"the result {error}") from None
         declared = self.returns
-        if declared is not Any:
+        if declared is not Any and type(plain) is not declared:  # of itself, most often
             try:
                 msgspec.convert(plain, declared, strict=True)
             except msgspec.ValidationError as error:

@@ -154,7 +154,9 @@ def _is_none(field: FieldSpec, value: str | None) -> bool:
 
 
 def _number(field: FieldSpec, value: object) -> float:
-    if isinstance(value, str):
+    if type(value) is float and -1e300 < value < 1e300:
+        number = value
+    elif isinstance(value, str):
         number = read_quantity(value, field.unit)
     elif isinstance(value, bool) or not isinstance(value, (int, float)):
         raise TypeError(f"{shorten(value)} is not {expected(field)}")

@@ -360,7 +360,8 @@ class RobotCore:
         return self.state.address.name
 
     def _due(self) -> float:
-        due, lease = self.state.slots.due, self.state.lease.current
+        slots, lease = self.state.slots, self.state.lease.current
+        due = slots.due if slots.by_name else math.inf
         if lease is not None and lease.expires < due:
             due = lease.expires
         for call in self.state.calls.live.values():
