@@ -237,7 +237,10 @@ class RobotDescription(_Agent, frozen=True, kw_only=True, omit_defaults=True):
 
     def command(self, name: str) -> CommandSpec | None:
         """Return the command of this name, or None."""
-        return next((command for command in self.commands if command.name == name), None)
+        for command in self.commands:
+            if command.name == name:
+                return command
+        return None
 
     def slot(self, name: str) -> SlotSpec | None:
         """Return the slot of this name, or None."""

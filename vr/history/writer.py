@@ -58,12 +58,12 @@ _log = logging.getLogger(__name__)
 class WatchedCore(RobotCore):
     """The machine of a robot whose events are kept."""
 
-    __slots__ = ("_queue",)
+    __slots__ = ("_name", "_queue")
 
     def __init__(self, state: RobotState, queue: Callable[[_Item], None]) -> None:
         """Take a state, and where its events go."""
         super().__init__(state)
-        self._queue = queue
+        self._name, self._queue = state.address.name, queue
 
     def handle(self, event: CoreEvent, now: float) -> list[CoreEffect]:
         """See `RobotCore.handle`."""
@@ -72,17 +72,17 @@ class WatchedCore(RobotCore):
         if kind is on.Invoke:
             call = None if event.reads else self.state.calls.live.get(event.call.key)  # type: ignore[union-attr]
             if call is not None and call.came == now:  # else it had been accepted before
-                self._queue((self.name, now, event, self.state.lease.epoch))
+                self._queue((self._name, now, event, self.state.lease.epoch))
         elif kind in _KEPT and (kind is not on.StepTaken or event.step.kind in _STEPS):  # type: ignore[union-attr]
-            self._queue((self.name, now, event, self.state.lease.epoch))
+            self._queue((self._name, now, event, self.state.lease.epoch))
         for effect in effects:
             if type(effect) is Settled:
                 if effect.call is not None and not effect.call.reads:
-                    self._queue((self.name, now, effect.call, self.state.lease.epoch))
+                    self._queue((self._name, now, effect.call, self.state.lease.epoch))
             elif type(effect) is LeaseEnded:
-                self._queue((self.name, now, effect, self.state.lease.epoch))
+                self._queue((self._name, now, effect, self.state.lease.epoch))
             elif type(effect) is StopTaken and effect.fresh:  # a copy of an order is no other stop
-                self._queue((self.name, now, event, self.state.lease.epoch))
+                self._queue((self._name, now, event, self.state.lease.epoch))
         return effects
 
 

@@ -793,7 +793,8 @@ class RobotRuntime:
         Raises:
             SlotEmpty: there is no child.
         """
-        return self.look(lambda state: state.slots.require(slot).description.command(command))
+        with self._lock:
+            return self.core.state.slots.require(slot).description.command(command)
 
     def child_only_reads(self, slot: str, command: str) -> bool:
         """Whether a command of the child in a slot is known to change nothing."""
