@@ -145,6 +145,37 @@ def overwrite(path: Path, data: bytes) -> None:
         file.write(data)
 
 
+def replace(path: Path, data: bytes) -> None:
+    """Write a file so that who reads it, also after a crash, finds the old content or the new one.
+
+    Args:
+        path: of the file; a device or a FIFO, such as /dev/stdout, is written to.
+        data: its new content.
+
+    Raises:
+        OSError: it cannot be written, or another user made the link that stands there; the old one stays.
+    """
+    if path.exists() and not path.is_file():
+        overwrite(path, data)
+        return
+    own(path)
+    path = path.resolve()  # a link stays one
+    mode = path.stat().st_mode & 0o7777 if path.exists() else None
+    new = path.with_name(f".{path.name}.{os.getpid()}")
+    descriptor = _open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(data)
+            file.flush()
+            if mode is not None:
+                os.fchmod(descriptor, mode)
+            os.fsync(descriptor)
+        new.replace(path)
+    except BaseException:
+        new.unlink(missing_ok=True)
+        raise
+
+
 def own(path: Path) -> int:
     """Return the flag to open a name with, so that no other user decides where it leads.
 

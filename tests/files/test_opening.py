@@ -20,6 +20,7 @@ from robotree.files import (
     private_file,
     private_folder,
     read,
+    replace,
     text,
 )
 
@@ -220,3 +221,29 @@ def test_what_a_program_keeps_for_itself_may_be_missing(tmp_path: Path) -> None:
     os.close(opened_own(tmp_path / "x", os.O_CREAT | os.O_WRONLY))
     expect_own(tmp_path / "x")
     assert mode(tmp_path / "x") == 0o600
+
+
+def test_a_file_is_replaced_whole_or_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "x"
+    replace(path, b"first")
+    path.chmod(0o640)
+    (tmp_path / "link").symlink_to(path)
+    replace(tmp_path / "link", b"second")
+    assert (path.read_bytes(), mode(path), (tmp_path / "link").is_symlink()) == (b"second", 0o640, True)
+
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        replace(path, b"third")
+    assert path.read_bytes() == b"second"
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["link", "x"]
+
+
+def test_what_is_no_file_is_written_to(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "x")
+    with pytest.raises(OSError, match="No such device or address"):
+        replace(tmp_path / "x", b"nobody reads it")
+    replace(Path("/dev/null"), b"gone")
+    assert Path("/dev/null").is_char_device()

@@ -183,6 +183,12 @@ async def test_a_file_becomes_a_realm_and_the_realm_becomes_the_same_file_again(
     assert await cell.shape() == there
     again = cell.folder / "again.yaml"
     await cell.line("save", str(again))
+    kept = again.read_text()
+    code, _, complaints = await cell.line("save", str(again))
+    assert code == exit_codes.USAGE
+    assert f"{again} is there already; give another name, or --force to replace it" in complaints
+    assert again.read_text() == kept
+    assert (await cell.line("save", str(again), "--force"))[0] == exit_codes.DONE
     assert again.read_text().partition("\n")[2] == (cell.folder / "saved.yaml").read_text().partition("\n")[2]
 
 

@@ -528,12 +528,12 @@ ACTIONS: tuple[Action, ...] = (
         examples=("realm export --realm plant",),
     ),
     Action(
-        usage="save FILE",
+        usage="save FILE [--force]",
         help="Write the realm into a FILE that people can read and edit: its processes, robots, pages,"
-        " settings, roles and bonds.",
+        " settings, roles and bonds. --force: replace a FILE that is there.",
         group=PROCESS,
         where=Where.SHELL,
-        examples=("save cell.yaml",),
+        examples=("save cell.yaml", "save cell.yaml --force"),
     ),
     Action(
         usage="apply FILE [--dry-run] [--prune] [--yes]",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,6 +35,9 @@ if TYPE_CHECKING:
 
 SHOWN = 16
 """Digits of the hash of a page that are written."""
+_LOCAL = re.compile(r"^(?:tcp|udp):(?:127\.[0-9.]+|localhost|\[::1\]):([0-9]+)\b")
+"""The port of an address on this machine."""
+_RANGE = Path("/proc/sys/net/ipv4/ip_local_port_range")
 NEUTRAL = "neutral"
 """The role of a robot that plays none (`vr.scripts.roles`)."""
 
@@ -121,7 +125,19 @@ class _Saving:
             if "connect" in facets and facets["connect"].text == controller.address:
                 del facets["connect"]
                 facets[CONTROLLER] = _word(name)
+        if "connect" in facets:
+            self._note_chance(line.text("NAME"), facets["connect"].text)
         return ProcessEntry(verb=verb, name=line.text("NAME"), facets=facets)
+
+    def _note_chance(self, name: str, address: str) -> None:
+        """Note a port that this machine gives out by chance: nobody listens there again."""
+        found = _LOCAL.search(address)
+        first, last = _given_by_chance()
+        if found and first <= int(found[1]) <= last:
+            self._notes.append(
+                f"{name} connects to {address}, a port that was free by chance: after a restart its "
+                f"controller has another one; give it a port below {first}, or write it into `controllers`"
+            )
 
     # -- robots ------------------------------------------------------------------------------------
 
@@ -165,6 +181,15 @@ class _Saving:
                 f"{path} has changed since {robot.name} was made of it; `apply` will refuse the file until "
                 f"`robotree reload {robot.name}` and another `save`, or until its hash is taken out"
             )
+
+
+def _given_by_chance() -> tuple[int, int]:
+    """Return the first and the last port that Linux gives to who asks for any (ip(7))."""
+    try:
+        first, last = map(int, _RANGE.read_text().split())
+    except (OSError, ValueError):
+        return 32768, 60999
+    return first, last
 
 
 def _written(value: Any) -> str:

@@ -1,6 +1,7 @@
 """`robotree save FILE` and `robotree apply FILE`.
 
 robotree save cell.yaml
+robotree save cell.yaml --force
 robotree apply cell.yaml --dry-run
 robotree apply cell.yaml
 """
@@ -75,6 +76,8 @@ async def save(line: Line, realm: str) -> int:
         The exit code.
     """
     path = Path(os.path.expanduser(line.text("FILE")))  # noqa: ASYNC240, PTH111 # no file is opened
+    if not line.flag("--force") and await asyncio.to_thread(path.is_file):
+        raise ValueRefused("FILE", f"{path} is there already; give another name, or --force to replace it")
     if not anybody_met(realm):
         complain(nothing_to_ask(realm))
         return exit_codes.NOBODY
@@ -87,7 +90,7 @@ async def save(line: Line, realm: str) -> int:
     comment = (
         f"Realm {realm}, written by `robotree save`; `robotree apply {path.name}` brings it about again."
     )
-    await asyncio.to_thread(files.overwrite, path, write_file(found, comments=[comment]).encode())
+    await asyncio.to_thread(files.replace, path, write_file(found, comments=[comment]).encode())
     count = f"{len(found.processes)} processes, {len(found.robots)} virtual robots"
     data = {"file": str(path), "processes": len(found.processes), "robots": len(found.robots), "notes": notes}
     answer(f"{path}  {count}", lambda: data)
