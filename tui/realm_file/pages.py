@@ -48,15 +48,20 @@ def _page(robot: RobotEntry, wanted: RealmFile) -> Page:
 
 
 def _expect_names(robot: RobotEntry, bundle: Bundle, wanted: RealmFile) -> None:
-    """Refuse slots and settings that the page does not have, as far as its text shows.
+    """Refuse a page that is no Python, and slots and settings that its text shows not to be there.
 
     Raises:
-        BadRealmFile: it has none of this name.
+        BadRealmFile: it cannot be read, or has none of this name.
     """
     try:
         tree = parse(bundle.source)
-    except (SyntaxError, ValueError):  # a script; or the host says what is wrong with the page
-        return
+    except (SyntaxError, ValueError) as error:
+        if not bundle.path.endswith(".py"):
+            return  # a script
+        line = error.lineno if isinstance(error, SyntaxError) and error.lineno else 1
+        reason = error.msg if isinstance(error, SyntaxError) else str(error)
+        text = f"the page of {robot.name} is no Python: {bundle.path}:{line}: {reason}"
+        raise wanted.error(robot.page.mark, text) from None
     classes = {one.name: one for one in tree.body if isinstance(one, ast.ClassDef)}
     page = next((one for name, one in declared(tree).items() if bundle.wanted in {"", name}), None)
     if page is None or not _shown_whole(classes[page.name], classes):
@@ -66,8 +71,8 @@ def _expect_names(robot: RobotEntry, bundle: Bundle, wanted: RealmFile) -> None:
             mark = children[0].mark if children else robot.mark
             raise wanted.error(mark, _unknown(page.name, "slot", slot, page.slots))
     for setting, value in robot.settings.items():
-        if setting not in page.declared:
-            raise wanted.error(value.mark, _unknown(page.name, "setting", setting, page.declared))
+        if setting not in page.settings:
+            raise wanted.error(value.mark, _unknown(page.name, "setting", setting, page.settings))
 
 
 def _shown_whole(node: ast.ClassDef, classes: Mapping[str, ast.ClassDef]) -> bool:

@@ -34,6 +34,8 @@ class Page:
         self.groups: set[str] = set(base.groups) if base else set()
         self.declared: set[str] = set(base.declared) if base else set()
         """Settings and state."""
+        self.settings: set[str] = set(base.settings) if base else set()
+        """Of these, what people may set."""
         self.bare: dict[str, ast.AnnAssign] = {}
         """Attributes with a type and no value."""
         self.exposed: list[tuple[str, str, ast.Call]] = []
@@ -58,8 +60,10 @@ class Page:
         match item:
             case ast.AnnAssign(target=ast.Name(id=name), value=None):
                 self.bare[name] = item
-            case ast.AnnAssign(target=ast.Name(id=name)):
+            case ast.AnnAssign(target=ast.Name(id=name), value=value):
                 self.declared.add(name)
+                kept = isinstance(value, ast.Call) and last(value.func) == "state"
+                (self.settings.discard if kept or name.startswith("_") else self.settings.add)(name)
                 self._declare(name, "setting", item.lineno)
             case ast.Assign(targets=[ast.Name(id=name)], value=value):
                 self._take(name, value)

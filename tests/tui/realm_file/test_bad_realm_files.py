@@ -173,6 +173,25 @@ def test_a_slot_or_setting_that_the_page_lacks_is_named_with_its_line(
     assert expected in str(error)
 
 
+@pytest.mark.parametrize("name", ["counted", "count", "_hidden"])
+def test_what_a_robot_remembers_is_no_setting(name: str, tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(
+        "from robotree.vr import VirtualRobot, state\nclass Mine(VirtualRobot):\n"
+        "    speed: float = 0.1\n    count: int = state(0)\n    _hidden: int = 1\n"
+    )
+    error = refused_page(
+        file_with(tmp_path, f"robots:\n  mine:\n    page: mine.py\n    settings: {{{name}: 1}}\n")
+    )
+    assert str(error).endswith(f"Mine has no setting '{name}'; it has: speed")
+
+
+def test_a_page_that_is_no_python_is_named_with_both_lines(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text("from robotree.vr import VirtualRobot\nclass Mine(VirtualRobot)\n")
+    error = refused_page(file_with(tmp_path, "robots:\n  mine:\n    page: mine.py\n"))
+    assert error.number == 3
+    assert f"the page of mine is no Python: {tmp_path / 'mine.py'}:2: expected ':'" in str(error)
+
+
 def test_a_page_that_inherits_from_elsewhere_is_not_judged_by_its_text(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(
         "from robotree.vr.scripts.roles import RolePlayer\nfrom robotree.vr import VirtualRobot\n"
