@@ -45,6 +45,8 @@ class PendingGoal:
     """[s] it may take; 0: until reached."""
     repeatable: bool
     """Carried out twice, it ends the same."""
+    life: int | None
+    """Of the controller, when an earlier process of the proxy may have asked for it; None: none has."""
     _waiter: Waiter
     """In which the command's thread waits for the end when it has been asked to end itself."""
     fraction: float = 0.0
@@ -89,10 +91,18 @@ class PendingGoals:
     # -- from any thread ---------------------------------------------------------------------------
 
     def start(
-        self, key: int, request: Request, *, activity: Activity, ttl: float, repeatable: bool
+        self,
+        key: int,
+        request: Request,
+        *,
+        activity: Activity,
+        ttl: float,
+        repeatable: bool,
+        life: int | None = None,
     ) -> PendingGoal:
         """Ask for a movement, as `PendingGoal` has it; it ends at once if that cannot be sent."""
-        pending = PendingGoal(key, request, activity, ttl, repeatable, self._connection.runner.waiter())
+        waiter = self._connection.runner.waiter()
+        pending = PendingGoal(key, request, activity, ttl, repeatable, life, waiter)
         self._connection.soon(lambda: self._start(pending))
         return pending
 
@@ -146,6 +156,7 @@ class PendingGoals:
             ttl=pending.ttl,
             now=now,
             repeatable=pending.repeatable,
+            life=pending.life,
         )
         self._connection.perform(goal)
 

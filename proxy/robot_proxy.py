@@ -17,15 +17,15 @@ from weakref import WeakKeyDictionary
 
 from robotree.protocol.links.security import UNSIGNED, LinkSecurity
 from robotree.protocol.links.url import connect
-from robotree.protocol.messages import AnyMessage, Message
+from robotree.protocol.messages import AnyMessage, GoalState, Message, Reason, Verb
 from robotree.protocol.services.claim_client import ClaimClient, ClaimDenied, ClaimGranted
-from robotree.protocol.services.goal_client import GoalSilent
+from robotree.protocol.services.goal_client import GoalEnded, GoalSilent
 from robotree.protocol.services.peer import Send
 from robotree.proxy.connection import Connection, Dial
 from robotree.proxy.desired_mode import ReleaseConfirmed, ReleaseRefused, ReleaseUnanswered, StopConfirmed
 from robotree.proxy.guard import NO_LIMITS, EpochCheck, Limits, changed, check
 from robotree.proxy.mode_requests import ModeRequest, ModeRequests
-from robotree.proxy.motion import Hold, Motion
+from robotree.proxy.motion import Hold, Motion, Request
 from robotree.proxy.outcome import error_of, silence_in_words, unclear
 from robotree.proxy.pending_goals import NotSent, OutcomeLost, PendingGoal, PendingGoals
 from robotree.proxy.session import (
@@ -62,6 +62,8 @@ HELD_BY = "held_by"
 CANCEL_TIMEOUT = 0.8
 """[s] that a cancelled command waits for the controller to confirm the end of its goal: less than the
 second that agents allow. An unconfirmed cancel is sent again after that."""
+ASK = Request(Verb.STATUS, ())
+"""What asks for the state of a goal."""
 READING_TIMEOUT = 1.0
 """[s] that a reading may take to arrive. The slowest stream comes ten times a second."""
 NEXT = "look after the controller, the proxy goes on dialling"
@@ -203,16 +205,22 @@ class RobotProxy(Robot):
 
     # -- for the kinds -----------------------------------------------------------------------------
 
-    def carry_out(self, motion: Motion) -> None:
+    def carry_out(self, motion: Motion, *, before: Callable[[], object] = lambda: None) -> None:
         """Have the controller carry out a motion of the running command and wait for its end.
 
         A command may have several motions, one after the other. Sent again, it must ask for the same ones in
         the same order: the controller does not repeat those that it has carried out.
 
+        Args:
+            motion: what it is to do.
+            before: called before it is sent, unless an earlier process of the proxy has sent it: raises why
+                it is not to be.
+
         Raises:
             BadArgument: a value is out of its limit; nothing was sent.
             StaleEpoch: the lease under which it is asked is over.
             CommandFailed: the controller is offline, refuses, or did not get there.
+            CommandInDoubt: it adds up, and nobody knows whether it was carried out.
             CommandCancelled: it was ended on request or for something newer, perhaps before this motion.
             DeadlineExceeded: its time was over first.
         """
@@ -227,17 +235,17 @@ class RobotProxy(Robot):
         effect = self._effect_of(motion)
         activity = running()
         number = self._sent[activity] = self._sent.get(activity, -1) + 1
-        pending = self._pending.start(
-            goal_key(context.key, number),
-            motion.request(),
-            activity=activity,
-            ttl=ttl,
-            repeatable=effect != "once",
-        )
-        try:
-            self._wait_for(pending)
-        finally:
-            self.settled_at = self._connection.now()
+        key, life = goal_key(context.key, number), self._life_of_witness(effect)
+        start = partial(self._pending.start, key, activity=activity, ttl=ttl, life=life)
+        if life is not None:  # an earlier process may have asked for it: the controller knows
+            pending = start(ASK, repeatable=False)
+            self._follow(pending)
+            if not _is_new(pending):
+                self._raise_outcome(pending, effect)
+                return
+        before()
+        pending = start(motion.request(), repeatable=effect != "once")
+        self._follow(pending)
         self._raise_outcome(pending, effect)
 
     def tell(self, message: AnyMessage) -> None:
@@ -296,6 +304,31 @@ class RobotProxy(Robot):
         elif self._mode_requests.withdraw(resume):
             self._connection.perform(self._session.withdraw(now))
 
+    def _life_of_witness(self, effect: Effect) -> int | None:
+        """Return the life of the controller in which an earlier process was asked for the running command.
+
+        Returns:
+            None: no process was.
+
+        Raises:
+            CommandInDoubt: the controller knows our goals by another component now.
+        """
+        witness = self.context.witness
+        if not witness:
+            return None
+        component, _, life = witness.partition("/")
+        if component != str(self._session.component) or not life.isdigit():
+            detail = "its controller knows what was asked for under another component"
+            raise unclear(detail, self.name, self.context.command, effect)
+        return int(life)
+
+    def _follow(self, pending: PendingGoal) -> None:
+        """Wait for the end of a goal; what is heard from then on shows the robot as it is."""
+        try:
+            self._wait_for(pending)
+        finally:
+            self.settled_at = self._connection.now()
+
     def _wait_for(self, pending: PendingGoal) -> None:
         """Wait for the end of a goal; cancel it when the command is asked to end."""
         shown = -1.0
@@ -326,6 +359,8 @@ class RobotProxy(Robot):
         match pending.end:
             case NotSent(trouble=trouble):
                 self.check()
+                if pending.life is not None:
+                    raise unclear(f"it cannot be asked: {trouble}", self.name, self.context.command, effect)
                 raise self._failed(trouble if self.online else f"{trouble}; {NEXT}")
             case GoalSilent() | None as end:
                 acknowledged = end is not None and end.acknowledged
@@ -353,6 +388,7 @@ class RobotProxy(Robot):
         return CommandFailed(robot=self.name, command=self.context.command, detail=detail)
 
     def _handle(self, event: SessionEvent) -> None:
+        self.witness = self._session.witness
         match event:
             case OnlineChanged(online=online):
                 self.online = online
@@ -375,6 +411,12 @@ class RobotProxy(Robot):
                 self.on_change()
             case _:
                 self._pending.handle(event)
+
+
+def _is_new(pending: PendingGoal) -> bool:
+    """Whether the controller has answered, in the life that was asked about, that it does not know a goal."""
+    end = pending.end
+    return isinstance(end, GoalEnded) and end.state == GoalState.UNKNOWN and end.reason != Reason.OTHER_LIFE
 
 
 def _has_news(pending: PendingGoal, shown: float) -> bool:

@@ -81,10 +81,13 @@ class Rover(RobotProxy):
     @command
     def move(self, x: Ahead, y: Aside, speed: DriveSpeed = USUAL_SPEED) -> None:
         """Move by a distance from here, without turning."""
-        here = self.get_info()
         motion = Move(x=x, y=y, speed=speed)
-        check_arrival(motion, (here.x, here.y), self.limits, command=f"{self.name}.move")
-        self.carry_out(motion)
+
+        def stay_inside() -> None:
+            here = self.get_info()
+            check_arrival(motion, (here.x, here.y), self.limits, command=f"{self.name}.move")
+
+        self.carry_out(motion, before=stay_inside)
 
     @command(effect="read")
     def get_info(self) -> RoverInfo:

@@ -207,6 +207,15 @@ class ControllerSession:
         return 0 if mode is None else mode.epoch
 
     @property
+    def witness(self) -> str:
+        """By which a later process of ours knows whether the controller can still tell what we asked for.
+
+        The controller knows a goal by our component, in one of its lives; empty: it does not number them.
+        """
+        mode = self.twin.latest(Mode)
+        return f"{self.component}/{mode.life}" if mode is not None and mode.life else ""
+
+    @property
     def pieces(self) -> int:
         """Packets of pictures so far; while they grow, a picture is on its way."""
         return self._pictures.statistics.pieces
@@ -319,13 +328,23 @@ class ControllerSession:
     # -- requests to the controller ----------------------------------------------------------------
 
     def start(
-        self, key: int, request: Request, *, epoch: int, ttl: float, now: float, repeatable: bool = False
+        self,
+        key: int,
+        request: Request,
+        *,
+        epoch: int,
+        ttl: float,
+        now: float,
+        repeatable: bool = False,
+        life: int | None = None,
     ) -> list[SessionEffect]:
         """Ask for a movement under the `epoch` of a lease; the rest is as for `GoalClient.start`."""
         verb, args = request
         under = self._epoch(epoch)
         claim = self._keep_claim(now)
-        goal = self._goals.start(key, verb, args, epoch=under, now=now, ttl=ttl, repeatable=repeatable)
+        goal = self._goals.start(
+            key, verb, args, epoch=under, now=now, ttl=ttl, repeatable=repeatable, life=life
+        )
         return [*claim, *goal]
 
     def cancel(self, key: int, *, epoch: int, now: float) -> list[SessionEffect]:

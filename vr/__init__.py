@@ -20,7 +20,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from robotree.vr.author.child import Child, Children
     from robotree.vr.author.command import command
-    from robotree.vr.author.context import CallFuture, CommandContext
+    from robotree.vr.author.context import CallFuture, CommandContext, StepInDoubt
     from robotree.vr.author.fields import state
     from robotree.vr.author.kind import Kind, promised
     from robotree.vr.author.readings import Record
@@ -60,6 +60,7 @@ __all__ = [
     # inside of them
     "CallFuture",
     "CommandContext",
+    "StepInDoubt",
     "Record",
     "retry",
     # what can go wrong
@@ -79,7 +80,7 @@ __all__ = [
 _FROM = {
     "author.child": ("Child", "Children"),
     "author.command": ("command",),
-    "author.context": ("CallFuture", "CommandContext"),
+    "author.context": ("CallFuture", "CommandContext", "StepInDoubt"),
     "author.fields": ("state",),
     "author.kind": ("Kind", "promised"),
     "author.readings": ("Record",),

@@ -96,6 +96,8 @@ class _Pursuit(msgspec.Struct):
     silent: bool = False
     cancelled: bool = False
     sequence: int = -1
+    again: bool = False
+    """Whether an earlier process of ours may have asked for it: that it is not known is an answer at once."""
     refusal: GoalStatus | None = None
     """Because somebody else commands; a repetition of the goal that is on its way must not begin after it."""
 
@@ -150,6 +152,7 @@ class GoalClient:
         now: float,
         ttl: float = 0.0,
         repeatable: bool = False,
+        life: int | None = None,
     ) -> list[GoalClientEffect]:
         """Ask for a movement. With a key that is being pursued, the same request is sent once more.
 
@@ -161,12 +164,14 @@ class GoalClient:
             now: [s]
             ttl: time to live, [s]; 0: until reached.
             repeatable: carried out twice, it ends the same.
+            life: of the controller, when an earlier process of ours may have asked for it; None: none has.
         """
         lives = ttl or inf
         target = (self.system, self.component)
-        goal = Goal(key, epoch, _milliseconds(lives), padded(args), verb, *target, life=self.life)
+        made_for = self.life if life is None else life
+        goal = Goal(key, epoch, _milliseconds(lives), padded(args), verb, *target, life=made_for)
         self._pursuits[key] = _Pursuit(
-            goal, deadline=now + lives, heard=now, asked=now, repeatable=repeatable
+            goal, now + lives, heard=now, asked=now, repeatable=repeatable, again=life is not None
         )
         return [Send(goal, self.via)]
 
@@ -304,6 +309,8 @@ def _says_nothing(unknown: GoalStatus, pursuit: _Pursuit) -> bool:
     After a restart its MODE reports the new life, and then the goal is decided. A goal that
     was never answered is still on its way: it is an answer to an older question.
     """
+    if pursuit.again:
+        return False
     if unknown.reason == Reason.OTHER_LIFE:
         return True
     return not (pursuit.acknowledged or pursuit.cancelled or pursuit.silent)

@@ -32,6 +32,8 @@ NAME, FOLDER = sys.argv[1], Path(sys.argv[2])
 PLACE, _, NUMBER = os.environ.get("KILL", "").rpartition(" ")
 ROOM = int(os.environ.get("ROOM", "-1"))
 """Frames for which there is room on the disk; -1: any number."""
+WORD = os.environ.get("WORD", "act").encode()
+"""Of the calls around which the moments of the transport are."""
 KEEPS = "FORGET" not in os.environ
 
 
@@ -103,7 +105,7 @@ class Door:
         return getattr(self._transport, name)
 
     def ask(self, key: str, body: bytes, *, on_reply: Callable[[Any], None], **options: Any) -> None:
-        if b"act" not in body:
+        if WORD not in body:
             return self._transport.ask(key, body, on_reply=on_reply, **options)
 
         def hear(reply: Any) -> None:

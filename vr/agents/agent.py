@@ -185,7 +185,7 @@ class RobotAgent:
 
     def _begin_life(self) -> None:
         """Nothing is declared and nothing watched yet."""
-        self._known_to_parent: tuple[CommandSpec, ...] = ()
+        self._known_to_parent: tuple[tuple[CommandSpec, ...], str] = ((), "")
         """The commands of which the parent knows."""
         self._declared: list[Registration] = []
         self._presence: Registration | None = None
@@ -538,7 +538,7 @@ class RobotAgent:
         )
         self._watch(request.parent)
         description = self.description()
-        self._known_to_parent = description.commands
+        self._known_to_parent = description.commands, description.witness
         return _granted(effects, description, self._process.returns)
 
     def _expect_to_fit(self, request: Petition) -> None:
@@ -578,10 +578,10 @@ class RobotAgent:
         if lease is None or lease.parent != request.parent:  # the parent goes on as another incarnation
             self._watch(request.parent)
         commands = self.runtime.look(self.runtime.specs)
-        if commands == self._known_to_parent:
+        if (commands, self.robot.witness) == self._known_to_parent:
             return _granted(effects, None, self._process.returns)
         description = self.description()
-        self._known_to_parent = description.commands
+        self._known_to_parent = description.commands, description.witness
         return _granted(effects, description, self._process.returns)
 
     def _retract(self, request: Retract, asker: Principal) -> Reply:

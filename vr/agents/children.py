@@ -79,8 +79,9 @@ class ChildKeeper:
         self._returning: dict[str, asyncio.Task[None]] = {}
         """Those that bind a lost child again, by slot."""
         self._closed = self._keeps = False
-        self._anew: set[str] = set()
-        """Slots whose child may come back as another incarnation: it was restarted with its parent."""
+        self._anew = set(self._bonds())
+        """Slots whose child may come back as another incarnation: those that a restored robot had, until the
+        child is heard. It may have been restarted with its parent."""
 
     def _bonds(self) -> dict[str, Bond]:
         """Return copies of the bonds in force, by slot."""
@@ -167,7 +168,6 @@ class ChildKeeper:
             if bond.returns:
                 self._returning[slot] = asyncio.ensure_future(self._await_child(slot, bond))
                 return
-            self._anew.add(slot)
             reason = f"{child.name} has ended while its parent was away"
             self._runtime.post(on.Lose(slot=slot, child=child, epoch=epoch, reason=reason))
             return
@@ -176,7 +176,10 @@ class ChildKeeper:
         until = _now() + FAREWELL
         while _now() < until:  # the answer comes in another thread
             now = self._bonds().get(slot)
-            if now is None or now.lease.confirmed > bond.lease.confirmed:
+            if now is None:
+                return
+            if now.lease.confirmed > bond.lease.confirmed:
+                self._anew.discard(slot)
                 return
             await asyncio.sleep(0.002)
 

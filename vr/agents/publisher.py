@@ -257,6 +257,7 @@ class Publisher:
                 faults=self._hooks.faults,
                 kept=self._kept(state.fields),
                 calls=dict(state.calls.counts),
+                witness=runtime.robot.witness,
                 doc=self._doc(),
                 **self._identity(),
                 **self._condition(state),
@@ -310,6 +311,7 @@ class Publisher:
             "abandoned": tuple(calls.abandoned.values()),
             "paused": state.pause.in_force,
             "held": self._runtime.held_step(),
+            "asks": next((call.doubt for call in calls.live.values() if call.doubt), ""),
         }
 
     def _readings(self) -> dict[str, float]:

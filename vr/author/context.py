@@ -31,6 +31,25 @@ class CommandContext(msgspec.Struct, frozen=True, kw_only=True):
     """Epoch of the robot when the command was accepted."""
     deadline_at: float
     """[s] on the monotonic clock: when it must be done."""
+    witness: str = ""
+    """If an earlier process of the robot may have carried it out: who remembers that, see `Call.witness`."""
+
+
+class StepInDoubt(NamedTuple):
+    """A call of a child of which nobody knows whether it was carried out."""
+
+    slot: str
+    """Of the child, as the page names it."""
+    command: str
+    arguments: Mapping[str, Any]
+    """As they were given."""
+    detail: str
+    """Why nobody knows, as a clause."""
+
+    @property
+    def name(self) -> str:
+        """The call as it stands in the page, without its arguments: `arm.grip`."""
+        return f"{self.slot}.{self.command}"
 
 
 class CallLimit(NamedTuple):

@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from contextlib import AbstractContextManager
 from typing import Any, ClassVar
 
-from robotree.vr.author.context import CallLimit, CommandContext, running
+from robotree.vr.author.context import CallLimit, CommandContext, StepInDoubt, running
 from robotree.vr.author.together import Race, Together
 from robotree.vr.base.address import check_name
 from robotree.vr.base.units import seconds as seconds_of
@@ -31,6 +31,10 @@ class Robot:
     isolated: bool = False
     """Whether its commands may get stuck in code that nobody can interrupt, such as a driver's: then they
     never run on the thread of the command that calls them."""
+    witness: str = ""
+    """Who remembers its commands beyond its process, and since when: of a proxy its controller, in its
+    present life. Then a later process that is asked for a command again finds out whether it was done, by
+    the `witness` in its context. Empty: nobody does."""
     halted: str = ""
     """Why what stands behind this robot is in a stop that nobody ordered here, as a clause; empty: it is
     not. While it lasts no command begins; `resume` releases it. The code that sets it notifies the agent."""
@@ -188,6 +192,21 @@ class Robot:
             gap: [s] for which the host was away.
         """
 
+    def verify(self, step: StepInDoubt) -> bool | None:  # noqa: ARG002 # for those that override it
+        """Find out whether a step of a command was carried out of which nobody knows.
+
+        It is asked about a child's command that adds up (`effect="once"`) when its result is lost, and
+        neither the child nor its controller knows. A page that overrides it may call what only reads.
+
+        Args:
+            step: the call of the child.
+
+        Returns:
+            True: it was done, and the command goes on after it, with None as its result. False: it was not,
+            and is done now. None: the page cannot tell.
+        """
+        return None
+
     def checkpoint(self) -> None:
         """Say that a command needs none of its steps so far any more.
 
@@ -206,10 +225,10 @@ class Robot:
         running().progress(fraction, text)
 
 
-HOOKS = ("readings", "safe_stop", "resume", "on_resume")
+HOOKS = ("readings", "safe_stop", "resume", "on_resume", "verify")
 """Methods that the agent calls, so that an author may write them: with the parameters of `Robot`."""
 OPTIONS = frozenset(
-    {"begins", "one_at_a_time", "reading_units", "isolated", "online", "halted", "attributes"}
+    {"begins", "one_at_a_time", "reading_units", "isolated", "online", "halted", "attributes", "witness"}
 )
 """Attributes that an author may set for the agent."""
 

@@ -227,6 +227,11 @@ class RobotDescription(_Agent, frozen=True, kw_only=True, omit_defaults=True):
     """Where its author keeps its page: a file, and `:Class` where that was named; empty: it has none."""
     kept: dict[str, Any] = {}
     """Its declared state, by name; a value that is too large to show is left out."""
+    witness: str = ""
+    """Who remembers the commands of the robot beyond its process, and since when: of a proxy its controller,
+    in its present life. Empty: nobody."""
+    asks: str = ""
+    """What a command asks a person before it goes on; empty: nothing."""
     calls: dict[str, int] = {}
     """How often each command was called, over all incarnations of this name."""
 

@@ -7,7 +7,8 @@ that a caller on the far side of the network catches the same class with the sam
       AddressError    BadName · DuplicateName · NameInSilence · Hanging · NoSuchRobot · NoSuchHost · NoHost
                       HostReserved · NoSuchView
       CommandError    NoSuchCommand · NoSettings · BadArgument · CommandFailed (Failed) · CommandCancelled
-                      ChildCancelled · ChildTimeout · DeadlineExceeded · Busy · UnderWay · CommandInDoubt
+                      ChildCancelled · ChildTimeout · DeadlineExceeded · Busy · UnderWay
+                      CommandInDoubt (EndedInDoubt)
                       Stopped · StillRunning · KeyReused
       LeaseError      LeaseDenied · StaleEpoch · Retracted · CycleOfBonds · NotInControl · NotAllowed
       BondError       NoSuchSlot · SlotOccupied · SlotHeld · SlotEmpty · GroupFull · WrongKind · DoesNotFit
@@ -294,6 +295,10 @@ class CommandInDoubt(CommandError):
     """Nobody knows whether the command was carried out, in part or whole; a person has to look."""
 
     sentence = "{robot}.{command} may have been carried out or not: {detail}"
+
+
+class EndedInDoubt(CommandInDoubt):
+    """A person has looked, and has ended the command that made this one: nobody asks again."""
 
 
 class NothingAsked(CommandError):

@@ -62,6 +62,9 @@ class Call(_Message, frozen=True, kw_only=True):
     """Below which number none of the caller's calls matters to it any more: a late copy is refused."""
     line: int = 0
     """Of the caller's page, at which it is called; 0: not known."""
+    witness: str = ""
+    """An earlier process of the robot was given this call, and this was its `RobotDescription.witness` then:
+    only what was not done yet is to be done. Empty: none was."""
 
 
 class Detach(_Message, frozen=True, kw_only=True):
@@ -774,6 +777,8 @@ class State(_Message, frozen=True, kw_only=True):
     """Who has paused it, for people; empty: it is not paused."""
     held: str = ""
     """The step before which it waits then: `step 3: arm.go_to(x=0.3)`; empty: before none."""
+    asks: str = ""
+    """What a command asks a person before it goes on; empty: nothing."""
 
 
 AnyRequest = (

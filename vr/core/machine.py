@@ -109,6 +109,8 @@ class AcceptedCall(msgspec.Struct, kw_only=True):
     """What the robot kept when it began, or at its last checkpoint."""
     lap: int = 0
     """How many checkpoints it has made: a part of the keys of its steps."""
+    witness: str = ""
+    """See `Call.witness`."""
     doubt: str = ""
     """What it asks a person before it goes on; empty: nothing."""
     forgotten: bool = False
@@ -398,6 +400,7 @@ class RobotCore:
             reads=event.reads,
             source=asked.source,
             number=asked.number,
+            witness=asked.witness,
             detached=asked.oneway,
             came=now,
         )

@@ -44,6 +44,10 @@ T = TypeVar("T")
 A = TypeVar("A", bound=Frame)
 
 
+ASKS = 0.1
+"""[s] between two looks whether another part of the command still asks a person."""
+
+
 def _from_author(
     method: Callable[Concatenate[A, P], R],
 ) -> Callable[Concatenate[A, P], R]:
@@ -172,12 +176,30 @@ class CommandActivity(Frame):
         """Ask a person, and wait for the answer: `done`, `again` or `abort`."""
         replay, self.replay = self.replay, None  # so that an order to end it counts at once
         try:
-            self.run.wake = self.wake
-            self.runtime.ask_person(self.call_key, question)
-            self.wait(lambda: bool(self.run.answer))
+            return self._ask(question)
         finally:
             self.replay = replay
-        return self.run.answer
+
+    @_from_author
+    def ask_person(self, question: str) -> str:
+        """Ask a person as soon as nobody else of this command asks one; see `decide`."""
+        return self._ask(question)
+
+    def _ask(self, question: str) -> str:
+        run = self.run
+        while run.asks is not None and run.asks is not self:
+            self.wait(lambda: run.asks is None, ASKS)
+            if run.asks is None:
+                break
+        run.asks = self
+        try:
+            run.wake, run.answer = self.wake, ""
+            self.runtime.ask_person(self.call_key, question)
+            self.wait(lambda: bool(run.answer))
+            return run.answer
+        finally:
+            run.asks = None
+            self.runtime.stop_asking(self.call_key)
 
     def resume(self) -> None:
         """Have the page look how the world is after a crash, before the first new step."""

@@ -10,7 +10,9 @@ import contextlib
 import math
 import sys
 from collections.abc import Callable, Mapping
-from typing import Any, Literal
+from functools import partial
+from types import MappingProxyType
+from typing import Any, Literal, cast
 
 from msgspec import to_builtins
 from msgspec.structs import replace
@@ -27,6 +29,7 @@ from robotree.vr.base.errors import (
     DeadlineExceeded,
     LeaseError,
     NoAnswer,
+    SlotEmpty,
     Unreachable,
     VrError,
 )
@@ -43,9 +46,11 @@ from robotree.vr.base.requests import (
     Returned,
 )
 from robotree.vr.core import events as on
+from robotree.vr.running import doubt
 from robotree.vr.running.frame import Frame
 from robotree.vr.running.page_trace import page_line
 from robotree.vr.running.process import Worker
+from robotree.vr.running.replay import Intent
 from robotree.vr.running.robot_runtime import NotDescribed, RobotRuntime
 
 ABSENCE = 0.02
@@ -85,30 +90,38 @@ def call_child(  # who calls whom, how, and for how long
     """
     key = frame.step()
     kind = "tell" if manner == "told" else "call"
-    content, given_to, given = None, "", dict(arguments)
+    content, intent, given = None, None, dict(arguments)
     if frame.keeps:
         content = (slot, command, _plain(given))
         if frame.replay is not None:
             if (step := frame.recalled(key, kind, list(content))) is not None:
                 return ChildCall.recalled(frame, slot, key, command, step)
-            given_to = frame.begun_before(key)
-    if frame.runtime.paused and not (instead or given_to or _has_begun(frame, slot, key)):
+            intent = frame.begun_before(key)
+    if frame.runtime.paused and not (instead or intent or _has_begun(frame, slot, key)):
         frame.hold(key, kind, [slot, command, arguments])
     try:
-        child, epoch = frame.runtime.child_in(slot)
-        if given_to and given_to != child.key:
-            detail = f"{child.name} was started again meanwhile, and does not know whether it had done it"
-            raise CommandInDoubt(robot=child.name, command=command, detail=detail)
+        child, epoch = _whom(frame, slot, intent)
         pending = ChildCall(frame, slot, key, child, command, limit, passes_on=manner == "passed on")
-        pending.content = content
+        pending.content, pending.arguments, pending.manner = content, given, manner
         if instead:
             pending.fail(CommandCancelled(robot=child.name, command=command, reason=instead))
         else:
-            pending.begin(given, epoch, manner)
+            pending.begin(epoch, intent)
     except VrError as error:  # the page has seen it: after a crash it must see the same
         frame.keep_step(key, on.StepResult(kind, content, None, Raised.of(error)))
         raise
     return pending
+
+
+def _whom(frame: Frame, slot: str, intent: Intent | None) -> tuple[Address, int]:
+    """Return the child to call, and the epoch of its lease; 0: it was called before, and is gone."""
+    try:
+        return frame.runtime.child_in(slot)
+    except SlotEmpty:
+        before = None if intent is None else Address.parse(intent.child)
+        if before is None:
+            raise
+        return before, 0
 
 
 class ChildCall(Started):
@@ -138,6 +151,20 @@ class ChildCall(Started):
     _error: Exception | None = None
     content: Any = None
     """See `events.Step.content`."""
+    arguments: Mapping[str, Any] = MappingProxyType({})
+    manner: CallManner = "awaited"
+    intent: Intent | None = None
+    """To whom it was given, if that is kept."""
+    asked_at: str = ""
+    """Key of the child that was asked last."""
+    _line: int = 0
+    """Of the page at which it is called; 0: not known."""
+    _called: str = ""
+    """Under which key it was called last."""
+    _elsewhere: bool = False
+    """Whether another process than was given it is asked."""
+    _asking: Frame | None = None
+    """What finds out whether it was carried out; None: nobody asks."""
 
     def __init__(
         self,
@@ -181,39 +208,58 @@ class ChildCall(Started):
         """The command, or the part of it, that has started it."""
         return self.frame.activity
 
-    def begin(self, arguments: dict[str, Any], epoch: int, manner: CallManner) -> None:
+    def begin(self, epoch: int, intent: Intent | None = None) -> None:
         """Call the child, under the lease of an epoch.
+
+        Args:
+            epoch: of the lease.
+            intent: to whom it was given before a crash; None: to nobody.
 
         Raises:
             VrError: it refuses.
         """
+        self.intent, self.asked_at = intent, self.child.key
+        if self.frame.keeps:
+            self._line = page_line(sys._getframe(3))  # noqa: SLF001  # pyright: ignore[reportPrivateUsage] # inspect's is slow
+        if intent is not None and (intent.child != self.child.key or not epoch):
+            self.asked_at = intent.child
+            detail = f"{self.child.name} was started again meanwhile"
+            self.fail(CommandInDoubt(robot=self.child.name, command=self.command, detail=detail))
+        else:
+            self._call(epoch)
+        if self.limit is not None:
+            self.watch_limit(self.limit.seconds)
+
+    def _call(self, epoch: int, *, witness: str = "") -> None:
         runtime, now, deadline_at = self.frame.runtime, self.frame.worker.now(), self.frame.deadline_at
         if self.limit is not None:
             deadline_at = min(deadline_at, now + self.limit.seconds)
+        attempt, self._elsewhere = 0 if self.intent is None else self.intent.attempt, bool(witness)
+        self._called = f"{self.key}?{attempt}" if attempt else self.key
         neighbour, source, number, lowest = runtime.neighbours.get(self.child), "", 0, 0
         if neighbour is None:
             self._note_begin()
             source, number, lowest, closed = runtime.number(self.slot, epoch)
-            self._leave = (closed,)
+            self._leave += (closed,)  # the numbers of earlier attempts stay: they may be asked for again
         call = Call(
-            key=self.key,
+            key=self._called,
             command=self.command,
-            arguments=arguments,
+            arguments=dict(self.arguments),
             epoch=epoch,
             caller=runtime.name,
             deadline=deadline_at - now,
-            oneway=manner == "told",
+            oneway=self.manner == "told",
             source=source,
             number=number,
             lowest=lowest,
-            line=page_line(sys._getframe(3)) if self.frame.keeps else 0,  # noqa: SLF001  # pyright: ignore[reportPrivateUsage] # inspect's is slow
+            line=self._line,
+            witness=witness,
         )
         if neighbour is None:
             self.ask(call, now)
         else:
-            self.enter(neighbour, call, deadline_at, nested=manner in {"awaited", "passed on"})
-        if self.limit is not None:
-            self.watch_limit(self.limit.seconds)
+            nested = self.manner in {"awaited", "passed on"} and not attempt
+            self.enter(neighbour, call, deadline_at, nested=nested)
 
     # -- to a child in this process ---------------------------------------------------------------
 
@@ -273,19 +319,38 @@ class ChildCall(Started):
 
         Also a loss of power must not make the next process of the host forget it.
         """
-        if self.frame.keeps:
-            spec = self.frame.runtime.child_spec(self.slot, self.command)
-            if spec is None or spec.effect == "once":
-                self.frame.keep_step(f"{self.key}{on.BEGUN}", on.StepResult("begun", None, self.child.key))
-                self.frame.worker.process.sync()
+        known = self.intent
+        if not self.frame.keeps or (known is not None and known.child):
+            return
+        witness = self.frame.runtime.witness_of(self.slot, self.command)
+        if witness is not None:
+            self.intent = Intent(self.child.key, witness, 0 if known is None else known.attempt)
+            self.frame.keep_step(f"{self.key}{on.BEGUN}", on.StepResult("begun", None, list(self.intent)))
+            self.frame.worker.process.sync()
 
     def ask(self, call: Call, now: float) -> None:
         """Call a child in another process, at a time [s]; its answers come to `take_reply`."""
         runtime = self.frame.runtime
         self._sent, self.accept_by, self._ends = call, now + ANSWER_WITHIN, now + call.deadline
         if not call.oneway:
-            self._leave += (runtime.when_gone(self.slot, self.fail),)
-        runtime.ask(self.child.key, call, self.take_reply, now=now)
+            self._leave += (runtime.when_gone(self.slot, self._lose_child),)
+        runtime.ask(self.child.key, call, self._taker(call), now=now)
+
+    def _taker(self, call: Call) -> Callable[[Reply | None], None]:
+        """Return what takes the replies to a call, as long as no later one was made in its place."""
+
+        def take(reply: Reply | None) -> None:
+            if self._sent is None or (self._sent.key, self._sent.witness) == (call.key, call.witness):
+                self.take_reply(reply)
+
+        return take
+
+    def _lose_child(self, error: VrError) -> None:
+        """The child has left the slot: what it was given and adds up may have been carried out or not."""
+        if self.intent is not None:
+            detail = str(error.data.get("reason", error))
+            error = CommandInDoubt(robot=self.child.name, command=self.command, detail=detail)
+        self.fail(error)
 
     def take_reply(self, reply: Reply | None) -> None:
         """Take one reply from another process; None: there are no more."""
@@ -307,7 +372,7 @@ class ChildCall(Started):
 
     def _lose_contact(self) -> None:
         """There are no more replies: the child's process has ended."""
-        if self.reply is not None:
+        if self.reply is not None or not self._may_settle:
             return
         if self.accepted and (self._awaited or (self._sent is not None and self._sent.oneway)):
             return  # nobody waits for its end
@@ -339,12 +404,12 @@ class ChildCall(Started):
     def _ask_again(self) -> None:
         """Ask the child once more under the same key when it is back: it goes on, or tells how it ended."""
         runtime, sent, now = self.frame.runtime, self._sent, self.frame.worker.process.runner.now()
-        if self.reply is not None or sent is None:
+        if self.reply is not None or sent is None or not self._may_settle:
             return
         if runtime.is_there(self.child.key):
             self.accept_by = math.inf if self.accepted else now + ANSWER_WITHIN
             again = replace(sent, deadline=self._ends - now)
-            runtime.ask(self.child.key, again, self.take_reply, now=now)
+            runtime.ask(self.child.key, again, self._taker(again), now=now)
         else:
             self._lose_contact()
 
@@ -364,8 +429,20 @@ class ChildCall(Started):
             self._may_settle.pop()
         except IndexError:
             return
+        if self._elsewhere and not self.accepted and isinstance(reply, Raised):  # that says nothing of it
+            detail = f"it cannot be asked: {reply.revive()}"
+            reply = Raised.of(CommandInDoubt(robot=self.child.name, command=self.command, detail=detail))
+        if isinstance(reply, Raised) and not self._dropped and doubt.is_settled_here(self, reply):
+            self.accept_by = math.inf
+            self.frame.worker.process.work(partial(doubt.settle, self, reply))
+        else:
+            self.conclude(reply)
+
+    def conclude(self, reply: Returned | Raised) -> None:
+        """Take how it ended, for good. From any thread."""
         if self.frame.keeps:  # before anybody knows of it, and before the child may forget the call
-            self.frame.keep_step(self.key, on.StepResult("call", self.content, None, reply))
+            kind = "tell" if self.manner == "told" else "call"
+            self.frame.keep_step(self.key, on.StepResult(kind, self.content, None, reply))
         self.reply = reply
         if self._unlimit is not None:
             self._unlimit()
@@ -378,6 +455,51 @@ class ChildCall(Started):
     def fail(self, error: VrError) -> None:
         """End it with an error of our own. From any thread."""
         self.settle(Raised.of(error))
+
+    # -- while nobody knows whether it was carried out ---------------------------------------------
+
+    def asking_part(self, worker: Worker) -> doubt.Asker:
+        """Return the part of the command that finds out; it ends when nobody waits for the call any more."""
+        frame = self.frame
+        number = f"{self.key[len(frame.context.key) + 1 :]}?{worker.process.life}"
+        part = frame.part(number, worker)
+        part.replay, self._asking = None, part
+        if self._dropped or self.called_off:
+            part.dropped = self._needless("nobody waits for it any more")
+        return cast("doubt.Asker", part)
+
+    def ask_elsewhere(self) -> None:
+        """Ask another process of the child whether it was carried out: something remembers that for both."""
+        self._call_again(0 if self.intent is None else self.intent.attempt, elsewhere=True)
+
+    def repeat(self) -> None:
+        """Call the child again, under another key: it was not carried out."""
+        attempt = 0 if self.intent is None else self.intent.attempt
+        self._call_again(attempt + 1, elsewhere=False)
+
+    def _call_again(self, attempt: int, *, elsewhere: bool) -> None:
+        intent, self._asking = self.intent, None
+        self.accepted = False
+        try:
+            self.child, epoch = self.frame.runtime.child_in(self.slot)
+            self.asked_at = self.child.key
+            if not elsewhere:
+                self.intent = Intent("", "", attempt)
+            self._may_settle.append(True)
+            self._call(epoch, witness=intent.witness if elsewhere and intent is not None else "")
+        except VrError as error:
+            if not self._may_settle:
+                self._may_settle.append(True)
+            self.fail(error)
+
+    def _needless(self, reason: str) -> CommandCancelled:
+        return CommandCancelled(robot=self.child.name, command=self.command, reason=reason)
+
+    def _end_asking(self, reason: str) -> None:
+        asking = self._asking
+        if asking is not None:
+            asking.dropped = self._needless(reason)
+            asking.interrupt()
 
     def give_turn(self, run: Callable[[Worker], None]) -> bool:
         """Have the caller's worker carry the command out; False: it waits no longer."""
@@ -427,6 +549,7 @@ class ChildCall(Started):
         if self.reply is None:
             self.called_off = True
             reason = "its caller has cancelled it"
+            self._end_asking(reason)
             self.withdraw(reason)
             self.fail(CommandCancelled(robot=self.child.name, command=self.command, reason=reason))
 
@@ -471,6 +594,7 @@ class ChildCall(Started):
         if self.reply is not None or self._dropped:
             return
         self._dropped = True
+        self._end_asking(reason)
         self.withdraw(reason)
         try:
             self._may_be_given.pop()
@@ -486,18 +610,18 @@ class ChildCall(Started):
         """Tell the child that nobody wants the call any more, and why."""
         if self._neighbour is not None:
             with contextlib.suppress(LeaseError):  # it has just ended
-                self._neighbour.cancel(self.key, reason, principal=self.frame.runtime.principal)
+                self._neighbour.cancel(self._called, reason, principal=self.frame.runtime.principal)
         elif self._sent is not None:
-            cancel = Cancel(key=self.key, epoch=self._sent.epoch, reason=reason)
+            cancel = Cancel(key=self._called, epoch=self._sent.epoch, reason=reason)
             self.frame.runtime.ask(self.child.key, cancel, _ignore, urgent=True)
 
     def let_go(self) -> None:
         """Have the child go on when the command that called it has ended."""
         if self._neighbour is not None:
             with contextlib.suppress(LeaseError):  # as above
-                self._neighbour.detach(self.key, principal=self.frame.runtime.principal)
+                self._neighbour.detach(self._called, principal=self.frame.runtime.principal)
         elif self._sent is not None:
-            self.frame.runtime.ask(self.child.key, Detach(key=self.key, epoch=self._sent.epoch), _ignore)
+            self.frame.runtime.ask(self.child.key, Detach(key=self._called, epoch=self._sent.epoch), _ignore)
 
     def error(self) -> Exception | None:
         """Return with what it has failed, as its caller sees it; None: it has not, or goes on."""

@@ -27,7 +27,7 @@ from robotree.vr.core import events as on
 from robotree.vr.running.interruptible import Interrupted
 from robotree.vr.running.page_trace import page_line
 from robotree.vr.running.process import Worker
-from robotree.vr.running.replay import Replay, words_of_step
+from robotree.vr.running.replay import Intent, Replay, words_of_step
 from robotree.vr.running.robot_runtime import RobotRuntime
 from robotree.vr.running.run import HeldStep, Run
 
@@ -278,9 +278,9 @@ class Frame:
             self._catch_up(replay)
         return step
 
-    def begun_before(self, path: str) -> str:
-        """Return the key of the child that was given the call of a step before a crash; empty: of none."""
-        return "" if self.replay is None else self.replay.given_to(self._suffix(path))
+    def begun_before(self, path: str) -> Intent | None:
+        """Return to whom the call of a step was given before a crash; None: to nobody."""
+        return None if self.replay is None else self.replay.intent(self._suffix(path))
 
     def resume(self) -> None:
         """Do what is to be done before the first new step after a crash."""

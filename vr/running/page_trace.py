@@ -99,7 +99,7 @@ def page_lines(error: BaseException, source: str) -> list[PageLine]:
     found: list[PageLine] = []
     step = error.__traceback__
     while step is not None:
-        if _of_page(step.tb_frame, source):
+        if is_of_page(step.tb_frame, source):
             found.append(_line(step.tb_frame, step.tb_lineno))
         step = step.tb_next
     return found
@@ -113,7 +113,7 @@ def line_at_work(frame: FrameType | None, source: str) -> PageLine | None:
         source: file of the robot's class, as tracebacks call it.
     """
     while frame is not None:
-        if _of_page(frame, source):
+        if is_of_page(frame, source):
             return _line(frame, frame.f_lineno)
         frame = frame.f_back
     return None
@@ -166,7 +166,13 @@ def _lines(error: BaseException, source: str) -> list[str]:
     return [*map(str, page_lines(error, source)), *below]
 
 
-def _of_page(frame: FrameType, source: str) -> bool:
+def is_of_page(frame: FrameType, source: str) -> bool:
+    """Whether a function at work is of a page.
+
+    Args:
+        frame: of the function.
+        source: file of the robot's class, as tracebacks call it.
+    """
     file = frame.f_code.co_filename
     return file == source or authors_file(file) != file
 

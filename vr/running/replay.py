@@ -8,10 +8,21 @@ ones. A step that is another one than before ends the command. Pure.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 from robotree.vr.base.errors import Diverged
 from robotree.vr.core import events as on
+
+
+class Intent(NamedTuple):
+    """To whom the call of a step is given, kept before it is."""
+
+    child: str
+    """Key of the child."""
+    witness: str
+    """Who remembers it beyond the child's process: see `Call.witness`."""
+    attempt: int
+    """How often before it was found that it had not been carried out."""
 
 
 class Replay:
@@ -65,10 +76,10 @@ class Replay:
         step = self._kept.get(path)
         return step is not None and (step.kind, step.content) == (kind, content)
 
-    def given_to(self, path: str) -> str:
-        """Return the key of the child that was given the call of a step and had not ended it; empty: none."""
+    def intent(self, path: str) -> Intent | None:
+        """Return to whom the call of a step was given that had not ended; None: to nobody."""
         step = self._kept.pop(f"{path}{on.BEGUN}", None)
-        return "" if step is None else str(step.value)
+        return None if step is None else Intent(*step.value)
 
     def ended_at(self, path: str, number: int) -> bool:
         """Whether the command's end, kept under a path, was raised before so many steps were taken."""

@@ -28,7 +28,7 @@ from robotree.vr.author.virtual_robot import VirtualRobot, exposures_of, slot_sp
 from robotree.vr.base.address import Address, everyone
 from robotree.vr.base.arguments import check_arguments
 from robotree.vr.base.description import Arguments, CommandSpec, FieldSpec, offered
-from robotree.vr.base.errors import BadArgument, NoSuchCommand, VrError
+from robotree.vr.base.errors import BadArgument, CommandInDoubt, NoSuchCommand, VrError
 from robotree.vr.base.principal import ITSELF, Principal, is_person, principal_of
 from robotree.vr.base.requests import ANSWER_WITHIN, AnyRequest, Call, Level, State
 from robotree.vr.base.transport import Transport
@@ -404,6 +404,12 @@ class RobotRuntime:
         self.post(on.DoubtRaised(key=key, question=question))
         self.note(key, math.nan, f"asks: {question}")
 
+    def stop_asking(self, key: str) -> None:
+        """Take the question of a running command back, if nobody has answered it."""
+        if self.look(lambda state: key in state.calls.live and bool(state.calls.live[key].doubt)):
+            self.post(on.DoubtRaised(key=key, question=""))
+        self.note(key, math.nan, "")
+
     def _interrupted_calls(self) -> tuple[str, ...]:
         """Return the keys of the calls that ran when the process ended, and prepare what is known of them."""
         running = [call for call in self.core.state.calls.live.values() if call.running]
@@ -757,7 +763,12 @@ class RobotRuntime:
             if run.recall is None:
                 run.fields = call.fields
             context = CommandContext(
-                key=key, command=name, caller=call.caller, epoch=call.epoch, deadline_at=call.deadline_at
+                key=key,
+                command=name,
+                caller=call.caller,
+                epoch=call.epoch,
+                deadline_at=call.deadline_at,
+                witness=call.witness,
             )
             arguments = call.sent if self.turned else call.arguments
             return context, self.robot, self._commands.get(name), arguments, self._exposures.get(name)
@@ -804,11 +815,35 @@ class RobotRuntime:
             return False
         return spec is not None and spec.effect == "read"
 
+    def find_bond(self, slot: str) -> Bond | None:
+        """Return a copy of the bond with the child in a slot; None: it is empty."""
+        return self.look(lambda state: None if (bond := state.slots[slot].bond) is None else bond.copied())
+
+    def returns_of(self, slot: str) -> float:
+        """Return for how long [s] the page waits for another process of the child in a slot."""
+        return self.look(lambda state: state.slots[slot].spec.returns)
+
+    def witness_of(self, slot: str, command: str) -> str | None:
+        """Return who remembers a command of the child in a slot that must not be repeated.
+
+        Returns:
+            See `RobotDescription.witness`. None: it may be repeated; whether is not known of all.
+        """
+
+        def look(state: RobotState) -> str | None:
+            bond = state.slots[slot].bond
+            spec = None if bond is None else bond.description.command(command)
+            if spec is not None and spec.effect != "once":
+                return None
+            return "" if bond is None else bond.description.witness
+
+        return self.look(look)
+
     def translate_child_error(self, slot: str, error: VrError) -> Exception:
         """Return the error of a call as its caller sees it: the child is gone, or a class of the page."""
         with self._lock:
             slots = self.core.state.slots
-            if slots[slot].bond is None:
+            if slots[slot].bond is None and not isinstance(error, CommandInDoubt):
                 return slots.emptiness(slot)
         return as_itself(type(self.robot), error)
 
@@ -840,6 +875,10 @@ class RobotRuntime:
                 ledger = self._ledgers[source] = _Ledger()
             number, lowest = ledger.open()
         return source, number, lowest, partial(ledger.numbers.discard, number)
+
+    def views(self) -> list[str]:
+        """Return the keys of the views that run."""
+        return self._transport.presence.keys(everyone("view", "*"))
 
     def spaces(self, name: str) -> list[str]:
         """Return the keys of the spaces of a name that run; empty: of all."""

@@ -71,6 +71,8 @@ class Run:
     """Has its code look again at what it waits for."""
     answer: str = ""
     """What a person has answered to its question; empty: nothing yet."""
+    asks: object = None
+    """The part of it that asks a person; None: none does."""
     lap: str = ""
     """What its steps begin with since its last checkpoint."""
     callers: frozenset[str] = frozenset()
