@@ -213,6 +213,20 @@ def test_a_stop_names_a_site_whose_gateway_is_dead(plant: Plant, sign: signal.Si
     resumed(lab)
 
 
+def test_a_robot_that_hangs_at_another_site_is_named_with_what_helps_there(plant: Plant) -> None:
+    lab, proxy = plant.lab, plant.hall.running["proxy"]
+    proxy.send_signal(signal.SIGSTOP)
+    try:
+        time.sleep(2.5)  # it is in no list any more
+        said = lab.say("stop", code=NOBODY)
+    finally:
+        proxy.send_signal(signal.SIGCONT)
+    assert "hall:r1 (in process" in said["message"]
+    assert f"at site hall: `kill -CONT {proxy.pid}` wakes it" in said["message"]
+    linked(lab, "r1")
+    resumed(lab)
+
+
 def resumed(machine: Machine) -> None:
     """Resume as soon as nobody commands a robot any more whose bond the cut has ended: its lease is over."""
     latest = time.monotonic() + 10

@@ -65,7 +65,7 @@ async def run_gateway(_line: Line, realm: str, ready: Ready) -> None:
 
         async def stop_here(order: str, reason: str) -> SiteStopped:
             del reason  # each stop has the same
-            scope = StopScope(local=gateway.local.__contains__)
+            scope = StopScope(local=gateway.is_local)
             try:
                 return came_of(await realm_client.stop(None, order=order, scope=scope))
             except VrError as error:

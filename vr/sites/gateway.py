@@ -169,6 +169,10 @@ class Gateway:
         self._flush_soon()
         return True
 
+    def is_local(self, key: str) -> bool:
+        """Whether a key is of this machine, also if its process hangs."""
+        return key not in self._where
+
     def now(self) -> float:
         """[s] on this machine's monotonic clock."""
         return self._loop.time()
