@@ -30,12 +30,13 @@ from typing import Any
 from robotree.client.joining import joined
 from robotree.vr import Child, Robot, VirtualRobot, command
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.agents.run import run_host
+from robotree.vr.agents.run import Keeping, run_host
 from robotree.vr.base.address import Address
 from robotree.vr.core.bonds import GrantedLease, Slots
 from robotree.vr.core.events import StepResult, StepTaken
 from robotree.vr.core.machine import Calls, RobotState
 from robotree.vr.core.stop import Stop
+from robotree.vr.journal.files import FilePlace
 from robotree.vr.journal.journal import HostJournal
 from robotree.vr.journal.records import KeptPage
 from robotree.vr.network.local import join
@@ -437,7 +438,10 @@ def main() -> int:
     chosen = parser.parse_args()
     if chosen.host:
         keep = Path(chosen.host[1]) if len(chosen.host) > 1 else None
-        asyncio.run(run_host(chosen.host[0], keep=keep, ready=lambda _: print("ready", flush=True)))
+        place = None if keep is None else Keeping(FilePlace(keep))
+        asyncio.run(
+            run_host(chosen.host[0], keep=place, past=keep, ready=lambda _: print("ready", flush=True))
+        )
         return 0
     with tempfile.TemporaryDirectory(prefix="rt-") as folder:
         runtime = Path(folder, "run")

@@ -484,16 +484,46 @@ async def _view(line: Line, realm: str, ready: Ready) -> None:
 
 
 async def _host(line: Line, realm: str, ready: Ready) -> None:
+    from robotree.tui.line import values
     from robotree.tui.processes.state_files import history_folder, journal_folder
-    from robotree.vr.agents.run import run_host
+    from robotree.vr.agents.run import Keeping, place_of, run_host
+    from robotree.vr.agents.standby import AFTER
 
-    name, only = line.text("NAME"), line.text("--only")
-    folder = None if only else journal_folder(realm, name)
+    name, only, of = line.text("NAME"), line.text("--only"), line.text("--standby-for")
+    after = values.duration(line.text("--after")) if line.text("--after") else AFTER
+    _check_standing_by(line, after)
+    folder = None if only else journal_folder(realm, of or name)
     if folder is not None and line.flag("--forget"):
         shutil.rmtree(folder, ignore_errors=True)
         folder = None
-    past = history_folder(realm, only) if only else None
-    await run_host(name, realm=realm, only=only, keep=folder, past=past, ready=ready)
+    place = place_of(folder, line.text("--journal"), f"{realm}/{of or name}")
+    await run_host(
+        name,
+        realm=realm,
+        only=only,
+        keep=None if place is None else Keeping(place, of, after),
+        past=history_folder(realm, only) if only else folder,
+        ready=ready,
+    )
+
+
+def _check_standing_by(line: Line, after: float) -> None:
+    """Refuse what a stand-by host, or one with a journal elsewhere, cannot be told."""
+    from robotree.tui.errors import ValueRefused
+    from robotree.vr.agents.standby import SHORTEST_AFTER
+    from robotree.vr.space.run import POSTGRES
+
+    name, of, url = line.text("NAME"), line.text("--standby-for"), line.text("--journal")
+    if after < SHORTEST_AFTER:
+        raise ValueRefused(
+            "TIME", f"{after:g} s is too short to know that a host is away; write 2.5s or more"
+        )
+    if of == name:
+        raise ValueRefused("HOST", f"{name} cannot stand by for itself; write the name of another host")
+    if url and not url.startswith(POSTGRES):
+        raise ValueRefused("URL", f"{url!r} is no database; write postgresql://HOST/DATABASE")
+    if url and (line.text("--only") or line.flag("--forget")):
+        raise ValueRefused("URL", "a host with --only or --forget keeps nothing; leave --journal out")
 
 
 async def _lookup(line: Line, realm: str, ready: Ready) -> None:

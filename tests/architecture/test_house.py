@@ -33,7 +33,7 @@ WHERE_EXTRAS_ARE_USED = {
     "scripts": ("vr/scripts/",),
     "wire": ("protocol/dialect/", "protocol/tools/"),
     "machines": ("vr/sites/",),
-    "postgres": ("vr/space/postgres.py",),
+    "postgres": ("vr/space/postgres.py", "vr/journal/postgres.py"),
     "testing": ("vr/world/", "testing/"),
 }
 """All other sources need the core alone (decision 0058)."""

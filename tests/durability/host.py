@@ -24,6 +24,7 @@ from robotree.vr.agents.host import Host
 from robotree.vr.author.together import Group
 from robotree.vr.core import events as on
 from robotree.vr.journal import segments
+from robotree.vr.journal.files import FilePlace
 from robotree.vr.journal.journal import HostJournal
 from robotree.vr.journal.recovery import Recovered
 from robotree.vr.running.frame import Frame
@@ -75,9 +76,6 @@ class Disk(segments.OSDisk):
 
 class Journal(HostJournal):
     """The journal on that disk, with a moment after each record."""
-
-    def __init__(self, folder: Path, clocks: Any, **options: Any) -> None:
-        super().__init__(folder, clocks, disk=Disk(), **options)
 
     def append(self, robot: str, now: float, event: on.CoreEvent) -> int:
         if isinstance(event, on.Invoke) and not event.call.source and not event.reads:
@@ -159,11 +157,24 @@ async def until_sigterm() -> AsyncIterator[None]:
         yield
 
 
+def keeping() -> run.Keeping:
+    """Where it keeps its robots: in `$JOURNAL`, a database, or in its folder."""
+    of, url = os.environ.get("STANDBY_FOR", ""), os.environ.get("JOURNAL", "")
+    place = (
+        run.place_of(FOLDER, url, os.environ.get("LOG", of or NAME))
+        if url
+        else FilePlace(FOLDER, Disk(), run._boot())
+    )
+    assert place is not None
+    return run.Keeping(place, of, float(os.environ.get("AFTER", "3")))
+
+
 async def main() -> None:
     async with until_sigterm():
         await run.run_host(
             NAME,
-            keep=FOLDER if KEEPS else None,
+            keep=keeping() if KEEPS else None,
+            past=FOLDER if KEEPS else None,
             returns=float(os.environ.get("RETURNS", "10")),
             ready=lambda _: os.write(1, b"ready\n") and None,
         )

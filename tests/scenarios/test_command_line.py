@@ -74,7 +74,7 @@ STATE = {"name", "readings"}
 SHAPES: list[tuple[str, type, set[str]]] = [
     ("ls", list, {"address", "kinds", "doc", "commands", "attributes", "revision"}),
     ("ls --views", list, {"address", "kinds", "attributes", "revision"}),
-    ("ls --hosts", list, {"name", "robots", "trouble"}),
+    ("ls --hosts", list, {"name", "robots", "stands_by", "instead_of", "trouble"}),
     ("ls --lookups", list, {"name"}),
     ("tree", list, {"name", "kind", "state", "children"}),
     ("show arm-1", dict, ARM - {"calls"}),

@@ -186,7 +186,15 @@ def test_verbs_agents_and_sessions_work_between_processes(processes: Processes, 
     assert processes.start("lookup", "lookup-1").startswith("lookup/lookup-1/")
     assert processes.start("host", "host-1").startswith("host/host-1/")
     hosts = robotree("ls", "--hosts", "--json")
-    assert json.loads(hosts.stdout) == [{"name": "host-1", "robots": [], "trouble": ""}]
+    assert json.loads(hosts.stdout) == [
+        {
+            "name": "host-1",
+            "robots": [],
+            "stands_by": "",
+            "instead_of": "",
+            "trouble": "",
+        }
+    ]
 
     source = Path(__file__).parents[2] / "examples" / "two_arms.py"
     script = tmp_path / "a.session"

@@ -87,7 +87,15 @@ async def test_ls_lists_robots_views_hosts_and_lookups(realm: Realm) -> None:
     assert robots.text.splitlines()[0].split() == ["NAME", "KIND", "STATE", "LINK", "HOST", "ABOUT"]
     assert "An arm of paper" in robots.text
     assert [one["address"]["name"] for one in (await do(realm, "ls --views")).data] == ["cell"]
-    assert (await do(realm, "ls --hosts")).data == [{"name": "host-1", "robots": [], "trouble": ""}]
+    assert (await do(realm, "ls --hosts")).data == [
+        {
+            "name": "host-1",
+            "robots": [],
+            "stands_by": "",
+            "instead_of": "",
+            "trouble": "",
+        }
+    ]
     assert (await do(realm, "ls --lookups")).data == [{"name": "lookup-1"}]
 
 

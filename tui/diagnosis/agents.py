@@ -13,6 +13,7 @@ from robotree.tui.seen import status
 
 if TYPE_CHECKING:
     from robotree.vr.base.description import RobotDescription
+    from robotree.vr.base.requests import HostDescribed
 
 
 async def agents(realm: str, name: str, entries: Sequence[meeting.Entry]) -> list[Finding]:
@@ -28,6 +29,7 @@ async def agents(realm: str, name: str, entries: Sequence[meeting.Entry]) -> lis
         listed = {one.name for one in realm_client.robots()}
         hosts = await realm_client.hosts()
     found = [finding for robot in robots.values() for finding in condition(robot)]
+    found += standing_by(hosts)
     found += [
         Finding("hosts", "bad", f"host {one.address.name}: {fact}", remedy)
         for one in hosts
@@ -41,6 +43,20 @@ async def agents(realm: str, name: str, entries: Sequence[meeting.Entry]) -> lis
     if name:
         found += missed(name, realm, robots, listed, entries)
     return found
+
+
+def standing_by(hosts: Sequence[HostDescribed]) -> Iterator[Finding]:
+    """Say which hosts stand by, and where one that has taken over has nobody who would take over from it."""
+    watched = {host.stands_by for host in hosts}
+    for host in hosts:
+        name, before = host.address.name, host.instead_of
+        if host.stands_by:
+            yield Finding("hosts", "good", f"{name} stands by for {host.stands_by}")
+        elif before and name not in watched:
+            said = f"{name} has the robots of {before}, and no host stands by for it"
+            yield Finding("hosts", "doubt", said, f"robotree host {before}: it stands by then")
+        elif before:
+            yield Finding("hosts", "good", f"{name} has the robots of {before}")
 
 
 def condition(robot: RobotDescription) -> Iterator[Finding]:

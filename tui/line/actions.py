@@ -433,11 +433,14 @@ ACTIONS: tuple[Action, ...] = (
         examples=("view cell --connect tcp:127.0.0.1:5760",),
     ),
     Action(
-        usage="host NAME [--only ROBOT] [--forget]",
-        help="Run virtual robots that are created, and keep them; --only: this one alone, until it ends.",
+        usage="host NAME [--only ROBOT | --forget | --standby-for HOST] [--after TIME] [--journal URL]",
+        help="Run virtual robots that are created, and keep them; --only: this one alone, until it ends."
+        " --forget: begin without those that were kept, and keep none."
+        " --standby-for: wait, and have the robots of HOST when it is away for TIME (3s). --journal: keep"
+        " them in a PostgreSQL database that several machines can reach, instead of a folder of this one.",
         group=PROCESS,
         where=Where.SHELL,
-        examples=("host host-1",),
+        examples=("host host-1", "host host-2 --standby-for host-1 --after 5s"),
     ),
     Action(
         usage="lookup NAME",

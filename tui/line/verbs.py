@@ -94,11 +94,17 @@ async def ls(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     if line.flag("--hosts"):
         hosts = sorted(await realm_client.hosts(), key=lambda host: host.address.name)
         data = [
-            {"name": one.address.name, "robots": [each.name for each in one.robots], "trouble": one.trouble}
+            {
+                "name": one.address.name,
+                "robots": [each.name for each in one.robots],
+                "stands_by": one.stands_by,
+                "instead_of": one.instead_of,
+                "trouble": one.trouble,
+            }
             for one in hosts
         ]
         silent = _silent(realm_client, "host", [one["name"] for one in data])
-        rows = [(one["name"], ", ".join(one["robots"]) or "-", one["trouble"]) for one in data]
+        rows = [(one["name"], ", ".join(one["robots"]) or "-", _condition(one)) for one in data]
         rows += [(name, MUTE, "") for name, _, _ in silent]
         text = wording.columns([("HOST", "ROBOTS", ""), *rows]) if rows else "no host is running"
         return Outcome([*data, *_mute(silent)], text, SomeSilent(silent) if silent else None)
@@ -117,6 +123,12 @@ async def ls(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     known = {one.name for one in found}
     found = [*found, *(_unknown(name) for name in hanging if name not in known)]
     return _listed(found, what, doubt or incomplete, {one.name: states.get(one.name, MUTE) for one in found})
+
+
+def _condition(host: Mapping[str, str]) -> str:
+    """Return for whom a host stands by, whose robots it has, and what is wrong with it, in words."""
+    words = {"stands_by": "stands by for ", "instead_of": "instead of ", "trouble": ""}
+    return "; ".join(f"{word}{host[key]}" for key, word in words.items() if host[key])
 
 
 async def space_ls(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:

@@ -15,6 +15,9 @@ from robotree.tui.line.actions import BY_VERB
 from robotree.tui.line.grammar import Blank
 from robotree.vr.base.written import Mark, Word
 
+STANDS_BY = "standby-for"
+"""Key of a host that has robots only when another one is away."""
+
 SECTIONS: Mapping[str, str] = {
     "controllers": "sim",
     "lookups": "lookup",

@@ -17,6 +17,7 @@ from robotree.tui.realm_file.content import (
     CONTROLLER,
     KIND,
     NAMELESS,
+    STANDS_BY,
     ProcessEntry,
     RealmFile,
     RobotEntry,
@@ -230,7 +231,7 @@ class _Planner:
             self._against.append(_again(runs, "end its process"))
             return
         else:
-            if entry.host is not None and entry.host.text != robot.host:
+            if entry.host is not None and entry.host.text not in {robot.host, self._there.home_of(robot)}:
                 runs = f"{entry.name} runs on {robot.host}, and the file says {entry.host.text}"
                 self._against.append(_again(runs, f"`robotree delete {entry.name}`"))
             if self._there.pages.get(entry.name) != page.hash:
@@ -244,7 +245,8 @@ class _Planner:
 
     def _create(self, entry: RobotEntry, page: Page) -> None:
         settings = tuple(f"{name}={word.text}" for name, word in entry.settings.items())
-        hosts = [entry.host.text] if entry.host else [*self._wanted.section("host")]
+        takes = [name for name, host in self._wanted.section("host").items() if not host.text(STANDS_BY)]
+        hosts = [entry.host.text] if entry.host else takes
         values: dict[str, str | tuple[str, ...]] = {"FILE": page.path, "NAME": entry.name}
         if entry.host is not None:
             values["HOST"] = entry.host.text

@@ -60,6 +60,8 @@ class Present(msgspec.Struct, frozen=True, kw_only=True):
     """All that answer, by name; those of proxies are among them."""
     pages: dict[str, str] = {}
     """Hashes of the pages of virtual robots, by name."""
+    instead: dict[str, str] = {}
+    """The hosts that have taken over, and the names of those whose robots they have."""
     others: dict[str, str] = {}
     """Agents that were not started by a line of robotree: where they are, by role and name: `host h1`."""
     silent: dict[str, str] = {}
@@ -68,6 +70,10 @@ class Present(msgspec.Struct, frozen=True, kw_only=True):
     """Simulated ones that live, by their names in the file."""
     keepers: frozenset[str] = frozenset()
     """Names of hosts that bring robots back when they are started."""
+
+    def home_of(self, robot: RobotDescription) -> str:
+        """Return the host on which a robot should live: another one may have taken over."""
+        return self.instead.get(robot.host, robot.host)
 
     def virtual(self) -> dict[str, RobotDescription]:
         """Return the robots that live on hosts, by name."""
@@ -96,6 +102,7 @@ async def present(realm_client: RealmClient, known: Mapping[str, Controller]) ->
         processes=processes,
         robots=robots,
         pages={name: digest for host in hosts for name, digest in host.pages.items()},
+        instead={host.address.name: host.instead_of for host in hosts if host.instead_of},
         others=others,
         silent=silent,
         controllers=known,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -70,6 +70,7 @@ class _Saving:
             *self._controllers(),
             *(self._process(process, common=bool(key)) for process in there.processes.values()),
         ]
+        processes += self._away({one.name: one for one in processes if one.verb == "host"})
         order = list(SECTIONS.values())
         processes.sort(key=lambda one: (order.index(one.verb), one.name))
         robots = [one for _, robot in sorted(there.virtual().items()) for one in self._robot(robot)]
@@ -139,6 +140,15 @@ class _Saving:
                 f"controller has another one; give it a port below {first}, or write it into `controllers`"
             )
 
+    def _away(self, hosts: Mapping[str, ProcessEntry]) -> Iterator[ProcessEntry]:
+        """Return the hosts whose robots others have taken over, as they are when they come back."""
+        for host, before in self._there.instead.items():
+            if before not in hosts:
+                self._notes.append(f"{before} does not run; it is in the file, for {host} has its robots")
+                facets = hosts[host].facets if host in hosts else {}
+                kept = {key: word for key, word in facets.items() if key == "journal"}
+                yield ProcessEntry(verb="host", name=before, facets=kept)
+
     # -- robots ------------------------------------------------------------------------------------
 
     def _robot(self, robot: RobotDescription) -> Iterator[RobotEntry]:
@@ -158,7 +168,7 @@ class _Saving:
             name=robot.name,
             page=_word(self._near(Path(path)) + (f":{wanted}" if wanted else "")),
             hash=_word(digest[:SHOWN]) if digest else None,
-            host=_word(robot.host),
+            host=_word(self._there.home_of(robot)),
             settings={
                 setting.name: _word(_written(setting.default))
                 for setting in wording.settings(robot)

@@ -564,6 +564,7 @@ class RobotAgent:
             epoch=request.epoch,
             lineage=request.lineage,
             life=request.life,
+            unix=self._unix(),
             principal=asker,
             is_there=self.transport.presence.there(request.parent.key),
         )

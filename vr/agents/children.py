@@ -130,7 +130,7 @@ class ChildKeeper:
                 self._retract(client, key)
             raise
         self._runtime.post(on.Bind(slot=slot, bond=bond, principal=asker))
-        self._watch(slot, child, bond.lease.epoch)
+        self._watch(slot, child)
         self._runtime.changed()
         if self._closed:  # the parent was deleted meanwhile
             await self._free_if_bound(slot)
@@ -171,7 +171,7 @@ class ChildKeeper:
             reason = f"{child.name} has ended while its parent was away"
             self._runtime.post(on.Lose(slot=slot, child=child, epoch=epoch, reason=reason))
             return
-        self._watch(slot, child, epoch)
+        self._watch(slot, child)
         self.renew(on.RenewLease(slot=slot, child=child, epoch=epoch, sent=_now()))
         until = _now() + FAREWELL
         while _now() < until:  # the answer comes in another thread
@@ -186,7 +186,7 @@ class ChildKeeper:
     async def _await_child(self, slot: str, bond: Bond) -> None:
         """Hold a child again whose host is starting, too, or lose it when it does not come in time."""
         if await self._presence.until(bond.child.key, there=True, within=bond.returns):
-            self._watch(slot, bond.child, bond.lease.epoch)
+            self._watch(slot, bond.child)
             self.renew(on.RenewLease(slot=slot, child=bond.child, epoch=bond.lease.epoch, sent=_now()))
         self._returning.pop(slot, None)
 
@@ -207,11 +207,13 @@ class ChildKeeper:
         with contextlib.suppress(SlotEmpty):  # it was lost meanwhile
             await self.free(slot)
 
-    def _watch(self, slot: str, child: Address, epoch: int) -> None:
+    def _watch(self, slot: str, child: Address) -> None:
         """Lose a child when its presence goes."""
 
         def look(_: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
-            if not there and not self._waits_for(slot, child, epoch):
+            bond = None if there else self._bonds().get(slot)
+            epoch = 0 if bond is None or bond.child != child else bond.lease.epoch
+            if epoch and not self._waits_for(slot, child, epoch):
                 hangs = not self._presence.left(child.key) and self._presence.lives(child.key)
                 how = "hung: its process did not answer" if hangs else "has ended or cannot be reached"
                 reason = f"{child.name} {how}"
@@ -389,6 +391,7 @@ class ChildKeeper:
                 ways=granted.ways,
                 description=granted.robot,
                 stopped=granted.stopped,
+                granted=granted.epoch,
             )
         )
         if granted.robot is not None:

@@ -106,6 +106,8 @@ class Host:
             BadName: the name cannot be one.
         """
         self._journal = journal
+        self.instead_of = ""
+        """Name of the host whose robots it has taken over with the journal; empty: they are its own."""
         self._history: HistoryWriter | None = None
         self.address = new_address("host", name)
         self.agents: dict[str, RobotAgent] = {}
@@ -212,6 +214,7 @@ class Host:
         except VrError as error:
             _log.error("%s is not back: %s", kept.name, error)
             return None
+        kept.state.home = f"host {self.address.name}"
         agent = self._new_agent(robot, kept.state)
         agent.runtime.page = page.origin
         self._pages[kept.name] = bundle.hash
@@ -219,7 +222,9 @@ class Host:
             agent.runtime.say("", level, text, piece=piece)
         running = [call.command for call in kept.state.calls.live.values() if call.running]
         goes_on = f"; {', '.join(running)} goes on" if running else ""
-        agent.runtime.log.say("warning", f"{self.address.name} was started again{goes_on}")
+        here, before = self.address.name, self.instead_of
+        why = f"{here} has taken over from {before}" if before else f"{here} was started again"
+        agent.runtime.log.say("warning", f"{why}{goes_on}")
         return agent
 
     def _new_agent(self, robot: VirtualRobot, state: RobotState | None = None) -> RobotAgent:
@@ -396,7 +401,12 @@ class Host:
         pages = {robot.name: self._pages.get(robot.name, "") for robot in robots}
         trouble = "" if self._journal is None else self._journal.trouble
         return HostDescribed(
-            address=self.address, robots=robots, abandoned=abandoned, pages=pages, trouble=trouble
+            address=self.address,
+            robots=robots,
+            abandoned=abandoned,
+            pages=pages,
+            trouble=trouble,
+            instead_of=self.instead_of,
         )
 
 

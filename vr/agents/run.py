@@ -5,18 +5,26 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import gc
+import logging
+import os
 import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 from robotree.vr.agents.host import Host
+from robotree.vr.agents.standby import AFTER, BEAT, StandBy
 from robotree.vr.base.address import check_name
+from robotree.vr.base.errors import JournalError
 from robotree.vr.base.transport import Transport
 from robotree.vr.core.bonds import DEFAULT_TERM
 from robotree.vr.core.machine import RobotCore
 from robotree.vr.history.writer import HistoryWriter
-from robotree.vr.journal.journal import HostJournal
+from robotree.vr.journal.files import FilePlace
+from robotree.vr.journal.journal import HostJournal, explained
 from robotree.vr.journal.outlet import Outlet
+from robotree.vr.journal.store import LogPlace, LogStore, own
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.network.local import join
@@ -40,8 +48,15 @@ ARRIVAL = 60.0
 """[s] for the one robot of a host to come: who has started the host may have been killed since."""
 
 
+DEPOSED = 1
+"""Exit code of a host whose robots another host has."""
+
+
 RETURNS = 10.0
 """[s] that the children of a host's robots wait for it after a crash."""
+
+
+_log = logging.getLogger(__name__)
 
 
 def _boot() -> str:
@@ -62,13 +77,23 @@ def _nobody(_: str) -> None:
     """Hear that it is ready, and do nothing."""
 
 
+class Keeping(NamedTuple):
+    """Where a host keeps its robots, and whose they are."""
+
+    place: LogPlace
+    standby_for: str = ""
+    """Name of the host whose robots are kept there, and for which this one stands by; empty: its own."""
+    after: float = AFTER
+    """[s] without a sign of life of who has them after which this host has them."""
+
+
 async def run_host(
     name: str,
     *,
     realm: str | None = None,
     term: float = DEFAULT_TERM,
     only: str = "",
-    keep: Path | None = None,
+    keep: Keeping | None = None,
     past: Path | None = None,
     returns: float = RETURNS,
     ready: Ready = _nobody,
@@ -80,10 +105,10 @@ async def run_host(
         realm: None: `$ROBOTREE_REALM`, else `default`.
         term: [s] of the leases that its robots grant and ask for.
         only: name of the one robot that it runs; empty: it runs any number.
-        keep: folder in which it keeps its robots, and what they did; None: they end with it.
-        past: folder in which it keeps what they did, if it does not keep them; None: nobody does.
+        keep: where it keeps its robots; None: they end with it. If another host has them, this one stands by.
+        past: folder in which it keeps what they did; None: nobody does.
         returns: [s] that the children of its robots wait for it after a crash.
-        ready: told the key once robots can be made, and those that were kept are back.
+        ready: told the key once robots can be made, and those that were kept are back; or once it stands by.
 
     Raises:
         BadName: that cannot be a name.
@@ -91,16 +116,21 @@ async def run_host(
         TransportError: the realm cannot be joined.
         JournalError: the folder, or what is kept in it, cannot be used.
     """
-    for one in (name, only or name):
-        check_name(one)
+    of = name if keep is None else keep.standby_for or name
+    for each in (name, only or name, of):
+        check_name(each)
     _settle_interpreter()
     async with contextlib.AsyncExitStack() as stack:
         stack.enter_context(listening())
         runner = runner_of(asyncio.get_running_loop())
-        journal, history = _kept_in(keep, past, runner, stack)
-        process: Process = Process(runner, journal, history.machine_of if history else RobotCore)
         transport: Transport = await join(realm)
         stack.push_async_callback(transport.close)
+        log = None
+        if keep is not None:
+            stack.callback(keep.place.close)
+            log, ready = await _taken(keep, transport, name, ready)
+        journal, history = _kept_in(log, past, runner, stack)
+        process: Process = Process(runner, journal, history.machine_of if history else RobotCore)
         if journal is not None:
             transport = kept_by(journal, process, transport, returns)
         registrar = Registrar(transport)
@@ -108,16 +138,63 @@ async def run_host(
         host = Host(
             transport, name, registrar=registrar, term=term, process=process, only=only, journal=journal
         )
+        host.instead_of = "" if of == name else of
         stack.push_async_callback(host.close)
-        await host.start()
-        await host.restore()
-        if history is not None:
-            host.keeps_history(history)
+        await _live(host, history, ready, alone=bool(only))
+
+
+async def _live(host: Host, history: HistoryWriter | None, ready: Ready, *, alone: bool) -> None:
+    """Be a host until it is cancelled, or until the only robot has ended."""
+    await host.start()
+    await host.restore()
+    if history is not None:
+        host.keeps_history(history)
+    ready(host.address.key)
+    if alone:
+        await host.deserted(ARRIVAL)
+    else:
+        await asyncio.get_running_loop().create_future()
+
+
+def place_of(folder: Path | None, url: str, log: str) -> LogPlace | None:
+    """Return where a host keeps its robots; only what that needs is imported.
+
+    Args:
+        folder: on this machine; None: they are not kept there.
+        url: of a database of PostgreSQL, which is used instead; empty: none is.
+        log: name of the log in the database.
+
+    Raises:
+        ImportError: psycopg is not installed.
+    """
+    if url:
+        from robotree.vr.journal.postgres import PostgresPlace
+
+        return PostgresPlace(url, log)
+    return None if folder is None else FilePlace(folder, boot=_boot())
+
+
+async def _taken(keep: Keeping, transport: Transport, name: str, ready: Ready) -> tuple[LogStore, Ready]:
+    """Become the owner of the log, at once or when its owner is away for too long.
+
+    Returns:
+        The log; who is still to be told that the host is ready.
+    """
+    with explained(keep.place.where):
+        owner = await asyncio.to_thread(keep.place.look)
+    others = owner is not None and owner.lives and owner.host != name
+    if not (others or keep.standby_for):
+        with explained(keep.place.where):
+            return await asyncio.to_thread(own, keep.place, name), ready
+    host = StandBy(transport, name, keep.place, of=keep.standby_for or name, after=keep.after)
+    await host.start()
+    try:
+        if owner is not None and owner.host != name:
+            _log.warning("%s has the robots; %s stands by for it", owner.host, name)
         ready(host.address.key)
-        if only:
-            await host.deserted(ARRIVAL)
-        else:
-            await asyncio.get_running_loop().create_future()
+        return await host.take_over(), _nobody
+    finally:
+        await host.close()
 
 
 def kept_by(
@@ -137,23 +214,45 @@ def kept_by(
 
 
 def _kept_in(
-    keep: Path | None, past: Path | None, runner: Runner, stack: contextlib.AsyncExitStack
+    log: LogStore | None, past: Path | None, runner: Runner, stack: contextlib.AsyncExitStack
 ) -> tuple[HostJournal | None, HistoryWriter | None]:
-    """Open what a host keeps of its robots, and of what they did; `stack` closes both."""
-    folder = keep or past
-    if folder is None:
-        return None, None
-    history = HistoryWriter(folder, runner.now, runner.unix)
-    if keep is None:
-        stack.callback(history.close)
+    """Read what a host keeps of its robots, and open what it keeps of what they did; `stack` closes both."""
+    history = None if past is None else HistoryWriter(past, runner.now, runner.unix)
+    if log is None:
+        if history is not None:
+            stack.callback(history.close)
         return None, history
-    journal = HostJournal(keep, runner, boot=_boot(), machine_of=history.machine_of)
-    began = journal.found.began
-    history.replayed(0.0 if began is None else began.unix - began.now)
-    history.before_writing = journal.barrier
-    stack.callback(history.close)
+    machine_of = RobotCore if history is None else history.machine_of
+    journal = HostJournal(log, runner, boot=_boot(), machine_of=machine_of)
     stack.callback(journal.close)
+    journal.on_lost = _end_at_once
+    stack.callback(_beating(journal).set)
+    if history is not None:
+        began = journal.found.began
+        history.replayed(0.0 if began is None else began.unix - began.now)
+        history.before_writing = journal.barrier
+        stack.callback(history.close)
     return journal, history
+
+
+def _beating(journal: HostJournal) -> threading.Event:
+    """Show those who stand by that this process lives, until the event is set."""
+    over = threading.Event()
+
+    def beat() -> None:
+        with contextlib.suppress(JournalError):  # it has ended this process
+            while not over.wait(BEAT):
+                journal.beat()
+
+    threading.Thread(target=beat, name="journal beats", daemon=True).start()
+    return over
+
+
+def _end_at_once(error: JournalError) -> None:
+    """End this process without a farewell: what it would say of its robots is not true any more."""
+    with contextlib.suppress(OSError):
+        os.write(2, f"robotree: {error}\n".encode())
+    os._exit(DEPOSED)
 
 
 async def run_lookup(name: str, *, realm: str | None = None, ready: Ready = _nobody) -> None:

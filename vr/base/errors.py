@@ -17,7 +17,7 @@ that a caller on the far side of the network catches the same class with the sam
                       EmptyRealm · NetworkUnusable
       BundleError     NoSuchFile · BrokenSource · OtherKind · NoPage · ReloadWaits
                       NoVirtualRobot · SeveralVirtualRobots · BrokenScript
-      JournalError    JournalInUse · DamagedJournal · OtherJournal
+      JournalError    JournalInUse · DamagedJournal · OtherJournal · Deposed · JournalCutOff · StandsBy
       HistoryError    NoHistory · HistoryChanged · HistoryUnusable
       RoleError       NoSuchRole · NoRoles · TooWide
       SpaceError      NoSpace · SeveralSpaces · SpaceLost · SpaceFull · SpaceUnusable · SpaceDamaged
@@ -614,9 +614,30 @@ class JournalError(VrError):
 
 
 class JournalInUse(JournalError):
-    """Another host keeps its robots there; it may hang."""
+    """A process keeps its robots there; it may hang."""
 
-    sentence = "{folder} is in use by another host, which may hang; end that one first"
+    sentence = "{folder} is in use by another process of host {host}, which may hang; end that one first"
+
+
+class Deposed(JournalError):
+    """Another host has taken over while this one was not heard."""
+
+    sentence = "{host} has taken over the robots of {log}, because this host was not heard; it ends"
+
+
+class JournalCutOff(JournalError):
+    """The database in which it is kept cannot be reached any more."""
+
+    sentence = (
+        "{where} was not reached for {seconds:.0f} s ({reason}): nobody knows if another host has the robots "
+        "by now, so this one ends; its robots come back when it is started again"
+    )
+
+
+class StandsBy(JournalError):
+    """The host has no robots: it waits until another one is away."""
+
+    sentence = "host {host} stands by for {owner} and takes no robots; create them there"
 
 
 class DamagedJournal(JournalError):

@@ -145,7 +145,7 @@ class Retract(_Message, frozen=True, kw_only=True):
 
 
 class Renew(_Message, frozen=True, kw_only=True):
-    """The parent prolongs its lease. Answered by `Granted` with the same epoch."""
+    """The parent prolongs its lease. Answered by `Granted`; another process of it gets a higher epoch."""
 
     parent: Address
     epoch: int
@@ -579,6 +579,10 @@ class HostDescribed(_Message, frozen=True, kw_only=True):
     """Hash of the page of each robot, with what belongs to it (`Bundle.hash`), by the robot's name."""
     trouble: str = ""
     """Why its robots would not survive its end though it keeps them, in words; empty: they would."""
+    stands_by: str = ""
+    """Name of the host whose robots it takes when that is away; empty: it does not stand by."""
+    instead_of: str = ""
+    """Name of the host whose robots it has taken over; empty: they are its own."""
 
 
 class Registered(_Message, frozen=True, kw_only=True):

@@ -89,6 +89,15 @@ class Lease(msgspec.Struct, frozen=True, kw_only=True):
     """Number of the last stop that came while the parent was away, which it has not heard; 0: none."""
     life: int = 0
     """How often its holder was started with its journal; 0: it keeps none."""
+    before: int = -1
+    """Epoch that the present process of the parent has named first; -1: it is the one that asked for it."""
+
+    def under(self, epoch: int, principal: Principal) -> bool:
+        """Whether somebody who names this epoch means this lease.
+
+        Its holder may name the one before for a while: what it has sent crosses the grant of the new one.
+        """
+        return epoch == self.epoch or (epoch == self.before and principal == self.principal)
 
 
 class GrantedLease(msgspec.Struct, kw_only=True):
@@ -253,14 +262,17 @@ class GrantedLease(msgspec.Struct, kw_only=True):
         lineage: tuple[str, ...],
         *,
         now: float,
+        unix: float = 0.0,
         principal: Principal = ITSELF,
         life: int = 0,
         is_there: bool = True,
     ) -> Lease:
         """Prolong the lease by the term first granted.
 
-        The parent may be another incarnation than the one that asked for it, which holds the lease then. One
-        that is away is so until it asks while it is there.
+        The parent may be another incarnation than the one that asked for it, which holds the lease then. It
+        may also be another process: then the epoch grows, so that the process before, which may only have
+        been paused, commands nothing any more. One that is away
+        is so until it asks while it is there.
 
         Raises:
             StaleEpoch: this is not the lease in force.
@@ -269,15 +281,21 @@ class GrantedLease(msgspec.Struct, kw_only=True):
             CycleOfBonds: the robot has become an ancestor of its parent; the lease should `end`.
         """
         held = self._in_force(now)
-        if held is None or (held.parent.identity, held.epoch) != (parent.identity, epoch):
+        if held is None or held.parent.identity != parent.identity:
             raise StaleEpoch(robot=self.robot, epoch=epoch, current=self.epoch)
-        self._expect_holder(held, parent, principal)
         self._expect_later(held, principal, life)
+        if not held.under(epoch, held.principal if held.away else principal):
+            raise StaleEpoch(robot=self.robot, epoch=epoch, current=self.epoch)
+        heir = self._expect_holder(held, parent, principal)
         self._refuse_cycle(parent, lineage)
+        if heir:
+            self.epoch = self._next_epoch(unix)
         self.current = msgspec.structs.replace(
             held,
             life=life,
             parent=parent,
+            epoch=self.epoch,
+            before=epoch if heir else held.before,  # it may be killed, too, before it has noted the new one
             expires=now + self.term_granted,
             lineage=lineage,
             principal=principal,
@@ -294,7 +312,7 @@ class GrantedLease(msgspec.Struct, kw_only=True):
             NotInControl: somebody else holds it.
         """
         held = self.current
-        if held is None or (held.parent.identity, held.epoch) != (parent.identity, epoch):
+        if held is None or held.parent.identity != parent.identity or not held.under(epoch, principal):
             return None
         if not (held.away and principal.person):
             self._expect_holder(held, parent, principal)
@@ -359,21 +377,23 @@ class GrantedLease(msgspec.Struct, kw_only=True):
         if epoch is None:
             if held is not None and not (ends and held.away):
                 raise NotInControl(robot=self.robot, holder=held.parent.name, slot=held.slot)
-        elif held is None or epoch != held.epoch:
+        elif held is None or not held.under(epoch, principal):
             raise StaleEpoch(robot=self.robot, epoch=epoch, current=self.epoch)
         elif principal not in (held.principal, ITSELF):
             raise NotInControl(robot=self.robot, holder=held.parent.name, slot=held.slot)
 
-    def _expect_holder(self, held: Lease, parent: Address, principal: Principal) -> None:
-        """Refuse somebody else in the name of the parent.
+    def _expect_holder(self, held: Lease, parent: Address, principal: Principal) -> bool:
+        """Refuse somebody else in the name of the parent; returns whether it is the next process of it.
 
-        Another incarnation of it is a holder, too, and so is its next process, when the one before has ended.
+        Another incarnation of it is a holder, too, and so is its next process, when the one before has ended
+        or is heard no more.
         """
         if principal in (held.principal, ITSELF) or parent != held.parent:
-            return
+            return False
         heir = (principal.user, principal.agent) == (held.principal.user, parent.key)
         if not (held.away and heir):
             raise NotInControl(robot=self.robot, holder=held.parent.name, slot=held.slot)
+        return True
 
     def _expect_later(self, held: Lease | None, principal: Principal, life: int) -> None:
         """Refuse the next process of a parent that begins where an earlier one began: it would repeat that.

@@ -203,6 +203,8 @@ class Prolong(_Event, frozen=True, kw_only=True):
     """How often the parent's process was started with its journal; 0: it keeps none."""
     is_there: bool = True
     """Whether it is present; else its process has ended since it asked, and its next one is its heir."""
+    unix: float = 0.0
+    """[s] since 1970."""
 
 
 class EndLease(_Event, frozen=True, kw_only=True):
@@ -278,6 +280,8 @@ class Renewed(_Event, frozen=True, kw_only=True):
     """If it has changed."""
     stopped: int = 0
     """See `bonds.Lease.stopped`."""
+    granted: int = -1
+    """The epoch from now on: it grows with each process of the parent; -1: it stays."""
 
 
 class ChildDescribed(_Event, frozen=True, kw_only=True):

@@ -629,6 +629,7 @@ class RobotCore:
             event.epoch,
             event.lineage,
             now=now,
+            unix=event.unix,
             principal=event.principal,
             life=event.life,
             is_there=event.is_there,
@@ -719,6 +720,7 @@ class RobotCore:
     def _renewed(self, event: on.Renewed, now: float) -> Effects:
         if bond := self.state.slots.held(event.slot, event.child, event.epoch):
             bond.child = event.child
+            bond.lease.epoch = max(bond.lease.epoch, event.granted)
             bond.lease.granted(sent=event.sent, now=now, term=event.term)
             bond.depth, bond.ways = event.depth, event.ways
             if event.description is not None:

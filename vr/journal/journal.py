@@ -22,7 +22,7 @@ from functools import partial
 from pathlib import Path
 from typing import Protocol
 
-from robotree.vr.base.errors import CopiedJournal, JournalUnusable
+from robotree.vr.base.errors import CopiedJournal, JournalError, JournalUnusable
 from robotree.vr.core.events import CoreEvent
 from robotree.vr.core.machine import RobotCore, RobotState
 from robotree.vr.journal.records import (
@@ -40,6 +40,7 @@ from robotree.vr.journal.records import (
 )
 from robotree.vr.journal.recovery import Recovered
 from robotree.vr.journal.segments import HEAD, Disk, OSDisk, Segments
+from robotree.vr.journal.store import LogStore
 
 FULL = 64 * 1024
 """[bytes] that are written though nobody waits for them."""
@@ -79,14 +80,16 @@ _log = logging.getLogger(__name__)
 
 
 @contextmanager
-def _explained(folder: Path) -> Generator[None]:
+def explained(where: Path | str) -> Generator[None]:
     """Have an error of the operating system say what a person can do."""
     try:
         yield
+    except ConnectionError:  # of a database, which says so itself
+        raise
     except OSError as error:
         full = error.errno in _FULL
         remedy = "make room on that disk" if full else "move away what is there, or make it yours"
-        path, reason = error.filename or str(folder), error.strerror or str(error)
+        path, reason = error.filename or str(where), error.strerror or str(error)
         reason = f"{reason[:1].lower()}{reason[1:]}"
         raise JournalUnusable(path=path, reason=reason, remedy=remedy) from None
 
@@ -96,17 +99,17 @@ class HostJournal:
 
     def __init__(
         self,
-        folder: Path,
+        log: LogStore | Path,
         clocks: Clocks,
         *,
         boot: str = "",
         disk: Disk | None = None,
         machine_of: Callable[[RobotState], RobotCore] = RobotCore,
     ) -> None:
-        """Take a folder, and read what is in it.
+        """Take a log, and read what is in it.
 
         Args:
-            folder: of the log; it is made if it is not there.
+            log: of which this process is the owner; or a folder, which only one process may use.
             clocks: of the process.
             boot: of the machine: monotonic moments hold within one.
             disk: where the folder is; None: the operating system's.
@@ -120,12 +123,14 @@ class HostJournal:
             OtherJournal: another version of robotree has written it.
             JournalUnusable: the folder, or a file in it, cannot be made or read.
         """
-        self._clocks, self._boot, self._host = clocks, boot, folder.name
+        self._clocks, self._boot = clocks, boot
         self.found = Recovered(machine_of)
-        with _explained(folder):
-            self._segments = Segments(folder, OSDisk() if disk is None else disk, boot)
+        with explained(log if isinstance(log, Path) else log.where):
+            if isinstance(log, Path):
+                log = Segments(log, OSDisk() if disk is None else disk, boot)
+            self._segments, self._host = log, log.name
             try:
-                self.found.read(self._segments.frames(self._may_have_lost_power), str(folder))
+                self.found.read(log.frames(self._may_have_lost_power), log.where)
                 self._expect_own()
             except BaseException:
                 self._segments.close()
@@ -151,6 +156,8 @@ class HostJournal:
         """Why nothing is kept at the moment; empty: all is."""
         self.end_process: Callable[[], object] = partial(os._exit, os.EX_IOERR)
         """Ends the process at once, when its log can neither be written nor removed."""
+        self.on_lost: Callable[[JournalError], None] = lambda _: None
+        """Told that another host has the log, or nobody knows; nothing leaves this process any more."""
 
     def _expect_own(self) -> None:
         """Refuse the log of another host, and tell what is not there of the own one.
@@ -158,13 +165,13 @@ class HostJournal:
         Raises:
             CopiedJournal: the folder is a copy.
         """
-        began, folder = self.found.began, self._segments.folder
+        began, where = self.found.began, self.where
         if began is not None and began.host not in {"", self._host}:
-            raise CopiedJournal(folder=str(folder), other=began.host)
+            raise CopiedJournal(folder=where, other=began.host)
         if self._segments.missing:
-            _log.warning("%s: the machine has ended, and %s", folder, self._segments.missing)
+            _log.warning("%s: the machine has ended, and %s", where, self._segments.missing)
         if self._segments.was_full:
-            _log.warning("%s: the robots of the last host are not back: the disk was full", folder)
+            _log.warning("%s: the robots of the last host are not back: the disk was full", where)
 
     @property
     def shift(self) -> float:
@@ -180,9 +187,9 @@ class HostJournal:
         return bool(self._boot) and (began is None or began.boot != self._boot)
 
     @property
-    def folder(self) -> Path:
-        """Where the log is."""
-        return self._segments.folder
+    def where(self) -> str:
+        """Where the log is, for people."""
+        return self._segments.where
 
     @property
     def size(self) -> int:
@@ -202,7 +209,7 @@ class HostJournal:
         Raises:
             JournalUnusable: it cannot be written.
         """
-        with self._writing, _explained(self.folder):
+        with self._writing, explained(self.where):
             self._begin()
 
     def _begin(self) -> None:
@@ -289,10 +296,31 @@ class HostJournal:
     # -- writing ----------------------------------------------------------------------------------
 
     def barrier(self) -> None:
-        """Return when all that was appended would survive the process."""
+        """Return when all that was appended would survive the process, and this host still has its robots.
+
+        Raises:
+            Deposed: it has not.
+        """
         if self._count or self._busy or self._unfit or self.suspended:
             with self._writing:
                 self._write()
+        self._ours(self._segments.expect_owner)
+
+    def beat(self) -> None:
+        """Show those who stand by that this host lives.
+
+        Raises:
+            Deposed: one of them has taken over.
+        """
+        self._ours(self._segments.beat)
+
+    def _ours(self, work: Callable[[], None]) -> None:
+        """Do something that only the owner of the log can."""
+        try:
+            work()
+        except JournalError as error:
+            self.on_lost(error)
+            raise
 
     def sync(self) -> None:
         """Return when all that was appended would survive a loss of power.
@@ -377,7 +405,7 @@ class HostJournal:
 
     def _attempt(self, work: Callable[[], None]) -> None:
         try:
-            work()
+            self._ours(work)
         except OSError as error:
             self._suspend(error)
 
@@ -386,14 +414,14 @@ class HostJournal:
         self.suspended = error.strerror or str(error)
         self._retry_at = self._clocks.now() + AGAIN
         self._clear()
-        _log.error("%s: %s", self.folder, self.trouble)
+        _log.error("%s: %s", self.where, self.trouble)
 
     def _clear(self) -> None:
         """Remove the log, or end before it is untrue: the next host would believe it and do things twice."""
         try:
-            self._segments.clear()
+            self._ours(self._segments.clear)
         except OSError as error:
-            _log.critical("%s can neither be written nor removed: this host ends (%s)", self.folder, error)
+            _log.critical("%s can neither be written nor removed: this host ends (%s)", self.where, error)
             self.end_process()
 
     def _resume(self) -> None:
@@ -402,10 +430,10 @@ class HostJournal:
         if self._clocks.now() < self._retry_at:
             return
         try:
-            self._begin()
+            self._ours(self._begin)
         except OSError as error:
             self.suspended = error.strerror or str(error)
             self._retry_at = self._clocks.now() + AGAIN
             self._clear()
         else:
-            _log.warning("%s: the robots are kept again", self.folder)
+            _log.warning("%s: the robots are kept again", self.where)

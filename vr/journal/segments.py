@@ -82,6 +82,10 @@ class Disk(Protocol):
         """
         ...
 
+    def lock_anew(self, folder: Path) -> int:
+        """Lock a folder whose lock a process has that was deposed; what is marked there is copied."""
+        ...
+
     def marked(self, lock: int) -> bytes:
         """Return what `mark` has written last, also by another process; empty: nothing."""
         ...
@@ -160,6 +164,16 @@ class OSDisk:
             raise
         return descriptor
 
+    def lock_anew(self, folder: Path) -> int:
+        """See `Disk.lock_anew`."""
+        coming, path = folder / "lock.new", folder / "lock"
+        coming.unlink(missing_ok=True)
+        with suppress(FileNotFoundError):
+            coming.write_bytes(path.read_bytes())
+            coming.chmod(0o600)
+            coming.rename(path)
+        return self.lock(folder)
+
     def marked(self, lock: int) -> bytes:
         """See `Disk.marked`."""
         return os.pread(lock, MARK_SIZE, 0)
@@ -167,6 +181,22 @@ class OSDisk:
     def mark(self, lock: int, data: bytes) -> None:
         """See `Disk.mark`."""
         os.pwrite(lock, data, 0)
+
+
+class Ownership(Protocol):
+    """That this process may write; see `store`."""
+
+    def expect(self) -> None:
+        """See `LogStore.expect_owner`."""
+        ...
+
+    def beat(self) -> None:
+        """See `LogStore.beat`."""
+        ...
+
+    def close(self) -> None:
+        """Let go of it. Twice is once."""
+        ...
 
 
 class Mark(NamedTuple):
@@ -193,35 +223,40 @@ class Mark(NamedTuple):
 
 
 class Segments:
-    """The files of one log, in a folder of their own."""
+    """The files of one log, in a folder of their own. `LogStore`."""
 
-    def __init__(self, folder: Path, disk: Disk, boot: str = "") -> None:
+    def __init__(self, folder: Path, disk: Disk, boot: str = "", owner: Ownership | None = None) -> None:
         """Take the folder for this process.
 
         Args:
             folder: of the log.
             disk: where the folder is.
             boot: of the machine, 36 characters; empty: unknown.
+            owner: that this process is the owner, whoever holds the lock; None: the lock decides.
 
         Raises:
             JournalInUse: another host has it.
             OSError: the folder cannot be made.
         """
         self._open = -1
-        self.folder, self._disk, self._boot = folder, disk, boot.encode()[:36].ljust(36, b"\0")
+        self.folder, self.where, self.name = folder, str(folder), folder.name
+        self._disk, self._boot = disk, boot.encode()[:36].ljust(36, b"\0")
+        self._owner = owner
         try:
             self._lock = disk.lock(folder)
         except BlockingIOError:
-            raise JournalInUse(folder=str(folder)) from None
+            if owner is None:
+                raise JournalInUse(folder=str(folder), host=folder.name) from None
+            self._lock = disk.lock_anew(folder)
         self._named = False
         """Whether the name of the newest file would survive a loss of power."""
         try:
             self._before = Mark.read(disk.marked(self._lock))
             names = map(_NAME.fullmatch, disk.names(folder))
+            self._numbers = sorted(int(name[1]) for name in names if name)
         except BaseException:
             self.close()
             raise
-        self._numbers = sorted(int(name[1]) for name in names if name)
         self.size = 0
         """[bytes] of the newest file, as far as this process has written it."""
         self.missing = ""
@@ -240,11 +275,10 @@ class Segments:
             OSError: a file cannot be read.
         """
         whole = 0, 0
-        for number in self._numbers:
+        for number, data in self._read():
             path = self._path(number)
-            data = self._disk.read(path)
             try:
-                for frame in _frames(data, str(path)):
+                for frame in frames_in(data, str(path)):
                     whole = number, len(data)
                     yield frame
             except DamagedJournal as damage:
@@ -252,6 +286,20 @@ class Segments:
                     raise
                 _log.warning("what was not synced was lost with the power: %s", damage)
         self._expect(*whole)
+
+    def _read(self) -> Iterator[tuple[int, bytes]]:
+        """Return all files, the oldest first; an owner that was deposed may just have begun another one."""
+        while True:
+            names = map(_NAME.fullmatch, self._disk.names(self.folder))
+            self._numbers = sorted(int(name[1]) for name in names if name)
+            try:
+                found = [(number, self._disk.read(self._path(number))) for number in self._numbers]
+            except FileNotFoundError:
+                if self._owner is None:
+                    raise
+            else:
+                yield from found
+                return
 
     def _expect(self, number: int, size: int) -> None:
         """Miss what was there when the last host wrote; a machine that lost its power may have lost it, too.
@@ -293,9 +341,7 @@ class Segments:
         Raises:
             OSError: it cannot be written whole.
         """
-        length = len(body) - HEAD.size
-        check = zlib.crc32(_LENGTH.pack(length))
-        HEAD.pack_into(body, 0, length, check, zlib.crc32(memoryview(body)[HEAD.size :]))
+        seal_frame(body)
         if self._disk.write(self._open, body) < len(body):
             raise OSError(errno.ENOSPC, "it was written in part only: the disk is full")
         self.size += len(body)
@@ -330,6 +376,18 @@ class Segments:
         lock, self._lock = self._lock, -1
         if lock >= 0:
             self._disk.close(lock)
+        if self._owner is not None:
+            self._owner.close()
+
+    def expect_owner(self) -> None:
+        """See `LogStore.expect_owner`."""
+        if self._owner is not None:
+            self._owner.expect()
+
+    def beat(self) -> None:
+        """See `LogStore.beat`."""
+        if self._owner is not None:
+            self._owner.beat()
 
     def _close(self) -> None:
         descriptor, self._open = self._open, -1
@@ -340,7 +398,19 @@ class Segments:
         return self.folder / f"{number:08}.log"
 
 
-def _frames(data: bytes, path: str) -> Iterator[bytes]:
+def seal_frame(frame: bytearray) -> None:
+    """Fill in the head of a frame."""
+    length = len(frame) - HEAD.size
+    check = zlib.crc32(_LENGTH.pack(length))
+    HEAD.pack_into(frame, 0, length, check, zlib.crc32(memoryview(frame)[HEAD.size :]))
+
+
+def frames_in(data: bytes, path: str) -> Iterator[bytes]:
+    """Return the bodies of the frames in a segment; the last one may be cut short.
+
+    Raises:
+        DamagedJournal: one does not fit its checksum.
+    """
     at, view = 0, memoryview(data)
     while at < len(data):
         begin = end = at + HEAD.size

@@ -341,14 +341,15 @@ class Mesh:
         """Be present under a key; as often as `withdraw` is called later.
 
         Raises:
-            Occupied: somebody is present under one of the patterns `unless`.
+            Occupied: somebody else is present under one of the patterns `unless`.
             TooManyKeys: this process announces as many keys as others take.
         """
         with self._lock:
             self._check_room(Topic.HOLDS, key)
         self.place.hold(key)  # first: a process that cannot be seen must be known of
         with self._lock:
-            others = [other for pattern in unless for other in self.presence.keys(pattern)]
+            found = (other for pattern in unless for other in self.presence.keys(pattern))
+            others = [other for other in found if other != key]
             if not others:
                 self._announce_change(Topic.HOLDS, key, there=True)
                 return
@@ -779,7 +780,7 @@ class Mesh:
             peer.awake = True
             self._listeners.clear()
             for key in peer.known[Topic.SERVES]:
-                self._where[key] = peer
+                self._where.setdefault(key, peer)  # what another one serves meanwhile is that one's
             for key in sorted(peer.known[Topic.HOLDS]):
                 self.presence.count(key, there=True)
 
@@ -792,7 +793,7 @@ class Mesh:
             peer.awake = False
             self._listeners.clear()
             for key in [key for key, server in self._where.items() if server is peer]:
-                del self._where[key]
+                self._find_server(key)
             for key in sorted(peer.known[Topic.HOLDS]):
                 self.presence.count(key, there=False)
         self._give_up(peer, self._system.now())
@@ -839,7 +840,14 @@ class Mesh:
         elif news.there:
             self._where[news.key] = peer
         elif self._where.get(news.key) is peer:
-            del self._where[news.key]
+            self._find_server(news.key)
+
+    def _find_server(self, key: str) -> None:
+        """Ask another process for a key from now on, if one serves it. Under the lock."""
+        self._where.pop(key, None)
+        for peer in self._peers.values():
+            if peer.awake and key in peer.known[Topic.SERVES]:
+                self._where[key] = peer
 
     def _count_keys(self, peer: _Peer, more: int) -> None:
         """Count how many keys a process announces. Under the lock."""

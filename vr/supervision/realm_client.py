@@ -20,6 +20,7 @@ from robotree.vr.base.errors import (
     NoPage,
     NoSuchRobot,
     NotVirtual,
+    StandsBy,
     Unreachable,
     VrError,
 )
@@ -544,6 +545,7 @@ class RealmClient:
             NoSuchHost: there is no such host.
             NoHost: there is none at all.
             HostReserved: this host, or each that there is, runs another robot alone.
+            StandsBy: or has no robots until another host is away.
             AddressError: the name cannot be one, or is taken.
         """
         check_name(name)
@@ -555,7 +557,7 @@ class RealmClient:
             client = HostClient(self._transport, address)
             try:
                 return await self._awake(client.create(bundle, name, settings))
-            except HostReserved as reserved:
+            except (HostReserved, StandsBy) as reserved:
                 refusal = reserved
         raise refusal
 

@@ -214,6 +214,10 @@ class MemoryDisk:
         self._locks[number] = str(folder)
         return number
 
+    def lock_anew(self, folder: Path) -> int:
+        """See `Disk.lock_anew`: there is one process on this disk, and nobody who could be deposed."""
+        return self.lock(folder)
+
     def marked(self, lock: int) -> bytes:
         """See `Disk.marked`."""
         return self.medium.folders[self._locks[lock]].mark

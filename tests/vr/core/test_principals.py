@@ -212,12 +212,32 @@ def test_the_next_process_of_a_parent_that_is_away_is_its_heir_and_nobody_else()
             lease.renew(parent, epoch, ("pair",), now=9.0, principal=principal)
     # what the process before had asked arrives after its end: its heir is waited for all the same
     assert lease.renew(parent, epoch, ("pair",), now=8.0, principal=before, is_there=False).away
-    lease.renew(parent, epoch, ("pair",), now=9.0, principal=after)
-    lease.check(epoch, 9.5, after)
-    with pytest.raises(NotInControl):  # the process before, should it have been paused only
+    granted = lease.renew(parent, epoch, ("pair",), now=9.0, unix=9.0, principal=after)
+    assert granted.epoch > epoch
+    for named in (epoch, granted.epoch):  # what it has sent crosses the grant
+        lease.check(named, 9.5, after)
+    with pytest.raises(StaleEpoch):  # the process before, should it have been paused only
         lease.check(epoch, 9.5, before)
-    with pytest.raises(NotInControl):
+    with pytest.raises(StaleEpoch):
         lease.renew(parent, epoch, ("pair",), now=9.5, principal=before)
+
+
+def test_an_heir_that_was_killed_before_it_noted_its_epoch_has_an_heir_itself() -> None:
+    parent = Address("robot", "pair", "1")
+    first, second, third = (Principal(user="anna", process=number, agent=parent.key) for number in (7, 8, 9))
+    lease = GrantedLease.free("left", unix=0.0)
+    lease.petition(parent, "left", ("pair",), 5.0, now=1.0, unix=1.0, principal=first)
+    lease.promise(10.0)
+    epoch = lease.epoch
+    assert lease.wait_for(parent, 2.0)
+    lost = lease.renew(parent, epoch, ("pair",), now=3.0, unix=3.0, principal=second).epoch
+    assert lease.wait_for(parent, 4.0)
+    granted = lease.renew(parent, epoch, ("pair",), now=5.0, unix=5.0, principal=third).epoch
+    assert epoch < lost < granted
+    for process, named in ((first, epoch), (second, epoch), (second, lost), (third, lost)):
+        with pytest.raises(StaleEpoch):
+            lease.check(named, 5.5, process)
+    lease.check(epoch, 5.5, third)
 
 
 def test_while_its_parent_is_away_a_person_may_end_what_a_robot_does_and_begin_nothing() -> None:

@@ -91,7 +91,7 @@ def opened(folder: Path, boot: str = "this", **options: Any) -> HostJournal:
 def reopened(journal: HostJournal) -> dict[str, bytes]:
     """Close a journal; return the states that the next host finds, by name."""
     journal.close()
-    following = opened(journal.folder)
+    following = opened(Path(journal.where))
     try:
         return {robot.name: encode_state(robot.state) for robot in following.found.robots}
     finally:
@@ -133,8 +133,8 @@ def test_a_new_segment_says_what_the_older_ones_said(tmp_path: Path, monkeypatch
         robot.take(on.Finish(key=f"k{number}", reply=Returned(key="k")))
         journal.barrier()
     journal.gone(other.key)
-    assert len(list(journal.folder.glob("*.log"))) == 1
-    assert sum(file.stat().st_size for file in journal.folder.glob("*.log")) < 40_000
+    assert len(list(Path(journal.where).glob("*.log"))) == 1
+    assert sum(file.stat().st_size for file in Path(journal.where).glob("*.log")) < 40_000
     assert reopened(journal) == {"it": encode_state(robot.core.state)}
 
 
@@ -145,7 +145,7 @@ def test_what_nobody_waited_for_may_be_lost_and_what_somebody_waited_for_is_ther
     journal.barrier()
     waited = encode_state(robot.core.state)
     robot.call("k")
-    folder, _ = journal.folder, journal._segments.close()  # the process ends here
+    folder, _ = Path(journal.where), journal._segments.close()  # the process ends here
     following = opened(folder)
     assert [encode_state(kept.state) for kept in following.found.robots] == [waited]
     following.close()
@@ -160,7 +160,7 @@ def test_a_page_counts_when_the_robot_has_turned_to_it(tmp_path: Path) -> None:
         journal.offered(each.key, news)
     robot.take(on.PageReloaded(slots=(), fields={}))
     journal.close()
-    following = opened(journal.folder)
+    following = opened(Path(journal.where))
     assert [kept.page for kept in following.found.robots] == [news, PAGE]
     following.close()
 
@@ -177,7 +177,7 @@ def test_a_full_disk_keeps_nothing_and_says_so_and_later_all_again(tmp_path: Pat
     assert journal.trouble == (
         "its robots would not survive its end now (No space left on device); make room on that disk"
     )
-    assert not list(journal.folder.glob("*.log"))  # an old one would repeat what is done from now on
+    assert not list(Path(journal.where).glob("*.log"))  # an old one would repeat what is done from now on
     robot.take(on.Finish(key="k", reply=Returned(key="k")))
     disk.room = True
     Clock.now_now += journals.AGAIN + 1.0
@@ -255,7 +255,7 @@ def test_another_version_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     journal.close()
     assert records.VERSION == 1
     with pytest.raises(OtherJournal, match="format 99"):
-        opened(journal.folder)
+        opened(Path(journal.where))
 
 
 def test_after_a_restart_of_the_machine_moments_are_as_far_away_as_before(tmp_path: Path) -> None:
@@ -264,7 +264,7 @@ def test_after_a_restart_of_the_machine_moments_are_as_far_away_as_before(tmp_pa
     journal.close()
     clock = Clock()
     clock.unix_now, clock.now_now = 1060.0, 5.0  # a minute later, on a clock that began anew
-    following = HostJournal(journal.folder, clock, boot="another")
+    following = HostJournal(Path(journal.where), clock, boot="another")
     # a moment 30 s ahead then (40) is 30 s ago now (-25): 65 s less on this clock
     assert following.shift == pytest.approx((1000.0 - Clock.now_now) - (1060.0 - 5.0))
     following.close()

@@ -76,7 +76,7 @@ def after_a_loss(journal: HostJournal, disk: FleetingDisk) -> dict[str, bytes]:
     """Have the power fail; return the states that the next host finds, by name."""
     journal._segments.close()
     disk.lose_power()
-    following = opened(journal.folder, boot="the next")
+    following = opened(Path(journal.where), boot="the next")
     try:
         return {robot.name: encode_state(robot.state) for robot in following.found.robots}
     finally:
@@ -182,17 +182,17 @@ def test_a_segment_that_is_full_stays_open_while_it_is_synchronised(
     thread.start()
     while not journal._held:
         pass
-    newest = max(journal.folder.glob("*.log"))
+    newest = max(Path(journal.where).glob("*.log"))
     for number in range(40):
         robot.take(on.StepTaken(key="k", path=str(number + 2), step=on.StepResult("look", None, number)))
         journal.barrier()
-    assert max(journal.folder.glob("*.log")) == newest
+    assert max(Path(journal.where).glob("*.log")) == newest
     disk.slow.set()
     thread.join(20)
     journal.barrier()
     robot.take(on.StepTaken(key="k", path="99", step=on.StepResult("look", None, 1)))
     journal.barrier()
-    assert max(journal.folder.glob("*.log")) > newest
+    assert max(Path(journal.where).glob("*.log")) > newest
     assert not journal.suspended
     journal.sync()
     assert after_a_loss(journal, disk) == {"it": encode_state(robot.core.state)}
@@ -215,5 +215,5 @@ def test_a_disk_that_cannot_synchronise_keeps_nothing_and_says_so(tmp_path: Path
     robot.call("k")
     journal.sync()
     assert journal.suspended == "Input/output error"
-    assert not list(journal.folder.glob("*.log"))
+    assert not list(Path(journal.where).glob("*.log"))
     journal.close()

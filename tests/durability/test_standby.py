@@ -1,0 +1,241 @@
+"""A stand-by host has the robots of one that is away, never while that one may still act."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from tests.durability.stage import HERE, PATIENCE, Program, Stage
+from tests.vr.space.postgres import Server, server
+
+pytestmark = pytest.mark.e2e
+
+AFTER = 2.5
+
+
+def standby(stage: Stage, name: str, of: str = "h1") -> Program:
+    """A host that stands by for another one: on this machine both use the same log."""
+    return stage.program(name, HERE / "host.py", name, stage.folder / f"{of}.journal")
+
+
+async def stand_by(stage: Stage, *names: str) -> list[Program]:
+    hosts = [standby(stage, name) for name in names]
+    for host in hosts:
+        await host.start(STANDBY_FOR="h1", AFTER=str(AFTER))
+        await stage.presence("host", host.name)
+    return hosts
+
+
+def begin(stage: Stage, command: str, **arguments: Any) -> asyncio.Task[Any]:
+    call = stage.realm_client.call("tourist", command, arguments, deadline=60.0)
+    return asyncio.ensure_future(call)
+
+
+async def homes(stage: Stage) -> dict[str, list[str]]:
+    """The robots of each host that answers, by name."""
+    return {
+        one.address.name: [robot.name for robot in one.robots] for one in await stage.realm_client.hosts()
+    }
+
+
+async def ended(program: Program) -> str:
+    """Wait until a program has ended by itself; returns what it has said."""
+    async with asyncio.timeout(PATIENCE):
+        await program.process.wait()
+    return program.complaints
+
+
+async def test_a_killed_host_is_replaced_and_its_command_goes_on(stage: Stage) -> None:
+    h1 = stage.host()
+    await stage.furnish(h1)
+    (h2,) = await stand_by(stage, "h2")
+    call = begin(stage, "tour", steps=8, pause=0.1)
+    await stage.until_effects(3)
+    await h1.kill()
+    assert await asyncio.wait_for(call, PATIENCE) == [8.0, 8.0]
+    stage.expect_once(*range(8))
+    assert await homes(stage) == {"h2": ["helper", "tourist"]}
+    assert (await stage.realm_client.describe("tourist")).host == "h2"
+    assert "h1 was not heard" in h2.complaints
+
+
+async def test_a_host_that_was_only_paused_wakes_up_and_ends_before_its_robots_act(stage: Stage) -> None:
+    h1 = stage.host()
+    await stage.furnish(h1)
+    await stand_by(stage, "h2")
+    before = (await stage.realm_client.describe("arm-1")).bond
+    call = begin(stage, "tour", steps=12, pause=0.3)
+    await stage.until_effects(3)
+    h1.process.send_signal(signal.SIGSTOP)
+    done = len(stage.ended)
+    await stage.until_effects(done + 3)  # by h2
+    after = (await stage.realm_client.describe("arm-1")).bond
+    assert before is not None
+    assert after is not None
+    assert after.epoch > before.epoch, "whatever h1 has left to send is refused"
+    h1.process.send_signal(signal.SIGCONT)
+    said = await ended(h1)
+    assert "h2 has taken over the robots of" in said
+    assert h1.process.returncode == 1
+    assert await asyncio.wait_for(call, PATIENCE) == [12.0, 12.0]
+    stage.expect_once(*range(12))
+
+
+async def test_of_two_that_stand_by_exactly_one_takes_over_and_the_other_goes_on_standing_by(
+    stage: Stage,
+) -> None:
+    h1 = stage.host()
+    await stage.furnish(h1)
+    hosts = await stand_by(stage, "h2", "h3")
+    call = begin(stage, "tour", steps=10, pause=0.1)
+    await stage.until_effects(3)
+    await h1.kill()
+    await asyncio.wait_for(call, PATIENCE)
+    found = await stage.realm_client.hosts()
+    assert sorted((len(one.robots), bool(one.stands_by)) for one in found) == [(0, True), (2, False)]
+    first = next(one.address.name for one in found if one.robots)
+    waits = next(one for one in found if one.stands_by)
+    assert waits.stands_by == first
+    call = begin(stage, "tour", steps=30, pause=0.1)  # its numbers come once more: only keys are compared
+    await stage.until_effects(15)
+    await next(host for host in hosts if host.name == first).kill()
+    await asyncio.wait_for(call, PATIENCE)
+    assert not [key for key in stage.twice() if not key.isdecimal()]
+    assert (await homes(stage))[waits.address.name] == ["helper", "tourist"]
+
+
+async def test_a_host_that_comes_back_in_time_keeps_its_robots(stage: Stage) -> None:
+    h1 = stage.host()
+    await stage.furnish(h1)
+    await stand_by(stage, "h2")
+    call = begin(stage, "tour", steps=20, pause=0.3)
+    await stage.until_effects(3)
+    for _ in range(2):
+        await h1.kill()
+        await asyncio.sleep(AFTER / 3)
+        await h1.start()
+        await stage.until_effects(len(stage.ended) + 3)
+    assert await asyncio.wait_for(call, PATIENCE) == [20.0, 20.0]
+    stage.expect_once(*range(20))
+    assert await homes(stage) == {"h1": ["helper", "tourist"], "h2": []}
+
+
+async def test_a_host_whose_robots_another_one_has_stands_by_and_takes_them_back(stage: Stage) -> None:
+    h1 = stage.host()
+    await stage.furnish(h1)
+    (h2,) = await stand_by(stage, "h2")
+    await h1.kill()
+    async with asyncio.timeout(PATIENCE):
+        while await homes(stage) != {"h2": ["helper", "tourist"]}:  # noqa: ASYNC110 # another process
+            await asyncio.sleep(0.1)
+    await h1.start(AFTER=str(AFTER))
+    assert "h2 has the robots; h1 stands by for it" in h1.complaints
+    assert await homes(stage) == {"h1": [], "h2": ["helper", "tourist"]}
+    call = begin(stage, "tour", steps=10, pause=0.2)
+    await stage.until_effects(3)
+    await h2.kill()
+    assert await asyncio.wait_for(call, PATIENCE) == [10.0, 10.0]
+    stage.expect_once(*range(10))
+    assert await homes(stage) == {"h1": ["helper", "tourist"]}
+
+
+async def test_a_stand_by_that_was_paused_itself_does_not_take_over_when_it_wakes(stage: Stage) -> None:
+    h1 = stage.host()
+    await stage.furnish(h1)
+    (h2,) = await stand_by(stage, "h2")
+    h2.process.send_signal(signal.SIGSTOP)
+    await asyncio.sleep(AFTER + 1.0)
+    h2.process.send_signal(signal.SIGCONT)
+    until = time.monotonic() + 1.5
+    while time.monotonic() < until:
+        await asyncio.sleep(0.1)
+        assert h1.runs
+    assert (await homes(stage))["h1"] == ["helper", "tourist"]
+    assert "was not heard" not in h2.complaints
+
+
+# -- across machines: PostgreSQL -----------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def database() -> Iterator[Server]:
+    """A server that keeps what it has confirmed when it is killed; its machine lives on."""
+    with server("fsync=off", "full_page_writes=off") as running:
+        yield running
+
+
+async def furnished(stage: Stage, database: Server) -> tuple[Program, Program]:
+    """h1 with its robots, and h2 that stands by; they share a database and no file."""
+    log = f"h1-{stage.folder.name}"
+    h1 = stage.host()
+    h2 = stage.program("h2", HERE / "host.py", "h2", stage.folder / "h2.journal")
+    os.environ["JOURNAL"] = database.url
+    try:
+        await stage.furnish(h1, LOG=log)
+        await h2.start(STANDBY_FOR="h1", AFTER=str(AFTER), LOG=log)
+    finally:
+        del os.environ["JOURNAL"]
+    await stage.presence("host", "h2")
+    assert not list(stage.folder.glob("*.journal/*.log"))
+    return h1, h2
+
+
+async def test_across_machines_a_killed_host_is_replaced(stage: Stage, database: Server) -> None:
+    h1, _ = await furnished(stage, database)
+    call = begin(stage, "tour", steps=8, pause=0.1)
+    await stage.until_effects(3)
+    await h1.kill()
+    assert await asyncio.wait_for(call, PATIENCE) == [8.0, 8.0]
+    stage.expect_once(*range(8))
+    assert await homes(stage) == {"h2": ["helper", "tourist"]}
+
+
+async def test_across_machines_a_host_that_was_only_paused_ends(stage: Stage, database: Server) -> None:
+    h1, _ = await furnished(stage, database)
+    call = begin(stage, "tour", steps=12, pause=0.3)
+    await stage.until_effects(3)
+    h1.process.send_signal(signal.SIGSTOP)
+    await stage.until_effects(len(stage.ended) + 3)
+    h1.process.send_signal(signal.SIGCONT)
+    assert "h2 has taken over the robots of" in await ended(h1)
+    assert await asyncio.wait_for(call, PATIENCE) == [12.0, 12.0]
+    stage.expect_once(*range(12))
+
+
+async def test_a_database_that_crashes_and_is_back_has_lost_nothing(stage: Stage, database: Server) -> None:
+    h1, _ = await furnished(stage, database)
+    call = begin(stage, "tour", steps=16, pause=0.1)
+    for _ in range(2):
+        await stage.until_effects(len(stage.ended) + 3)
+        database.stop()
+        await asyncio.sleep(0.3)
+        database.start()  # a thread that ends would end it, too (pdeathsig)
+    assert await asyncio.wait_for(call, PATIENCE) == [16.0, 16.0]
+    stage.expect_once(*range(16))
+    assert h1.runs
+    assert await homes(stage) == {"h1": ["helper", "tourist"], "h2": []}
+
+
+async def test_a_host_that_is_cut_off_from_the_database_does_nothing_and_ends(
+    stage: Stage, database: Server
+) -> None:
+    h1, h2 = await furnished(stage, database)
+    call = begin(stage, "tour", steps=16, pause=0.1)
+    await stage.until_effects(3)
+    database.stop()
+    await asyncio.sleep(0.2)
+    done = stage.ended
+    assert "was not reached for" in await ended(h1)
+    assert stage.ended == done
+    assert h2.runs
+    database.start()  # a thread that ends would end it, too (pdeathsig)
+    await h1.start(LOG=f"h1-{stage.folder.name}", JOURNAL=database.url)
+    call.cancel()
+    await asyncio.gather(call, return_exceptions=True)
+    assert stage.twice() == []

@@ -1,0 +1,131 @@
+"""The owner of a log in a folder: the file with the highest number.
+
+    NUMBER.owner   the name of the host; locked (flock) as long as its process lives, touched while it works
+
+Such a file comes with a lock and under a name that nobody had, in one step (link(2)), so one of several gets
+the number. It then removes those before, and an owner whose file has no name any more has been deposed. A
+lock alone would not do: a process that is paused keeps it.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from contextlib import suppress
+from pathlib import Path
+
+from robotree.files import private_folder
+from robotree.vr.base.chance import token
+from robotree.vr.base.errors import Deposed
+from robotree.vr.journal.segments import Disk, OSDisk, Segments
+from robotree.vr.journal.store import Owner
+
+_SUFFIX = ".owner"
+_FLAGS = os.O_NOFOLLOW | os.O_CLOEXEC
+
+
+class FilePlace:
+    """A folder for a log. `LogPlace`."""
+
+    def __init__(self, folder: Path, disk: Disk | None = None, boot: str = "") -> None:
+        """Take the folder; it is made when somebody becomes the owner.
+
+        Args:
+            folder: of the log.
+            disk: where it is; None: the operating system's.
+            boot: of the machine; empty: unknown.
+        """
+        self.folder, self.where, self._boot = folder, str(folder), boot
+        self._disk = OSDisk() if disk is None else disk
+
+    def look(self) -> Owner | None:
+        """See `LogPlace.look`."""
+        while numbers := self._numbers():
+            with suppress(FileNotFoundError):  # it has just been deposed
+                return self._seen(numbers[-1])
+        return None
+
+    def _seen(self, number: int) -> Owner:
+        descriptor = os.open(self._path(number), os.O_RDONLY | _FLAGS)
+        try:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+                lives = False
+            except BlockingIOError:
+                lives = True
+            host, beat = os.read(descriptor, 1000).decode(errors="replace"), os.fstat(descriptor).st_mtime_ns
+        finally:
+            os.close(descriptor)
+        return Owner(number, host, beat, lives)
+
+    def take(self, host: str, after: int) -> Segments | None:
+        """See `LogPlace.take`."""
+        private_folder(self.folder)
+        if (self._numbers() or [0])[-1] != after:
+            return None
+        path, coming = self._path(after + 1), self.folder / f"{token()}.new"
+        descriptor = os.open(coming, os.O_CREAT | os.O_EXCL | os.O_RDWR | _FLAGS, 0o600)
+        try:
+            os.write(descriptor, host.encode())
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+            os.link(coming, path)
+        except FileExistsError:
+            os.close(descriptor)
+            return None
+        except BaseException:
+            os.close(descriptor)
+            raise
+        finally:
+            coming.unlink(missing_ok=True)
+        if self._numbers()[-1] != after + 1:  # it was there and has been deposed before we looked
+            path.unlink(missing_ok=True)
+            os.close(descriptor)
+            return None
+        for number in self._numbers():
+            if number <= after:
+                self._path(number).unlink(missing_ok=True)
+        try:
+            return Segments(self.folder, self._disk, self._boot, OwnerFile(descriptor, self))
+        except BaseException:
+            os.close(descriptor)
+            raise
+
+    def close(self) -> None:
+        """See `LogPlace.close`."""
+
+    def _numbers(self) -> list[int]:
+        try:
+            names = [path.name for path in self.folder.iterdir()]
+        except FileNotFoundError:
+            return []
+        return sorted(int(name.removesuffix(_SUFFIX)) for name in names if name.endswith(_SUFFIX))
+
+    def _path(self, number: int) -> Path:
+        return self.folder / f"{number}{_SUFFIX}"
+
+
+class OwnerFile:
+    """The file of this process. `segments.Ownership`."""
+
+    def __init__(self, descriptor: int, place: FilePlace) -> None:
+        """Take the file, locked."""
+        self._descriptor, self._place = descriptor, place
+
+    def expect(self) -> None:
+        """See `LogStore.expect_owner`."""
+        descriptor = self._descriptor
+        if descriptor >= 0 and not os.fstat(descriptor).st_nlink:
+            owner = self._place.look()
+            raise Deposed(host="somebody else" if owner is None else owner.host, log=self._place.where)
+
+    def beat(self) -> None:
+        """See `LogStore.beat`."""
+        if self._descriptor >= 0:
+            os.utime(self._descriptor)
+        self.expect()
+
+    def close(self) -> None:
+        """Let go of it. Twice is once."""
+        descriptor, self._descriptor = self._descriptor, -1
+        if descriptor >= 0:
+            os.close(descriptor)
