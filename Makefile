@@ -74,6 +74,7 @@ soak: $(STAMP) $(NODE_READY)  ## the slow tests, one on a fresh Debian testing, 
 	$(BIN)/python -m pytest -m soak -rs
 	$(BIN)/python -m pytest tests/vr/space
 	$(BIN)/python -m pytest --hypothesis-profile search tests/machines
+	$(BIN)/python -m tests.durability.campaign --seed $(SEED)
 	$(BIN)/python -m tests.soak --seed $(SEED) $(QUICK)
 
 interop: $(STAMP) $(INTEROP)/.ready  ## drive the simulated arm with the real MAVProxy and MAVSDK

@@ -81,7 +81,8 @@ class Goals:
         out: list[Outgoing] = []
         for effect in effects:
             if isinstance(effect, Begin):
-                _log.debug("begin %d verb %d", effect.id.key, effect.verb)
+                values = " ".join(f"{value:.6f}" for value in effect.args)
+                _log.debug("begin %d verb %d: %s", effect.id.key, effect.verb, values)
                 out += self._begin(effect.id, now)
             elif isinstance(effect, Abandon):
                 self._movement.leave(effect.id)

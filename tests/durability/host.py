@@ -5,6 +5,9 @@
 `$KILL` is `PLACE NUMBER`: the how manieth moment of that kind is its last one; empty: it lives on. Moments
 count from the first command that is called by a person, or from the start if there is one already. SIGTERM
 ends it in order. It says `ready` when its robots are back.
+
+`$WITHOUT` takes a safeguard away: `commit`: nothing waits until its events are written; `keys`: a step has
+another key in each life.
 """
 
 from __future__ import annotations
@@ -36,6 +39,9 @@ ROOM = int(os.environ.get("ROOM", "-1"))
 WORD = os.environ.get("WORD", "act").encode()
 """Of the calls around which the moments of the transport are."""
 KEEPS = "FORGET" not in os.environ
+WITHOUT = os.environ.get("WITHOUT", "")
+FIRST = not FOLDER.exists()
+"""Whether this is the first life of the host."""
 
 
 class Countdown:
@@ -86,6 +92,14 @@ class Journal(HostJournal):
         if isinstance(event, on.Finish):
             countdown.here("after end")
         return number
+
+    def barrier(self) -> None:
+        if WITHOUT != "commit" or not countdown.armed:
+            super().barrier()
+
+    def sync(self) -> None:
+        if WITHOUT != "commit" or not countdown.armed:
+            super().sync()
 
     def begin(self) -> None:
         countdown.here("before segment")
@@ -139,6 +153,8 @@ def prepare() -> None:
         return step
 
     Frame.recalled = look  # type: ignore[method-assign]
+    if WITHOUT == "keys" and not FIRST:
+        forget_keys()
     join = run.join
 
     async def enter(realm: str | None) -> Any:
@@ -146,6 +162,17 @@ def prepare() -> None:
 
     run.join = enter  # type: ignore[assignment]
     run.HostJournal = Journal  # type: ignore[misc]
+
+
+def forget_keys() -> None:
+    """Count the steps of a command from another number than the life before."""
+    step = Frame.step
+
+    def other(frame: Frame) -> str:
+        frame.steps += 1000 if frame.steps < 1000 else 0
+        return step(frame)
+
+    Frame.step = other  # type: ignore[method-assign]
 
 
 @contextlib.asynccontextmanager

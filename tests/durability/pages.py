@@ -178,6 +178,26 @@ class Tourist(VirtualRobot):
         return self.done
 
 
+class Walker(VirtualRobot):
+    """Drives to and fro; takes no step twice, whatever becomes of it."""
+
+    rover = Child("Rover", returns=20.0)
+
+    @command
+    def walk(self, first: int, steps: int) -> list[tuple[int, str]]:
+        """Take numbered steps of different lengths; return what became of each."""
+        said: list[tuple[int, str]] = []
+        for n in range(first, first + steps):
+            way = (100 + n) * 1e-4 * (1 if n % 2 else -1)
+            try:
+                self.rover.move(x=way, y=0.0)
+                said.append((n, "done"))
+            except VrError as error:
+                said.append((n, type(error).__name__))
+                self.sleep(0.1)
+        return said
+
+
 class Straying:
     """Another one in each life of the process, as a clock or a file is."""
 

@@ -32,16 +32,21 @@ class Program:
         self.stage, self.name, self.words = stage, name, [str(word) for word in words]
         self.log = stage.folder / f"{name}.err"
         self.lives = 0
+        self.environment: dict[str, str] = {}
+        """Of each of its lives."""
+        self.started: list[float] = []
+        """[s] when it was started, in each life."""
 
     async def start(self, **environment: str) -> None:
         """Start it (again), and return when it is ready or has ended."""
+        self.started.append(time.monotonic())
         with self.log.open("ab") as log:
             self.process = await asyncio.create_subprocess_exec(
                 *(sys.executable, *self.words),
                 stdin=asyncio.subprocess.PIPE,
                 stdout=asyncio.subprocess.PIPE,
                 stderr=log,
-                env={**os.environ, "ROBOTREE_REALM": self.stage.realm, **environment},
+                env={**os.environ, "ROBOTREE_REALM": self.stage.realm, **self.environment, **environment},
             )
         self.lives += 1
         assert self.process.stdout is not None
@@ -111,12 +116,16 @@ class Stage:
             while not self.realm_client.directory.present(role, name):  # noqa: ASYNC110 # a table, which tells nobody
                 await asyncio.sleep(0.005)
 
-    async def play(self, host: Program, command: str, kills: list[str], **arguments: Any) -> Any:
+    async def play(
+        self, host: Program, command: str, kills: list[str], *, patience: float = PATIENCE, **arguments: Any
+    ) -> Any:
         """Call a command of the tourist; start the host again, with the next kill, whenever it has ended."""
-        call = asyncio.ensure_future(self.realm_client.call("tourist", command, arguments, deadline=60.0))
+        call = asyncio.ensure_future(
+            self.realm_client.call("tourist", command, arguments, deadline=3 * patience)
+        )
         keeper = asyncio.ensure_future(keep_alive(host, kills))
         try:
-            await asyncio.wait((call, keeper), timeout=PATIENCE, return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait((call, keeper), timeout=patience, return_when=asyncio.FIRST_COMPLETED)
             if keeper.done():
                 keeper.result()
             assert call.done(), f"stuck after {host.lives} lives: {self.told()}"

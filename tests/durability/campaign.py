@@ -1,0 +1,323 @@
+"""Kills at every boundary of a step, of each kind of process and of two at once, and what came of the steps.
+
+    python -m tests.durability.campaign [--kills 300] [--seed 1]
+
+Two thirds of the kills are of hosts, at the places that `host.py` names, one of four with another host at the
+same moment; the arms write down each thing that they do. The others are of a proxy, of the controller of a
+rover, or of two of proxy, controller and host, when the controller begins or ends a goal: it writes each of
+them down. A page of these trials repeats no step, so one that was begun twice was repeated by robotree.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import itertools
+import os
+import random
+import signal
+import socket
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from robotree.vr.base.errors import VrError
+from tests.durability.stage import PAGES, Program, Stage, staged
+
+BOUNDARIES = {
+    "before intent": "before write",
+    "in the middle of the intent": "torn write",
+    "after intent": "after write",
+    "before send": "before send",
+    "after send": "after send",
+    "after effect": "reply came",
+    "after the answer": "reply taken",
+    "after done": "after step",
+}
+"""Places of `host.py`, by the boundary that they are."""
+BLOCK = 20
+"""Kills during one command."""
+FURTHEST = 5
+"""Moments of its kind after which a host ends at most."""
+STEP = 1e-4
+"""[m] between the ways of two steps, by which the controller's list tells them apart."""
+PAIRS = (
+    ("proxy",),
+    ("controller",),
+    ("proxy",),
+    ("controller",),
+    ("host", "proxy"),
+    ("host", "controller"),
+    ("proxy", "controller"),
+)
+AWAY = 60.0
+"""[s] that children wait for their parent: several kills in turn may strike before a host is back."""
+LONGEST = 60.0
+"""[s] for what a kill has interrupted to go on."""
+
+
+@dataclass
+class Outcome:
+    """What was counted."""
+
+    kills: Counter[str] = field(default_factory=Counter[str])
+    """By boundary or victims."""
+    steps: int = 0
+    twice: list[str] = field(default_factory=list[str])
+    lost: list[str] = field(default_factory=list[str])
+    doubts: int = 0
+    """Steps whose caller was told that they may have happened or not."""
+    effects: list[float] = field(default_factory=list[float])
+    """[s] from the start of a host's process to the next effect."""
+
+    @property
+    def good(self) -> bool:
+        """Whether nothing was done twice and nothing is lost."""
+        return not (self.twice or self.lost)
+
+
+# -- hosts --------------------------------------------------------------------------------------------
+
+
+async def kill_hosts(outcome: Outcome, chance: random.Random, count: int, folder: Path) -> None:
+    """Kill a host again and again in the middle of commands of the arms of a leaf."""
+    names = list(BOUNDARIES)
+    for block in range(0, count, BLOCK):
+        place = folder / f"hosts-{block}"
+        place.mkdir()
+        two = block // BLOCK % 4 == 3
+        chosen = [names[(block + number) % len(names)] for number in range(min(BLOCK, count - block))]
+        kills = [f"{BOUNDARIES[name]} {chance.randint(1, FURTHEST)}" for name in chosen]
+        async with staged(place, f"hosts-{block}") as stage:
+            host, second = stage.host("h1"), stage.host("h2")
+            host.environment = second.environment = {"RETURNS": f"{AWAY:g}"}
+            if two:
+                await second.start()
+                await stage.presence("host", "h2")
+            await stage.furnish(host, kills.pop(0), other="h2" if two else "")
+            beside = asyncio.ensure_future(follow(host, second)) if two else None
+            steps = 8 * BLOCK
+            try:
+                results = await stage.play(host, "tour", kills, patience=LONGEST, steps=steps)
+            finally:
+                if beside is not None:
+                    beside.cancel()
+                    await asyncio.gather(beside, return_exceptions=True)
+            killed = host.lives - 1
+            for name in chosen[:killed]:
+                outcome.kills[f"host, {name}" + (", another host with it" if two else "")] += 1
+            outcome.steps += steps
+            outcome.twice += stage.twice()
+            outcome.lost += [f"{place.name}: step {n}" for n in set(range(steps)) - set(stage.ended)]
+            if results != [float(steps), float(steps)]:
+                outcome.lost.append(f"{place.name}: the page has counted {results} of {steps} steps")
+            outcome.effects += next_effects(stage, host)
+
+
+async def follow(first: Program, second: Program) -> None:
+    """Kill a second host whenever the first one is killed, and start it again."""
+    while True:
+        lives = first.lives
+        await first.process.wait()
+        await second.kill()
+        await second.start()
+        while first.lives == lives:  # noqa: ASYNC110 # its keeper tells nobody
+            await asyncio.sleep(0.005)
+
+
+def next_effects(stage: Stage, host: Program) -> list[float]:
+    """Return how long after each start of a host something was done; lives that did nothing are left out."""
+    begun = [at for word, *_, at in stage.effects if word == "begin"]
+    starts = [*host.started[1:], float("inf")]
+    found: list[float] = []
+    for start, following in itertools.pairwise(starts):
+        effect = next((at for at in begun if at > start), None)
+        if effect is not None and effect < following:
+            found.append(effect - start)
+    return found
+
+
+# -- proxies and controllers --------------------------------------------------------------------------
+
+
+class Rover:
+    """A rover with its controller and its proxy, and a walker on top of it."""
+
+    def __init__(self, stage: Stage) -> None:
+        self.stage, self.goals = stage, stage.folder / "goals"
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            url = f"tcp:127.0.0.1:{free.getsockname()[1]}"
+        line, files = ("-m", "robotree.tui"), ("--state", stage.folder / "fence", "--log", self.goals)
+        self.programs = {
+            "controller": stage.program("controller", *line, "sim", "rover", "--listen", url, "--open",
+                                        "--speedup", "10", *files),
+            "proxy": stage.program("proxy", *line, "proxy", "rover", "rover-1", "--connect", url, "--open"),
+            "host": stage.host("h1"),
+        }  # fmt: skip
+        self.programs["host"].environment = {"RETURNS": f"{AWAY:g}"}
+
+    async def begin(self) -> None:
+        """Start all, and bind them."""
+        for program in self.programs.values():
+            await program.start()
+        for role, name in (("host", "h1"), ("robot", "rover-1")):
+            await self.stage.presence(role, name)  # type: ignore[arg-type]
+        await self.stage.realm_client.create(str(PAGES), "walker", "h1", "Walker")
+        await self.stage.presence("robot", "walker")
+        await self.stage.realm_client.enslave("walker", "rover", "rover-1")
+
+    def lines(self) -> list[list[str]]:
+        """Return what the controller has written down: moment, word, key, and the rest."""
+        text = self.goals.read_text() if self.goals.exists() else ""
+        return [line.split() for line in text.splitlines()]
+
+    async def kill(self, names: Sequence[str]) -> None:
+        """Kill some processes at the same moment, and start them again."""
+        victims = [self.programs[name] for name in names]
+        for program in victims:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(program.process.pid, signal.SIGKILL)
+        await asyncio.gather(*(program.process.wait() for program in victims))
+        await asyncio.gather(*(program.start() for program in victims))
+
+
+async def kill_below(outcome: Outcome, chance: random.Random, count: int, folder: Path) -> None:
+    """Kill a proxy, a controller, or two of them and their host, while a page drives a rover."""
+    place = folder / "below"
+    place.mkdir()
+    async with staged(place, "below") as stage:
+        rover = Rover(stage)
+        await rover.begin()
+        told: dict[int, str] = {}
+        ended = asyncio.Event()
+        walk = asyncio.ensure_future(_walk(stage, told, ended))
+        try:
+            for number in range(count):
+                names, word = PAIRS[number % len(PAIRS)], ("begin", "end")[number // len(PAIRS) % 2]
+                await _goal(rover, word, walk)
+                await asyncio.sleep(chance.uniform(0.0, 0.02))
+                await rover.kill(names)
+                outcome.kills[f"{' and '.join(names)}, after the {word} of a goal"] += 1
+            await _goal(rover, "end", walk)
+        finally:
+            ended.set()
+            await asyncio.wait((walk,), timeout=LONGEST)
+        walk.result()
+        count_goals(outcome, rover.lines(), told)
+
+
+async def _walk(stage: Stage, told: dict[int, str], ended: asyncio.Event) -> None:
+    """Have a page take steps, command by command; `told` gets what it says of each."""
+    while not ended.is_set():
+        first = len(told)
+        arguments = {"first": first, "steps": 20}
+        told.update(await stage.realm_client.call("walker", "walk", arguments, deadline=300.0))
+
+
+async def _goal(rover: Rover, word: str, walk: asyncio.Future[None]) -> None:
+    """Wait until the controller has begun a goal, and then until it begins or ends one."""
+    for awaited in ("begin", word):
+        before, latest = len(rover.lines()), time.monotonic() + LONGEST
+        while not any(line[1] == awaited for line in rover.lines()[before:]):
+            if walk.done():
+                walk.result()
+            assert time.monotonic() < latest, f"no goal {awaited}s\n{rover.stage.told()}"
+            await asyncio.sleep(0.002)
+
+
+def count_goals(outcome: Outcome, lines: Sequence[Sequence[str]], told: dict[int, str]) -> None:
+    """Compare the controller's list with what the page was told of each step.
+
+    Args:
+        outcome: gets the figures.
+        lines: `moment begin KEY verb V: ARGUMENTS`, or `moment end KEY STATE`.
+        told: by number of the step: `done`, or the class of the error.
+    """
+    begun: Counter[int] = Counter()
+    step_of: dict[str, int] = {}
+    over: set[int] = set()
+    for _, word, key, *rest in lines:
+        if word == "begin":
+            step_of[key] = round(abs(float(rest[2])) / STEP) - 100
+            begun[step_of[key]] += 1
+        elif rest[0] == "SUCCEEDED" and key in step_of:
+            over.add(step_of[key])
+    outcome.steps += len(told)
+    outcome.twice += [f"below: step {n} was begun {times} times" for n, times in begun.items() if times > 1]
+    outcome.lost += [
+        f"below: step {n} is said to be done" for n, said in told.items() if said == "done" and n not in over
+    ]
+    outcome.doubts += sum(said != "done" for said in told.values())
+
+
+# -- all ----------------------------------------------------------------------------------------------
+
+
+async def campaign(kills: int, seed: int, folder: Path) -> Outcome:
+    """Play all trials.
+
+    Args:
+        kills: how many there are; two of three of hosts.
+        seed: of all chance.
+        folder: for what is written down.
+    """
+    outcome, chance = Outcome(), random.Random(seed)
+    hosts = kills * 2 // 3
+    await kill_hosts(outcome, chance, hosts, folder)
+    await kill_below(outcome, chance, kills - hosts, folder)
+    return outcome
+
+
+def python_starts() -> float:
+    """Return how long Python takes to start with nothing, median [s]."""
+    times: list[float] = []
+    for _ in range(9):
+        began = time.monotonic()
+        subprocess.run([sys.executable, "-c", ""], check=True)
+        times.append(time.monotonic() - began)
+    return statistics.median(times)
+
+
+def report(outcome: Outcome) -> str:
+    """Return the figures as lines."""
+    quantiles = statistics.quantiles(outcome.effects, n=20, method="inclusive")
+    lines = [f"{count:5} {what}" for what, count in sorted(outcome.kills.items())]
+    twice, lost = len(outcome.twice), len(outcome.lost)
+    lines.append(f"{outcome.kills.total()} kills in {outcome.steps} steps: {twice} twice, {lost} lost")
+    lines.append(f"{outcome.doubts} steps were told to their page as errors")
+    times = f"p50 {quantiles[9]:.2f} s, p95 {quantiles[18]:.2f}, max {max(outcome.effects):.2f}"
+    lines.append(f"host's process to the next effect: {times}, {len(outcome.effects)} restarts")
+    lines.append(f"Python itself: {python_starts():.2f} s; load {os.getloadavg()[0]:.1f}")
+    return "\n".join([*lines, *outcome.twice, *outcome.lost])
+
+
+def main() -> int:
+    """Play, and print the figures; the exit code is 0 if nothing was done twice and nothing is lost."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--kills", type=int, default=300)
+    parser.add_argument("--seed", type=int, default=1)
+    chosen = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="rt-") as name:
+        folder = Path(name)
+        for variable in ("XDG_RUNTIME_DIR", "XDG_STATE_HOME"):
+            path = folder / variable[4:7].lower()
+            path.mkdir(mode=0o700)
+            os.environ[variable] = str(path)
+        try:
+            outcome = asyncio.run(campaign(chosen.kills, chosen.seed, folder))
+        except VrError as error:
+            sys.stdout.write(f"a command has not gone on: {error}\n")
+            return 1
+    sys.stdout.write(f"{report(outcome)}\n")
+    return 0 if outcome.good and outcome.kills.total() >= chosen.kills else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,52 @@
+"""The campaign of kills, in its small form: all kinds of victims, and a count that cannot be too good."""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+
+import pytest
+
+from tests.durability.campaign import BOUNDARIES, PAIRS, Outcome, count_goals, kill_below, kill_hosts
+
+DONE = {0: "done", 1: "done"}
+LINES = [
+    "1.0 begin 11 verb 1: 0.010000 0.000000 0.2",
+    "1.1 end 11 SUCCEEDED",
+    "1.2 begin 12 verb 1: -0.010100 0.000000 0.2",
+    "1.3 end 12 SUCCEEDED",
+]
+
+
+def counted(lines: list[str], told: dict[int, str]) -> Outcome:
+    outcome = Outcome()
+    count_goals(outcome, [line.split() for line in lines], told)
+    return outcome
+
+
+def test_what_was_done_once_is_good_and_what_was_not_is_counted() -> None:
+    assert counted(LINES, DONE).good
+    again = "1.4 begin 13 verb 1: -0.010100 0.000000 0.2"
+    assert counted([*LINES, again], DONE).twice == ["below: step 1 was begun 2 times"]
+    assert counted(LINES[:3], DONE).lost == ["below: step 1 is said to be done, and is not"]
+    in_doubt = counted(LINES[:3], {0: "done", 1: "CommandInDoubt"})
+    assert (in_doubt.good, in_doubt.doubts) == (True, 1), "the page knows that it may have happened"
+
+
+@pytest.mark.e2e
+@pytest.mark.usefixtures("place")
+async def test_hosts_are_killed_at_each_boundary(tmp_path: Path) -> None:
+    outcome = Outcome()
+    await kill_hosts(outcome, random.Random(1), len(BOUNDARIES), tmp_path)
+    assert outcome.good, outcome
+    assert outcome.kills.total() == len(BOUNDARIES)
+    assert outcome.effects
+
+
+@pytest.mark.e2e
+@pytest.mark.usefixtures("place")
+async def test_proxies_and_controllers_are_killed_alone_and_two_at_once(tmp_path: Path) -> None:
+    outcome = Outcome()
+    await kill_below(outcome, random.Random(1), len(PAIRS), tmp_path)
+    assert outcome.good, outcome
+    assert outcome.kills.total() == len(PAIRS)
