@@ -76,6 +76,8 @@ class Outcome:
     """Steps whose caller was told that they may have happened or not."""
     effects: list[float] = field(default_factory=list[float])
     """[s] from the start of a host's process to the next effect."""
+    effects_of_two: list[float] = field(default_factory=list[float])
+    """[s] the same where another host was killed with it."""
 
     @property
     def good(self) -> bool:
@@ -95,6 +97,9 @@ async def kill_hosts(outcome: Outcome, chance: random.Random, count: int, folder
         two = block // BLOCK % 4 == 3
         chosen = [names[(block + number) % len(names)] for number in range(min(BLOCK, count - block))]
         kills = [f"{BOUNDARIES[name]} {chance.randint(1, FURTHEST)}" for name in chosen]
+        kills[0] = (
+            f"{BOUNDARIES[chosen[0]]} {FURTHEST}"  # when the command is accepted: else it may be refused
+        )
         async with staged(place, f"hosts-{block}") as stage:
             host, second = stage.host("h1"), stage.host("h2")
             host.environment = second.environment = {"RETURNS": f"{AWAY:g}"}
@@ -118,7 +123,7 @@ async def kill_hosts(outcome: Outcome, chance: random.Random, count: int, folder
             outcome.lost += [f"{place.name}: step {n}" for n in set(range(steps)) - set(stage.ended)]
             if results != [float(steps), float(steps)]:
                 outcome.lost.append(f"{place.name}: the page has counted {results} of {steps} steps")
-            outcome.effects += next_effects(stage, host)
+            (outcome.effects_of_two if two else outcome.effects).extend(next_effects(stage, host))
 
 
 async def follow(first: Program, second: Program) -> None:
@@ -287,13 +292,15 @@ def python_starts() -> float:
 
 def report(outcome: Outcome) -> str:
     """Return the figures as lines."""
-    quantiles = statistics.quantiles(outcome.effects, n=20, method="inclusive")
     lines = [f"{count:5} {what}" for what, count in sorted(outcome.kills.items())]
     twice, lost = len(outcome.twice), len(outcome.lost)
     lines.append(f"{outcome.kills.total()} kills in {outcome.steps} steps: {twice} twice, {lost} lost")
     lines.append(f"{outcome.doubts} steps were told to their page as errors")
-    times = f"p50 {quantiles[9]:.2f} s, p95 {quantiles[18]:.2f}, max {max(outcome.effects):.2f}"
-    lines.append(f"host's process to the next effect: {times}, {len(outcome.effects)} restarts")
+    for what, times in (("one host", outcome.effects), ("two", outcome.effects_of_two)):
+        if len(times) > 1:
+            quantiles = statistics.quantiles(times, n=20, method="inclusive")
+            figures = f"p50 {quantiles[9]:.2f} s, p95 {quantiles[18]:.2f}, max {max(times):.2f}"
+            lines.append(f"process of {what} to the next effect: {figures}, {len(times)} restarts")
     lines.append(f"Python itself: {python_starts():.2f} s; load {os.getloadavg()[0]:.1f}")
     return "\n".join([*lines, *outcome.twice, *outcome.lost])
 
