@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 
-from tests.durability.stage import HERE, PATIENCE, Program, Stage
+from robotree.vr.base.errors import StandsBy
+from tests.durability.stage import HERE, PAGES, PATIENCE, Program, Stage
 from tests.vr.space.postgres import Server, server
 
 pytestmark = pytest.mark.e2e
@@ -143,6 +144,16 @@ async def test_a_host_whose_robots_another_one_has_stands_by_and_takes_them_back
     assert await asyncio.wait_for(call, PATIENCE) == [10.0, 10.0]
     stage.expect_once(*range(10))
     assert await homes(stage) == {"h1": ["helper", "tourist"]}
+
+
+async def test_a_host_that_stands_by_takes_no_robots(stage: Stage) -> None:
+    h1 = stage.host()
+    await stage.furnish(h1)
+    await stand_by(stage, "h2")
+    with pytest.raises(StandsBy, match="host h2 stands by for h1 and takes no robots"):
+        await stage.realm_client.create(str(PAGES), "third", "h2", "Tourist")
+    made = await stage.realm_client.create(str(PAGES), "third", wanted="Tourist")
+    assert made.host == "h1"
 
 
 async def test_a_stand_by_that_was_paused_itself_does_not_take_over_when_it_wakes(stage: Stage) -> None:

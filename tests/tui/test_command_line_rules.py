@@ -74,6 +74,24 @@ def test_an_error_of_the_system_is_a_sentence_without_a_number(error: Exception,
     assert sentence(error) == says
 
 
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ("h2 --standby-for h2", "h2 cannot stand by for itself"),
+        ("h2 --standby-for h1 --after 1s", "1 s is too short to know that a host is away"),
+        ("h2 --journal mysql://db/robots", "'mysql://db/robots' is no database"),
+        ("h2 --forget --journal postgresql://db/robots", "leave --journal out"),
+        ("h2 --forget --standby-for h1", "--standby-for"),
+    ],
+)
+def test_what_a_host_cannot_be_told_is_one_sentence(
+    nowhere: Path, capsys: pytest.CaptureFixture[str], words: str, says: str
+) -> None:
+    assert main(["host", *words.split()]) == exit_codes.USAGE
+    assert says in capsys.readouterr().err
+    assert not any(nowhere.rglob("*.owner"))
+
+
 def test_a_file_that_is_missing_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["wire", "decode", str(tmp_path / "no.tlog")]) == exit_codes.REFUSED
     said = capsys.readouterr().err

@@ -17,6 +17,7 @@ from robotree.tui.wire.security import realm_key
 from robotree.vr.base import extras
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import BondSpec, RobotDescription, SlotSpec
+from robotree.vr.base.requests import HostDescribed
 from robotree.vr.network.realms import runtime_directory, sealed
 from robotree.vr.network.rendezvous import Rendezvous
 
@@ -218,3 +219,19 @@ def test_info_tells_versions_paths_terminal_and_realm(capsys: pytest.CaptureFixt
     assert main(["info"]) == 0
     said = capsys.readouterr().out
     assert all(group in said for group in ("versions", "paths", "terminal", "environment"))
+
+
+def test_the_doctor_says_who_stands_by_and_where_nobody_does_any_more() -> None:
+    def host(name: str, stands_by: str = "", instead_of: str = "") -> HostDescribed:
+        return HostDescribed(address=Address("host", name, "1"), stands_by=stands_by, instead_of=instead_of)
+
+    (pair,) = agents.standing_by([host("h1"), host("h2", stands_by="h1")])
+    assert (pair.grade, pair.result) == ("good", "h2 stands by for h1")
+    (alone,) = agents.standing_by([host("h2", instead_of="h1")])
+    assert alone.grade == "doubt"
+    assert (alone.result, alone.remedy) == (
+        "h2 has the robots of h1, and no host stands by for it",
+        "robotree host h1: it stands by then",
+    )
+    whole = agents.standing_by([host("h1", stands_by="h2"), host("h2", instead_of="h1")])
+    assert [one.grade for one in whole] == ["good", "good"]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import msgspec
+
 from robotree.tui.realm_file.plan import Page, Plan, plan
 from robotree.tui.realm_file.present import Present
 from robotree.tui.realm_file.reading import read_file
@@ -155,6 +157,22 @@ def test_a_robot_on_another_host_is_named_and_not_moved() -> None:
     assert found.steps == ()
     (said,) = found.against
     assert said.startswith("one runs on host-1, and the file says host-2: `robotree delete one`")
+
+
+def test_a_robot_that_a_stand_by_host_has_taken_over_is_where_the_file_says() -> None:
+    taken = msgspec.structs.replace(realm({"one": {}}), instead={"host-1": "host-2"})
+    found = planned("  one: {page: a.py, host: host-2}\n", taken)
+    assert (found.steps, found.against) == ((), ())
+
+
+def test_a_robot_without_a_host_waits_for_those_that_take_it_and_not_for_one_that_stands_by() -> None:
+    wanted = read_file(
+        "hosts:\n  h1:\n  h2: {standby-for: h1, after: 5s}\nrobots:\n  one: {page: a.py}\n", "cell.yaml"
+    )
+    found = plan(wanted, Present(realm="cell"), {"one": PAGE})
+    assert {step.text for step in found.steps} >= {"host h1", "host h2 --standby-for h1 --after 5s"}
+    (made,) = [step for step in found.steps if step.text.startswith("create")]
+    assert made.needs == {"host h1"}
 
 
 def test_a_child_waits_for_the_parent_that_its_host_brings_back() -> None:
