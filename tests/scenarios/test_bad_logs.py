@@ -22,6 +22,14 @@ pytestmark = pytest.mark.e2e
 
 REALM = "logs"
 SQUARE = Path(__file__).parents[2] / "examples" / "move_square.py"
+SLEEPER = """
+from robotree.vr import VirtualRobot, command
+
+class Sleeper(VirtualRobot):
+    @command
+    def rest(self) -> None:
+        self.sleep(500)
+"""
 SMALLEST = 64
 """[bytes] that a file may have; signs of life are shorter."""
 
@@ -126,8 +134,8 @@ async def test_a_full_disk_is_told_while_the_robots_run_on(crew: Crew) -> None:
         (found,) = await realm_client.hosts()
         assert "its robots would not survive its end now" in found.trouble
         assert (await realm_client.describe("square")).host == "h1"
-    hosts = json.loads(robotree("ls", "--hosts", "--json", "--realm", REALM).stdout)
-    assert hosts == [{"name": "h1", "robots": ["square"], "trouble": found.trouble}]
+    (listed,) = json.loads(robotree("ls", "--hosts", "--json", "--realm", REALM).stdout)
+    assert (listed["name"], listed["robots"], listed["trouble"]) == ("h1", ["square"], found.trouble)
     assert found.trouble in robotree("ls", "--hosts", "--realm", REALM).stdout
     doctor = robotree("doctor", "--realm", REALM)
     assert "host h1: its robots would not survive its end now" in " ".join(doctor.stdout.split())
@@ -135,3 +143,31 @@ async def test_a_full_disk_is_told_while_the_robots_run_on(crew: Crew) -> None:
     await host.process.wait()
     following = await crew.start("host", "h1")
     assert "the robots of the last host are not back: the disk was full" in following.log
+
+
+@pytest.mark.parametrize("line", ["cancel square", "delete square", "call square.move_square", "stop square"])
+async def test_a_robot_whose_host_is_away_is_not_called_unknown(crew: Crew, line: str) -> None:
+    folder = await killed(crew)
+    before = newest(folder).read_bytes()
+    done = robotree(*line.split(), "--realm", REALM)
+    assert done.returncode == exit_codes.REFUSED
+    assert done.stderr.startswith("robotree: square is away with its host h1, which wrote last ")
+    assert done.stderr.endswith("s ago, so nothing was done; `robotree host h1` brings it back\n")
+    unknown = robotree("cancel", "sqaure", "--realm", REALM)
+    assert "no robot named 'sqaure' is running" in unknown.stderr
+    assert newest(folder).read_bytes() == before
+    await crew.start("host", "h1")
+    assert robotree("show", "square", "--realm", REALM).returncode == exit_codes.DONE
+
+
+async def test_what_goes_on_with_a_robot_whose_host_is_away_is_told(crew: Crew, tmp_path: Path) -> None:
+    page = tmp_path / "sleeper.py"
+    page.write_text(SLEEPER)
+    host = await crew.start("host", "h1")
+    async with joined(REALM) as realm_client:
+        await realm_client.create(str(page), "sleeper", "h1")
+        await realm_client.tell("sleeper", "rest", {}, deadline=600.0)
+    host.kill()
+    await host.process.wait()
+    done = robotree("cancel", "sleeper", "--realm", REALM)
+    assert "`robotree host h1` brings it back, and rest goes on then" in done.stderr

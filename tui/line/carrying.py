@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import TYPE_CHECKING, NamedTuple
 
 from robotree.tui.errors import NotForRobots, SupervisorError, sentence
-from robotree.tui.line import past, verbs
+from robotree.tui.line import away, past, verbs
 from robotree.tui.line.actions import BY_VERB
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import Outcome, Run, Teller
@@ -61,10 +62,12 @@ async def carry_out(realm_client: RealmClient, line: Line, teller: Teller) -> Ou
     Returns:
         What came of it; or why nothing did, where that is for people. Mistakes of ours pass through.
     """
-    from robotree.vr.base.errors import VrError
+    from robotree.vr.base.errors import NoSuchRobot, VrError
 
     try:
         return await function_of(line.verb)(realm_client, line, teller)
+    except NoSuchRobot as error:
+        return Refusal(await asyncio.to_thread(away.explained, realm_client.realm, error))
     except (VrError, SupervisorError, OSError) as error:
         return Refusal(error)
     except ImportError as error:

@@ -13,6 +13,7 @@ from typing import Any
 
 from robotree.tui import exit_codes
 from robotree.tui.errors import NothingToAsk, sentence
+from robotree.tui.line import away
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.shell import Console
 from robotree.tui.line.verbs import Outcome, stopped
@@ -60,6 +61,8 @@ def stop(line: Line, realm: str, run: Run) -> int:
         return _report_all(answers, console)
     given = answers[folders[0]]
     answer = nothing_to_ask(realm, stopping=True) if given is None else given
+    if isinstance(answer, NoSuchRobot):
+        answer = away.explained(realm, answer)
     if isinstance(answer, Exception):
         console.error(answer)
         return exit_codes.code_of(answer)

@@ -632,7 +632,10 @@ class RobotAgent:
             if not there and lease is not None and lease.parent == parent and lease.waits:
                 self.runtime.post(on.ParentAway(parent=parent))
             elif not there and lease is not None and lease.parent == parent:
-                reason = f"{parent.name} has ended"
+                presence = self.transport.presence
+                hangs = not presence.left(parent.key) and presence.lives(parent.key)
+                how = "hangs: its process does not answer" if hangs else "has ended"
+                reason = f"{parent.name} {how}"
                 self.runtime.post(on.EndLease(parent=parent, unix=self._unix(), reason=reason))
 
         self._unwatch_parent()

@@ -162,6 +162,15 @@ class NoSuchRobot(AddressError):
     sentence = "no robot named {name!r} is running; `robotree ls` shows those that are"
 
 
+class RobotAway(NoSuchRobot):
+    """Its host keeps it, and is away."""
+
+    sentence = (
+        "{name} is away with its host {host}, which wrote last {since} ago, so nothing was done; "
+        "`robotree host {host}` brings it back{goes_on}"
+    )
+
+
 class NoSuchHost(AddressError):
     """No running host has this name."""
 

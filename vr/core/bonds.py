@@ -147,7 +147,6 @@ class GrantedLease(msgspec.Struct, kw_only=True):
         returns: int | None = None,
         patience: float = 0.0,
         principal: Principal = ITSELF,
-        life: int = 0,
     ) -> Lease:
         """Grant the lease, anew if the same slot of the same parent asks again.
 
@@ -163,7 +162,6 @@ class GrantedLease(msgspec.Struct, kw_only=True):
                 earlier incarnation; None: it asks anew.
             patience: [s] after its end in which that lease shall return; 0: `RETURN`.
             principal: who asks.
-            life: how often the parent's process was started with its journal; 0: it keeps none.
 
         Raises:
             CycleOfBonds: the robot is the parent itself or one of its ancestors.
@@ -179,10 +177,8 @@ class GrantedLease(msgspec.Struct, kw_only=True):
         if held is not None and (held.parent, held.slot) != (parent, slot):
             raise LeaseDenied(robot=self.robot, holder=held.parent.name, slot=held.slot)
         within = min(patience or RETURN, LONGEST_RETURN)
-        if returns is not None:
-            if not self._can_return(parent, slot, returns, now - within):
-                raise StaleEpoch(robot=self.robot, epoch=returns, current=self.epoch)
-            self._expect_later(self.current or self.silent, principal, life)
+        if returns is not None and not self._can_return(parent, slot, returns, now - within):
+            raise StaleEpoch(robot=self.robot, epoch=returns, current=self.epoch)
         self.silent, self.fresh = None, False
         self.term_granted = max(SHORTEST_TERM, min(wanted, self.term))
         self.epoch = max(self._next_epoch(unix), self.rival + 1)
@@ -194,14 +190,14 @@ class GrantedLease(msgspec.Struct, kw_only=True):
             lineage=lineage,
             petition=key,
             principal=principal,
-            life=life,
         )
         return self.current
 
-    def promise(self, waits: float) -> None:
-        """Promise to wait so long [s] for the parent if its process ends."""
+    def promise(self, waits: float, life: int = 0) -> None:
+        """Promise to wait so long [s] for the parent if its process ends, until a later life of it comes."""
         if self.current is not None:
-            self.current = msgspec.structs.replace(self.current, waits=min(max(waits, 0.0), LONGEST_WAIT))
+            waits = min(max(waits, 0.0), LONGEST_WAIT)
+            self.current = msgspec.structs.replace(self.current, waits=waits, life=life)
 
     def wait_for(self, parent: Address, now: float) -> bool:
         """Wait for a parent whose process has ended; returns whether the lease has it so."""
@@ -283,7 +279,7 @@ class GrantedLease(msgspec.Struct, kw_only=True):
         held = self._in_force(now)
         if held is None or held.parent.identity != parent.identity:
             raise StaleEpoch(robot=self.robot, epoch=epoch, current=self.epoch)
-        self._expect_later(held, principal, life)
+        self.expect_later(parent, principal, life)
         if not held.under(epoch, held.principal if held.away else principal):
             raise StaleEpoch(robot=self.robot, epoch=epoch, current=self.epoch)
         heir = self._expect_holder(held, parent, principal)
@@ -395,13 +391,16 @@ class GrantedLease(msgspec.Struct, kw_only=True):
             raise NotInControl(robot=self.robot, holder=held.parent.name, slot=held.slot)
         return True
 
-    def _expect_later(self, held: Lease | None, principal: Principal, life: int) -> None:
+    def expect_later(self, parent: Address, principal: Principal, life: int) -> None:
         """Refuse the next process of a parent that begins where an earlier one began: it would repeat that.
 
         Raises:
             OldParent: its journal was put back, or is a copy.
         """
-        if held is not None and principal != held.principal and 0 < life <= held.life:
+        held = self.current or self.silent
+        if held is None or held.parent.identity != parent.identity or principal == held.principal:
+            return
+        if 0 < life <= held.life:
             raise OldParent(robot=self.robot, parent=held.parent.name, known=held.life, life=life)
 
     def _in_force(self, now: float) -> Lease | None:

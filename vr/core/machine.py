@@ -598,6 +598,8 @@ class RobotCore:
         parent = event.parent
         if any(child.name == parent.name for child in self.state.slots.children()):
             raise CycleOfBonds(parent=parent.name, child=self.name, lineage=f"{self.name} > {parent.name}")
+        if event.returns is not None:
+            self.state.lease.expect_later(parent, event.principal, event.life)
         self.state.lease.petition(
             parent,
             event.slot,
@@ -609,9 +611,8 @@ class RobotCore:
             returns=event.returns,
             patience=event.patience,
             principal=event.principal,
-            life=event.life,
         )
-        self.state.lease.promise(event.waits)
+        self.state.lease.promise(event.waits, event.life)
         return [
             self._granted(),
             LeaseChanged(),

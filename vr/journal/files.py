@@ -14,7 +14,7 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
-from robotree.files import private_folder
+from robotree.files import opened_own, private_folder
 from robotree.vr.base.chance import token
 from robotree.vr.base.errors import Deposed
 from robotree.vr.journal.segments import Disk, OSDisk, Segments
@@ -46,7 +46,7 @@ class FilePlace:
         return None
 
     def _seen(self, number: int) -> Owner:
-        descriptor = os.open(self._path(number), os.O_RDONLY | _FLAGS)
+        descriptor = opened_own(self._path(number))
         try:
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)

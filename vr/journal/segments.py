@@ -199,7 +199,7 @@ class Ownership(Protocol):
         ...
 
 
-class Mark(NamedTuple):
+class Extent(NamedTuple):
     """What the lock file says of the log."""
 
     number: int
@@ -215,7 +215,7 @@ class Mark(NamedTuple):
         return content + _LENGTH.pack(zlib.crc32(content))
 
     @classmethod
-    def read(cls, data: bytes) -> Mark | None:
+    def read(cls, data: bytes) -> Extent | None:
         """Read it; None: it was never written, or not to its end."""
         content = data[: _MARK.size]
         whole = len(data) == MARK_SIZE and data[_MARK.size :] == _LENGTH.pack(zlib.crc32(content))
@@ -251,7 +251,7 @@ class Segments:
         self._named = False
         """Whether the name of the newest file would survive a loss of power."""
         try:
-            self._before = Mark.read(disk.marked(self._lock))
+            self._before = Extent.read(disk.marked(self._lock))
             names = map(_NAME.fullmatch, disk.names(folder))
             self._numbers = sorted(int(name[1]) for name in names if name)
         except BaseException:
@@ -345,7 +345,7 @@ class Segments:
         if self._disk.write(self._open, body) < len(body):
             raise OSError(errno.ENOSPC, "it was written in part only: the disk is full")
         self.size += len(body)
-        self._disk.mark(self._lock, Mark(self._numbers[-1], self.size, self._boot).packed())
+        self._disk.mark(self._lock, Extent(self._numbers[-1], self.size, self._boot).packed())
 
     def sync(self) -> None:
         """Return when all that was written would survive a loss of power."""
@@ -364,7 +364,7 @@ class Segments:
         """Remove all files: nothing is kept any more, also after a loss of power."""
         self._close()
         with suppress(OSError):  # else the next host misses the files
-            self._disk.mark(self._lock, Mark(0, 0, self._boot).packed())
+            self._disk.mark(self._lock, Extent(0, 0, self._boot).packed())
         for number in self._numbers:
             self._disk.unlink(self._path(number))
         self._numbers = []

@@ -196,6 +196,19 @@ async def test_a_killed_parent_loses_its_child_within_a_second(realm: Any) -> No
     await realm.client(rover).call("move", {"x": 1})
 
 
+@pytest.mark.parametrize(
+    ("ends", "reason"), [("kill", "pair has ended"), ("pause", "pair hangs: its process")]
+)
+async def test_a_parent_that_hangs_is_not_said_to_have_ended(
+    realm: Any, caplog: pytest.LogCaptureFixture, ends: str, reason: str
+) -> None:
+    caplog.set_level("INFO")
+    rover, pair = await bound(realm, term=1000.0)
+    realm.kill(pair) if ends == "kill" else realm.network.pause(pair.transport)
+    await realm.until(lambda: rover.description().bond is None)
+    assert f"rover is free again: {reason}" in caplog.text
+
+
 async def test_a_silent_parent_loses_its_child_within_the_term(realm: Any) -> None:
     """Its process is stopped: it is still seen by those who look, but it does not renew."""
     realm.network.lease = 1000.0

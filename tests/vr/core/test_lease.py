@@ -55,8 +55,8 @@ def test_the_next_process_of_a_parent_holds_the_robot_only_if_it_is_a_later_one(
     life: int,
 ) -> None:
     child, first, heir = free_lease(), holder(1), holder(2)
-    lease = child.petition(LEVER, "mover", ("lever",), 5.0, now=0.0, unix=BORN, principal=first, life=2)
-    child.promise(10.0)
+    lease = child.petition(LEVER, "mover", ("lever",), 5.0, now=0.0, unix=BORN, principal=first)
+    child.promise(10.0, 2)
     child.renew(LEVER, lease.epoch, ("lever",), now=1.0, principal=first, life=2)
     child.wait_for(LEVER, 2.0)
     if life > 2:
@@ -66,18 +66,8 @@ def test_the_next_process_of_a_parent_holds_the_robot_only_if_it_is_a_later_one(
         child.renew(LEVER, lease.epoch, ("lever",), now=3.0, principal=heir, life=life)
     child.tick(13.0, BORN)
     with pytest.raises(OldParent):
-        child.petition(
-            LEVER,
-            "mover",
-            ("lever",),
-            5.0,
-            now=13.0,
-            unix=BORN,
-            returns=lease.epoch,
-            principal=heir,
-            life=life,
-        )
-    assert child.petition(LEVER, "mover", ("lever",), 5.0, now=13.0, unix=BORN, principal=heir, life=life)
+        child.expect_later(LEVER, heir, life)
+    child.expect_later(OTHER, heir, life)
 
 
 def holder(process: int) -> Principal:
