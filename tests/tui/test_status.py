@@ -22,6 +22,8 @@ STATES = st.builds(
     stopped=st.booleans(),
     abandoned=st.sampled_from([(), ("defy",)]),
     bond=st.sampled_from([None, PARENT]),
+    paused=st.sampled_from(["", "anna@pts/3"]),
+    held=st.sampled_from(["", "step 2: arm.hold()"]),
 )
 
 
@@ -35,6 +37,8 @@ def test_a_state_and_a_description_of_the_same_robot_say_the_same(state: State) 
         online=state.online,
         stopped=state.stopped,
         abandoned=state.abandoned,
+        paused=state.paused,
+        held=state.held,
         bond=BondSpec(parent=PARENT, slot="arm", epoch=1, remaining=5) if state.bond else None,
     )
     assert status.status_of(described) == status.status_of(state)
@@ -45,9 +49,8 @@ def test_a_state_and_a_description_of_the_same_robot_say_the_same(state: State) 
 def test_only_calm_robots_need_no_word(state: State, share: float | None) -> None:
     calm = status.status_of(state) in status.CALM
     assert calm == (status.words(state) in status.CALM)
-    assert calm == (state.online and not state.stopped and not state.abandoned and not state.busy), (
-        "trouble and work are never left out"
-    )
+    left_out = state.stopped or state.abandoned or state.busy or state.paused
+    assert calm == (state.online and not left_out), "trouble and work are never left out"
     assert "nan" not in status.doing(state, share)
     assert "inf" not in status.doing(state, share)
 
@@ -58,6 +61,13 @@ def test_only_calm_robots_need_no_word(state: State, share: float | None) -> Non
         (State(), "free", "free", "free"),
         (State(busy="go_to", waiting=2), "busy", "go_to 40 % +2", "busy: go_to +2"),
         (State(busy="go_to", abandoned=("defy",)), "abandoned", *["ABANDONED: defy still runs"] * 2),
+        (
+            State(busy="move", paused="anna@pts/3", held="step 2: arm.hold()"),
+            "paused",
+            *["paused before step 2: arm.hold()"] * 2,
+        ),
+        (State(busy="move", paused="anna@pts/3"), "paused", *["paused: move"] * 2),
+        (State(stopped=True, paused="anna@pts/3"), "stopped", "stopped", "STOPPED"),
         (State(stopped=True, abandoned=("defy",)), "stopped", "stopped", "STOPPED"),
         (State(online=False, stopped=True), "offline", "offline", "offline"),
     ],

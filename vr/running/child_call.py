@@ -98,7 +98,7 @@ def call_child(  # who calls whom, how, and for how long
                 return ChildCall.recalled(frame, slot, key, command, step)
             intent = frame.begun_before(key)
     if frame.runtime.paused and not (instead or intent or _has_begun(frame, slot, key)):
-        frame.hold(key, kind, [slot, command, arguments])
+        frame.hold(key, kind, [slot, command, arguments], of_page=manner != "passed on")
     try:
         child, epoch = _whom(frame, slot, intent)
         pending = ChildCall(frame, slot, key, child, command, limit, passes_on=manner == "passed on")

@@ -12,10 +12,10 @@ from __future__ import annotations
 import contextvars
 import inspect
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from types import FrameType
-from typing import Any, Self, TypeVar
+from typing import Any, Self, TypeVar, cast
 
 import msgspec
 
@@ -285,13 +285,14 @@ class Frame:
     def resume(self) -> None:
         """Do what is to be done before the first new step after a crash."""
 
-    def hold(self, path: str, kind: str, content: Any = None) -> None:
+    def hold(self, path: str, kind: str, content: Any = None, *, of_page: bool = True) -> None:
         """Wait before a step while the robot is paused; the time of a clean-up is too short for that.
 
         Args:
             path: see `recalled`; so are the next.
             kind: of the step.
             content: of the step.
+            of_page: whether a line of the robot's own page takes it.
 
         Raises:
             VrError: the command was asked to end meanwhile.
@@ -299,8 +300,8 @@ class Frame:
         runtime = self.runtime
         if not runtime.paused or self.replaying or self.shield > -math.inf or runtime.may_pass(path):
             return
-        step = f"step {self._suffix(path)}: {words_of_step(kind, content)}"
-        if line := page_line(inspect.currentframe()):
+        step = f"step {self._suffix(path)}: {words_of_step(kind, _rounded(content))}"
+        if line := of_page and page_line(inspect.currentframe()):
             step = f"{step}, line {line}"
         runtime.hold(path, HeldStep(self.call_key, step, self.wake))
         try:
@@ -585,3 +586,14 @@ class Branch(Started):
         """Take note that the command is asked to end. From any thread."""
         if self._own is not None and not self.at_rest:
             self._own.interrupt()
+
+
+def _rounded(content: Any) -> Any:
+    """Return the content of a step for people: four digits of each number are enough to know it."""
+    if isinstance(content, float):
+        return float(f"{content:.4g}")
+    if isinstance(content, Mapping):
+        return {name: _rounded(value) for name, value in cast("Mapping[str, Any]", content).items()}
+    if isinstance(content, list):
+        return [_rounded(value) for value in cast("list[Any]", content)]
+    return content

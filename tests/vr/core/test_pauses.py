@@ -39,7 +39,7 @@ class Painter(VirtualRobot):
     @command
     def waits(self) -> None:
         self.sleep(5)
-        self.arm.go_to(x=9.0)
+        self.arm.go_to(x=1 / 3)
 
     @command
     def both(self) -> None:
@@ -219,7 +219,7 @@ async def test_a_sleep_is_a_step(homes: Any, painter: Any) -> None:
     task = begin(homes, painter, "waits")
     await homes.until(lambda: held(painter).startswith("step 1: sleep"))
     await homes.client(painter).step()
-    await until_held(homes, painter, "step 2: arm.go_to(x=9.0)")
+    await until_held(homes, painter, "step 2: arm.go_to(x=0.3333)")
     await homes.client(painter).go_on()
     await task
 
