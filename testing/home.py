@@ -13,12 +13,11 @@ from typing import Protocol
 
 from robotree.testing.journal import Journal
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.agents.run import RETURNS
+from robotree.vr.agents.run import kept_by
 from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.core.events import CoreEvent
 from robotree.vr.core.machine import RobotState
 from robotree.vr.journal.journal import HostJournal
-from robotree.vr.journal.outlet import Outlet
 from robotree.vr.journal.records import KeptPage
 from robotree.vr.journal.recovery import rebase
 from robotree.vr.running.process import Process
@@ -67,10 +66,9 @@ class Home:
         disk = MemoryDisk(self._medium)
         process.on_exit.append(disk.end)
         kept = HostJournal(FOLDER, LogClocks(process.runner), disk=disk)
+        kept.end_process = process.world.runner.leave  # what still runs of a killed process writes nothing
         threads = self._team.threads(process, _Both(self._team.journal, kept))
-        threads.life, threads.returns, threads.keeps_steps = kept.life, RETURNS, True
-        threads.sync = kept.sync
-        transport = Outlet(process.transport, kept.barrier)
+        transport = kept_by(kept, threads, process.transport)
         state = self._restored(kept, threads)
         robot, self._robot = self._robot or self._make(), None
         agent = RobotAgent(robot, transport, process=threads, state=state)
