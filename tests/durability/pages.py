@@ -198,6 +198,41 @@ class Walker(VirtualRobot):
         return said
 
 
+class Patrol(VirtualRobot):
+    """Goes on for ever, as far as it knows: its rounds are in its state."""
+
+    arm = Child("Robot")
+    done: int = state(0)
+    seen: list[int] = state([])
+
+    @command
+    def rounds(self, steps: int) -> list[int]:
+        """Act once, and then in rounds that begin with a checkpoint."""
+        self.arm.act(n=1000)
+        while True:
+            self.checkpoint()
+            if self.done == steps:
+                return self.seen
+            self.arm.act(n=2 * self.done)
+            self.arm.act(n=2 * self.done + 1)
+            self.seen.append(self.done)
+            self.done += 1
+
+    @command
+    def nested(self, steps: int) -> int:
+        """Act in rounds within rounds, with a checkpoint in each."""
+        while self.done < 3 * steps:
+            self.checkpoint()
+            while True:
+                self.checkpoint()
+                self.arm.act(n=self.done)
+                self.done += 1
+                if self.done % 3 == 0:
+                    break
+            self.arm.act(n=1000 + self.done // 3 - 1)
+        return self.done
+
+
 class Straying:
     """Another one in each life of the process, as a clock or a file is."""
 

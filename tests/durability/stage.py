@@ -117,12 +117,17 @@ class Stage:
                 await asyncio.sleep(0.005)
 
     async def play(
-        self, host: Program, command: str, kills: list[str], *, patience: float = PATIENCE, **arguments: Any
+        self,
+        host: Program,
+        command: str,
+        kills: list[str],
+        *,
+        robot: str = "tourist",
+        patience: float = PATIENCE,
+        **arguments: Any,
     ) -> Any:
-        """Call a command of the tourist; start the host again, with the next kill, whenever it has ended."""
-        call = asyncio.ensure_future(
-            self.realm_client.call("tourist", command, arguments, deadline=3 * patience)
-        )
+        """Call a command of a robot; start the host again, with the next kill, whenever it has ended."""
+        call = asyncio.ensure_future(self.realm_client.call(robot, command, arguments, deadline=3 * patience))
         keeper = asyncio.ensure_future(keep_alive(host, kills))
         try:
             await asyncio.wait((call, keeper), timeout=patience, return_when=asyncio.FIRST_COMPLETED)

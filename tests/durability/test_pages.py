@@ -9,7 +9,7 @@ import signal
 import pytest
 
 from robotree.vr.base.errors import CommandInDoubt, Diverged, NotConfirmed, VrError
-from tests.durability.stage import PAGES, Stage
+from tests.durability.stage import PAGES, Program, Stage
 
 pytestmark = pytest.mark.e2e
 
@@ -105,6 +105,35 @@ async def test_after_a_checkpoint_no_earlier_step_is_needed(stage: Stage) -> Non
     await stage.furnish(host, "after send 9")
     assert await stage.play(host, "rounds", ["reply came 5", "after write 6"], steps=12) == 12
     stage.expect_once(*range(12), *range(100, 112))
+
+
+@pytest.mark.parametrize(
+    "kill", ["after send 2", "after send 9", "reply came 8", "after write 12", "after step 10"]
+)
+async def test_after_a_checkpoint_no_step_since_it_is_taken_twice(stage: Stage, kill: str) -> None:
+    """The step under way at the crash, and the one before the first checkpoint, are taken once, too."""
+    host = await on_patrol(stage, kill)
+    result = await stage.play(host, "rounds", ["reply came 3", "after send 2"], robot="patrol", steps=8)
+    assert result == list(range(8)), "what it has changed in place is kept at each checkpoint"
+    assert host.lives >= 3
+    stage.expect_once(1000, *range(16))
+
+
+@pytest.mark.parametrize("kill", ["after send 3", "reply came 6", "after write 9"])
+async def test_checkpoints_within_rounds_of_others(stage: Stage, kill: str) -> None:
+    host = await on_patrol(stage, kill)
+    assert await stage.play(host, "nested", ["after send 3", "reply came 4"], robot="patrol", steps=3) == 9
+    stage.expect_once(*range(9), *range(1000, 1003))
+
+
+async def on_patrol(stage: Stage, kill: str) -> Program:
+    host = stage.host()
+    await host.start(KILL=kill)
+    await stage.presence("host", host.name)
+    await stage.realm_client.create(str(PAGES), "patrol", host.name, "Patrol")
+    await stage.presence("robot", "arm-1")
+    await stage.realm_client.enslave("patrol", "arm", "arm-1")
+    return host
 
 
 async def test_a_page_that_does_another_thing_is_told_both(stage: Stage) -> None:

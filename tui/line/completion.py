@@ -59,6 +59,7 @@ def words_of(
         "NAME": sorted({*free, *(robot.name for robot in described)}),
         "NAME|KEY": sorted({*free, *(robot.name for robot in described)}),
         "CHILD": sorted(free),
+        "ANSWER": ["done", "again", "abort"],
         "VIEW": sorted(views),
         "HOST": sorted(hosts),
         "PARENT.SLOT": [place for robot in described for place in _places(robot)],

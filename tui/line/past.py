@@ -89,7 +89,7 @@ async def kept_events(realm_client: RealmClient, request: ReadEvents) -> _Kept:
     """Ask the hosts that live, and read the files of the others and of proxies on this machine."""
     answers = {f"host {name}": read for name, read in (await realm_client.read_events(request)).items()}
     notes = [
-        f"{source} is behind by {read.waiting} events; what has just happened may be missing"
+        f"{source} is behind by {_events(read.waiting)}; what has just happened may be missing"
         for source, read in answers.items()
         if read.waiting
     ]
@@ -148,12 +148,16 @@ async def _verified(realm_client: RealmClient, name: str, kept: _Kept) -> Outcom
         if found.fault:
             faults.append(f"{source}: {found.fault}")
         lines.append(
-            f"{source}: {found.count} events from number {found.first} on are as they were written; "
+            f"{source}: {_events(found.count)} from number {found.first} on, as they were written; "
             f"the last has the hash {found.last_hash}"
         )
     if faults:
         raise HistoryChanged(detail="; ".join(faults))
     return Outcome(rows, "\n".join(lines))
+
+
+def _events(number: int) -> str:
+    return "1 event" if number == 1 else f"{number} events"
 
 
 def _nothing(since: str, kept: _Kept) -> str:
@@ -257,6 +261,7 @@ def _link_lines(link: Link, over: Link | None) -> list[str]:
     page = f", page {call.page[:12]}" if call.page else ""
     lease = f"  under epoch {call.epoch} of {call.caller}" if call.epoch else "  under no lease"
     lines.append(f"{lease}{page}")
+    lines += [f"  {_at(one.unix)}: {one.text}" for one in link.back]
     lines += [f"  observed {_at(one.unix)}: {one.arguments} = {one.value}" for one in link.observed]
     if over is not None:
         line = f", line {call.line} of its page {over.call.page[:12]}" if call.line else ""

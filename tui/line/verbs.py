@@ -122,7 +122,12 @@ async def ls(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     states = {name: status.text(robot, answering.get, hanging) for name, robot in answering.items()} | unheard
     known = {one.name for one in found}
     found = [*found, *(_unknown(name) for name in hanging if name not in known)]
-    return _listed(found, what, doubt or incomplete, {one.name: states.get(one.name, MUTE) for one in found})
+    listed = _listed(
+        found, what, doubt or incomplete, {one.name: states.get(one.name, MUTE) for one in found}
+    )
+    asked = [f"{one.name} asks: {one.asks}" for one in answering.values() if one.asks]
+    hint = ["answer with `robotree decide NAME done|again|abort`"] if asked else []
+    return listed._replace(text="\n".join([listed.text, *asked, *hint]))
 
 
 def _condition(host: Mapping[str, str]) -> str:

@@ -215,6 +215,8 @@ def text(
         described: of the robots below it (`lacks_of`).
         hanging: names of robots that hang.
     """
+    if robot.asks:
+        return f"ASKS (decide {robot.name})"
     condition, lacks = robot.attributes.get(CONDITION, ""), lacks_of(robot, described, hanging)
     if not condition or not robot.online or robot.stopped or robot.abandoned:
         return words(robot, lacks)

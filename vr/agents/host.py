@@ -224,7 +224,7 @@ class Host:
         goes_on = f"; {', '.join(running)} goes on" if running else ""
         here, before = self.address.name, self.instead_of
         why = f"{here} has taken over from {before}" if before else f"{here} was started again"
-        agent.runtime.log.say("warning", f"{why}{goes_on}")
+        agent.runtime.log.say("warning", f"it is back after {self._process.gap:.1f} s: {why}{goes_on}")
         return agent
 
     def _new_agent(self, robot: VirtualRobot, state: RobotState | None = None) -> RobotAgent:

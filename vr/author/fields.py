@@ -242,6 +242,23 @@ class Kept:
         else:
             activity.keep_values(values, self._change)
 
+    def keep(self, key: str) -> None:
+        """Keep what a running command has changed in place so far. By our own code only.
+
+        Raises:
+            TypeError: something in it cannot be kept; nothing is.
+        """
+        changed = {name: copy for name, copy in self._copies.get(key, {}).items() if copy.changed}
+        values = {name: self.fields[name].plain(copy.value, self.robot) for name, copy in changed.items()}
+        if values and self._change is not None:
+            self._change(values)
+            for name, copy in changed.items():
+                copy.keep(values[name])
+
+    def forget(self, key: str) -> None:
+        """Have a running command read its fields anew. By our own code only."""
+        self._copies.pop(key, None)
+
     def settle(self, key: str) -> None:
         """A command has ended: keep what it has changed in place. By our own code only.
 
@@ -270,6 +287,10 @@ class _Copy:
 
     def __init__(self, plain: Any, value: Any) -> None:
         self.plain, self.value, self._body = plain, value, _encode(value)
+
+    def keep(self, plain: Any) -> None:
+        """Take note that it is kept as it is now."""
+        self.plain, self._body = plain, _encode(self.value)
 
     @property
     def changed(self) -> bool:

@@ -208,10 +208,16 @@ class Robot:
         return None
 
     def checkpoint(self) -> None:
-        """Say that a command needs none of its steps so far any more.
+        """Say that a command needs the steps of this round no more.
 
-        Interrupted by a crash, it begins anew with its arguments and with what the robot keeps now (settings,
-        `state`). A command that goes on for ever says so in each round, else it cannot go on after some time.
+        Interrupted by a crash, it goes on from here, with what the robot keeps now (settings, `state`): its
+        page begins at its first line, takes again the steps up to the first checkpoint at this line, and from
+        there on those since the last one. Variables of the method are then as they were the first time, so
+        what changes from round to round belongs into `state`. A command that goes on for ever says so in each
+        round, else it cannot go on after some time.
+
+        Raises:
+            RuntimeError: a part of a command says so (`self.together()`), not the command itself.
         """
         running().checkpoint()
 

@@ -6,10 +6,11 @@ from typing import Any, Literal
 
 import msgspec
 
-EventKind = Literal["accepted", "ended", "answered", "lease", "stop", "observed", "missed"]
+EventKind = Literal["accepted", "ended", "answered", "lease", "stop", "observed", "back", "missed"]
 """accepted: a robot has taken a call. ended: that call is over. answered: a parent has heard how the call of
 its child in another process ended. lease: somebody commands the robot from now on, or nobody. stop: it is
-stopped. observed: a running command has read something. missed: events that could not be kept."""
+stopped. observed: a running command has read something. back: its
+host had ended, and a command of the robot goes on. missed: events that could not be kept."""
 
 
 class HistoryEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):

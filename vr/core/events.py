@@ -86,10 +86,15 @@ class StepTaken(_Event, frozen=True, kw_only=True):
 
 
 class Checkpoint(_Event, frozen=True, kw_only=True):
-    """A running command needs none of its steps any more: interrupted, it begins anew with its fields."""
+    """A running command needs the steps of this round no more: interrupted, it goes on from here.
+
+    What it needs to come here once more is kept: the steps up to the first checkpoint at this place.
+    """
 
     key: str
     """Of the call."""
+    place: str = ""
+    """Where in its page it is made; empty: at its beginning, none of its steps is needed."""
 
 
 class DoubtRaised(_Event, frozen=True, kw_only=True):
@@ -350,6 +355,8 @@ class Restored(_Event, frozen=True, kw_only=True):
 
     calls: tuple[str, ...] = ()
     """Keys of the calls that ran then: their code begins again."""
+    gap: float = 0.0
+    """[s] for which the robot was away."""
 
 
 class Halted(_Event, frozen=True, kw_only=True):

@@ -73,6 +73,26 @@ MOST_CALLERS = 256
 Effects = list[CoreEffect]
 
 
+class Lap(msgspec.Struct, frozen=True):
+    """What a running command did from one checkpoint to another: its steps are kept beside it."""
+
+    number: int
+    """What the paths of its steps begin with."""
+    place: str
+    """Of the checkpoint with which it began: see `Checkpoint.place`."""
+    fields: dict[str, Any]
+    """What the robot kept then."""
+
+
+def lap_of(path: str) -> int:
+    """Return the number of the lap to which a step belongs, by its path; -1: to none."""
+    head = path.partition("/")[0]
+    number, dot, _ = head.partition(".")
+    if dot:
+        return int(number) if number.isdigit() else -1
+    return 0 if head[:1].isdigit() or head in {on.END, on.THREAD} else -1
+
+
 class AcceptedCall(msgspec.Struct, kw_only=True):
     """One accepted call, until it has ended."""
 
@@ -109,6 +129,10 @@ class AcceptedCall(msgspec.Struct, kw_only=True):
     """What the robot kept when it began, or at its last checkpoint."""
     lap: int = 0
     """How many checkpoints it has made: a part of the keys of its steps."""
+    place: str = ""
+    """Of the latest: see `Checkpoint.place`."""
+    laps: list[Lap] = []
+    """Those that lead from the beginning of its page to the present one."""
     witness: str = ""
     """See `Call.witness`."""
     doubt: str = ""
@@ -473,14 +497,19 @@ class RobotCore:
             call.steps[event.path] = event.step
             call.steps.pop(f"{event.path}{on.BEGUN}", None)
             if len(call.steps) > MOST_STEPS:
-                call.steps, call.forgotten = {}, True
+                call.steps, call.forgotten = _of_laps(call), True
         return []
 
     def _checkpoint(self, event: on.Checkpoint, _: float) -> Effects:
         call = self.state.calls.live.get(event.key)
         if call is not None:
-            call.steps, call.forgotten, call.lap = {}, False, call.lap + 1
-            call.fields = dict(self.state.fields)
+            chain = [*call.laps, Lap(call.lap, call.place, call.fields)]
+            places = [lap.place for lap in chain]
+            known = places.index(event.place) if event.place in places else len(chain)
+            call.laps = chain[:known]
+            call.steps = _of_laps(call)
+            call.forgotten = call.forgotten and known == len(chain)
+            call.lap, call.place, call.fields = call.lap + 1, event.place, dict(self.state.fields)
         return []
 
     def _doubt(self, event: on.DoubtRaised, _: float) -> Effects:
@@ -870,6 +899,12 @@ class RobotCore:
         on.StepLet: _let_step,
         on.ContinueAsked: _continue,
     }
+
+
+def _of_laps(call: AcceptedCall) -> dict[str, on.StepResult]:
+    """Return the steps that lead to the present lap of a command."""
+    numbers = {lap.number for lap in call.laps}
+    return {path: step for path, step in call.steps.items() if lap_of(path) in numbers}
 
 
 def _renew(slot: str, bond: Bond, now: float) -> RenewLease:

@@ -13,7 +13,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -55,6 +55,18 @@ _encode = msgspec.json.Encoder(enc_hook=to_plain).encode
 _log = logging.getLogger(__name__)
 
 
+class Back(NamedTuple):
+    """A command goes on after a crash of its host."""
+
+    key: str
+    command: str
+    steps: int
+    """That it had taken before, and does not take again."""
+    gap: float
+    """[s] for which the host was away."""
+    home: str
+
+
 class WatchedCore(RobotCore):
     """The machine of a robot whose events are kept."""
 
@@ -65,7 +77,7 @@ class WatchedCore(RobotCore):
         super().__init__(state)
         self._name, self._queue = state.address.name, queue
 
-    def handle(self, event: CoreEvent, now: float) -> list[CoreEffect]:
+    def handle(self, event: CoreEvent, now: float) -> list[CoreEffect]:  # one for each class
         """See `RobotCore.handle`."""
         effects = RobotCore.handle(self, event, now)
         kind = type(event)
@@ -75,6 +87,8 @@ class WatchedCore(RobotCore):
                 self._queue((self._name, now, event, self.state.lease.epoch))
         elif kind in _KEPT and (kind is not on.StepTaken or event.step.kind in _STEPS):  # type: ignore[union-attr]
             self._queue((self._name, now, event, self.state.lease.epoch))
+        elif isinstance(event, on.Restored):
+            self._note_back(event, now)
         for effect in effects:
             if type(effect) is Settled:
                 if effect.call is not None and not effect.call.reads:
@@ -84,6 +98,13 @@ class WatchedCore(RobotCore):
             elif type(effect) is StopTaken and effect.fresh:  # a copy of an order is no other stop
                 self._queue((self._name, now, event, self.state.lease.epoch))
         return effects
+
+    def _note_back(self, event: on.Restored, now: float) -> None:
+        """Keep which commands go on after a crash."""
+        for key in event.calls:
+            if (call := self.state.calls.live.get(key)) is not None:
+                back = Back(key, call.command, len(call.steps), event.gap, self.state.home)
+                self._queue((self._name, now, back, self.state.lease.epoch))
 
 
 class HistoryWriter:
@@ -237,7 +258,8 @@ class HistoryWriter:
         events = [event for item in items for event in self._events(item, offset)]
         missed = self._missed
         if missed:
-            text = f"{missed} events are missing: {self.trouble or 'there were too many at once'}"
+            number = "1 event is" if missed == 1 else f"{missed} events are"
+            text = f"{number} missing: {self.trouble or 'there were too many at once'}"
             events.append(HistoryEvent(kind="missed", unix=self._unix(), robot="", text=text))
         try:
             self.before_writing()
@@ -295,6 +317,14 @@ class HistoryWriter:
                 return HistoryEvent(
                     kind="lease", unix=unix, robot=robot, epoch=epoch, parent=happened.parent.name, text=text
                 )
+            case Back():
+                steps = "1 step" if happened.steps == 1 else f"{happened.steps} steps"
+                ended = time.strftime("%H:%M:%S", time.localtime(unix - happened.gap))
+                return HistoryEvent(
+                    kind="back", unix=unix, robot=robot, key=happened.key, command=happened.command,
+                    text=f"{happened.home} ended at {ended} and came back {happened.gap:.1f} s later; "
+                    f"{happened.command} goes on after {steps}",
+                )  # fmt: skip
             case on.StopAsked():
                 person = happened.principal.person
                 return HistoryEvent(kind="stop", unix=unix, robot=robot, text=happened.reason, person=person)

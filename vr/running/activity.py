@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import inspect
 import math
 from collections.abc import Callable, Generator, Mapping
 from functools import partial, wraps
@@ -28,12 +29,14 @@ from robotree.vr.base.errors import (
 from robotree.vr.base.requests import LONGEST_CLEANUP, AnyRequest, Level, Raised, Reply, Returned, State
 from robotree.vr.core import events as on
 from robotree.vr.core.machine import RobotState
+from robotree.vr.running.catching import at_work
 from robotree.vr.running.child_call import CallManner, ChildCall, call_child
 from robotree.vr.running.feed import Feeds, NoReadingYet
 from robotree.vr.running.frame import Abandoned, Branch, Frame
 from robotree.vr.running.outcome import raised
 from robotree.vr.running.page_trace import begin_of
 from robotree.vr.running.process import Worker
+from robotree.vr.running.replay import Replay
 from robotree.vr.running.robot_runtime import RobotRuntime
 from robotree.vr.running.run import Run
 from robotree.vr.running.space_asking import ask_space, tell_space
@@ -162,14 +165,43 @@ class CommandActivity(Frame):
 
     @_from_author
     def checkpoint(self) -> None:
-        """Need none of the steps so far any more: interrupted, the command begins anew with what it keeps."""
-        self.runtime.checkpoint(self.call_key)
+        """Need the steps of this round no more: interrupted, the command goes on from here."""
+        if self.commander is not None:
+            raise RuntimeError("self.checkpoint() is for the command itself, not for a part of it")
+        place = " in ".join(f"line {at.f_lineno}" for at in at_work(inspect.currentframe(), self))
+        if (replay := self.replay) is not None and replay.active and self._comes_to(place, replay):
+            return
+        if isinstance(self.runtime.robot, VirtualRobot):
+            self.runtime.robot.field_values.keep(self.call_key)
+        self.runtime.checkpoint(self.call_key, place)
         self.steps = self.reads = 0
+
+    def _comes_to(self, place: str, replay: Replay) -> bool:
+        """Whether it comes to a checkpoint that it made before: it goes on with the last lap from there.
+
+        Raises:
+            Diverged: it has left steps out.
+        """
+        if error := replay.left_out(f"a checkpoint at {place}"):
+            raise error
+        run = self.run
+        if not run.ahead or run.ahead[0].place != place:
+            self._catch_up(replay)  # this one was lost with the process
+            return False
+        lap, *ahead = run.ahead
+        run.begin_lap(lap)
+        run.ahead = tuple(ahead)
+        replay.begin_lap(self._suffix(f"{self.context.key}/{run.lap}"))
+        self.steps = self.reads = 0
+        if isinstance(self.runtime.robot, VirtualRobot):
+            self.runtime.robot.field_values.forget(self.call_key)
+        return True
 
     def forget_steps(self) -> None:
         """Begin anew, with other keys: what was done before is done once more."""
         self.runtime.checkpoint(self.call_key)
         self.run.recall = self.replay = None
+        self.run.ahead = ()
 
     @_from_author
     def decide(self, question: str) -> str:
@@ -635,7 +667,7 @@ def _cannot_go_on(activity: CommandActivity, command: Command | None) -> VrError
     recall, forgotten = activity.run.recall or {}, activity.runtime.has_forgotten(activity.call_key)
     if command is not None and command.resumption.policy == "abort":
         reason = "its page says resume='abort'"
-    elif on.THREAD in recall:
+    elif any(path.endswith(on.THREAD) for path in recall):
         reason = "it used a thread of its page's own, whose steps are not kept"
     elif forgotten:
         reason = "it took more steps than are kept, without self.checkpoint()"

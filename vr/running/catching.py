@@ -7,7 +7,7 @@ import builtins
 import linecache
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
-from types import CodeType, FrameType
+from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from robotree.vr.running.page_trace import is_of_page
@@ -23,12 +23,9 @@ def catches(frame: Frame | None, kind: type[BaseException]) -> bool:
         frame: in which the error would be raised; a part of a command hands it on to what has started it.
         kind: class of the error.
     """
-    source = "" if frame is None else frame.runtime.source_of(frame.context.command)
     while frame is not None:
         stack = frame.worker.process.runner.stack_of(frame.worker.thread)
-        for at in _until(stack, type(frame).carry_out.__code__, frame):
-            if not is_of_page(at, source):
-                continue
+        for at in at_work(stack, frame):
             names = {**vars(builtins), **at.f_globals}
             for caught in _caught(at.f_code.co_filename, at.f_lineno):
                 if any(issubclass(kind, each) for each in _classes(caught, names)):
@@ -37,10 +34,12 @@ def catches(frame: Frame | None, kind: type[BaseException]) -> bool:
     return False
 
 
-def _until(at: FrameType | None, end: CodeType, owner: Frame) -> Iterator[FrameType]:
-    """Give the functions of a thread that are at work for a frame, the innermost first."""
+def at_work(at: FrameType | None, owner: Frame) -> Iterator[FrameType]:
+    """Give the functions of a page that a thread carries out for a frame, the innermost first."""
+    end, source = type(owner).carry_out.__code__, owner.runtime.source_of(owner.context.command)
     while at is not None and not (at.f_code is end and at.f_locals.get("self") is owner):
-        yield at
+        if is_of_page(at, source):
+            yield at
         at = at.f_back
 
 

@@ -187,7 +187,7 @@ class Frame:
 
     def _guest(self, number: str) -> Self:
         if self.keeps:
-            self.runtime.keep_step(self.call_key, on.THREAD, on.StepResult(on.THREAD))
+            self.runtime.keep_step(self.call_key, f"{self.run.lap}{on.THREAD}", on.StepResult(on.THREAD))
         guest = self.part(number, Worker(self.worker.process))
         guest.guest, guest.depth, guest.worker.top = True, 1, guest
         return guest
@@ -335,6 +335,8 @@ class Frame:
         if before is not None and before.active:
             before.waiting.append(self.wake)
             self.wait(lambda: not before.active)
+        if before is None and self.run.ahead:
+            raise replay.strayed(self.run.ahead[0].place)
         replay.active = False
         if replay.rewritten:
             self.runtime.keep_fields(replay.rewritten)
@@ -389,7 +391,7 @@ class Frame:
     @property
     def _end_path(self) -> str:
         """Key under which the end of the command is kept, as it was raised in this frame."""
-        return f"{self.context.key}/{on.END}"
+        return f"{self.context.key}/{self.run.lap}{on.END}"
 
     def _end(self, now: float) -> None:
         """Raise what ends it, if it is to end and no clean-up is under way."""

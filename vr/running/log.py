@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager
 from typing import Any
 
@@ -103,6 +103,10 @@ class Log:
             words = "begins" if ahead is None else waits(ahead)
             value = msgspec.structs.replace(call)  # what is written later is how it was
             self._take(_asked, value, words, now=self._now(), always=True)
+
+    def know(self, keys: Iterable[str]) -> None:
+        """Take note of calls that have a line from an earlier process, or need none."""
+        self._open.update(keys)
 
     def settle(self, call: Ended) -> None:
         """Take how a command went; of those that only read, failures alone."""

@@ -7,11 +7,15 @@ ones. A step that is another one than before ends the command. Pure.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from robotree.vr.base.errors import Diverged
 from robotree.vr.core import events as on
+
+_STEP = re.compile(r"(\d+\.)?\d+")
+"""Path of a step of the command itself."""
 
 
 class Intent(NamedTuple):
@@ -86,12 +90,26 @@ class Replay:
         mark = self._kept.get(path)
         return mark is not None and number >= mark.value
 
-    def left_out(self) -> Diverged | None:
-        """Return the error for a page that has ended without a step that it took before; None: it has not."""
+    def left_out(self, now: str = "its end") -> Diverged | None:
+        """Return the error for a page that has left out a step that it took before; None: it has not.
+
+        Args:
+            now: what it has come to: its end, else a checkpoint, before which only its own lap matters.
+        """
+        whole = now == "its end"
         for path, step in self._kept.items():
-            if path.isdigit() or path.partition(".")[2].isdigit():
-                return self._diverged(path, step, "its end")
+            if _STEP.fullmatch(path) if whole else path.removeprefix(self._own).isdigit():
+                return self._diverged(path, step, now)
         return None
+
+    def begin_lap(self, own: str) -> None:
+        """Take the steps of the next lap again; `own` is what their paths begin with."""
+        self._own, self._last, self.rewritten = own, -1, {}
+
+    def strayed(self, place: str) -> Diverged:
+        """Return the error for a page that takes a new step before it comes to a checkpoint."""
+        words = on.StepResult("checkpoint", f"at {place}")
+        return self._diverged(f"{self._own}checkpoint", words, "another step")
 
     def _last_number(self) -> int:
         if self._last < 0:

@@ -36,7 +36,7 @@ from robotree.vr.base.units import takes_long
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import Bond, Lease
 from robotree.vr.core.events import Begin, CoreEffect, CoreEvent, Interrupt, Settled
-from robotree.vr.core.machine import Calls, RobotCore, RobotState
+from robotree.vr.core.machine import Calls, Lap, RobotCore, RobotState
 from robotree.vr.exchange.asking import TakeReply, send_request
 from robotree.vr.exchange.authority import OF_LEASES, authorise
 from robotree.vr.running.log import Log, waits
@@ -151,6 +151,7 @@ class RobotRuntime:
         self._unremind: Callable[[], None] = _nothing
         self.neighbours = process.robots
         """The robots in this process."""
+        self.log.know(self.core.state.calls.live)
         self._life = "" if process.life == 1 else f"/{process.life}"
         """Of the process, in the name by which it numbers calls: another life counts from 1 again."""
         self.paused = core.state.pause.in_force != ""  # then commands look before each step: see `may_pass`
@@ -390,9 +391,9 @@ class RobotRuntime:
         """Whether a running command has taken more steps than are kept."""
         return self.look(lambda state: state.calls.live[key].forgotten)
 
-    def checkpoint(self, key: str) -> None:
-        """Have a running command begin anew from here, if it is interrupted."""
-        self.post(on.Checkpoint(key=key))
+    def checkpoint(self, key: str, place: str = "") -> None:
+        """Have a running command go on from a place of its page, if it is interrupted; empty: begin anew."""
+        self.post(on.Checkpoint(key=key, place=place))
         run = self.runs[key]
         call = self.look(lambda state: state.calls.live[key])
         run.lap, run.fields = f"{call.lap}.", call.fields
@@ -402,7 +403,7 @@ class RobotRuntime:
         self.runs[key].answer = ""
         self.log.say("warning", f"{question}: `robotree decide {self.name} done|again|abort`")
         self.post(on.DoubtRaised(key=key, question=question))
-        self.note(key, math.nan, f"asks: {question}")
+        self.note(key, math.nan, f"asks (robotree decide {self.name} done|again|abort): {question}")
 
     def stop_asking(self, key: str) -> None:
         """Take the question of a running command back, if nobody has answered it."""
@@ -415,8 +416,10 @@ class RobotRuntime:
         running = [call for call in self.core.state.calls.live.values() if call.running]
         for call in running:
             run = self._run_of(call.key)
-            run.recall, run.fields = dict(call.steps), dict(call.fields)
-            run.lap = f"{call.lap}." if call.lap else ""
+            run.recall = dict(call.steps)
+            first, *ahead = [*call.laps, Lap(call.lap, call.place, call.fields)]
+            run.begin_lap(first)
+            run.ahead = tuple(ahead)
             if call.cause is not None:
                 run.cause, run.final = call.cause.revive(), call.final
         return tuple(call.key for call in running)
@@ -426,7 +429,7 @@ class RobotRuntime:
 
         Commands that have begun since the robot is open are no part of them: they run already.
         """
-        self.post(on.Restored(calls=self._interrupted))
+        self.post(on.Restored(calls=self._interrupted, gap=self.process.gap))
 
     def _remind_at(self, due: float) -> None:
         """Have the watchdog look when something is due, if that is earlier than it will look.

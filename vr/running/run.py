@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, Protocol
 from robotree.vr.base.errors import VrError
 from robotree.vr.base.requests import Raised, Returned
 from robotree.vr.core.events import StepResult
+from robotree.vr.core.machine import Lap
 from robotree.vr.running.process import Worker
 
 NO_PROGRESS = (math.nan, "")
@@ -73,6 +74,8 @@ class Run:
     """What a person has answered to its question; empty: nothing yet."""
     asks: object = None
     """The part of it that asks a person; None: none does."""
+    ahead: tuple[Lap, ...] = ()
+    """The laps that it takes again after the present one."""
     lap: str = ""
     """What its steps begin with since its last checkpoint."""
     callers: frozenset[str] = frozenset()
@@ -86,6 +89,10 @@ class Run:
         self.turn = self.turn or turn
         if listener is not None:
             self.listeners += (listener,)
+
+    def begin_lap(self, lap: Lap) -> None:
+        """Go on with what the robot kept when a lap began, and with its keys."""
+        self.lap, self.fields = f"{lap.number}." if lap.number else "", dict(lap.fields)
 
     def tell(self, fraction: float, text: str) -> None:
         """Tell those who listen how far it is."""

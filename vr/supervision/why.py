@@ -23,6 +23,8 @@ class Link(msgspec.Struct, frozen=True, kw_only=True):
     answered: HistoryEvent | None = None
     """What its caller has heard, where that is in another process."""
     observed: tuple[HistoryEvent, ...] = ()
+    back: tuple[HistoryEvent, ...] = ()
+    """The crashes of its host after which it went on."""
 
 
 class Chain(msgspec.Struct, frozen=True, kw_only=True):
@@ -76,6 +78,7 @@ def explain(key: str, found: Iterable[tuple[str, HistoryEvent]]) -> Chain | None
                     ended=_latest(of_key, "ended", robot),
                     answered=_latest(of_key, "answered"),
                     observed=tuple(event for _, event in of_key if event.kind == "observed"),
+                    back=tuple(event for _, event in of_key if event.kind == "back"),
                 )
             )
             below = at

@@ -7,7 +7,7 @@ import pytest
 from robotree.vr.base.errors import Diverged
 from robotree.vr.base.requests import Returned
 from robotree.vr.core import events as on
-from robotree.vr.running.replay import Replay
+from robotree.vr.running.replay import Intent, Replay
 
 GO = ["arm", "go_to", {"x": 0.3}]
 DONE = on.StepResult("call", GO, None, Returned(key="k/1", value=7))
@@ -39,11 +39,11 @@ def test_another_step_than_before_ends_the_command_with_both() -> None:
 
 
 def test_a_call_that_was_under_way_while_later_steps_were_taken_does_not_use_the_steps_up() -> None:
-    taken = replay({f"1{on.BEGUN}": on.StepResult("begun", None, "robot/arm/7"), "2": DONE})
+    taken = replay({f"1{on.BEGUN}": on.StepResult("begun", None, ["robot/arm/7", "9/1", 0]), "2": DONE})
     assert taken.take("1", "call", GO, 1) is None
     assert not taken.used_up
-    assert taken.given_to("1") == "robot/arm/7"
-    assert taken.given_to("1") == "", "another step has nothing of it"
+    assert taken.intent("1") == Intent("robot/arm/7", "9/1", 0)
+    assert taken.intent("1") is None, "another step has nothing of it"
     assert taken.take("2", "call", GO, 2) is DONE
     assert taken.take("3", "call", GO, 3) is None
     assert taken.used_up
