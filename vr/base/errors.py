@@ -4,8 +4,8 @@ Every error is one sentence that says whose fault it is and what to do next, and
 that a caller on the far side of the network catches the same class with the same fields.
 
     VrError
-      AddressError    BadName · DuplicateName · NameInSilence · Hanging · NoSuchRobot · NoSuchHost · NoHost
-                      HostReserved · NoSuchView
+      AddressError    BadName · DuplicateName · NameInSilence · Hanging · SeveralSites · NoSuchRobot
+                      NoSuchHost · NoHost · HostReserved · NoSuchView
       CommandError    NoSuchCommand · NoSettings · BadArgument · CommandFailed (Failed) · CommandCancelled
                       ChildCancelled · ChildTimeout · DeadlineExceeded · Busy · UnderWay
                       CommandInDoubt (EndedInDoubt)
@@ -154,6 +154,15 @@ class Hanging(AddressError):
     """The agent of this name is in a process that does not answer."""
 
     sentence = "the {role} {name!r} is in {where} and does not answer; {remedy}"
+
+
+class SeveralSites(AddressError):
+    """Agents of several other sites have the same name, and none of this machine has it."""
+
+    sentence = (
+        "{count} other sites have a {role} named {name!r}, and none was asked; ask at its site, or delete "
+        "one and make it again under another name"
+    )
 
 
 class NoSuchRobot(AddressError):

@@ -20,6 +20,7 @@ from robotree.vr.base.errors import (
     NoSuchHost,
     NoSuchRobot,
     NoSuchView,
+    SeveralSites,
     VrError,
 )
 from robotree.vr.base.presence import Undo
@@ -141,6 +142,7 @@ class Directory:
             BadName: nobody can have this name.
             NoSuchRobot: or NoSuchHost, NoSuchView: no living agent of this role has the name.
             Hanging: one has it whose process does not answer.
+            SeveralSites: none of this machine has it, and those of several other sites have.
         """
         check_name(name)  # it becomes part of a pattern
         if not self.present(role, name):
@@ -149,7 +151,23 @@ class Directory:
             if role == "space":
                 raise NoSpace(name=f"{name!r} ", example=name)
             raise _MISSING.get(role, NoSuchRobot)(name=name)
-        return next((address for address in found if address in self._union.listings), found[0])
+        meant = found if len(found) == 1 else self._nearest(found, role, name)
+        return next((address for address in meant if address in self._union.listings), meant[0])
+
+    def _nearest(self, found: tuple[Address, ...], role: Role, name: str) -> tuple[Address, ...]:
+        """Return those of this machine: sites that chose the same name before they met both keep it.
+
+        Raises:
+            SeveralSites: there is none, and several elsewhere.
+        """
+        presence = self._transport.presence
+        gateways = {one.where for one in presence.held(everyone("gateway"))}
+        held = presence.held(everyone(role, name)) if gateways else []
+        remote = {one.key for one in held if one.where in gateways}
+        here = tuple(address for address in found if address.key not in remote)
+        if not here:
+            raise SeveralSites(role=role, name=name, count=len(found))
+        return here
 
     async def expect_awake(self, pattern: str) -> None:
         """Check that no agent under a pattern is in a process that hangs.

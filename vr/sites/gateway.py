@@ -75,6 +75,12 @@ HERE: Final = 2.0
 MOST_STRANGERS: Final = 64
 """Names of sites that only a hint has told of."""
 
+PAUSE: Final = 0.05
+"""[s] at least between two answers of the authority: it writes files, and who gets none asks again."""
+
+SLEPT: Final = 1.0
+"""[s] between two ticks after which this process knows that it was late itself; as long it judges nobody."""
+
 KEYS_AT_ONCE: Final = 200
 """Keys in one frame."""
 
@@ -128,7 +134,8 @@ class Gateway:
         """Certificates that were given of late, by request."""
         self.refused = Counter[str]()
         """What was refused, by reason."""
-        self._looked = self._hinted = 0.0
+        self._looked = self._hinted = self._answered = 0.0
+        self._ticked = self._woke = self.now()
         self._ticking: asyncio.Task[None] | None = None
         self._leaving = False
 
@@ -485,6 +492,9 @@ class Gateway:
 
     def _answer_as_authority(self, topic: str, body: bytes) -> None:
         *_, about, number = topic.split("/")
+        if self.now() - self._answered < PAUSE:
+            return
+        self._answered = self.now()
         try:
             if about == "join":
                 answer = GRANTED + self._granted(number, body)
@@ -532,6 +542,9 @@ class Gateway:
 
     def _tick(self) -> None:
         now = self.now()
+        if now - self._ticked > SLEPT:
+            self._woke = now
+        self._ticked = now
         self._check_itself()
         self._see_wanted()
         for site in list(self.sites.values()):
@@ -560,7 +573,7 @@ class Gateway:
     def _look_at(self, site: Site, now: float) -> None:
         while site.early and now - site.early[0][0] > ARRIVAL:
             self._ask_here(site, site.early.popleft()[1], known=False)
-        if site.stream is not None and site.stream.silence(now) > GONE:
+        if site.stream is not None and site.stream.silence(now) > GONE and now - self._woke > SLEPT:
             self._end_session(site, f"it was silent for {GONE:g} s")
         if site.member is not None and site.stream is not None:
             try:

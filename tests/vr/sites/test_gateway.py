@@ -1,0 +1,289 @@
+"""Gateways over a hub that loses, holds back and forges: asked at one site, answered at another."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotree.vr.base.envelope import seal, sitting_at
+from robotree.vr.base.errors import NoAnswer, SiteSilent
+from robotree.vr.base.principal import Principal
+from robotree.vr.base.requests import Call, Done, Raised, SafeStop, decode_reply
+from robotree.vr.exchange.dispatcher import Dispatcher
+from robotree.vr.network.local import join
+from robotree.vr.sites.frames import SiteStopped
+from robotree.vr.sites.gateway import Gateway
+from robotree.vr.sites.invitations import read_token, request_to_join, token_of
+from robotree.vr.sites.keys import RealmKeys, create
+from robotree.vr.sites.keys import join as join_realm_keys
+from robotree.vr.sites.pipe import MemoryHub, MemoryPipe
+from robotree.vr.sites.site import GONE
+from tests.vr.sites.realm import Realm
+
+ROBOT = "robot/arm-1/1"
+
+
+class SiteOfTest:
+    """One machine: its gateway, and a member that is an agent or asks one."""
+
+    def __init__(self, place: Path, hub: MemoryHub, keys: RealmKeys) -> None:
+        self.place, self.hub, self.keys = place, hub, keys
+        self.asked: list[tuple[Any, Principal]] = []
+
+    async def open(self) -> None:
+        self.place.mkdir(mode=0o700, exist_ok=True)
+        self.gate = await join("test", root=self.place)
+        self.member = await join("test", root=self.place)
+
+        async def stop_here(order: str, reason: str) -> SiteStopped:
+            self.asked.append((SafeStop(order=order, reason=reason), Principal()))
+            return SiteStopped(0, ["arm-1"], [], [])
+
+        self.pipe = MemoryPipe(self.hub)
+        self.gateway = Gateway(self.gate, self.pipe, self.keys, stop_here=stop_here)
+        await self.gateway.open()
+
+    async def be_robot(self, reply: Any = None) -> None:
+        """Answer requests to `ROBOT`, and note them."""
+        loop = asyncio.get_running_loop()
+
+        def answer(received: Any, _: Any) -> Any:
+            self.asked.append((received.request, received.principal))
+            return reply or Done(note="moved")
+
+        dispatcher = Dispatcher("arm-1", answer, now=loop.time)
+        await self.member.serve(ROBOT, dispatcher.take)
+        await self.member.announce(ROBOT)
+
+    async def close(self) -> None:
+        await self.gateway.close()
+        await self.member.close()
+        await self.gate.close()
+
+
+async def until(found: Callable[[], bool], within: float = 8.0) -> None:
+    async with asyncio.timeout(within):
+        while not found():  # noqa: ASYNC110 # there is no event for it
+            await asyncio.sleep(0.02)
+
+
+async def ask(
+    site: SiteOfTest, request: Any, *, key: str = ROBOT, within: float = 3.0, sender: str = ""
+) -> Any:
+    """Ask, and return the last reply; None: there was none."""
+    sealed = seal(request, now=asyncio.get_running_loop().time(), within=within, sender=sender)
+    replies: list[bytes] = []
+    over = asyncio.Event()
+    loop = asyncio.get_running_loop()
+
+    def on_reply(body: bytes | None) -> None:
+        loop.call_soon_threadsafe(over.set if body is None else lambda: replies.append(body))
+
+    site.member.ask(key, sealed.body, void_at=sealed.void_at, on_reply=on_reply)
+    async with asyncio.timeout(15):
+        await over.wait()
+    found = decode_reply(replies[-1], key=key) if replies else None
+    return found.revive() if isinstance(found, Raised) else found
+
+
+@pytest.fixture
+def hub() -> MemoryHub:
+    return MemoryHub()
+
+
+@pytest.fixture
+async def sites(place: Path, hub: MemoryHub) -> AsyncIterator[list[SiteOfTest]]:
+    """Three sites that are linked; the robot is at the second one."""
+    now = time.time()
+    all_keys = [create(place / "k0" / "keys", "plant", "lab", (), now=now)]
+    for number, name in enumerate(("hall", "yard"), 1):
+        invitation = read_token(token_of(all_keys[0].invite(name, "site", now=now)), now)
+        key = Realm(seed=number).key()
+        certificate = all_keys[0].admit(request_to_join(invitation, key), now)
+        all_keys.append(join_realm_keys(place / f"k{number}" / "keys", invitation, key, certificate, now=now))
+    found = [SiteOfTest(place / f"m{number}", hub, keys) for number, keys in enumerate(all_keys)]
+    for site in found:
+        await site.open()
+    await found[1].be_robot()
+    await until(lambda: all(site.member.presence.there(ROBOT) for site in found))
+    yield found
+    for site in found:
+        await site.close()
+
+
+def call(key: str = "k1") -> Call:
+    return Call(key=key, command="move", deadline=5.0)
+
+
+async def test_a_request_is_answered_and_the_robot_knows_who_asked_where(sites: list[SiteOfTest]) -> None:
+    lab, hall, _ = sites
+    with sitting_at("pts/3"):
+        assert await ask(lab, call()) == Done(note="moved")
+    ((request, principal),) = hall.asked
+    assert request == call()
+    assert principal.site == "lab"
+    assert principal.person.endswith("@lab")
+    assert principal.process == lab.member.identity.process
+
+
+async def test_nobody_speaks_for_a_parent_that_is_not_at_its_site(sites: list[SiteOfTest]) -> None:
+    lab, hall, yard = sites
+    await yard.member.announce("robot/lever/7")
+    await until(lambda: hall.member.presence.there("robot/lever/7"))
+    begin = asyncio.get_running_loop().time()
+    await ask(lab, call(), sender="robot/lever/7")
+    assert [principal.agent for _, principal in hall.asked] == [""], "lab says that it is a robot of yard"
+    assert asyncio.get_running_loop().time() - begin > 0.9, "its news might have been on the way"
+    await ask(yard, call("k2"), sender="robot/lever/7")
+    assert hall.asked[-1][1].agent == "robot/lever/7"
+
+
+async def test_what_is_seen_at_three_sites_runs_in_no_circle(sites: list[SiteOfTest], hub: MemoryHub) -> None:
+    lab, hall, yard = sites
+    heard: dict[str, list[bytes]] = {"lab": [], "yard": []}
+    await lab.member.subscribe("robot/**", lambda _key, body: heard["lab"].append(body))
+    await yard.member.subscribe("robot/**", lambda _key, body: heard["yard"].append(body))
+    await asyncio.sleep(1)
+    hall.member.publish(f"{ROBOT}/state", b"1")
+    await until(lambda: all(heard.values()))
+    sent = 0
+
+    def count(_topic: str, body: bytes) -> list[bytes]:
+        nonlocal sent
+        sent += 1
+        return [body]
+
+    hub.on_way = count
+    await asyncio.sleep(2)
+    assert heard == {"lab": [b"1"], "yard": [b"1"]}
+    assert sent < 60, "beats and hints only"
+
+
+@pytest.mark.parametrize("cut", [0.6, 1.3])
+async def test_after_a_short_cut_a_request_that_was_under_way_is_answered(
+    sites: list[SiteOfTest], hub: MemoryHub, cut: float
+) -> None:
+    lab, hall, _ = sites
+    hub.up = False
+    asking = asyncio.ensure_future(ask(lab, call(), within=6))
+    await asyncio.sleep(cut)
+    assert hall.asked == []
+    hub.up = True
+    assert await asking == Done(note="moved")
+    assert len(hall.asked) == 1
+    assert lab.member.presence.there(ROBOT)
+
+
+async def test_a_silent_site_is_not_dead_but_begins_nothing(sites: list[SiteOfTest], hub: MemoryHub) -> None:
+    lab, hall, _ = sites
+    hub.up = False
+    await asyncio.sleep(2.2)
+    refused = await ask(lab, call())
+    assert isinstance(refused, SiteSilent)
+    assert "hub memory is not reached" in str(refused)
+    assert lab.member.presence.there(ROBOT), "silent is not dead"
+    hub.up = True
+    await asyncio.sleep(1)
+    assert hall.asked == []
+    assert await ask(lab, call()) == Done(note="moved")
+
+
+async def test_after_a_long_cut_nothing_begins_late(sites: list[SiteOfTest], hub: MemoryHub) -> None:
+    lab, hall, _ = sites
+    hub.up = False
+    begin = asyncio.get_running_loop().time()
+    late = asyncio.ensure_future(ask(lab, call("late"), within=2.0))
+    await asyncio.sleep(4)
+    hub.up = True
+    answer = await late
+    assert answer is None or isinstance(answer, NoAnswer)
+    assert asyncio.get_running_loop().time() - begin > 2.0, "it might have begun until then"
+    await asyncio.sleep(1)
+    assert hall.asked == []
+
+
+async def test_a_site_that_is_gone_leaves_the_lists_and_comes_back(
+    sites: list[SiteOfTest], hub: MemoryHub
+) -> None:
+    lab, hall, _ = sites
+    hub.up = False
+    await until(lambda: not lab.member.presence.there(ROBOT), GONE + 3)
+    hub.up = True
+    await until(lambda: lab.member.presence.there(ROBOT))
+    assert await ask(lab, call()) == Done(note="moved")
+    assert len(hall.asked) == 1
+
+
+async def test_who_records_and_repeats_all_that_was_said_has_nothing_done_twice(
+    sites: list[SiteOfTest], hub: MemoryHub
+) -> None:
+    lab, hall, _ = sites
+    recorded: list[tuple[str, bytes]] = []
+
+    def record(topic: str, body: bytes) -> list[bytes]:
+        recorded.append((topic, body))
+        return [body]
+
+    hub.on_way = record
+    await ask(lab, call())
+    await hall.gateway.close()
+    await hall.gate.close()
+    hub.on_way = lambda _topic, body: [body]
+    assert len(hall.asked) == 1
+    await hall.member.close()
+    await hall.open()
+    await hall.be_robot()
+    await until(lambda: lab.member.presence.there(ROBOT))
+    for topic, body in recorded * 3:
+        hub.inject(topic, body)
+        hub.inject(topic, body[:-1] + bytes([body[-1] ^ 1]))
+        hub.inject(topic, body[:20])
+    await asyncio.sleep(1)
+    assert len(hall.asked) == 1
+    assert await ask(lab, call("k2")) == Done(note="moved")
+
+
+async def test_forged_hints_fill_no_memory(sites: list[SiteOfTest], hub: MemoryHub) -> None:
+    for number in range(5000):
+        hub.inject("robotree/plant/here", b"site-%d" % number)
+        hub.inject("robotree/plant/to/lab", b"g" + b"x" * 100)
+        hub.inject("robotree/plant/authority/join/1", b"no request")
+    await asyncio.sleep(0.5)
+    lab = sites[0]
+    assert len(lab.gateway.sites) < 70
+    assert len(lab.gateway.refused) < 70
+    assert lab.gateway.refused.total() >= 5000
+    assert await ask(lab, call()) == Done(note="moved")
+
+
+async def test_a_reply_that_is_large_arrives_before_its_end(sites: list[SiteOfTest]) -> None:
+    _, _, yard = sites
+    hall = sites[1]
+    large = "x" * 50_000
+    await hall.member.announce("robot/cell/1")
+    loop = asyncio.get_running_loop()
+    dispatcher = Dispatcher("cell", lambda *_: Done(note=large), now=loop.time)
+    await hall.member.serve("robot/cell/1", dispatcher.take)
+    await until(lambda: yard.member.presence.there("robot/cell/1"))
+    for _ in range(5):
+        assert (await ask(yard, call(), key="robot/cell/1")).note == large
+
+
+async def test_a_stop_goes_to_each_site_once_and_names_the_one_that_is_cut_off(
+    sites: list[SiteOfTest], hub: MemoryHub
+) -> None:
+    lab, hall, yard = sites
+    stop = SafeStop(reason="test", order="o1", within=1.0)
+    key = lab.gateway.address.key
+    done = await ask(lab, stop, key=key)
+    assert set(done.confirmed) == {"hall:arm-1", "yard:arm-1"}
+    assert [sum(isinstance(one, SafeStop) for one, _ in site.asked) for site in (hall, yard)] == [1, 1]
+    hub.on_way = lambda topic, body: [] if topic.endswith("/to/yard") else [body]
+    refused = await ask(lab, SafeStop(reason="test", order="o2", within=1.0), key=key)
+    assert refused.data["told"] == ["hall:arm-1"]
+    assert [name for name, _ in refused.data["untold"]] == ["site yard"]
