@@ -257,7 +257,9 @@ def count_goals(outcome: Outcome, lines: Sequence[Sequence[str]], told: dict[int
     outcome.steps += len(told)
     outcome.twice += [f"below: step {n} was begun {times} times" for n, times in begun.items() if times > 1]
     outcome.lost += [
-        f"below: step {n} is said to be done" for n, said in told.items() if said == "done" and n not in over
+        f"below: step {n} is said to be done, and is not"
+        for n, said in told.items()
+        if said == "done" and n not in over
     ]
     outcome.doubts += sum(said != "done" for said in told.values())
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from robotree.vr.agents.children import FAREWELL
 from tests.durability.stage import Stage
 
 pytestmark = pytest.mark.e2e
@@ -40,3 +41,17 @@ async def test_a_second_kill_while_it_comes_back_changes_nothing(stage: Stage, s
     assert await stage.play(host, "tour", [second, second], steps=8) == [8.0, 8.0]
     assert host.lives == 4 if second != "new step 1" else host.lives >= 3
     stage.expect_once(*range(8))
+
+
+@pytest.mark.speed
+async def test_a_parent_goes_on_at_once_when_the_host_of_its_child_has_a_journal_too(stage: Stage) -> None:
+    """Such a child may be away itself: its parent waits for it only as long as it does not answer."""
+    host, second = stage.host("h1"), stage.host("h2")
+    await second.start()
+    await stage.presence("host", "h2")
+    await stage.furnish(host, "after send 5", other="h2")
+    assert await stage.play(host, "tour", [], steps=8) == [8.0, 8.0]
+    stage.expect_once(*range(8))
+    restarted = host.started[-1]
+    waited = next(at for word, *_, at in stage.effects if word == "begin" and at > restarted) - restarted
+    assert waited < FAREWELL, f"the next effect came {waited:.1f} s after the start"

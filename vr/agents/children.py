@@ -163,7 +163,7 @@ class ChildKeeper:
         await asyncio.gather(*(self._take_back_one(slot, bond) for slot, bond in self._bonds().items()))
 
     async def _take_back_one(self, slot: str, bond: Bond) -> None:
-        child, epoch = bond.child, bond.lease.epoch
+        child, epoch, confirmed = bond.child, bond.lease.epoch, bond.lease.confirmed
         if not await self._presence.until(child.key, there=True, within=REUNION):
             if bond.returns:
                 self._returning[slot] = asyncio.ensure_future(self._await_child(slot, bond))
@@ -178,7 +178,7 @@ class ChildKeeper:
             now = self._bonds().get(slot)
             if now is None:
                 return
-            if now.lease.confirmed > bond.lease.confirmed:
+            if now.lease.confirmed != confirmed:
                 self._anew.discard(slot)
                 return
             await asyncio.sleep(0.002)

@@ -474,7 +474,8 @@ class HeldLease(msgspec.Struct, kw_only=True):
         sample = max(now - sent, 0.0)
         self.deviation += (abs(sample - self.round_trip) - self.deviation) / 4
         self.round_trip += (sample - self.round_trip) / 8
-        if sent > self.confirmed:
+        waited = self.confirmed > now  # a restored parent, for a child whose host might be starting, too
+        if sent > self.confirmed or waited:
             self.confirmed, self.term = sent, term
 
 

@@ -262,6 +262,16 @@ def test_a_cycle_that_closed_elsewhere_opens_at_the_next_renewal() -> None:
 # -- the parent's side -----------------------------------------------------------------------------
 
 
+def test_a_parent_that_waited_for_its_child_has_it_again_with_the_first_grant() -> None:
+    """A restored parent believes a lease for longer than it was granted, until the child answers."""
+    lease = HeldLease.begin(epoch=1, term=5.0, sent=0.0, now=0.1)
+    lease.confirmed = 25.0
+    lease.granted(sent=20.0, now=20.1, term=5.0)
+    assert lease.confirmed == 20.0
+    lease.granted(sent=19.0, now=20.2, term=5.0)
+    assert lease.confirmed == 20.0, "an older grant takes nothing back"
+
+
 def test_the_parent_counts_from_when_it_asked() -> None:
     lease = HeldLease.begin(epoch=1, term=5.0, sent=10.0, now=12.0)
     assert lease.expires == 15.0
