@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
 from contextlib import suppress
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from robotree.vr.journal.segments import Disk, OSDisk, Segments
 from robotree.vr.journal.store import Owner
 
 _SUFFIX = ".owner"
+_OWNER = re.compile(rf"([1-9][0-9]{{0,18}}){re.escape(_SUFFIX)}")
 _FLAGS = os.O_NOFOLLOW | os.O_CLOEXEC
 
 
@@ -95,10 +97,10 @@ class FilePlace:
 
     def _numbers(self) -> list[int]:
         try:
-            names = [path.name for path in self.folder.iterdir()]
+            names = [_OWNER.fullmatch(path.name) for path in self.folder.iterdir()]
         except FileNotFoundError:
             return []
-        return sorted(int(name.removesuffix(_SUFFIX)) for name in names if name.endswith(_SUFFIX))
+        return sorted(int(name[1]) for name in names if name)
 
     def _path(self, number: int) -> Path:
         return self.folder / f"{number}{_SUFFIX}"

@@ -168,6 +168,8 @@ class HostJournal:
         began, where = self.found.began, self.where
         if began is not None and began.host not in {"", self._host}:
             raise CopiedJournal(folder=where, other=began.host)
+        if began is not None and self.shift and self._clocks.unix() < began.unix:
+            _log.warning("the clock of this machine was set back since %s was written", self.where)
         if self._segments.missing:
             _log.warning("%s: the machine has ended, and %s", where, self._segments.missing)
         if self._segments.was_full:
@@ -175,11 +177,15 @@ class HostJournal:
 
     @property
     def shift(self) -> float:
-        """[s] by which moments that were kept are later on the present monotonic clock."""
+        """[s] by which moments that were kept are later on the present monotonic clock.
+
+        What has happened is over, also where the clock of the machine was set back since.
+        """
         began = self.found.began
         if began is None or (began.boot == self._boot and self._boot):
             return 0.0
-        return (began.unix - began.now) - (self._clocks.unix() - self._clocks.now())
+        now, latest = self._clocks.now(), max(self.found.latest, began.now)
+        return min((began.unix - began.now) - (self._clocks.unix() - now), now - latest)
 
     def _may_have_lost_power(self) -> bool:
         """Whether what has been found so far was written before the machine was started."""

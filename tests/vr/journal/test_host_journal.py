@@ -22,6 +22,7 @@ from robotree.vr.core.machine import Calls, RobotCore, RobotState, encode_state
 from robotree.vr.core.stop import Stop
 from robotree.vr.journal import journal as journals
 from robotree.vr.journal import records
+from robotree.vr.journal.files import FilePlace
 from robotree.vr.journal.journal import HostJournal
 from robotree.vr.journal.records import KeptPage
 from robotree.vr.journal.segments import OSDisk
@@ -270,6 +271,42 @@ def test_after_a_restart_of_the_machine_moments_are_as_far_away_as_before(tmp_pa
     following.close()
 
 
+@pytest.mark.parametrize(("boot", "jump"), [("this", -3600.0), ("this", 3600.0), ("another", -3600.0)])
+def test_a_clock_that_jumped_makes_nothing_happen_in_the_future(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, boot: str, jump: float
+) -> None:
+    journal = opened(tmp_path / "h")
+    journal.begin()
+    robot = Kept(journal)
+    robot.call("k")
+    began = Clock.now_now
+    journal.close()
+    clock = Clock()
+    clock.unix_now, clock.now_now = Clock.unix_now + jump, began + 5.0
+    following = HostJournal(tmp_path / "h", clock, boot=boot)
+    if boot == "this":
+        assert following.shift == 0.0
+        assert not caplog.text
+    else:
+        assert following.shift == pytest.approx(5.0)  # the last moment that is known is now
+        assert "the clock of this machine was set back since" in caplog.text
+    following.close()
+
+
+@pytest.mark.parametrize("method", ["lock", "create"])
+def test_a_disk_that_is_read_only_is_named_with_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str
+) -> None:
+    opened(tmp_path / "h").close()
+
+    def refuse(_: object, path: Path) -> int:
+        raise OSError(30, "Read-only file system", str(path))
+
+    monkeypatch.setattr(OSDisk, method, refuse)
+    with pytest.raises(JournalUnusable, match=r"h.* cannot be used \(read-only file system\).*--forget"):
+        opened(tmp_path / "h").begin()
+
+
 def test_a_second_end_within_the_first_write_of_the_next_life_loses_nothing() -> None:
     medium, ends = Medium(), {"write": 0}
 
@@ -339,3 +376,16 @@ def test_several_threads_write_and_nothing_is_lost(tmp_path: Path) -> None:
         thread.join(60)
     assert time.monotonic() - began < 60
     assert reopened(journal) == {robot.core.name: encode_state(robot.core.state) for robot in robots}
+
+
+@pytest.mark.timeout(10)
+@pytest.mark.parametrize("prepare", [os.mkfifo, lambda path: path.symlink_to("/dev/zero")])
+def test_what_lies_in_the_place_of_an_owner_is_an_error_at_once(
+    tmp_path: Path, prepare: Callable[[Path], object]
+) -> None:
+    for strange in ("01.owner", "x.owner"):
+        prepare(tmp_path / strange)
+    assert FilePlace(tmp_path).look() is None
+    prepare(tmp_path / "1.owner")
+    with pytest.raises(OSError, match=r"it is a (FIFO|symbolic link), not a file"):
+        FilePlace(tmp_path).look()
