@@ -129,12 +129,7 @@ class HostJournal:
             if isinstance(log, Path):
                 log = Segments(log, OSDisk() if disk is None else disk, boot)
             self._segments, self._host = log, log.name
-            try:
-                self.found.read(log.frames(self._may_have_lost_power), log.where)
-                self._expect_own()
-            except BaseException:
-                self._segments.close()
-                raise
+            self._read()
         before = self.found.began
         self.life = 1 if before is None else before.life + 1
         """How often a host has begun with this log."""
@@ -158,6 +153,15 @@ class HostJournal:
         """Ends the process at once, when its log can neither be written nor removed."""
         self.on_lost: Callable[[JournalError], None] = lambda _: None
         """Told that another host has the log, or nobody knows; nothing leaves this process any more."""
+
+    def _read(self) -> None:
+        """Read what is in the log, or leave it to others."""
+        try:
+            self.found.read(self._segments.frames(self._may_have_lost_power), self.where)
+            self._expect_own()
+        except BaseException:
+            self._segments.close()
+            raise
 
     def _expect_own(self) -> None:
         """Refuse the log of another host, and tell what is not there of the own one.

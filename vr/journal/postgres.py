@@ -53,6 +53,7 @@ SELECT owner, host, beat, EXISTS (
 ) FROM robotree_log WHERE name = %(log)s"""
 _FIRST: LiteralString = """
 INSERT INTO robotree_log VALUES (%(log)s, 1, %(host)s, 0) ON CONFLICT DO NOTHING RETURNING owner"""
+_LET_GO: LiteralString = "SELECT pg_advisory_unlock_all()"
 _TAKE: LiteralString = """
 UPDATE robotree_log SET owner = owner + 1, host = %(host)s, beat = beat + 1
     WHERE name = %(log)s AND owner = %(after)s RETURNING owner"""
@@ -142,10 +143,13 @@ class _Database:
         self.on_connect(connection)
         return connection
 
-    def close(self) -> None:
-        """End the connection. Twice is once."""
+    def close(self, last: LiteralString = "") -> None:
+        """End the connection, after a last statement. Twice is once."""
         connection, self._connection = self._connection, None
         if connection is not None:
+            with contextlib.suppress(self._psycopg.Error):
+                if last:
+                    connection.execute(last)
             connection.close()
 
 
@@ -265,7 +269,7 @@ class PostgresLog:
         """See `LogStore.close`."""
         with self._lock:
             self._closed = True
-            self._database.close()
+            self._database.close(_LET_GO)  # the end of a connection takes effect a little later
 
     def _ask(self, order: LiteralString, **more: Any) -> None:
         """Carry out a statement that only the owner can.
