@@ -149,6 +149,14 @@ class KeepingJudge(Judge):
         """Whether a host was started from an old copy of its disk: then a proxy may be told once more what it
         has done and forgotten, and only its controller knows the key."""
 
+        self.amnesia = False
+        """Whether a controller has lost its power: then it does not know its keys any more."""
+
+    def _look_at_drives(self) -> None:
+        if self.forgetful and self.amnesia:
+            self._tickets.clear()
+        super()._look_at_drives()
+
     def look_at_call(self, cart: CartProxy) -> None:
         if self.forgetful:
             self._keys.discard((cart, cart.context.key))
@@ -210,7 +218,8 @@ class CrashStory:
             at(chance.uniform(BUILT, CALM - 1.0), chance.choice(self._deeds()))
         at(CALM, self._heal)
         at(CALM + 2.0, lambda: self._as_operator(self._release(None), "release"))
-        at(CALM + 3.0, lambda: self._as_operator(self._build(), "build again"))
+        for later in (3.0, 5.5):  # a child may still wait for a parent that does not come back
+            at(CALM + later, lambda: self._as_operator(self._build(), "build again"))
         at(PROBE, lambda: self._begin("guide", "tour", 0.1, "operator-1"))
         world.run(LENGTH)
         self._check()
@@ -506,8 +515,12 @@ class CrashStory:
     def _power_cycle(self) -> None:
         name = self.chance.choice(["cart-1", "cart-2"])
         self._deed(f"power cycle {name}")
-        self.judge.stopped.pop(name, None)
-        self.realm.controllers[name].power_cycle()
+        self._cycle(name)
+
+    def _cycle(self, cart: str) -> None:
+        self.judge.stopped.pop(cart, None)
+        self.judge.amnesia = True
+        self.realm.controllers[cart].power_cycle()
 
     def _kill_two(self) -> None:
         host, cart = self._host(), self.chance.choice(["cart-1", "cart-2"])
@@ -515,8 +528,7 @@ class CrashStory:
         self.realm.processes[host].kill()
         self._kill_proxy()
         if self.chance.random() < 0.5:
-            self.realm.controllers[cart].power_cycle()
-            self.judge.stopped.pop(cart, None)
+            self._cycle(cart)
 
     # -- the laws ---------------------------------------------------------------------------------
 

@@ -48,9 +48,12 @@ class Shadow:
     def __init__(self, state: RobotState) -> None:
         self.first = encode_state(state)
         self.events: list[tuple[float, CoreEvent]] = []
+        self.count = 0
+        """Events that the journal has."""
         self.acknowledged = self.synced = -1
         """Events that must outlive the process, and the power; -1: not even the robot must."""
-        self.gone = False
+        self.gone = self.gone_for_good = False
+        """Whether it was deleted, and whether it must not be found again after the end of the process."""
 
     def states(self, least: int) -> list[bytes]:
         """Return the states that may be found: after so many events at least."""
@@ -88,6 +91,8 @@ class Keep:
             if key not in states:
                 if least >= 0 and not shadow.gone:
                     wrong.append(f"{key} is lost")
+            elif shadow.gone_for_good and not self.lost_power:
+                wrong.append(f"{key} is back, and was deleted")
             elif least >= 0 and encode_state(states[key].state) not in shadow.states(least):
                 wrong.append(
                     f"{key} is found in another state than any that it had since it was acknowledged"
@@ -103,9 +108,12 @@ class WatchedJournal(HostJournal):
         super().__init__(keep.folder, clocks, boot=f"boot {keep.boots}", disk=disk)
 
     def append(self, robot: str, now: float, event: CoreEvent) -> int:
+        shadow = self._keep.shadows.get(robot) if robot in self._numbers else None
+        if shadow is not None:
+            shadow.events.append((now, event))
         number = super().append(robot, now, event)
-        if robot in self._numbers:
-            self._keep.shadows[robot].events.append((now, event))
+        if shadow is not None:
+            shadow.count += 1
         self._moment("after event")
         return number
 
@@ -140,17 +148,21 @@ class WatchedJournal(HostJournal):
         super().sync()
         self._acknowledge(marks, synced=True)
 
-    def _marks(self) -> list[tuple[Shadow, int]]:
-        shadows = self._keep.shadows
-        return [(shadows[key], len(shadows[key].events)) for key in self._numbers if key in shadows]
+    def _clear(self) -> None:
+        for shadow in self._keep.shadows.values():  # a full disk keeps nothing, and says so
+            shadow.acknowledged, shadow.synced, shadow.gone_for_good = -1, -1, False
+        super()._clear()
 
-    def _acknowledge(self, marks: list[tuple[Shadow, int]], *, synced: bool = False) -> None:
+    def _marks(self) -> list[tuple[Shadow, int, bool]]:
+        shadows = self._keep.shadows
+        return [(shadow, shadow.count, shadow.gone) for shadow in shadows.values()]
+
+    def _acknowledge(self, marks: list[tuple[Shadow, int, bool]], *, synced: bool = False) -> None:
         if self.suspended or self._sealed:
-            for shadow in self._keep.shadows.values():
-                shadow.acknowledged = shadow.synced = -1
             return
-        for shadow, count in marks:
+        for shadow, count, gone in marks:
             shadow.acknowledged = max(shadow.acknowledged, count)
+            shadow.gone_for_good = gone
             if synced:
                 shadow.synced = max(shadow.synced, count)
 
