@@ -271,7 +271,7 @@ class KeepingRealm(Realm):
             await self._be_host(process, keep, disk, moment)
         except (OSError, VrError) as error:  # the command line prints it, and ends
             self.world.note(process.name, "cannot start", f"{type(error).__name__}: {error}")
-            if keep.medium.room == inf and not keep.medium.broken:
+            if process.alive and keep.medium.room == inf and not keep.medium.broken:
                 self.complain(f"{process.name} cannot start: {type(error).__name__}: {error}")
 
     async def _be_host(

@@ -7,7 +7,9 @@ from collections.abc import Generator
 from typing import Any
 
 from robotree.vr.agents.callers import Callers
+from robotree.vr.agents.outside import OutsideCalls
 from robotree.vr.base.presence import Presence
+from robotree.vr.journal.journal import HostJournal
 from robotree.vr.network.link import PeerLink
 from robotree.vr.network.mesh import Mesh
 from robotree.vr.network.readers import Readers
@@ -25,6 +27,10 @@ LOCKS: dict[str, tuple[type, str]] = {
     "interruptions of a worker": (Worker, "guard"),
     "the work of a serial worker": (SerialWorker, "_lock"),
     "the callers of a robot": (Callers, "_lock"),
+    "calls that wait for a host": (OutsideCalls, "_lock"),
+    "what a journal was told": (HostJournal, "_lock"),
+    "the file of a journal": (HostJournal, "_writing"),
+    "the syncs of a journal": (HostJournal, "_syncing"),
     "the log of a robot": (Log, "_lock"),
     "the queues of a connection": (PeerLink, "_lock"),
     "the peers of a mesh": (Mesh, "_lock"),

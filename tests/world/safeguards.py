@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Generator
+import os
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+import robotree.vr.agents.run
+import robotree.vr.journal.recovery
+import robotree.vr.journal.segments
 import robotree.vr.network.mesh
 import robotree.vr.network.realms
 import robotree.vr.running.child_call
+from robotree.files import opened_own, private_folder
 from robotree.protocol.messages import Goal, GoalCancel, SetMode, Verb
 from robotree.protocol.services.claim_server import ClaimServer
 from robotree.protocol.services.fence import Fence
@@ -20,17 +26,25 @@ from robotree.proxy.desired_mode import DesiredMode
 from robotree.proxy.guard import EpochCheck
 from robotree.sim.firmware.watchdog import Watchdog
 from robotree.vr.agents.callers import Callers
+from robotree.vr.agents.outside import OutsideCaller, OutsideCalls
 from robotree.vr.agents.stops import Stops
 from robotree.vr.base.envelope import Received
-from robotree.vr.base.requests import Call
+from robotree.vr.base.errors import DamagedJournal, NotInControl
+from robotree.vr.base.requests import Accepted, Call, Raised, Returned, encode
+from robotree.vr.core import events as on
 from robotree.vr.core.bonds import GrantedLease, HeldLease
 from robotree.vr.core.machine import Calls, RobotCore
 from robotree.vr.core.stop import Stop
+from robotree.vr.journal.journal import HostJournal
+from robotree.vr.journal.segments import HEAD, OSDisk, Segments
 from robotree.vr.network.door import Door
 from robotree.vr.network.link import LinkFrame, PeerLink
 from robotree.vr.network.mesh import Mesh
 from robotree.vr.network.readers import Readers
 from robotree.vr.network.rendezvous import Rendezvous
+from robotree.vr.running.child_call import ChildCall
+from robotree.vr.running.replay import Replay
+from robotree.vr.running.robot_runtime import RobotRuntime
 from robotree.vr.supervision.releases import Releases
 from tests.world import locks
 from tests.world.locks import LOCKS
@@ -96,7 +110,141 @@ def _every_goal_is_new(
     return _receive(self, message, peer, now)
 
 
+_renew, _frames, _segments_begin = GrantedLease.renew, robotree.vr.journal.segments._frames, Segments.begin
+_settle, _recall = ChildCall.settle, Replay.take
+
+
+def _wherever_it_is(self: GrantedLease, *values: Any, **named: Any) -> Any:
+    return _renew(self, *values, **{**named, "is_there": True})
+
+
+def _only_the_holder(self: GrantedLease, held: Any, parent: Any, principal: Any) -> None:
+    if parent == held.parent and principal != held.principal:
+        raise NotInControl(robot=self.robot, holder=held.parent.name, slot=held.slot)
+
+
+def _all_that_run(self: RobotRuntime) -> None:
+    running = self.look(lambda state: [call.key for call in state.calls.live.values() if call.running])
+    self.post(on.Restored(calls=tuple(running)))
+
+
+def _accept_without_a_promise(self: OutsideCaller) -> None:
+    if not self._accepted and not self.over:
+        self._accepted = True
+        self._respond(encode(Accepted(key=self._call.key)))
+
+
+def _whole_frames(data: bytes, path: str) -> Iterator[bytes]:
+    read = 0
+    for frame in _frames(data, path):
+        read += HEAD.size + len(frame)
+        yield frame
+    if read < len(data):
+        raise DamagedJournal(path=path, at=read, detail="the end of the file is missing")
+
+
+def _unchecked_frames(data: bytes, _path: str) -> Iterator[bytes]:
+    at = 0
+    while at + HEAD.size <= len(data):
+        length = HEAD.unpack_from(data, at)[0]
+        at += HEAD.size + length
+        yield data[at - length : at]
+
+
+def _lock_nothing(_: OSDisk, folder: Path) -> int:
+    private_folder(folder)
+    return opened_own(folder / "lock", os.O_CREAT | os.O_RDWR)
+
+
+def _sync_no_names(self: Segments) -> None:
+    self._disk.sync(self._open)
+
+
+def _begin_without_the_old(self: Segments) -> None:
+    _segments_begin(self)
+    self.drop_older()
+
+
+def _clear_what_can_be(self: Segments) -> None:
+    self._close()
+    for number in self._numbers:
+        with contextlib.suppress(OSError):
+            self._disk.unlink(self._path(number))
+    self._numbers = []
+
+
+def _give_back_first(self: ChildCall, reply: Returned | Raised) -> None:
+    for leave in self._leave:
+        leave()
+    self._leave = ()
+    self.frame.worker.process.runner.runner.preempt()  # type: ignore[attr-defined] # of the World
+    _settle(self, reply)
+
+
+def _whatever_it_is(self: Replay, path: str, kind: str, content: Any, number: int) -> Any:
+    step = self._kept.get(path)
+    same = step is not None and step.kind == kind
+    return _recall(self, path, kind, None if same else content, number)
+
+
 SAFEGUARDS = {
+    "what is not written does not leave a host": (
+        Safeguard(robotree.vr.agents.run, "Outlet", lambda transport, _: transport),
+    ),
+    "one host writes a log": (Safeguard(OSDisk, "lock", _lock_nothing),),
+    "a record counts if it fits its checksum": (
+        Safeguard(robotree.vr.journal.segments, "_frames", _unchecked_frames),
+    ),
+    "a record that was cut short is left out": (
+        Safeguard(robotree.vr.journal.segments, "_frames", _whole_frames),
+    ),
+    "a loss of power may tear what was not synced": (
+        Safeguard(HostJournal, "_may_have_lost_power", lambda _: False),
+    ),
+    "the names of the files of a log are synced": (Safeguard(Segments, "sync", _sync_no_names),),
+    "older files of a log stay until the newest is whole": (
+        Safeguard(Segments, "begin", _begin_without_the_old),
+    ),
+    "what adds up is synced before it is asked for": (
+        Safeguard(robotree.vr.agents.run.HostJournal, "sync", lambda _: None),
+    ),
+    "a log that takes nothing more is removed": (Safeguard(HostJournal, "_clear", lambda _: None),),
+    "a host whose log can neither be written nor removed ends": (
+        Safeguard(Segments, "clear", _clear_what_can_be),
+    ),
+    "that a robot was deleted is written down": (Safeguard(HostJournal, "gone", lambda *_: None),),
+    "a call's number is given back when its result is kept": (
+        Safeguard(ChildCall, "settle", _give_back_first),
+    ),
+    "each life of a host counts its calls anew": (
+        Safeguard(RobotRuntime, "_life", property(lambda _: "", lambda *_: None)),
+    ),
+    "a page that takes another step than before is ended": (Safeguard(Replay, "take", _whatever_it_is),),
+    "moments that were kept are moved to the present clock": (
+        Safeguard(HostJournal, "shift", property(lambda _: 0.0)),
+    ),
+    "a child waits for a parent that is away": (Safeguard(GrantedLease, "wait_for", lambda *_: False),),
+    "the next process of a parent that is away is its heir": (
+        Safeguard(GrantedLease, "_expect_holder", _only_the_holder),
+    ),
+    "what a process asked before its end keeps no heir away": (
+        Safeguard(GrantedLease, "renew", _wherever_it_is),
+    ),
+    "who has called waits for a robot that comes back": (
+        Safeguard(OutsideCaller, "accept", _accept_without_a_promise),
+    ),
+    "a restored robot begins again what its process left, and nothing else": (
+        Safeguard(RobotRuntime, "begin_again", _all_that_run),
+    ),
+    "calls wait until all robots of a host are back": (
+        Safeguard(OutsideCalls, "_has_to_wait", lambda *_: False),
+    ),
+    "nobody waits for a child that an ended process has asked": (
+        Safeguard(robotree.vr.journal.recovery, "_forget_questions", lambda _: None),
+    ),
+    "a child that was begun once is not begun by another life of it": (
+        Safeguard(Replay, "given_to", lambda *_: ""),
+    ),
     "a child refuses a call under another lease than the one in force": (
         Safeguard(GrantedLease, "check", lambda *_: None),
     ),
@@ -168,7 +316,10 @@ def without(safeguard: str) -> Generator[None]:
         return
     with contextlib.ExitStack() as stack:
         for one in SAFEGUARDS[safeguard]:
-            before = getattr(one.place, one.name)
+            before = vars(one.place).get(one.name)
             setattr(one.place, one.name, one.without)
-            stack.callback(setattr, one.place, one.name, before)
+            if before is None:  # its instances have it
+                stack.callback(delattr, one.place, one.name)
+            else:
+                stack.callback(setattr, one.place, one.name, before)
         yield

@@ -9,14 +9,19 @@ import asyncio
 from collections import Counter
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any, cast
 
-from robotree.vr.agents import callers
+import msgspec
+
+from robotree.vr.agents import callers, outside
 from robotree.vr.agents.callers import Callers
+from robotree.vr.agents.outside import OutsideCalls
 from robotree.vr.author.robot import Robot
 from robotree.vr.base import presence
 from robotree.vr.base.address import Address
+from robotree.vr.base.errors import DamagedJournal
 from robotree.vr.base.os_files import AT_ONCE
 from robotree.vr.base.presence import Presence
 from robotree.vr.base.principal import Credentials
@@ -25,6 +30,10 @@ from robotree.vr.core.bonds import GrantedLease, Slots
 from robotree.vr.core.events import CoreEffect, CoreEvent
 from robotree.vr.core.machine import Calls, RobotCore, RobotState
 from robotree.vr.core.stop import Stop
+from robotree.vr.journal import journal
+from robotree.vr.journal.journal import HostJournal
+from robotree.vr.journal.records import Happened, KeptPage, LogRecord, decoder
+from robotree.vr.journal.segments import Segments
 from robotree.vr.network import mesh, readers, refusals, rendezvous
 from robotree.vr.network.mesh import Mesh
 from robotree.vr.network.readers import Readers, Sockets, What
@@ -37,6 +46,7 @@ from robotree.vr.running.log import Log
 from robotree.vr.running.process import Process, Worker
 from robotree.vr.running.robot_runtime import RobotRuntime
 from robotree.vr.running.serial_worker import SerialWorker
+from robotree.vr.world.disk import LogClocks, Medium, MemoryDisk
 from robotree.vr.world.machine import Machine
 from robotree.vr.world.machine_world import ROOT
 from robotree.vr.world.virtual_runner import VirtualProcess, VirtualRunner, virtual_runner
@@ -58,6 +68,10 @@ class Stage:
         self.runner = runner
         self.process = VirtualProcess(runner, "process")
         self.system = Machine(runner, seed).boot(self.process)
+
+    def pass_by(self, _: str) -> None:
+        """Come to a point, as an operation of a disk does."""
+        self.runner.point()
 
     def start(self, work: Callable[[int], None]) -> None:
         """Have each thread do something, with its number."""
@@ -357,6 +371,69 @@ def _robot(stage: Stage) -> Law:
     return lambda: book.written == book.handled and len(book.written) == 3 * THREADS
 
 
+def _journal(stage: Stage) -> Law:
+    """What was appended is in the log, once and in its order; a sync keeps all that was before it."""
+    medium, folder = Medium(), Path("/keep/a")
+    address = Address("robot", "a", "1")
+    lease = GrantedLease.free("a", unix=0.0)
+    state = RobotState(
+        address=address, home="host", lease=lease, slots=Slots("a"), calls=Calls(), stop=Stop()
+    )
+    kept = HostJournal(folder, LogClocks(stage.process), disk=MemoryDisk(medium, moment=stage.pass_by))
+    synced: list[int] = []
+
+    def begin() -> None:
+        kept.begin()
+        kept.made(address.key, "a", KeptPage("", ""), lambda query: query(state))
+        stage.start(work)
+
+    def work(number: int) -> None:
+        for turn in range(3):
+            kept.append(address.key, 0.0, on.Set(values={f"{number}": turn}))
+            before = kept._appended
+            (kept.sync, kept.barrier)[(number + turn) % 2]()
+            if (number + turn) % 2 == 0:
+                synced.append(kept._synced - before)
+
+    def law() -> bool:
+        medium.locks.clear()
+        events = [record.event for record in _records(folder, medium) if isinstance(record, Happened)]
+        turns = [[event.values[f"{n}"] for event in events if f"{n}" in event.values] for n in range(THREADS)]
+        return turns == [[0, 1, 2]] * THREADS and all(ahead >= 0 for ahead in synced)
+
+    stage.process.spawn(begin, "begin")
+    return law
+
+
+def _records(folder: Path, medium: Medium) -> list[LogRecord]:
+    """Return what a log says; nothing, if it cannot be read."""
+    frames = Segments(folder, MemoryDisk(medium)).frames()
+    try:
+        return [record for frame in frames for record in decoder.decode(frame)]
+    except (msgspec.DecodeError, DamagedJournal):
+        return []
+
+
+def _outside_calls(stage: Stage) -> Law:
+    """Calls that come while a host goes on are all begun, each once."""
+    runtime = SimpleNamespace(process=Process[Any](stage.process), robot=Robot("a"))
+    calls = OutsideCalls(
+        cast("Any", runtime), is_open=lambda: True, attend=lambda _caller, _key: None, waits=True
+    )
+    begun: list[int] = []
+
+    def work(number: int) -> None:
+        if number == 0:
+            calls.go_on()
+        else:
+            call = partial(begun.append, number)
+            if not calls._has_to_wait(call):
+                call()
+
+    stage.start(work)
+    return lambda: sorted(begun) == list(range(1, THREADS))
+
+
 SCENES: dict[str, tuple[Callable[[Stage], Law], ModuleType]] = {
     "presence": (_presence, presence),
     "refusals": (_refusals, refusals),
@@ -369,6 +446,8 @@ SCENES: dict[str, tuple[Callable[[Stage], Law], ModuleType]] = {
     "mesh": (_mesh, mesh),
     "readers": (_readers, readers),
     "robot": (_robot, robot_runtime),
+    "journal": (_journal, journal),
+    "calls that wait": (_outside_calls, outside),
 }
 """Each scene, and the module before whose statements threads lose the processor."""
 

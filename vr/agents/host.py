@@ -10,7 +10,7 @@ import asyncio
 import contextlib
 import logging
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
@@ -184,13 +184,11 @@ class Host:
         for kept, agent in made:
             journal.made(kept.key, kept.name, kept.page, agent.runtime.look)
         journal.begin()
-        self._acquaint([agent for _, agent in made])
         back: list[RobotAgent] = []
         for kept, agent in made:
             try:
                 await self._settle(agent)
             except VrError as error:
-                self._process.robots.pop(agent.address, None)
                 journal.gone(kept.key)
                 _log.error("%s is not back: %s", kept.name, error)
             else:
@@ -198,10 +196,6 @@ class Host:
         await asyncio.gather(*(agent.take_back() for agent in back))
         for agent in back:
             agent.go_on()
-
-    def _acquaint(self, agents: Iterable[RobotAgent]) -> None:
-        """Have restored robots know each other before the first of them can be called by others."""
-        self._process.robots.update((agent.address, agent.runtime) for agent in agents)
 
     async def _made_again(self, kept: KeptRobot) -> RobotAgent | None:
         """Make a robot of the page that was kept, with its state; None: that page cannot be used."""
