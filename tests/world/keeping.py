@@ -21,6 +21,7 @@ from robotree.vr.journal.recovery import KeptRobot
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.running.process import Process
 from robotree.vr.world.disk import LogClocks, Medium, MemoryDisk
+from robotree.vr.world.virtual_runner import VirtualProcess
 from robotree.vr.world.world import SimulatedProcess, World
 from tests.world.realm import Realm
 
@@ -168,18 +169,22 @@ class WatchedJournal(HostJournal):
 
 
 class Door:
-    """A transport with moments around what leaves by it."""
+    """A transport with moments around what leaves by it. What comes by it is its process's turn."""
 
-    def __init__(self, transport: Any, moment: Callable[[str], Any]) -> None:
-        self._transport, self._moment = transport, moment
+    def __init__(self, transport: Any, process: VirtualProcess, moment: Callable[[str], Any]) -> None:
+        self._transport, self._process, self._moment = transport, process, moment
         self.presence, self.identity = transport.presence, transport.identity
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._transport, name)
 
-    def ask(self, *values: Any, **options: Any) -> None:
+    def ask(self, *values: Any, on_reply: Callable[[Any], None], **options: Any) -> None:
+        def hear(reply: Any) -> None:
+            self._process.runner.turning = self._process
+            on_reply(reply)
+
         self._moment("before send")
-        self._transport.ask(*values, **options)
+        self._transport.ask(*values, on_reply=hear, **options)
         self._moment("after send")
 
     def publish(self, *values: Any) -> None:
@@ -199,6 +204,7 @@ class Door:
 
             return sends
 
+        self._process.runner.turning = self._process
         incoming.reply, incoming.end = at_moments(incoming.reply), at_moments(incoming.end)
         return incoming
 
@@ -289,7 +295,7 @@ class KeepingRealm(Realm):
         keep.shadows.clear()
         keep.lost_power = keep.replaced = False
         home: Process[Any] = Process(process.runner, journal, self.world.core)
-        door: Any = Door(process.transport, moment)
+        door: Any = Door(process.transport, process.runner, moment)
         transport = kept_by(journal, home, door, RETURNS)
         host = WatchedHost(
             transport,

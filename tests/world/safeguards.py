@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import robotree.vr.agents.run
 import robotree.vr.journal.recovery
 import robotree.vr.journal.segments
 import robotree.vr.network.mesh
@@ -26,6 +25,7 @@ from robotree.proxy.desired_mode import DesiredMode
 from robotree.proxy.guard import EpochCheck
 from robotree.sim.firmware.watchdog import Watchdog
 from robotree.vr.agents.callers import Callers
+from robotree.vr.agents.host import Host
 from robotree.vr.agents.outside import OutsideCaller, OutsideCalls
 from robotree.vr.agents.stops import Stops
 from robotree.vr.base.envelope import Received
@@ -36,6 +36,7 @@ from robotree.vr.core.bonds import GrantedLease, HeldLease
 from robotree.vr.core.machine import Calls, RobotCore
 from robotree.vr.core.stop import Stop
 from robotree.vr.journal.journal import HostJournal
+from robotree.vr.journal.outlet import Outlet
 from robotree.vr.journal.segments import HEAD, OSDisk, Segments
 from robotree.vr.network.door import Door
 from robotree.vr.network.link import LinkFrame, PeerLink
@@ -111,7 +112,7 @@ def _every_goal_is_new(
 
 
 _renew, _frames, _segments_begin = GrantedLease.renew, robotree.vr.journal.segments._frames, Segments.begin
-_settle, _recall = ChildCall.settle, Replay.take
+_settle, _recall, _outlet = ChildCall.settle, Replay.take, Outlet.__init__
 
 
 def _wherever_it_is(self: GrantedLease, *values: Any, **named: Any) -> Any:
@@ -177,7 +178,6 @@ def _give_back_first(self: ChildCall, reply: Returned | Raised) -> None:
     for leave in self._leave:
         leave()
     self._leave = ()
-    self.frame.worker.process.runner.runner.preempt()  # type: ignore[attr-defined] # of the World
     _settle(self, reply)
 
 
@@ -189,7 +189,7 @@ def _whatever_it_is(self: Replay, path: str, kind: str, content: Any, number: in
 
 SAFEGUARDS = {
     "what is not written does not leave a host": (
-        Safeguard(robotree.vr.agents.run, "Outlet", lambda transport, _: transport),
+        Safeguard(Outlet, "__init__", lambda self, transport, _: _outlet(self, transport, lambda: None)),
     ),
     "one host writes a log": (Safeguard(OSDisk, "lock", _lock_nothing),),
     "a record counts if it fits its checksum": (
@@ -205,9 +205,7 @@ SAFEGUARDS = {
     "older files of a log stay until the newest is whole": (
         Safeguard(Segments, "begin", _begin_without_the_old),
     ),
-    "what adds up is synced before it is asked for": (
-        Safeguard(robotree.vr.agents.run.HostJournal, "sync", lambda _: None),
-    ),
+    "what adds up is synced before it is asked for": (Safeguard(HostJournal, "sync", lambda _: None),),
     "a log that takes nothing more is removed": (Safeguard(HostJournal, "_clear", lambda _: None),),
     "a host whose log can neither be written nor removed ends": (
         Safeguard(Segments, "clear", _clear_what_can_be),
@@ -238,6 +236,9 @@ SAFEGUARDS = {
     ),
     "calls wait until all robots of a host are back": (
         Safeguard(OutsideCalls, "_has_to_wait", lambda *_: False),
+    ),
+    "the name of a robot that comes back is given to nobody else": (
+        Safeguard(Host, "_kept_names", lambda _: set[str]()),
     ),
     "nobody waits for a child that an ended process has asked": (
         Safeguard(robotree.vr.journal.recovery, "_forget_questions", lambda _: None),

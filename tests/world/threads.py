@@ -6,6 +6,7 @@ They are for locks that exclude others for moments only: a whole story comes too
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections import Counter
 from collections.abc import Callable
 from functools import partial
@@ -68,6 +69,12 @@ class Stage:
         self.runner = runner
         self.process = VirtualProcess(runner, "process")
         self.system = Machine(runner, seed).boot(self.process)
+        self.undo = contextlib.ExitStack()
+
+    def change(self, module: ModuleType, name: str, value: object) -> None:
+        """Give something of a module another value until the scene ends."""
+        self.undo.callback(setattr, module, name, getattr(module, name))
+        setattr(module, name, value)
 
     def pass_by(self, _: str) -> None:
         """Come to a point, as an operation of a disk does."""
@@ -405,6 +412,30 @@ def _journal(stage: Stage) -> Law:
     return law
 
 
+def _syncs(stage: Stage) -> Law:
+    """A file that is synchronised is not closed meanwhile, though a new one begins whenever there is much."""
+    stage.change(journal, "LONG", 100)
+    kept = HostJournal(Path("/keep/a"), LogClocks(stage.process), disk=MemoryDisk(moment=stage.pass_by))
+    late: list[int] = []
+
+    def begin() -> None:
+        kept.begin()
+        kept.made("robot/a/1", "a", KeptPage("", ""), lambda _: None)
+        kept._numbers["robot/a/1"] = 1
+        stage.start(work)
+
+    def work(_: int) -> None:
+        for _ in range(4):
+            kept.append("robot/a/1", 0.0, on.Set(values={"a": "b" * 60}))
+            own = kept._appended
+            kept.sync()
+            if kept._synced < own:
+                late.append(own)
+
+    stage.process.spawn(begin, "begin")
+    return lambda: not late and not kept.suspended and kept._synced >= 4 * THREADS
+
+
 def _records(folder: Path, medium: Medium) -> list[LogRecord]:
     """Return what a log says; nothing, if it cannot be read."""
     frames = Segments(folder, MemoryDisk(medium)).frames()
@@ -447,6 +478,7 @@ SCENES: dict[str, tuple[Callable[[Stage], Law], ModuleType]] = {
     "readers": (_readers, readers),
     "robot": (_robot, robot_runtime),
     "journal": (_journal, journal),
+    "syncs": (_syncs, journal),
     "calls that wait": (_outside_calls, outside),
 }
 """Each scene, and the module before whose statements threads lose the processor."""
@@ -461,7 +493,8 @@ def play(scene: str, seed: int) -> tuple[str, list[str]]:
         law = begin(stage)
         runner.preemption.share, runner.preemption.starve = 0.3, 0.01
         try:
-            runner.run(LENGTH)
+            with stage.undo:
+                runner.run(LENGTH)
         except Exception as error:  # noqa: BLE001 # a fault of the program, which the seed has found
             broken.append(f"raised: {type(error).__name__}: {error}")
         runner.preemption.share = 0.0

@@ -119,7 +119,7 @@ class Host:
         self._shared = Shared(name)
         self._limit, self._only = limit, only
         self._first: asyncio.Future[RobotAgent] = asyncio.get_running_loop().create_future()
-        self._coming: set[str] = set()
+        self._coming = self._kept_names()
         self._ended: list[RobotAgent] = []
         self._remembered: deque[Remembered] = deque(maxlen=MOST_REMEMBERED)
         self._declared: list[Registration] = []
@@ -165,6 +165,10 @@ class Host:
         self._loaders.shutdown(wait=False, cancel_futures=True)
         self._process.close()
 
+    def _kept_names(self) -> set[str]:
+        """Return the names of the robots that are to come back: nobody else gets them before."""
+        return set() if self._journal is None else {kept.name for kept in self._journal.found.robots}
+
     async def restore(self) -> None:
         """Have the robots of the journal go on where they were when this host ended.
 
@@ -193,6 +197,7 @@ class Host:
                 _log.error("%s is not back: %s", kept.name, error)
             else:
                 back.append(agent)
+        self._coming -= self._kept_names()
         await asyncio.gather(*(agent.take_back() for agent in back))
         for agent in back:
             agent.go_on()

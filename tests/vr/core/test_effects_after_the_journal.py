@@ -230,3 +230,18 @@ async def test_a_command_that_comes_before_a_restored_robot_goes_on_waits_for_th
     after.go_on()
     await call
     assert patient.begun == 1
+
+
+async def test_a_command_that_begins_before_a_restored_robot_goes_on_is_carried_out_once(realm: Any) -> None:
+    """As one that a robot beside it calls, which went on before."""
+    before = await realm.start(Patient("patient"))
+    kept_state = decode_state(encode_state(before.runtime.core.state))
+    realm.kill(before)
+    patient = Patient("patient")
+    after = await realm.start(patient, state=kept_state)
+    after._outside.go_on()
+    call = asyncio.ensure_future(realm.client(after).call("wait", {}))
+    await realm.until(lambda: patient.begun > 0)
+    after.go_on()
+    await call
+    assert patient.begun == 1
