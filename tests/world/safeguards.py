@@ -111,7 +111,7 @@ def _every_goal_is_new(
     return _receive(self, message, peer, now)
 
 
-_renew, _frames, _segments_begin = GrantedLease.renew, robotree.vr.journal.segments._frames, Segments.begin
+_renew, _frames, _segments_begin = GrantedLease.renew, robotree.vr.journal.segments.frames_in, Segments.begin
 _settle, _recall, _outlet = ChildCall.settle, Replay.take, Outlet.__init__
 
 
@@ -193,10 +193,10 @@ SAFEGUARDS = {
     ),
     "one host writes a log": (Safeguard(OSDisk, "lock", _lock_nothing),),
     "a record counts if it fits its checksum": (
-        Safeguard(robotree.vr.journal.segments, "_frames", _unchecked_frames),
+        Safeguard(robotree.vr.journal.segments, "frames_in", _unchecked_frames),
     ),
     "a record that was cut short is left out": (
-        Safeguard(robotree.vr.journal.segments, "_frames", _whole_frames),
+        Safeguard(robotree.vr.journal.segments, "frames_in", _whole_frames),
     ),
     "a loss of power may tear what was not synced": (
         Safeguard(HostJournal, "_may_have_lost_power", lambda _: False),
@@ -244,7 +244,7 @@ SAFEGUARDS = {
         Safeguard(robotree.vr.journal.recovery, "_forget_questions", lambda _: None),
     ),
     "a child that was begun once is not begun by another life of it": (
-        Safeguard(Replay, "given_to", lambda *_: ""),
+        Safeguard(Replay, "intent", lambda *_: None),
     ),
     "a child refuses a call under another lease than the one in force": (
         Safeguard(GrantedLease, "check", lambda *_: None),

@@ -245,3 +245,13 @@ async def test_a_command_that_begins_before_a_restored_robot_goes_on_is_carried_
     after.go_on()
     await call
     assert patient.begun == 1
+
+
+async def test_each_life_of_a_host_numbers_calls_under_a_name_of_its_own(realm: Any) -> None:
+    """A child that remembers numbers of the life before must not take these for them."""
+    lives = [Process(realm.runner), Process(realm.runner)]
+    lives[1].life = 2
+    names = [
+        (await realm.start(Patient(f"p{n}"), process=life)).runtime._life for n, life in enumerate(lives)
+    ]
+    assert names[0] != names[1]

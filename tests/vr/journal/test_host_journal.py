@@ -389,3 +389,15 @@ def test_what_lies_in_the_place_of_an_owner_is_an_error_at_once(
     prepare(tmp_path / "1.owner")
     with pytest.raises(OSError, match=r"it is a (FIFO|symbolic link), not a file"):
         FilePlace(tmp_path).look()
+
+
+def test_a_log_that_can_neither_be_written_nor_removed_ends_its_host() -> None:
+    disk, ends = MemoryDisk(), list[bool]()
+    journal = HostJournal(Path("/h"), Clock(), boot="this", disk=disk)
+    journal.end_process = lambda: ends.append(True)
+    journal.begin()
+    robot = Kept(journal)
+    disk.medium.broken = True
+    robot.call("k")
+    journal.barrier()
+    assert ends == [True]
