@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import inspect
 import math
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping
 from functools import partial, wraps
 from typing import Any, Concatenate, ParamSpec, TypeVar, cast
 
@@ -719,7 +719,7 @@ _SMALL = range(-(2**63), 2**63)
 
 def _kept_look(value: Any) -> on.StepResult:
     if isinstance(value, list):  # of the numbers of the members of a group
-        numbers: list[Any] = [*cast("list[Any]", value)]
+        numbers = list(cast("Iterable[Any]", value))
         plain, value = all(map(_is_plain, numbers)), numbers
     else:
         plain = _is_plain(value)

@@ -12,7 +12,7 @@ from __future__ import annotations
 import contextvars
 import inspect
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from types import FrameType
 from typing import Any, Self, TypeVar, cast
@@ -597,5 +597,5 @@ def _rounded(content: Any) -> Any:
     if isinstance(content, Mapping):
         return {name: _rounded(value) for name, value in cast("Mapping[str, Any]", content).items()}
     if isinstance(content, list):
-        return [_rounded(value) for value in cast("list[Any]", content)]
+        return [_rounded(value) for value in cast("Iterable[Any]", content)]
     return content
