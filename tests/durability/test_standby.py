@@ -41,7 +41,7 @@ def begin(stage: Stage, command: str, **arguments: Any) -> asyncio.Task[Any]:
 async def homes(stage: Stage) -> dict[str, list[str]]:
     """The robots of each host that answers, by name."""
     return {
-        one.address.name: [robot.name for robot in one.robots] for one in await stage.realm_client.hosts()
+        host.address.name: [robot.name for robot in host.robots] for host in await stage.realm_client.hosts()
     }
 
 

@@ -133,7 +133,7 @@ async def test_a_host_whose_robots_would_not_survive_its_end_is_told_once(
         await until(lambda look=look: looks >= look, f"look {look}")  # type: ignore[misc]
         feed.hint()
     await until(
-        lambda: "host host-1: its robots are kept again" in [one.text for one in store.entries], "end"
+        lambda: "host host-1: its robots are kept again" in [entry.text for entry in store.entries], "end"
     )
-    assert [one.text for one in store.entries if trouble in one.text] == [f"host host-1: {trouble}"]
+    assert [entry.text for entry in store.entries if trouble in entry.text] == [f"host host-1: {trouble}"]
     await feed.close()

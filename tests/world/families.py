@@ -31,7 +31,7 @@ def running() -> tuple[ModuleType, ...]:
 
 
 def _modules_of(package: ModuleType) -> list[ModuleType]:
-    names = (one.name for one in pkgutil.iter_modules(package.__path__) if not one.ispkg)
+    names = (module.name for module in pkgutil.iter_modules(package.__path__) if not module.ispkg)
     return [importlib.import_module(f"{package.__name__}.{name}") for name in names]
 
 

@@ -390,7 +390,7 @@ class HostStory:
         for label, latest in self.open.items():
             if latest < self.world.runner.now():
                 self.complain(f"{label} never ends")
-        self.broken += [f"complaint: {one}" for one in self.world.complaints]
+        self.broken += [f"complaint: {complaint}" for complaint in self.world.complaints]
         self.broken += [f"logged: {one}" for one in self.world.logged if "abandoned" not in one]
         if not self.whole:
             self.complain("the realm is not whole again")

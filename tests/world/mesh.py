@@ -198,7 +198,7 @@ class MeshStory:
     def _disturb(self, *members: Member) -> None:
         """Something happens to members; none: to all."""
         now = self.world.runner.now()
-        self._disturbed.update(dict.fromkeys((one.name for one in members), now))
+        self._disturbed.update(dict.fromkeys((member.name for member in members), now))
         if not members:
             self._all_disturbed = now
 
@@ -220,7 +220,9 @@ class MeshStory:
         self.world.runner.at(self.world.runner.now() + seconds, partial(action, *arguments))
 
     def _ready(self) -> list[Member]:
-        return [one for one in self.members.values() if one.ready and not one.process.runner.halted]
+        return [
+            member for member in self.members.values() if member.ready and not member.process.runner.halted
+        ]
 
     # -- what members do --------------------------------------------------------------------------
 
@@ -484,9 +486,9 @@ class MeshStory:
         return [one for one in self._ready() if self._disturbed[one.name] < moment]
 
     def _expect_silent(self, victim: Member, observers: list[Member]) -> None:
-        for one in observers:
-            if victim.key in one.transport.presence.keys("robot/*/*"):
-                self.complain(f"{one.name} takes {victim.name} for awake, which is frozen")
+        for observer in observers:
+            if victim.key in observer.transport.presence.keys("robot/*/*"):
+                self.complain(f"{observer.name} takes {victim.name} for awake, which is frozen")
 
     def _expect_awake(self, victim: Member, observers: list[Member], since: float) -> None:
         """A member that goes on is seen at once."""
@@ -508,8 +510,8 @@ class MeshStory:
             slept = self._all_slept - began  # nobody could mend anything meanwhile
             self._all_disturbed += slept
             self._disturbed = {name: when + slept for name, when in self._disturbed.items()}
-            for one in members:
-                one.process.resume()
+            for member in members:
+                member.process.resume()
 
         self._for(self.chance.uniform(2.0, 4.0), wake)
 
@@ -571,10 +573,10 @@ class MeshStory:
     def _probe(self) -> None:
         """Each asks each, and all publish."""
         members = list(self.members.values())
-        for one in members:
-            self._on_loop(one, self._say(one, one.next("state")))
+        for member in members:
+            self._on_loop(member, self._say(member, member.next("state")))
             for other in members:
-                self._on_loop(one, self._probe_one(one, other))
+                self._on_loop(member, self._probe_one(member, other))
 
     async def _probe_one(self, one: Member, other: Member) -> None:
         before = self.answered
@@ -586,17 +588,17 @@ class MeshStory:
         for text, latest in self.open.items():
             if latest < self.world.runner.now():
                 self.complain(f"request {text} never ends")
-        self.broken += [f"complaint: {one}" for one in self.world.complaints]
+        self.broken += [f"complaint: {complaint}" for complaint in self.world.complaints]
         self.broken += [f"logged: {one}" for one in self.world.logged]
-        members = [one for one in self.members.values() if one.ready]
+        members = [member for member in self.members.values() if member.ready]
         if len(members) < MEMBERS:
             self.complain(f"only {len(members)} members have come back")
             return
         if self.probes != MEMBERS**2:
             self.complain(f"{self.probes} of {MEMBERS**2} last requests were answered")
-        self.broken += network_is_whole([one.process for one in members])
-        for one in members:
-            self._check_member(one)
+        self.broken += network_is_whole([member.process for member in members])
+        for member in members:
+            self._check_member(member)
 
     def _check_member(self, one: Member) -> None:
         there = sorted(key for key, there in one.seen.items() if there)

@@ -31,7 +31,11 @@ class _Pointed(ast.NodeTransformer):
         for block in _BLOCKS if self._inside else ():
             statements = getattr(node, block, None)
             if isinstance(statements, list) and not isinstance(node, ast.ClassDef):
-                setattr(node, block, [each for one in statements for each in (_point_before(one), one)])
+                setattr(
+                    node,
+                    block,
+                    [each for statement in statements for each in (_point_before(statement), statement)],
+                )
         self._inside -= is_function
         return node
 
@@ -57,11 +61,11 @@ def _pointed(module: ModuleType) -> dict[tuple[str, int], CodeType]:
 
 
 def _functions(module: ModuleType) -> Iterator[FunctionType]:
-    for one in vars(module).values():
-        if inspect.isclass(one) and one.__module__ == module.__name__:
-            members: list[Any] = list(vars(one).values())
+    for var in vars(module).values():
+        if inspect.isclass(var) and var.__module__ == module.__name__:
+            members: list[Any] = list(vars(var).values())
         else:
-            members = [one]
+            members = [var]
         for member in members:
             for found in (member, getattr(member, "fget", None), getattr(member, "__func__", None)):
                 if isinstance(found, FunctionType) and found.__module__ == module.__name__:

@@ -51,7 +51,7 @@ class WholeStory(Story):
             self.judge.complain(f"network: {wrong}")
 
     def _machines(self) -> list[MachineProcess]:
-        return [one for one in self.realm.processes.values() if isinstance(one, MachineProcess)]
+        return [process for process in self.realm.processes.values() if isinstance(process, MachineProcess)]
 
     def _as_operator(
         self,

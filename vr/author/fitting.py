@@ -28,7 +28,10 @@ def _reasons(robot: RobotDescription, promises: Iterable[CommandSpec], uses: Ite
         if command is None:
             yield f"has no command {promise.name}; it has: {offered(known, promise.name)}"
         elif command.available:  # of an exposed one nothing is known while its slot is empty
-            yield from (f"has a command {promise.name} that {one}" for one in _differences(command, promise))
+            yield from (
+                f"has a command {promise.name} that {difference}"
+                for difference in _differences(command, promise)
+            )
 
 
 def _differences(command: CommandSpec, promise: CommandSpec) -> Iterator[str]:

@@ -60,7 +60,7 @@ class _Page:
         parameters = [self._parameter(f"{name}{_title(field.name)}", field) for field in ordered]
         if WITHIN not in command.by_name:
             parameters += ["*", f"{WITHIN}: Within = None"]
-        listed = "".join(f"    {one},\n" for one in parameters)
+        listed = "".join(f"    {parameter},\n" for parameter in parameters)
         plain = f"def {command.name}({', '.join(['self', *parameters])})"
         head = f"def {command.name}(\n    self,\n{listed})" if command.parameters else plain
         body = indent(f"{_doc(command.doc)}\nraise NotImplementedError\n", "    ")

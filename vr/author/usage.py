@@ -62,21 +62,23 @@ def _uses(code: CodeType, slots: Collection[str], groups: Collection[str]) -> It
     """Slot by name of the variable that holds its child."""
     before, deep = "", False
     """Slot that has just been loaded, and whether it is a child or still the group."""
-    for one in dis.get_instructions(code):
-        name = str(one.argval)
-        if before and one.opname in _ATTRIBUTES and deep and not name.startswith("_"):
+    for instruction in dis.get_instructions(code):
+        name = str(instruction.argval)
+        if before and instruction.opname in _ATTRIBUTES and deep and not name.startswith("_"):
             yield before, name
             before = ""
-        elif one.opname in _ATTRIBUTES and before in groups and name not in {"items", "keys", "values"}:
+        elif (
+            instruction.opname in _ATTRIBUTES and before in groups and name not in {"items", "keys", "values"}
+        ):
             yield before, name  # of all children of the group
             before = ""
-        elif one.opname in _ATTRIBUTES:
+        elif instruction.opname in _ATTRIBUTES:
             before, deep = (name, name in slots) if name in (*slots, *groups) else ("", False)
-        elif before and one.opname in {"STORE_FAST", "STORE_DEREF"} and deep:
+        elif before and instruction.opname in {"STORE_FAST", "STORE_DEREF"} and deep:
             names[name], before = before, ""
-        elif before and one.opname in _INDEXING | _ITERATION and before in groups:
-            deep = deep or one.opname in {"BINARY_SUBSCR", "BINARY_OP", "FOR_ITER"}
-        elif one.opname in {"LOAD_FAST", "LOAD_DEREF", "LOAD_FAST_BORROW"} and name in names:
+        elif before and instruction.opname in _INDEXING | _ITERATION and before in groups:
+            deep = deep or instruction.opname in {"BINARY_SUBSCR", "BINARY_OP", "FOR_ITER"}
+        elif instruction.opname in {"LOAD_FAST", "LOAD_DEREF", "LOAD_FAST_BORROW"} and name in names:
             before, deep = names[name], True
         else:
             before = ""

@@ -112,7 +112,7 @@ class _Calls:
         spec = _spec(self._page, command.slot, command.name, self._kinds)
         if spec is None:
             return
-        if any(isinstance(one, ast.Starred) for one in values) or any(one.arg is None for one in named):
+        if any(isinstance(value, ast.Starred) for value in values) or any(one.arg is None for one in named):
             return
         label, line = f"{command.slot}.{command.name}", command.node.lineno
         takes = f"it takes: {', '.join(spec.by_name) or 'nothing'}"

@@ -151,7 +151,7 @@ def mark(method: Function) -> str | None:
         call = one if isinstance(one, ast.Call) else ast.Call(one, [], [])
         if last(call.func) == "command":
             effects = (each.value for each in call.keywords if each.arg == "effect")
-            return next((str(one.value) for one in effects if isinstance(one, ast.Constant)), "once")
+            return next((str(effect.value) for effect in effects if isinstance(effect, ast.Constant)), "once")
     return None
 
 

@@ -92,10 +92,10 @@ def _line_in(owner: ast.ClassDef, attribute: str, parameter: str | None) -> int:
     for node in owner.body:
         if isinstance(node, _FUNCTIONS) and node.name == attribute:
             arguments = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
-            named = (one.lineno for one in arguments if one.arg == parameter)
+            named = (argument.lineno for argument in arguments if argument.arg == parameter)
             return next(named, node.lineno)
         if isinstance(node, ast.Assign | ast.AnnAssign):
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
-            if any(isinstance(one, ast.Name) and one.id == attribute for one in targets):
+            if any(isinstance(target, ast.Name) and target.id == attribute for target in targets):
                 return node.lineno
     return owner.lineno

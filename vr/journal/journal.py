@@ -116,12 +116,8 @@ class HostJournal:
             machine_of: makes the machine that takes again what a robot took.
 
         Raises:
-            JournalInUse: another host has it.
-            DamagedJournal: it cannot be read.
-            LostJournal: a part of it is missing.
-            CopiedJournal: it is that of a host of another name.
-            OtherJournal: another version of robotree has written it.
-            JournalUnusable: the folder, or a file in it, cannot be made or read.
+            JournalError: another host has it, it cannot be read, a part of it is missing, or it is that of
+                another host or version; each has its class in `base.errors`.
         """
         self._clocks, self._boot = clocks, boot
         self.found = Recovered(machine_of)
@@ -145,8 +141,7 @@ class HostJournal:
         self._made: dict[str, Made] = {}
         self._looks: dict[str, LookAtState] = {}
         self._offers: dict[str, KeptPage] = {}
-        self._sealed, self._unfit = False, ""
-        self._retry_at = 0.0
+        self._sealed, self._unfit, self._retry_at = False, "", 0.0
         self.suspended = ""
         """Why nothing is kept at the moment; empty: all is."""
         self.end_process: Callable[[], object] = partial(os._exit, os.EX_IOERR)

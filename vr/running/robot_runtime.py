@@ -138,8 +138,7 @@ class RobotRuntime:
         """Its calls that have not ended, by key."""
         self._interrupted = self._interrupted_calls()
         self.describe_child, self.follow_child = describe_child, follow_child
-        self._execute, self._transport, self._obeyed = execute, transport, obeyed
-        self._on_effect = on_effect
+        self._execute, self._transport, self._obeyed, self._on_effect = execute, transport, obeyed, on_effect
         self.on_news: Callable[[], None] = _nothing
         """Called when `has_news` becomes true. In any thread."""
         self._journal, self._runner, self._lock = process.journal, process.runner, process.runner.lock()
@@ -244,7 +243,9 @@ class RobotRuntime:
             What is to be called outside of the lock; None: nothing.
         """
         coming, calls = self._coming, self.core.state.calls
-        if coming is None or (calls.running and not any(_begins(one, calls.running) for one in effects)):
+        if coming is None or (
+            calls.running and not any(_begins(effect, calls.running) for effect in effects)
+        ):
             return None
         (robot, done), self._coming = coming, None
         state = self.core.state

@@ -181,11 +181,11 @@ def _head(program: Program, construct: Form) -> Program:
 def check_head(partners: list[Partner], parameters: list[Parameter], hears: list[Hears], mark: Mark) -> None:
     """Refuse names that the script's robot could not tell apart."""
     seen: set[str] = set()
-    for name in [one.name for one in partners] + [one.name for one in hears]:
+    for name in [partner.name for partner in partners] + [hear.name for hear in hears]:
         if name in seen:
             raise mark.error(f"{name!r} is declared twice")
         seen.add(name)
-    names = [one.name for one in parameters]
+    names = [parameter.name for parameter in parameters]
     if len(names) != len(set(names)):
         raise mark.error("a parameter is declared twice")
 

@@ -142,7 +142,9 @@ class Engine:
         """What a partner reads and takes, as facts, by partner."""
         for partner in program.partners:
             self._seat(partner.name, "")
-        values = {one.name: one.default for one in program.parameters} | dict(parameters or {})
+        values = {parameter.name: parameter.default for parameter in program.parameters} | dict(
+            parameters or {}
+        )
         for name, value in values.items():
             self._memory.begin(PARAMETER, name=into(name), value=into(value))
         for count, fact in enumerate(program.facts):
@@ -317,7 +319,7 @@ class Engine:
         return f"{found.group()} {self._memory.known(int(found.group(1)))}".strip() if found else "*"
 
     def _busiest(self) -> str:
-        last = [one.rule for one in self.firings][-20:]
+        last = [firing.rule for firing in self.firings][-20:]
         names = sorted(set(last))
         return (
             f"{' and '.join(names[:4])} set each other off"
@@ -342,7 +344,7 @@ class Engine:
     def _crowd(self, rule: Rule) -> str:
         """Say which conditions are met by so many facts that their combinations cannot be compared."""
         counts = [line.rpartition(" ")[2] for line in self.matches(rule.name) if line.startswith("Pattern ")]
-        wanted = [one for one in rule.conditions if one.template]
+        wanted = [condition for condition in rule.conditions if condition.template]
         each = [
             f"{count} for {one.template} (line {one.mark.line})"
             for one, count in zip(wanted, counts, strict=False)

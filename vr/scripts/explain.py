@@ -39,7 +39,7 @@ def why(engine: Engine, name: str) -> str:
     rule = engine.program.rule(name)
     if rule is None:
         return unknown_rule(engine.program, name)
-    fired = next((one for one in reversed(engine.firings) if one.rule == name), None)
+    fired = next((firing for firing in reversed(engine.firings) if firing.rule == name), None)
     lines: list[str] = []
     if fired is not None:
         lines.append(f"{name} fired last at happening {fired.number} of {engine.happened}, because of")
@@ -57,24 +57,24 @@ def unknown_rule(program: Program, name: str) -> str:
 
 def _because(fired: Firing, rule: Rule, program: Program) -> list[str]:
     """Return the facts that met the conditions of a rule; for the others, what was not there."""
-    absent = [_words(one, program) for one in rule.conditions if one.negated]
+    absent = [_words(condition, program) for condition in rule.conditions if condition.negated]
     if len(absent) != fired.because.count("*"):
         absent = ["what must not be there is not"] * fired.because.count("*")
     given = iter(absent)
     facts = (one.partition(" ")[2] if one.startswith("f-") else one for one in fired.because)
-    return [next(given) if one == "*" else in_words(one, program) for one in facts if one]
+    return [next(given) if fact == "*" else in_words(fact, program) for fact in facts if fact]
 
 
 def _why_not(engine: Engine, rule: Rule, fired: Firing | None) -> list[str]:
     """Return which conditions of a rule lack which facts, in lines."""
     alone, together = _matched(engine.matches(rule.name))
-    wanted = [one for one in rule.conditions if one.template]
+    wanted = [condition for condition in rule.conditions if condition.template]
     lacks = [
         (one, lack)
         for at, (one, fits) in enumerate(zip(wanted, alone, strict=False))
         if (lack := _lack(engine, one, fits=fits, first=not at))
     ]
-    tests = [one for one in rule.conditions if not one.template]
+    tests = [condition for condition in rule.conditions if not condition.template]
     if len(alone) != len(wanted):  # CLIPS has made several rules of it, or nested conditions
         lacks = [(one, "this, or another condition, is not met") for one in wanted[:1]]
     elif not lacks and not all(together):
@@ -85,7 +85,7 @@ def _why_not(engine: Engine, rule: Rule, fired: Firing | None) -> list[str]:
             lack = _lack(engine, one, fits=one.negated, first=True)
         lacks = [(one, f"{lack}{'; or an `if` is not true' if tests else ''}")]
     elif not lacks and tests and fired is None:
-        lacks = [(one, "this is not true") for one in tests[:1]]
+        lacks = [(test, "this is not true") for test in tests[:1]]
     if not lacks:
         return [f"{rule.name} has fired for all that fits, or waits for its turn"]
     lines = [f"{rule.name} does not fire now:"]

@@ -58,10 +58,10 @@ class _Known:
     def __init__(self, program: Program, kinds: KnownKinds, mark: Mark) -> None:
         """Take what there is to compare with, and the place of what has none of its own."""
         self._program, self._kinds, self._default = program, kinds, mark
-        self._partners = {one.name: one for one in program.partners}
-        waits = [one.rest[0] for rule in program.rules for one in _forms(rule.form) if one.head == "wait"]
-        computed = any(isinstance(one, Form) or one.sort == "variable" for one in waits)
-        self._timers = None if computed else [one.text for one in waits if isinstance(one, Atom)]
+        self._partners = {partner.name: partner for partner in program.partners}
+        waits = [form.rest[0] for rule in program.rules for form in _forms(rule.form) if form.head == "wait"]
+        computed = any(isinstance(wait, Form) or wait.sort == "variable" for wait in waits)
+        self._timers = None if computed else [wait.text for wait in waits if isinstance(wait, Atom)]
 
     def plays(self, partner: str, role: str) -> None:
         """Check that there is such a partner, and perhaps such a role."""
@@ -162,7 +162,11 @@ class _Known:
             if at < len(values) and known is not None:
                 self._argument(spec, name, values[at], known.takes.get(name, ()))
             at += 1
-        if lacks := [one.name for one in spec.parameters if one.required and one.name not in given]:
+        if lacks := [
+            parameter.name
+            for parameter in spec.parameters
+            if parameter.required and parameter.name not in given
+        ]:
             raise self._mark(act).error(f"{spec.name} needs {', '.join(lacks)}")
 
     def _argument(self, spec: CommandSpec, name: str, given: Node, also: tuple[str, ...]) -> None:
@@ -221,11 +225,11 @@ class _Known:
 
 def _given(words: Iterable[str]) -> Iterator[Node]:
     """Return the values of an order in a table: `text="Good day"`, or a value alone."""
-    for one in words:
-        found = _NAMED.match(one)
+    for word in words:
+        found = _NAMED.match(word)
         if found:
             yield Atom("symbol", found.group())
-        yield literal(value_of(Word(one[found.end() :] if found else one, Mark())))
+        yield literal(value_of(Word(word[found.end() :] if found else word, Mark())))
 
 
 def _forms(form: Form) -> Iterator[Form]:

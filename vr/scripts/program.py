@@ -168,7 +168,12 @@ class Program(msgspec.Struct, frozen=True, kw_only=True):
 
     def wanted(self, template: str) -> list[Condition]:
         """Return the conditions of all rules that want a kind of fact."""
-        return [one for rule in self.rules for one in rule.conditions if one.template == template]
+        return [
+            condition
+            for rule in self.rules
+            for condition in rule.conditions
+            if condition.template == template
+        ]
 
     @property
     def listing(self) -> str:

@@ -122,7 +122,7 @@ class ScriptRun:
         self._robot, self._program, self._now = robot, program, activity.now
         self._at = 0.0
         """[s] When the latest happening was taken out."""
-        self._seats = dict.fromkeys((one.name for one in program.partners), "")
+        self._seats = dict.fromkeys((partner.name for partner in program.partners), "")
         self._held: dict[str, str] = {}
         """The partners that are stopped, with the reason."""
         self._readings: dict[str, dict[str, float]] = {}
@@ -220,7 +220,7 @@ class ScriptRun:
             case "released" if partner:
                 self._held.pop(partner, None)
             case "timer" if happening.sender == TIMER:
-                due = next(one for one in self._timers if _is_of(one[1], happening))
+                due = next(timer for timer in self._timers if _is_of(timer[1], happening))
                 self._timers.remove(due)
                 happening = msgspec.structs.replace(happening, sender="script")
             case _:
@@ -309,7 +309,7 @@ class ScriptRun:
             if name != before and bond is not None:
                 found = _changed("found", partner.name, name, name)
                 choices = choices_of(bond.description.commands) if self._wants_choices else []
-                meant = tuple(one for one in choices if is_meant(one[0], self._wants_choices))
+                meant = tuple(choice for choice in choices if is_meant(choice[0], self._wants_choices))
                 return msgspec.structs.replace(found, choices=meant)
             if name and (change := self._change_of_stop(partner.name)) is not None:
                 return change
@@ -460,7 +460,9 @@ class ScriptRun:
                 del self._acts[number]
                 if act.call is not None:
                     act.call.cancel()
-        self._timers = [] if what is None else [one for one in self._timers if one[1].conversation != what]
+        self._timers = (
+            [] if what is None else [timer for timer in self._timers if timer[1].conversation != what]
+        )
 
     def _say(self, text: str) -> None:
         self.last_log = text
@@ -491,7 +493,12 @@ def is_meant(name: str, wanted: frozenset[str]) -> bool:
 
 def choices_of(commands: Iterable[CommandSpec]) -> list[tuple[str, str]]:
     """Return arguments and the values that they take, where these are named: places, things."""
-    found = ((one.name, value) for spec in commands for one in spec.parameters for value in one.choices)
+    found = (
+        (parameter.name, value)
+        for spec in commands
+        for parameter in spec.parameters
+        for value in parameter.choices
+    )
     return [*dict.fromkeys(found)]
 
 
@@ -527,8 +534,8 @@ def unfit(robot: VirtualRobot, slot: str, program: Program) -> str:
     bond = robot.child_slots[slot].bond
     if bond is None:
         return ""
-    known = {one.name for one in bond.description.commands if one.available}
-    lacks = [one for one in partner.needs if one not in known]
+    known = {command.name for command in bond.description.commands if command.available}
+    lacks = [need for need in partner.needs if need not in known]
     if lacks:
         return f"{bond.child.name} has no {', '.join(lacks)}"
     wrong = [

@@ -313,7 +313,10 @@ def _start(program: Program) -> Callable[..., Any]:
     def start(self: Script, **parameters: Scalar) -> str:
         return self.lead(parameters)
 
-    parts = [(one.name, _type(one.default, one.doc), one.default) for one in program.parameters]
+    parts = [
+        (parameter.name, _type(parameter.default, parameter.doc), parameter.default)
+        for parameter in program.parameters
+    ]
     start.__doc__ = "Lead the partners until the script is over; returns what it says at the end."
     return command(_signed(start, "start", parts, str))
 

@@ -46,7 +46,7 @@ def _happening(slots: FactSlots, program: Program) -> tuple[str, FactSlots]:
     """Return what has happened by the names that conditions give it."""
     (act,), sender, args, conversation = slots["act"], slots["from"], slots["args"], slots["conv"]
     kind = "failed" if slots["perf"] == ["failure"] else str(act)
-    heard = next((one for one in program.hears if one.name == kind), None)
+    heard = next((hear for hear in program.hears if hear.name == kind), None)
     told: FactSlots = {}
     if heard is not None:
         told = {name: [one] for (name, _), one in zip(heard.parts, args, strict=False)} | {"from": sender}

@@ -277,10 +277,10 @@ class Rehearsal:
         told = happening(line, mark)
         if self._ended:
             return Played(when=line, orders=(), fired=(), fault=ENDED, mark=mark)
-        heard = next((one for one in self.program.hears if one.name == told.act), None)
+        heard = next((hear for hear in self.program.hears if hear.name == told.act), None)
         special = line.split(maxsplit=1)[0] in HAPPENINGS
         if heard is None and not special and not _wanted(self.program, told.act):
-            hears = [one.name for one in self.program.hears]
+            hears = [hear.name for hear in self.program.hears]
             meant = nearest(told.act, [*hears, *HAPPENINGS])
             raise mark.error(
                 f"the script does not hear {told.act!r}{meant}; it hears: {', '.join(hears) or 'nothing'}"
@@ -309,7 +309,7 @@ class Rehearsal:
             orders = tuple(map(order_line, given))
         except ScriptError as error:
             fault = str(error)
-        fired = tuple(one.rule for one in self.engine.firings if one.number == before)
+        fired = tuple(firing.rule for firing in self.engine.firings if firing.number == before)
         return Played(when=line, orders=orders, fired=fired, fault=fault, mark=mark)
 
 
@@ -331,7 +331,9 @@ def run(
         ScriptError: the rules cannot be built.
     """
     for name in (*trial.missing, *trial.parameters, *trial.roles):
-        known = [one.name for one in program.partners] + [one.name for one in program.parameters]
+        known = [partner.name for partner in program.partners] + [
+            parameter.name for parameter in program.parameters
+        ]
         if name not in known:
             raise trial.mark.error(
                 f"the script has no partner or parameter {name!r}; it has: {', '.join(known)}"

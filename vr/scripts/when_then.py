@@ -105,9 +105,9 @@ def _head(program: Program, root: Entries) -> Program:
     ]
     hears = [_hears(key, given) for key, given in entries(root.get("hears"), "hears", mark)]
     check_head(partners, parameters, hears, mark)
-    for one in hears:
-        if one.name in EVENTS:
-            raise mark.error(f"{one.name!r} cannot be the name of a message: it happens to every script")
+    for hear in hears:
+        if hear.name in EVENTS:
+            raise mark.error(f"{hear.name!r} cannot be the name of a message: it happens to every script")
     start = entries(root.get("start"), "start", mark)
     start.expect(("by", "itself"), "start")
     by = tuple(word(one, "a name", mark).text for one in items(start.get("by"), mark).items)
@@ -352,9 +352,9 @@ class _Rule:
             for name in _plain_variables(node)
         }
         found: list[Node] = []
-        for one in self._program.parameters:
-            if one.name in used - given:
-                name, variable = form("name", plain(one.name)), Atom("variable", f"?{one.name}")
+        for parameter in self._program.parameters:
+            if parameter.name in used - given:
+                name, variable = form("name", plain(parameter.name)), Atom("variable", f"?{parameter.name}")
                 found.append(form(PARAMETER, name, form("value", variable), mark=self._given.mark))
         return found
 
@@ -378,13 +378,15 @@ class _Rule:
         return [pattern]
 
     def _pattern(self, name: Word, given: Written) -> Form:
-        hears = next((one for one in self._program.hears if one.name == name.text), None)
+        hears = next((hear for hear in self._program.hears if hear.name == name.text), None)
         if hears is not None:
             return self._heard(hears, name, given)
         if name.text in EVENTS:
             return self._event(name, given)
         if self._program.template(name.text) is None or name.text == MESSAGE:
-            known = [one.name for one in self._program.templates] + [one.name for one in self._program.hears]
+            known = [template.name for template in self._program.templates] + [
+                hear.name for hear in self._program.hears
+            ]
             meant = nearest(name.text, [*known, *EVENTS, PARTNER, ROLE])
             raise name.mark.error(
                 f"there is no fact or message {name.text!r}{meant}; "
@@ -549,7 +551,12 @@ class _Rule:
         else:
             number = _value(said)
             default = next(
-                (one.default for one in self._program.parameters if said.text == f"${one.name}"), 0
+                (
+                    parameter.default
+                    for parameter in self._program.parameters
+                    if said.text == f"${parameter.name}"
+                ),
+                0,
             )
             literal_text = isinstance(number, Atom) and number.sort != "variable"
             if literal_text or seconds_of(default) is None:

@@ -262,7 +262,7 @@ class RealmKeys:
         authority = self._authority()
 
         def change(known: _Members) -> tuple[_Members, list[Member]]:
-            meant = [one for one in known.members if one.name == name and not one.revoked]
+            meant = [member for member in known.members if member.name == name and not member.revoked]
             rest = {number: one for number, one in known.invitations.items() if one.name != name}
             if not meant and len(rest) == len(known.invitations):
                 raise NoSuchMember(realm=self.realm, name=name)
@@ -270,7 +270,8 @@ class RealmKeys:
                 serials = tuple(one.serial for one in meant)
                 self._believe(authority.revoke(self.trust.revocations, serials))
             members = tuple(
-                msgspec.structs.replace(one, revoked=True) if one in meant else one for one in known.members
+                msgspec.structs.replace(member, revoked=True) if member in meant else member
+                for member in known.members
             )
             return _Members(members, rest), meant
 

@@ -267,8 +267,8 @@ class RealmClient:
         Lookup services remember the one, hosts the other. What several services saw is one line.
         """
         agents = [one for role in _REMEMBERING for one in self.directory.present(role)]
-        asked = (read_history(self._transport, one, timeout=GLANCE) for one in agents)
-        return merged(one for answer in await _all_that_answer(asked) for one in answer.lines)
+        asked = (read_history(self._transport, agent, timeout=GLANCE) for agent in agents)
+        return merged(line for answer in await _all_that_answer(asked) for line in answer.lines)
 
     async def read_events(self, request: ReadEvents) -> Mapping[str, EventsRead]:
         """Ask all hosts what they have kept of a robot or a command; returns the answers by host.

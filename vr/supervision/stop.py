@@ -181,7 +181,7 @@ class StopOrder:
             self._remote = {one.key for one in held if one.key and not self._local(one.key)}
             return [one for one in held if one.key not in self._remote]
         gateways = [] if self._name else [one for one in presence.held(everyone("gateway")) if one.key]
-        places = {one.where for one in gateways}
+        places = {gateway.where for gateway in gateways}
         held = presence.held(self._pattern)
         self._remote = {one.key for one in held if one.key and one.where in places}
         return [*gateways, *(one for one in held if one.where not in places)]

@@ -268,9 +268,9 @@ def people_can_look_into_it(timed: TimedStore) -> None:
     fence = do(timed, timed.store.acquire, "door", "anna", 10.0)
     contents = do(timed, timed.store.contents, "", 9)
     promise(contents.counts == {"Delivery": 1, "Job": 1} and contents.transactions == 1, "it counts by kind")
-    promise([one.entry.fields["number"] for one in contents.entries] == [1, 2], "it lists the entries")
-    promise([one.held for one in contents.entries] == [True, False], "and which are held")
-    promise([one.key for one in contents.entries] == ["k", ""], "and their keys")
+    promise([entry.entry.fields["number"] for entry in contents.entries] == [1, 2], "it lists the entries")
+    promise([entry.held for entry in contents.entries] == [True, False], "and which are held")
+    promise([entry.key for entry in contents.entries] == ["k", ""], "and their keys")
     promise(contents.fences[0].epoch == fence.epoch and contents.fences[0].holder == "anna", "and the fences")
     listed = do(timed, timed.store.contents, "Delivery", 9).entries
     promise([one.entry.kind for one in listed] == ["Delivery"], "of one kind, if that is asked for")

@@ -201,7 +201,10 @@ class SimulatedSystem(Descriptors):
         """See `Files.text`: what Linux shows of listening sockets and of a process."""
         self.machine.call()
         if path == _UNIX_SOCKETS:
-            lines = (f"0: 00000002 00000000 00010000 0001 01 1 {one.path}" for one in self.machine.listeners)
+            lines = (
+                f"0: 00000002 00000000 00010000 0001 01 1 {listener.path}"
+                for listener in self.machine.listeners
+            )
             return "\n".join(["Num RefCount Protocol Flags Type St Inode Path", *lines])
         system = self.machine.systems.get(int(path.parts[2]))
         if system is None:

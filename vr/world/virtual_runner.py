@@ -263,7 +263,7 @@ class VirtualRunner:
         """Note that the action of a timer was called off; it has an attribute `_cancelled` that says so."""
         self.discarded += 1
         if self.discarded > MOST_DISCARDED and 2 * self.discarded > len(self._timers):
-            self._timers[:] = [one for one in self._timers if not getattr(one[2], "_cancelled", False)]
+            self._timers[:] = [timer for timer in self._timers if not getattr(timer[2], "_cancelled", False)]
             heapify(self._timers)
             self.discarded = 0
 

@@ -206,7 +206,7 @@ class Story:
                 if self.acts and self.acts[0].conversation == who:
                     self.carry_out(self.acts[0])
                 self.acts = [act for act in self.acts if act.conversation != who]
-                self.timers = [one for one in self.timers if one[1].conversation != who]
+                self.timers = [timer for timer in self.timers if timer[1].conversation != who]
             case _:
                 pass
 

@@ -105,7 +105,7 @@ async def test_a_rover_that_comes_back_has_its_old_index(realm: Realm) -> None:
     await typed(realm, "enslave team.rovers rover-1 rover-2 rover-3")
     for agent in (first, second):
         realm.kill(agent)
-    await realm.until(lambda: sum(one.child is None for one in boss.description().slots) == 3)
+    await realm.until(lambda: sum(slot.child is None for slot in boss.description().slots) == 3)
     await realm.start(Rover("rover-2"))
     await typed(realm, "enslave team.rovers rover-2")
     assert await realm.client(boss).call("who", {}) == "1:rover-2 2:rover-3"

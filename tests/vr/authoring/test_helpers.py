@@ -123,7 +123,7 @@ def test_robots_that_go_take_their_modules_and_files_along(tmp_path: Path) -> No
     del robot
     gc.collect()
     assert not folder.exists()
-    assert not [one for one in sys.modules if one.startswith(name)]
+    assert not [module for module in sys.modules if module.startswith(name)]
 
 
 def test_a_process_that_ends_leaves_no_files_behind(tmp_path: Path) -> None:

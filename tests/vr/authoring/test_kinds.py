@@ -51,8 +51,8 @@ class Picker(VirtualRobot):
     def pick(self) -> None:
         self.arm.go_to(x=0.1, y=0, z=0, twist=0)
         self.arms[1].grip.start(action="open")
-        for one in self.arms:
-            one.hold()
+        for arm in self.arms:
+            arm.hold()
         helper = lambda: self.arm.grip(action="close")  # noqa: E731 # what is nested counts, too
         helper()
 

@@ -36,7 +36,10 @@ def said_by_a_host(page: Path) -> list[str]:
 
 
 def found_by_check(bundle: Bundle) -> list[str]:
-    return [f"line {one.line}: {one.what}: {one.instead}" for one in findings(bundle, known_kinds())]
+    return [
+        f"line {finding.line}: {finding.what}: {finding.instead}"
+        for finding in findings(bundle, known_kinds())
+    ]
 
 
 def test_there_are_at_least_twenty_silly_pages() -> None:

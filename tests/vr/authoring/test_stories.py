@@ -93,7 +93,11 @@ Metres = Annotated[float, Unit("m"), Range(0, 1)]
 def test_a_story_that_is_told_elsewhere_is_told(story: str) -> None:
     file, _, name = TOLD_ELSEWHERE[story].partition("::")
     functions = ast.walk(ast.parse((ROOT / file).read_text()))
-    assert name in {one.name for one in functions if isinstance(one, ast.FunctionDef | ast.AsyncFunctionDef)}
+    assert name in {
+        function.name
+        for function in functions
+        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef)
+    }
 
 
 # -- an optional child -----------------------------------------------------------------------------

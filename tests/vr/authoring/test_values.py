@@ -308,7 +308,7 @@ def test_forms_and_help_show_how_a_value_is_written() -> None:
     assert (
         wording.signature(stroke) == "stroke(heights: [m, …], start: (m, m) = 0, 0, hand: open|closed = open)"
     )
-    assert [entry.first_text(one, {}) for one in stroke.parameters] == ["", "[0.0, 0.0]", "open"]
+    assert [entry.first_text(parameter, {}) for parameter in stroke.parameters] == ["", "[0.0, 0.0]", "open"]
     assert entry.hints(stroke.parameters[1], {}) == ["(m, m)", "default 0, 0"]
 
 

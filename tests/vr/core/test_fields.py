@@ -119,7 +119,7 @@ async def test_a_setting_is_changed_while_a_command_runs(realm: Realm) -> None:
     assert await picking == 0.2
     spec = (await client.describe()).command("set")
     assert spec is not None
-    assert [(one.name, one.default, one.unit) for one in spec.parameters] == [
+    assert [(parameter.name, parameter.default, parameter.unit) for parameter in spec.parameters] == [
         ("speed", 0.2, "m/s"),
         ("side", "left", ""),
         ("label", "", ""),
@@ -246,7 +246,7 @@ async def test_an_enum_is_set_from_outside_and_shown_as_a_choice(realm: Realm) -
     await client.call("set", {"side": "right", "home": "50 cm, 10 cm"})
     spec = (await client.describe()).command("set")
     assert spec is not None
-    assert [(one.name, one.choices, one.default) for one in spec.parameters[:3]] == [
+    assert [(parameter.name, parameter.choices, parameter.default) for parameter in spec.parameters[:3]] == [
         ("side", ("left", "right"), "right"),
         ("other", ("left", "right"), None),
         ("home", (), [0.5, 0.1]),

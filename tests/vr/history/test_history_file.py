@@ -94,7 +94,7 @@ def test_the_last_motion_of_a_robot_comes_with_all_that_led_to_it(tmp_path: Path
     file.append([called("a", "team"), called("a/1", "arm"), called("b", "team"), called("b/2/1", "arm")])
     file.append([called("c", "team")])
     found = file.read(ReadEvents(robot="arm", last=True))
-    assert [one.event.key for one in found.events] == ["b", "b/2/1"]
+    assert [event.event.key for event in found.events] == ["b", "b/2/1"]
     assert file.read(ReadEvents(robot="leg", last=True)).events == ()
     file.close()
 
@@ -102,7 +102,7 @@ def test_the_last_motion_of_a_robot_comes_with_all_that_led_to_it(tmp_path: Path
 def test_of_more_events_than_asked_for_the_latest_come_and_the_rest_is_named(path: Path) -> None:
     file = HistoryFile(path)
     found = file.read(ReadEvents(robot="arm", most=3, since=105.0))
-    assert [one.event.key for one in found.events] == ["k8", "k9", "k10"]
+    assert [event.event.key for event in found.events] == ["k8", "k9", "k10"]
     assert found.more
     file.close()
 

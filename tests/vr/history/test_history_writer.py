@@ -49,7 +49,7 @@ class Robot:
 
 
 def kept(history: HistoryWriter, robot: str = "arm") -> list[HistoryEvent]:
-    return [one.event for one in history.read(ReadEvents(robot=robot), within=20.0).events]
+    return [event.event for event in history.read(ReadEvents(robot=robot), within=20.0).events]
 
 
 @pytest.fixture

@@ -31,7 +31,7 @@ class Watched:
 
     @property
     def texts(self) -> list[str]:
-        return [one.line.text for one in self.chronicle.lines]
+        return [line.line.text for line in self.chronicle.lines]
 
 
 def test_a_death_and_a_hang_are_told_apart_with_the_process() -> None:
@@ -50,7 +50,7 @@ def test_a_death_and_a_hang_are_told_apart_with_the_process() -> None:
         "arm-1 (robot, process 7) hangs and does not answer",
         "arm-1 (robot, process 7) answers again",
     ]
-    assert [one.line.level for one in watched.chronicle.lines] == ["info", "error", "info", "error", "info"]
+    assert [line.line.level for line in watched.chronicle.lines] == ["info", "error", "info", "error", "info"]
 
 
 def test_an_agent_that_ends_while_it_hangs_has_died() -> None:
@@ -90,13 +90,13 @@ async def test_the_realm_remembers_by_whom_a_robot_was_created_stopped_and_delet
         texts = [line.text for line in history]
         assert texts[0].startswith("carrier (robot")
         assert texts[0].endswith(") has come")
-        assert any("created from" in one and one.endswith("@pts/3") for one in texts)
-        stops = [one for one in texts if one.startswith("stopped: ")]
+        assert any("created from" in text and text.endswith("@pts/3") for text in texts)
+        stops = [text for text in texts if text.startswith("stopped: ")]
         assert len(stops) == 1, "two ways to a robot are one stop"
         assert stops[0].endswith("@pts/3's protective stop")
-        assert any(one.startswith("resumed by") and one.endswith("@pts/3") for one in texts)
-        assert any(one.startswith("deleted by") and one.endswith("@pts/3") for one in texts)
-        assert any(one.endswith(") has left") for one in texts)
+        assert any(text.startswith("resumed by") and text.endswith("@pts/3") for text in texts)
+        assert any(text.startswith("deleted by") and text.endswith("@pts/3") for text in texts)
+        assert any(text.endswith(") has left") for text in texts)
         assert all(line.unix > 0 for line in history)
     finally:
         await world.close()

@@ -198,7 +198,7 @@ def test_a_crowd_of_one_process_that_says_nothing_is_bounded_and_keeps_nobody_ou
 
 
 def refusals(caplog: pytest.LogCaptureFixture) -> list[str]:
-    return [one.getMessage() for one in caplog.records if one.levelno == logging.WARNING]
+    return [record.getMessage() for record in caplog.records if record.levelno == logging.WARNING]
 
 
 class Entrance:

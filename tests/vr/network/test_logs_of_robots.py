@@ -232,7 +232,10 @@ def test_a_log_takes_some_lines_at_once_and_then_a_few_a_second() -> None:
     for number in range(BURST + 10):
         log.say("info", str(number))
     lines = log.since(0)
-    assert [one.text for one in lines[-2:]] == [str(BURST - 1), "10 lines were dropped: it takes 50 a second"]
+    assert [line.text for line in lines[-2:]] == [
+        str(BURST - 1),
+        "10 lines were dropped: it takes 50 a second",
+    ]
     now = 1.0
     log.say("info", "again")
     assert log.since(lines[-1].number)[0].text == "again"

@@ -188,6 +188,6 @@ async def test_the_parent_of_a_reloaded_robot_sees_its_new_commands(stage: Stage
     slots = stage.host.agents["team"].runtime.core.state.slots
 
     def seen() -> list[str]:
-        return [one.name for one in slots.require("rover").description.commands]
+        return [command.name for command in slots.require("rover").description.commands]
 
     await until(lambda: seen() == ["drive"], "the parent knows")

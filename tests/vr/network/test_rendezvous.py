@@ -489,7 +489,7 @@ def test_two_that_found_a_realm_at_once_in_two_folders_are_in_one_realm(
 ) -> None:
     """Their folders differ, and stay so: each looks into both."""
     places = founded_at_once(usual, monkeypatch)
-    meshes = [Mesh(one) for one in places]
+    meshes = [Mesh(place) for place in places]
     for number, mesh in enumerate(meshes):
         mesh.open()
         mesh.announce(f"robot/r{number}/1")
@@ -498,10 +498,10 @@ def test_two_that_found_a_realm_at_once_in_two_folders_are_in_one_realm(
     while not all(sorted(mesh.presence.keys("robot/*/*")) == keys for mesh in meshes):
         assert time.monotonic() < latest, "one of them does not see the other"
         time.sleep(0.005)
-    assert [one.living() for one in places] == [{places[1].tag}, {places[0].tag}]
+    assert [place.living() for place in places] == [{places[1].tag}, {places[0].tag}]
     found = [folder for folder in all_realms() if folder.is_relative_to(usual[0].parent.parent)]
-    assert found == [min(one.directory for one in places)], "it is one realm"
-    assert {*StopLine(realm="test").folders()} == {one.directory for one in places}
+    assert found == [min(place.directory for place in places)], "it is one realm"
+    assert {*StopLine(realm="test").folders()} == {place.directory for place in places}
     for mesh in meshes:
         mesh.close().result(10.0)
 
@@ -510,15 +510,15 @@ def test_who_comes_later_looks_at_both_folders_wherever_it_comes_from(
     usual: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     places = founded_at_once(usual, monkeypatch)
-    doors = [one.register() for one in places]
+    doors = [place.register() for place in places]
     for runtime in (str(usual[0]), ""):
         monkeypatch.setenv("XDG_RUNTIME_DIR", runtime)
         newcomer = Rendezvous("test", listed=False)
-        assert sorted(newcomer.others()) == sorted(one.tag for one in places)
-        for one in places:
-            newcomer.dial(one.tag).close()
-            assert newcomer.keys_of(one.tag) == []
-            beat = newcomer.beat_of(one.tag)
+        assert sorted(newcomer.others()) == sorted(place.tag for place in places)
+        for place in places:
+            newcomer.dial(place.tag).close()
+            assert newcomer.keys_of(place.tag) == []
+            beat = newcomer.beat_of(place.tag)
             assert beat is not None
             beat.close()
     doors[0].close()
@@ -531,7 +531,7 @@ def test_the_other_folder_is_no_place_to_meet_if_somebody_else_can_enter_it(
     usual: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     places = founded_at_once(usual, monkeypatch)
-    doors = [one.register() for one in places]
+    doors = [place.register() for place in places]
     places[1].directory.chmod(0o711)
     assert places[0].others() == []
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(usual[0]))

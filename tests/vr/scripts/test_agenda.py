@@ -17,12 +17,12 @@ HEAD = (
 
 def logged(rules: str, *happenings: Happening) -> list[str]:
     engine = Engine(read_yaml(HEAD + rules, "order.yaml"))
-    orders = [order for one in happenings for order in engine.feed(one)]
+    orders = [order for happening in happenings for order in engine.feed(happening)]
     return [order_line(order).removeprefix("log ") for order in orders]
 
 
 def rule(name: str, *conditions: str, then: str = "log: $id", priority: int = 0) -> str:
-    whens = "".join(f"      - {one}\n" for one in conditions)
+    whens = "".join(f"      - {condition}\n" for condition in conditions)
     return f"  - rule: {name}\n    priority: {priority}\n    when:\n{whens}    then:\n      - {then}\n"
 
 

@@ -132,12 +132,12 @@ def matched(built: str, facts: list[str], *functions: str) -> list[str]:
     environment = clips.Environment()
     for template in (*SYSTEM, *read_clp(FACTS, "x.clp", "x").templates):
         environment.build(template_form(template))
-    for one in functions:
-        environment.build(one)
+    for function in functions:
+        environment.build(function)
     environment.build(built)
     for fact in facts:
         environment.assert_string(fact)
-    return sorted(str(one) for one in environment.activations())
+    return sorted(str(activation) for activation in environment.activations())
 
 
 @pytest.mark.parametrize("cases", [300, pytest.param(5000, marks=pytest.mark.soak)])

@@ -61,7 +61,7 @@ async def test_what_was_interrupted_by_a_stop_of_the_partner_begins_again_when_i
     assert robot.done == [], "no rule begins anything with a partner that is stopped"
     await stage.client("guide").resume()
     await stage.until(lambda: robot.done == ["go_to hall at 0.5", "go_to garden at 0.5"])
-    names = [one.rule for one in script._run.engine.firings]
+    names = [firing.rule for firing in script._run.engine.firings]
     assert names.count("hold") == names.count("free")
     assert not running.done()
 

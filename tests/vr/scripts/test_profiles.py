@@ -65,7 +65,7 @@ class RealmClient:
 
 def robot(name: str, *commands: str, under: str = "", slot: str = "") -> RobotDescription:
     bond = BondSpec(parent=Address("robot", under, "1"), slot=slot, epoch=1, remaining=1.0) if under else None
-    specs = tuple(CommandSpec(name=one) for one in commands)
+    specs = tuple(CommandSpec(name=command) for command in commands)
     return RobotDescription(address=Address("robot", name, "1"), kinds=("X",), commands=specs, bond=bond)
 
 

@@ -89,7 +89,7 @@ async def test_a_script_is_listed_described_and_commanded_like_any_robot(stage: 
     await stage.script(GUIDE)
     robot = stage.agents["guide"].description()
     assert robot.kinds[:3] == ("Guide", "Script", "VirtualRobot")
-    assert [one.name for one in robot.commands if one.name.startswith("person")] == [
+    assert [command.name for command in robot.commands if command.name.startswith("person")] == [
         "person_seen",
         "person_left",
     ]

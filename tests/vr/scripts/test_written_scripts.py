@@ -334,7 +334,7 @@ def test_the_same_happenings_in_the_same_order_give_the_same_orders() -> None:
         assert first.facts() == second.facts()
         different.add(told[0])
     assert len(different) > 100
-    assert [one.rule for one in first.firings] == [one.rule for one in second.firings]
+    assert [firing.rule for firing in first.firings] == [firing.rule for firing in second.firings]
 
 
 def test_a_new_engine_gives_the_orders_that_the_old_one_gave() -> None:

@@ -151,8 +151,8 @@ class Bench:
         self.notes.take(step)
 
     def end(self) -> list[object]:
-        for one in self.sockets.values():
-            one.close()
+        for socket in self.sockets.values():
+            socket.close()
         self.epoll.close()
         self.notes.take(lambda: self.epoll.poll(0.0))
         return self.notes
