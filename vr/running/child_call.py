@@ -47,6 +47,7 @@ from robotree.vr.base.requests import (
 )
 from robotree.vr.core import events as on
 from robotree.vr.running import doubt
+from robotree.vr.running.catching import catches
 from robotree.vr.running.frame import Frame
 from robotree.vr.running.page_trace import page_line
 from robotree.vr.running.process import Worker
@@ -346,8 +347,12 @@ class ChildCall(Started):
         return take
 
     def _lose_child(self, error: VrError) -> None:
-        """The child has left the slot: what it was given and adds up may have been carried out or not."""
-        if self.intent is not None:
+        """The child has left the slot: what it was given and adds up may have been carried out or not.
+
+        A page that catches `SlotEmpty` alone does not ask what became of it.
+        """
+        asks = catches(self.frame, CommandInDoubt) or not catches(self.frame, type(error))
+        if self.intent is not None and asks:
             detail = str(error.data.get("reason", error))
             error = CommandInDoubt(robot=self.child.name, command=self.command, detail=detail)
         self.fail(error)

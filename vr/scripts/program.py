@@ -239,7 +239,7 @@ TAKEN = frozenset({
     "context", "facts", "finish", "first", "halted", "hear", "isolated", "kinds", "lead", "learn_role",
     "message", "name", "now", "on_resume", "one_at_a_time", "online", "play", "program", "progress",
     "random", "reading_units", "readings", "resume", "safe_stop", "sleep", "slots_now", "space", "start",
-    "together", "wait_until", "why",
+    "together", "verify", "wait_until", "why", "witness",
 })  # fmt: skip
 """Names that the script's robot uses itself."""
 

@@ -80,7 +80,7 @@ class EagerJournal(HostJournal):
 
     @property
     def file(self) -> Path:
-        return max(self.folder.glob("*.log"))
+        return max(Path(self.where).glob("*.log"))
 
     @property
     def size(self) -> int:
