@@ -33,6 +33,7 @@ from robotree.vr.base.errors import (
     EmptyRealm,
     NoSuchRobot,
     NotInControl,
+    NotPaused,
     NotThisKind,
     TransportClosed,
 )
@@ -235,6 +236,20 @@ def test_a_command_that_is_cancelled_says_so(realm: Realm) -> None:
     with pytest.raises(CommandCancelled, match="the program cancelled it"):
         walk.result()
     assert realm["ann"].walk(x=0) == 0.0, "the robot is free"
+
+
+def test_a_command_is_paused_stepped_and_continued(realm: Realm) -> None:
+    ann = realm["ann"]
+    with pytest.raises(NotPaused):
+        realm.step("ann")
+    realm.pause("ann")
+    walk = ann.walk.start(x=1, steps=5)
+    with pytest.raises(TimeoutError):
+        walk.result(timeout=1.0)
+    assert "sleep" in realm.step("ann")
+    assert not walk.done
+    realm.go_on("ann")
+    assert walk.result(timeout=10.0) == pytest.approx(1.0)
 
 
 def test_a_command_ends_with_the_block_that_has_started_it_and_a_told_one_goes_on(realm: Realm) -> None:

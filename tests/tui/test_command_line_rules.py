@@ -103,7 +103,7 @@ def test_a_session_is_read_from_standard_input(
     nowhere: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert nowhere.exists()
-    monkeypatch.setattr(sys, "stdin", io.StringIO("pause 1ms\nfly\n"))
+    monkeypatch.setattr(sys, "stdin", io.StringIO("sleep 1ms\nfly\n"))
     assert main(["run", "-"]) == exit_codes.USAGE
     assert "-, line 2: no verb 'fly'" in capsys.readouterr().err
 

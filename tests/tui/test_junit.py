@@ -75,6 +75,6 @@ def test_a_session_that_cannot_be_understood_is_reported_too(
 @pytest.mark.usefixtures("place")
 def test_a_report_that_cannot_be_written_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     script = tmp_path / "a.session"
-    script.write_text("pause 1ms\n")
+    script.write_text("sleep 1ms\n")
     assert main(["run", str(script), "--junit", str(tmp_path / "none" / "a.xml")]) == REFUSED
     assert "cannot write the report" in capsys.readouterr().err

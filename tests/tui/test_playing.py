@@ -56,6 +56,27 @@ async def test_a_session_builds_a_tree_commands_it_and_expects_what_comes_of_it(
     assert [one.began for one in told] == sorted(one.began for one in told)
 
 
+async def test_a_session_pauses_a_command_and_lets_steps_pass(realm: Realm) -> None:
+    report, told = await play(
+        realm,
+        """
+        create move_to.py as mover
+        enslave mover.arm arm-1
+        pause mover
+        call --detach mover.move x=0.45 y=0 z=0.3 twist=0
+        expect mover paused within 1s
+        step mover
+        step mover
+        expect mover paused
+        continue mover
+        sleep 200ms
+        expect mover idle within 20s
+        expect reading arm-1.x = 0.45
+        """,
+    )
+    assert report.ok, told[-1].seen
+
+
 async def test_a_session_ends_at_the_first_step_that_does_not_hold_and_says_what_was_seen(
     realm: Realm,
 ) -> None:

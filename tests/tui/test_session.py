@@ -9,7 +9,7 @@ import pytest
 from robotree.tui.errors import BadScript
 from robotree.tui.session import conditions
 from robotree.tui.session import script as session
-from robotree.tui.session.script import Do, Expect, Pause, PlayedStep, Report, read, transcript
+from robotree.tui.session.script import Do, Expect, Sleep, PlayedStep, Report, read, transcript
 
 SCRIPT = """\
 # closes the lever
@@ -20,20 +20,20 @@ expect arm-1 enslaved by mover.arm within 2s
 expect result = 'very true'
 try call arm-1.go_to x=0.4
 expect refused NotInControl
-pause 500ms
+sleep 500ms
 """
 
 
 def test_a_script_is_the_verbs_one_per_line() -> None:
     steps = read(SCRIPT, "a.session").steps
     assert [step.number for step in steps] == [2, 4, 5, 6, 7, 8, 9]
-    assert [type(step.deed) for step in steps] == [Do, Do, Expect, Expect, Do, Expect, Pause]
+    assert [type(step.deed) for step in steps] == [Do, Do, Expect, Expect, Do, Expect, Sleep]
     assert isinstance(steps[2].deed, Expect)
     assert steps[2].deed.within == 2.0
     assert steps[2].deed.condition.text == "arm-1 enslaved by mover.arm"
     assert isinstance(steps[4].deed, Do)
     assert steps[4].deed.may_fail
-    assert steps[6].deed == Pause(0.5)
+    assert steps[6].deed == Sleep(0.5)
 
 
 @pytest.mark.parametrize(
@@ -43,7 +43,7 @@ def test_a_script_is_the_verbs_one_per_line() -> None:
         ("enslave mover.arm", "CHILD is missing"),
         ("expect mover flies", "is no condition"),
         ("expect mover listed within soon", "is no duration"),
-        ("pause", "is no duration"),
+        ("sleep", "is no duration"),
         ("try", "names no verb"),
         ("call 'a.b", "no closing quotation"),
         ("sim arm --listen tcp:127.0.0.1:1", "no verb 'sim'"),

@@ -6,6 +6,7 @@
     expect mover.arm holds arm-1
     expect mover.arm empty
     expect mover idle                          no command runs or waits
+    expect mover paused                        its commands wait before each step
     expect reading cell.lever_angle > 0.75     a view's or a robot's reading
     expect result.z >= 0.29                    of the last `call`; `result` alone for a single value
     expect result.points[0].x > 0.1            of what lies in it
@@ -151,6 +152,19 @@ def _idle(found: re.Match[str]) -> Condition:
         if robot is None:
             return Verdict(holds=False, seen=f"{name} does not answer")
         return Verdict(not robot.busy and not robot.waiting, status.words(robot))
+
+    return Condition(found[0], judge, robots=(name,))
+
+
+@_form(rf"{_NAME}\s+paused")
+def _paused(found: re.Match[str]) -> Condition:
+    name = found[1]
+
+    def judge(scene: Scene) -> Verdict:
+        robot = scene.robots.get(name)
+        if robot is None:
+            return Verdict(holds=False, seen=f"{name} does not answer")
+        return Verdict(bool(robot.paused), status.words(robot))
 
     return Condition(found[0], judge, robots=(name,))
 

@@ -21,7 +21,7 @@ from robotree.tui.line.shell import Console
 from robotree.tui.line.verbs import Teller
 from robotree.tui.session import junit
 from robotree.tui.session.conditions import Scene, Verdict
-from robotree.tui.session.script import Do, Expect, Pause, PlayedStep, Report, Script, Step, read, transcript
+from robotree.tui.session.script import Do, Expect, Sleep, PlayedStep, Report, Script, Step, read, transcript
 from robotree.tui.terminal import aside, put
 
 if TYPE_CHECKING:  # a script is read before the agents are needed
@@ -108,7 +108,7 @@ class Player:
 
     async def _step(self, step: Step) -> tuple[Verdict, Any]:
         match step.deed:
-            case Pause(seconds):
+            case Sleep(seconds):
                 await asyncio.sleep(seconds)
                 return Verdict(holds=True, seen=""), None
             case Expect() as expect:

@@ -9,7 +9,7 @@
     expect result.z > 0.25
     try call arm-1.hold                        # may be refused, the session goes on
     expect refused NotInControl
-    pause 500ms
+    sleep 500ms
     look cell before.jpg
 
 Paths of `create` are taken from the folder of the script when they are not there from the current one;
@@ -58,7 +58,7 @@ class Expect:
 
 
 @dataclass(frozen=True, slots=True)
-class Pause:
+class Sleep:
     """Wait."""
 
     seconds: float
@@ -71,7 +71,7 @@ class Step:
     number: int
     """Line number, from 1."""
     text: str
-    deed: Do | Expect | Pause
+    deed: Do | Expect | Sleep
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,12 +168,12 @@ def read(
     return Script(path, tuple(steps))
 
 
-def _deed(surface: Surface, words: tuple[str, ...], raw: str) -> Do | Expect | Pause:
+def _deed(surface: Surface, words: tuple[str, ...], raw: str) -> Do | Expect | Sleep:
     match words[0]:
         case "expect":
             return _expect(" ".join(words[1:]))
-        case "pause":
-            return Pause(values.duration(" ".join(words[1:])))
+        case "sleep":
+            return Sleep(values.duration(" ".join(words[1:])))
         case "try":
             if len(words) == 1:
                 raise SupervisorError(f"{raw.strip()!r} names no verb to try")
@@ -182,7 +182,7 @@ def _deed(surface: Surface, words: tuple[str, ...], raw: str) -> Do | Expect | P
             return Do(surface.parse(words))
 
 
-def _require_source(deed: Do | Expect | Pause, exists: Callable[[str], bool]) -> None:
+def _require_source(deed: Do | Expect | Sleep, exists: Callable[[str], bool]) -> None:
     """Refuse to create from a file that is not there; `try` may well want to see that fail."""
     if not isinstance(deed, Do) or deed.may_fail or deed.line.verb != "create":
         return
