@@ -9,7 +9,7 @@ import pytest
 from robotree.tui.errors import BadScript
 from robotree.tui.session import conditions
 from robotree.tui.session import script as session
-from robotree.tui.session.script import Do, Expect, Sleep, PlayedStep, Report, read, transcript
+from robotree.tui.session.script import Do, Expect, PlayedStep, Report, Sleep, read, transcript
 
 SCRIPT = """\
 # closes the lever

@@ -21,7 +21,7 @@ from robotree.tui.line.shell import Console
 from robotree.tui.line.verbs import Teller
 from robotree.tui.session import junit
 from robotree.tui.session.conditions import Scene, Verdict
-from robotree.tui.session.script import Do, Expect, Sleep, PlayedStep, Report, Script, Step, read, transcript
+from robotree.tui.session.script import Do, Expect, PlayedStep, Report, Script, Sleep, Step, read, transcript
 from robotree.tui.terminal import aside, put
 
 if TYPE_CHECKING:  # a script is read before the agents are needed
