@@ -197,8 +197,14 @@ class OutsideCalls:
         except Exception as error:  # noqa: BLE001 # the asker gets an answer, whatever happens
             self._refuse(error, end)
         else:
-            if attended_by:
-                self._attend(attended_by, call.key)
+            self._follow(call.key, caller, attended_by)
+
+    def _follow(self, key: str, caller: OutsideCaller | None, attended_by: str) -> None:
+        """Have an accepted call end with its caller, and tell what is known of one that came before."""
+        if attended_by:
+            self._attend(attended_by, key)
+        if caller is not None and (shown := self._runtime.progress_of(key))[1]:
+            caller.note(*shown)
 
     def _accept_later(self, caller: OutsideCaller) -> None:
         """Accept a call in a while, if it has not ended; one timer does for all that wait."""
