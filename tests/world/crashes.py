@@ -11,6 +11,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import random
+from collections import Counter
 from collections.abc import Callable
 from functools import partial
 from math import inf
@@ -194,7 +195,9 @@ class CrashStory:
         }
         self.bonds = {(parent, slot): child for parent, slot, child in BONDS}
         self.open: dict[str, float] = {}
-        self.calls = self.done = self.deeds = self.ends = self._releases = 0
+        self.calls = self.done = self.deeds = self.ends = 0
+        self._forgotten: Counter[str] = Counter()
+        """How often each robot may have lost its stop: also one that is just being confirmed."""
         self.whole = False
         self._copies: dict[str, Any] = {}
         for name in self.realm.keeps:
@@ -258,9 +261,7 @@ class CrashStory:
             self.world.note("operator-1", f"bind {child} to {parent}", f"{type(error).__name__}: {error}")
 
     async def _release(self, name: str | None) -> None:
-        self.judge.held.clear()
-        self.judge.stopped.clear()
-        self._releases += 1
+        self._forget_stops(*ROBOTS, *self.realm.controllers)
         await self.realm.realm_clients["operator-1"].resume(name)
 
     def _call(self) -> None:
@@ -392,12 +393,17 @@ class CrashStory:
         keep = self.realm.keeps[name]
         keep.medium.lose_power(self.chance)
         keep.lost_power, keep.boots = True, keep.boots + 1
-        self._forget_stops(name)
+        self._forget_stops(*self._robots_of(name))
 
-    def _forget_stops(self, host: str) -> None:
-        """The stops of a host's robots may not be on its disk any more."""
-        for robot in [robot for robot, where in self.where.items() if where == host]:
+    def _robots_of(self, host: str) -> list[str]:
+        """Robots whose stops may not be on the host's disk any more."""
+        return [robot for robot, where in self.where.items() if where == host]
+
+    def _forget_stops(self, *robots: str) -> None:
+        self._forgotten.update(robots)
+        for robot in robots:
             self.judge.held.pop(robot, None)
+            self.judge.stopped.pop(robot, None)
 
     def _switch_off(self) -> None:
         """Switch the machine of all processes off and on: its clock begins anew. The controllers go on."""
@@ -439,7 +445,7 @@ class CrashStory:
             keep.medium.put_back(copy)
             keep.replaced = self.judge.forgetful = True
             self.world.note("story", f"{name} has the old copy")
-            self._forget_stops(name)
+            self._forget_stops(*self._robots_of(name))
 
         self._after(self.chance.uniform(0.1, 2.0), put)
 
@@ -450,12 +456,11 @@ class CrashStory:
         self._after(self.chance.uniform(0.3, 4.0), lambda: self._as_operator(self._release(name), "release"))
 
     async def _stop(self, name: str | None) -> None:
-        before = self._releases
-        stopped = await self.realm.realm_clients["operator-1"].stop(name)
-        now = self.world.runner.now()
-        if before == self._releases:
-            self.judge.held.update(dict.fromkeys((each for each in stopped if each in ROBOTS), now))
-            self.judge.stopped.update(dict.fromkeys((each for each in stopped if each not in ROBOTS), now))
+        before = self._forgotten.copy()
+        for robot in await self.realm.realm_clients["operator-1"].stop(name):
+            if self._forgotten[robot] == before[robot]:
+                stops = self.judge.held if robot in ROBOTS else self.judge.stopped
+                stops[robot] = self.world.runner.now()
 
     def _cancel(self) -> None:
         self._deed("cancel")
@@ -484,7 +489,7 @@ class CrashStory:
 
         async def delete() -> None:
             await self.realm.realm_clients["operator-1"].delete("spare")
-            self.judge.held.pop("spare", None)
+            self._forget_stops("spare")
             await self._build()
 
         self._as_operator(delete(), "delete")
@@ -518,7 +523,7 @@ class CrashStory:
         self._cycle(name)
 
     def _cycle(self, cart: str) -> None:
-        self.judge.stopped.pop(cart, None)
+        self._forget_stops(cart)
         self.judge.amnesia = True
         self.realm.controllers[cart].power_cycle()
 

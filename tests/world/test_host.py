@@ -12,7 +12,7 @@ def test_no_seed_breaks_a_law(seeds: range) -> None:
     assert [(seed, story.broken) for seed in seeds if (story := play(seed)[1]).broken] == []
 
 
-@pytest.mark.parametrize("seed", [1, 12])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_a_seed_gives_one_trace(seed: int) -> None:
     first, story = play(seed)
     assert play(seed)[0] == first

@@ -282,7 +282,7 @@ class Segments:
                     whole = number, len(data)
                     yield frame
             except DamagedJournal as damage:
-                if self._runs_on or not lost_power():
+                if (self._runs_on and number >= self._newest) or not lost_power():
                     raise
                 _log.warning("what was not synced was lost with the power: %s", damage)
         self._expect(*whole)
@@ -321,6 +321,11 @@ class Segments:
         """Whether the machine is known to have run on since the last host wrote."""
         before = self._before
         return before is not None and before.boot == self._boot and bool(self._boot.strip(b"\0"))
+
+    @property
+    def _newest(self) -> int:
+        """Number of the file that the last host wrote; those before it are of hosts that came before."""
+        return 0 if self._before is None else self._before.number
 
     @property
     def was_full(self) -> bool:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from robotree.vr.base.errors import DamagedJournal, JournalUnusable
 from robotree.vr.core import events as on
 from robotree.vr.core.machine import encode_state
 from robotree.vr.journal import journal as journals
@@ -133,6 +134,46 @@ def test_a_new_segment_is_safe_before_the_old_one_is_gone(
         journal.barrier()
     journal.sync()
     assert after_a_loss(journal, disk) == {"it": encode_state(robot.core.state)}
+
+
+class EndsInIts(OSDisk):
+    """A disk on which the process ends before it removes its first file."""
+
+    def unlink(self, path: Path) -> None:
+        raise OSError(5, "the process has ended", str(path))
+
+
+def two_files(folder: Path, boots: tuple[str, str]) -> dict[str, bytes]:
+    """Leave an older file whose end the power has torn, and a newer one that is whole; returns its states."""
+    older = opened(folder, boot=boots[0])
+    older.begin()
+    Kept(older).call("k")
+    older.close()
+    (torn,) = folder.glob("*.log")
+    found = opened(folder, boot=boots[1], disk=EndsInIts())
+    (robot,) = found.found.robots
+    found.made(robot.key, robot.name, robot.page, lambda enter: enter(robot.state))
+    with pytest.raises(JournalUnusable):
+        found.begin()
+    found.close()
+    data = torn.read_bytes()
+    torn.write_bytes(data[:-1] + bytes([data[-1] ^ 1]))
+    return {robot.name: encode_state(robot.state)}
+
+
+def test_a_torn_log_is_read_again_when_the_host_that_followed_has_ended_before_it_was_removed(
+    tmp_path: Path,
+) -> None:
+    states = two_files(tmp_path / "h", boots=("before the loss", "after it"))
+    following = opened(tmp_path / "h", boot="after it")
+    assert {robot.name: encode_state(robot.state) for robot in following.found.robots} == states
+    following.close()
+
+
+def test_an_older_file_is_refused_that_no_loss_of_power_can_have_torn(tmp_path: Path) -> None:
+    two_files(tmp_path / "h", boots=("this", "this"))
+    with pytest.raises(DamagedJournal, match=r"00000001\.log"):
+        opened(tmp_path / "h", boot="this")
 
 
 def test_those_that_wait_together_wait_once_and_others_go_on_writing(tmp_path: Path) -> None:
