@@ -153,6 +153,12 @@ class KeepingJudge(Judge):
         self.amnesia = False
         """Whether a controller has lost its power: then it does not know its keys any more."""
 
+    def forget_drives(self) -> None:
+        """Take note of an old copy: a command that goes on from it may take other steps, with other keys."""
+        self.forgetful = True
+        self._look_at_drives()
+        self._tickets.clear()
+
     def _look_at_drives(self) -> None:
         if self.forgetful and self.amnesia:
             self._tickets.clear()
@@ -220,7 +226,8 @@ class CrashStory:
         for _ in range(0 if self.calm else chance.randrange(1, 5)):
             at(chance.uniform(BUILT, CALM - 1.0), chance.choice(self._deeds()))
         at(CALM, self._heal)
-        at(CALM + 2.0, lambda: self._as_operator(self._release(None), "release"))
+        for later in (2.0, 4.5):  # a parent may still wait for its children
+            at(CALM + later, lambda: self._as_operator(self._release(None), "release"))
         for later in (3.0, 5.5):  # a child may still wait for a parent that does not come back
             at(CALM + later, lambda: self._as_operator(self._build(), "build again"))
         at(PROBE, lambda: self._begin("guide", "tour", 0.1, "operator-1"))
@@ -443,7 +450,8 @@ class CrashStory:
                 return
             self.realm.processes[name].kill()
             keep.medium.put_back(copy)
-            keep.replaced = self.judge.forgetful = True
+            keep.replaced = True
+            self.judge.forget_drives()
             self.world.note("story", f"{name} has the old copy")
             self._forget_stops(*self._robots_of(name))
 

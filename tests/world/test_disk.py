@@ -25,6 +25,16 @@ def test_a_message_of_a_process_that_has_ended_does_not_keep_its_heir_away() -> 
     assert play(192)[1].judge.broken == []
 
 
+def test_a_log_that_the_power_has_torn_keeps_no_host_away() -> None:
+    """In 5157 the next host ends, too, when its own file is written and the torn one is not yet removed."""
+    assert play(5157)[1].judge.broken == []
+
+
+def test_nobody_is_asked_about_a_step_of_a_command_that_has_ended() -> None:
+    """In 20249 a command ends at its deadline, while one of its parts waits until another has asked."""
+    assert play(20249)[1].judge.broken == []
+
+
 @pytest.mark.parametrize("seed", [5, 12])
 def test_a_seed_gives_one_trace(seed: int) -> None:
     first, story = play(seed)

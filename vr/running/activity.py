@@ -221,8 +221,7 @@ class CommandActivity(Frame):
         run = self.run
         while run.asks is not None and run.asks is not self:
             self.wait(lambda: run.asks is None, ASKS)
-            if run.asks is None:
-                break
+        self.expect_to_go_on()  # its command may have ended while another part asked
         run.asks = self
         try:
             run.wake, run.answer = self.wake, ""

@@ -401,7 +401,6 @@ class RobotRuntime:
 
     def ask_person(self, key: str, question: str) -> None:
         """Have a person asked before a running command goes on; the answer comes as `Run.answer`."""
-        self.runs[key].answer = ""
         self.log.say("warning", f"{question}: `robotree decide {self.name} done|again|abort`")
         self.post(on.DoubtRaised(key=key, question=question))
         self.note(key, math.nan, f"asks (robotree decide {self.name} done|again|abort): {question}")
