@@ -12,10 +12,11 @@ from __future__ import annotations
 import fcntl
 import os
 import re
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from robotree.files import opened_own, private_folder
+from robotree.files import forks, opened_own, private_folder
 from robotree.vr.base.chance import token
 from robotree.vr.base.errors import Deposed
 from robotree.vr.journal.segments import Disk, OSDisk, Segments
@@ -63,6 +64,10 @@ class FilePlace:
     def take(self, host: str, after: int) -> Segments | None:
         """See `LogPlace.take`."""
         private_folder(self.folder)
+        with forks.opening:  # until the owner's file knows its descriptor
+            return self._take(host, after)
+
+    def _take(self, host: str, after: int) -> Segments | None:
         if (self._numbers() or [0])[-1] != after:
             return None
         path, coming = self._path(after + 1), self.folder / f"{token()}.new"
@@ -107,11 +112,16 @@ class FilePlace:
 
 
 class OwnerFile:
-    """The file of this process. `segments.Ownership`."""
+    """The file of this process, which no process that a page forks keeps. `segments.Ownership`."""
 
     def __init__(self, descriptor: int, place: FilePlace) -> None:
         """Take the file, locked."""
         self._descriptor, self._place = descriptor, place
+        forks.owns(self)
+
+    def in_child(self) -> Iterable[int]:
+        """See `forks.Owner`."""
+        return (self._descriptor,)
 
     def expect(self) -> None:
         """See `LogStore.expect_owner`."""
