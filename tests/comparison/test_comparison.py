@@ -49,8 +49,9 @@ def test_our_page_is_no_longer_than_the_peers() -> None:
     assert lines_row() in (ROOT / "docs" / "comparison.md").read_text()
 
 
-def test_our_motion_ends_at_once_whatever_happens() -> None:
+def test_our_motion_ends_at_once_and_after_a_kill_with_its_step() -> None:
     assert play_here("success").said == "success"
-    for scene in ("cancel", "kill", "lost"):
+    for scene in ("cancel", "lost"):
         assert play_here(scene).went_on < 0.3
+    assert play_here("kill").went_on < 1.0, "the child waits for its host: the step ends, and none begins"
     assert play_here("cancel").let_go

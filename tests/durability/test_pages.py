@@ -250,10 +250,9 @@ async def test_the_command_of_a_person_who_has_gone_meanwhile_ends(stage: Stage)
     await host.kill()
     await caller.kill()
     await asyncio.gather(starting, return_exceptions=True)
+    acted = len(stage.ended)
     await host.start()
     await asyncio.sleep(1.5)
-    acted = len(stage.ended)
-    await asyncio.sleep(0.5)
-    assert len(stage.ended) == acted, "it goes on though nobody waits for it"
+    assert len(stage.ended) <= acted + 1, "only the step that was under way may end: nobody waits for more"
     assert stage.twice() == []
     assert "Traceback" not in host.complaints

@@ -1,8 +1,9 @@
-"""A robot that does not run may be one that a host keeps that is away: then a person is told so."""
+"""Robots whose host is away: a person is told so, and a stop of everything is left for them."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Collection
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -33,3 +34,52 @@ def explained(realm: str, error: NoSuchRobot) -> VrError:
                 goes_on=f", and {running} goes on then" if running else "",
             )
     return error
+
+
+def leave_stop(realm: str, confirmed: Collection[str]) -> list[str]:
+    """Have robots that did not confirm a stop of everything begin stopped when their hosts are back. Blocks.
+
+    Args:
+        realm: that was stopped.
+        confirmed: names of the robots that have confirmed it.
+
+    Returns:
+        A sentence for each host that is concerned.
+
+    Raises:
+        NotConfirmed: the stop cannot be left; names the hosts.
+    """
+    from robotree.tui.processes.state_files import journal_folders
+    from robotree.vr.base.errors import NotConfirmed
+    from robotree.vr.journal.kept import leave_stop
+    from robotree.vr.network.lean_stop import REASON
+
+    sentences: list[str] = []
+    untold: list[list[str]] = []
+    for folder in journal_folders(realm):
+        try:
+            missed = leave_stop(folder, confirmed, REASON)
+        except OSError as error:
+            untold.append(
+                [f"host {folder.name}", f"it is away, and {folder} cannot be written: {error.strerror}"]
+            )
+        else:
+            if missed:
+                sentences.append(f"{', '.join(missed)} will be stopped when host {folder.name} is back")
+    if untold:
+        advice = ["make room there, or do not start these hosts", "stop again"]
+        raise NotConfirmed(order="the protective stop", told=sorted(confirmed), untold=untold, advice=advice)
+    return sentences
+
+
+def take_stop_back(realm: str) -> None:
+    """Forget the stops that were left: everything is resumed. Blocks.
+
+    Raises:
+        OSError: one cannot be forgotten.
+    """
+    from robotree.tui.processes.state_files import journal_folders
+    from robotree.vr.journal.kept import take_stop_back
+
+    for folder in journal_folders(realm):
+        take_stop_back(folder)

@@ -22,7 +22,7 @@ from robotree.tui.processes.state_files import KEYS, state_home
 from robotree.tui.terminal import complain, error_data, note
 from robotree.vr.base.chance import token
 from robotree.vr.base.envelope import sitting_at, this_terminal
-from robotree.vr.base.errors import NoSuchRobot, RealmUnusable, VrError
+from robotree.vr.base.errors import NoSuchRobot, NotConfirmed, RealmUnusable, VrError
 from robotree.vr.network.realms import all_realms, inhabited, realm_folder
 from robotree.vr.supervision.stop import StopScope
 from robotree.vr.supervision.stop_in_turn import stop_in_turn
@@ -57,6 +57,8 @@ def stop(line: Line, realm: str, run: Run) -> int:
         work.close()
         console.warn(f"the stop asks one process after another, because {_reason(error)}")
         answers = {folder: _in_turn(folder, name, order) for folder in folders}
+    if name is None:
+        answers = {folder: _left(folder, answer, console) for folder, answer in answers.items()}
     if everywhere:
         return _report_all(answers, console)
     given = answers[folders[0]]
@@ -90,6 +92,20 @@ async def _stop_all(
 
     await asyncio.gather(*map(stop_one, folders))
     return exit_codes.DONE
+
+
+def _left(folder: Path, answer: Answer, console: Console) -> Answer:
+    """Leave the stop for the robots whose hosts are away or hang; returns the answer, or why that failed."""
+    if isinstance(answer, NotConfirmed):
+        confirmed: Sequence[str] = answer.data["told"]
+    else:
+        confirmed = () if answer is None or isinstance(answer, VrError) else answer
+    try:
+        for each in away.leave_stop(folder.name, confirmed):
+            console.warn(each)
+    except NotConfirmed as error:
+        return answer if isinstance(answer, VrError) else error
+    return answer
 
 
 def _in_turn(folder: Path, name: str | None, order: str) -> Answer:

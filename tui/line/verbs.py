@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, NoReturn, Protocol, 
 
 from robotree.files import overwrite
 from robotree.tui.errors import BadLine, OldList, SomeHang, SomeSilent, SupervisorError, ValueRefused
-from robotree.tui.line import values
+from robotree.tui.line import away, values
 from robotree.tui.line.grammar import Line
 from robotree.tui.seen import forest, status, unlisted, wording
 
@@ -724,7 +724,20 @@ async def decide(realm_client: RealmClient, line: Line, _teller: Teller) -> Outc
 
 async def stop(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
     """Stop one robot, or all, protectively."""
-    return stopped(await realm_client.stop(line.text("NAME") or None, on_late=teller.warn))
+    from robotree.vr.base.errors import NotConfirmed
+
+    name = line.text("NAME") or None
+    if name is not None:
+        return stopped(await realm_client.stop(name, on_late=teller.warn))
+    try:
+        names = await realm_client.stop(None, on_late=teller.warn)
+    except NotConfirmed as error:
+        for sentence in away.leave_stop(realm_client.realm, error.data["told"]):
+            teller.warn(sentence)
+        raise
+    for sentence in away.leave_stop(realm_client.realm, names):
+        teller.warn(sentence)
+    return stopped(names)
 
 
 def stopped(names: Sequence[str]) -> Outcome:
@@ -734,7 +747,10 @@ def stopped(names: Sequence[str]) -> Outcome:
 
 async def resume(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """Resume after a protective stop."""
-    told = await realm_client.resume(line.text("NAME") or None, given=line.given)
+    name = line.text("NAME") or None
+    told = await realm_client.resume(name, given=line.given)
+    if name is None:
+        away.take_stop_back(realm_client.realm)
     return Outcome({"resumed": sorted(told)}, f"resumed: {', '.join(sorted(told)) or 'there is no robot'}")
 
 

@@ -108,6 +108,12 @@ def kept_hosts(realm: str) -> frozenset[str]:
     return frozenset(path.parent.name for path in (state_home() / realm / "hosts").glob("*/*.log"))
 
 
+def journal_folders(realm: str) -> list[Path]:
+    """Return the folders in which hosts keep robots, also those of a demo; looking makes nothing."""
+    tops = (state_home() / DEMOS / realm / state_home().name / realm, state_home() / realm)
+    return sorted({path.parent for top in tops for path in top.glob("hosts/*/*.log")}) if realm else []
+
+
 def history_folder(realm: str, robot: str) -> Path | None:
     """Return the folder in which a proxy keeps what its robot did; None: it cannot be made."""
     path = state_file(realm, "robots")

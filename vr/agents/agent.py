@@ -16,7 +16,7 @@ from typing import Any
 
 import msgspec
 
-from robotree.vr.agents.callers import Callers
+from robotree.vr.agents.callers import ARRIVAL, GONE, Callers
 from robotree.vr.agents.children import ChildKeeper
 from robotree.vr.agents.hooks import Hooks
 from robotree.vr.agents.outside import OutsideCalls
@@ -45,6 +45,7 @@ from robotree.vr.base.errors import (
 from robotree.vr.base.presence import Undo
 from robotree.vr.base.principal import Principal
 from robotree.vr.base.requests import (
+    STOPPED,
     Accepted,
     AnyRequest,
     Continue,
@@ -231,6 +232,19 @@ class RobotAgent:
         if self._children is not None:
             await self._children.take_back()
 
+    def stop(self, reason: str) -> None:
+        """Obey a protective stop that was ordered before the robot was back."""
+        self.runtime.post(on.StopAsked(reason=reason))
+        self.runtime.changed()
+        self.runtime.log.say("warning", f"{STOPPED}{reason}")
+
+    async def meet_callers(self) -> None:
+        """Wait for the news that those who have called a restored robot are there, if it is to come."""
+        presence, until = self.transport.presence, self._loop.time() + ARRIVAL
+        callers = {caller for _, caller in self.runtime.look(_callers)}
+        while not all(map(presence.there, callers)) and self._loop.time() < until:  # noqa: ASYNC110 # a table, which tells nobody
+            await asyncio.sleep(0.02)
+
     def go_on(self) -> None:
         """Have a restored robot go on: its parent and callers are looked for, its commands begin again."""
         if (lease := self.runtime.lease) is not None:
@@ -238,7 +252,10 @@ class RobotAgent:
             if lease.waits and not self.transport.presence.there(lease.parent.key):
                 self.runtime.post(on.ParentAway(parent=lease.parent))
         for key, caller in self.runtime.look(_callers):
-            self._callers.attend(caller, key)
+            if self.transport.presence.there(caller):
+                self._callers.attend(caller, key)
+            else:
+                self.runtime.cancel(key, GONE)  # before it begins, so that nothing moves for nobody
         self.runtime.begin_again()
         self._outside.go_on()
 

@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from robotree.vr.agents.agent import RobotAgent
@@ -48,6 +49,7 @@ from robotree.vr.exchange.client import RobotClient
 from robotree.vr.exchange.dispatcher import Dispatcher, not_for
 from robotree.vr.history.writer import HistoryWriter, answer_of
 from robotree.vr.journal.journal import HostJournal
+from robotree.vr.journal.kept import stop_left, take_stop_back
 from robotree.vr.journal.records import KeptPage
 from robotree.vr.journal.recovery import KeptRobot, rebase
 from robotree.vr.lookup.registrar import Registrar
@@ -123,6 +125,8 @@ class Host:
         self._ended: list[RobotAgent] = []
         self._remembered: deque[Remembered] = deque(maxlen=MOST_REMEMBERED)
         self._declared: list[Registration] = []
+        self.log_folder: Path | None = None
+        """Where others leave a stop for its robots while it is away; None: nowhere."""
         self._watchers: dict[asyncio.Task[None], None] = {}
         self._loaders = ThreadPoolExecutor(AT_ONCE, thread_name_prefix="loader")
         self._open = False
@@ -181,6 +185,7 @@ class Host:
         journal = self._journal
         if journal is None:
             return
+        reason = "" if self.log_folder is None else stop_left(self.log_folder)
         robots, now = journal.found.robots, self._process.runner.now()
         self._process.gap = max(0.0, now - journal.found.latest - journal.shift)
         rebase([kept.state for kept in robots], journal.shift, now)
@@ -199,6 +204,13 @@ class Host:
                 back.append(agent)
         self._coming -= self._kept_names()
         await asyncio.gather(*(agent.take_back() for agent in back))
+        if reason:
+            for agent in back:
+                agent.stop(f"{reason}, while its host was away")
+        if self.log_folder is not None:
+            journal.barrier()
+            take_stop_back(self.log_folder)
+        await asyncio.gather(*(agent.meet_callers() for agent in back))
         for agent in back:
             agent.go_on()
 

@@ -139,6 +139,8 @@ async def run_host(
             transport, name, registrar=registrar, term=term, process=process, only=only, journal=journal
         )
         host.instead_of = "" if of == name else of
+        if keep is not None and isinstance(keep.place, FilePlace):
+            host.log_folder = keep.place.folder
         stack.push_async_callback(host.close)
         await _live(host, history, ready, alone=bool(only))
 

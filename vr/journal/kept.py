@@ -1,9 +1,16 @@
-"""What a host that is away keeps, as others read it: nothing is locked, made or changed."""
+"""What a host that is away keeps, as others read it, and the stop that is left for it.
+
+Nothing is locked. A stop of everything concerns robots, too, whose host is away or hangs: it is left as a
+file beside the log, and whoever goes on with the log begins with it. If the log was written later, its host
+has been awake since and has obeyed the stop itself, so the file does not count any more.
+"""
 
 from __future__ import annotations
 
 import fcntl
 import os
+from collections.abc import Collection
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,6 +18,9 @@ from robotree.files import opened_own
 from robotree.vr.base.errors import JournalError
 from robotree.vr.journal.recovery import Recovered
 from robotree.vr.journal.segments import OSDisk, frames_in
+
+STOP = "stop"
+"""Name of the file of a stop, which holds its reason."""
 
 
 class KeptAway(NamedTuple):
@@ -56,3 +66,70 @@ def _in_use(folder: Path) -> bool:
     finally:
         os.close(lock)
     return False
+
+
+def leave_stop(folder: Path, confirmed: Collection[str], reason: str) -> tuple[str, ...]:
+    """Have the robots of a log begin stopped, if not all of them have confirmed a stop. Blocks.
+
+    Args:
+        folder: of the journal of a host.
+        confirmed: names of the robots that have confirmed it.
+        reason: of the stop, for people.
+
+    Returns:
+        The names of the robots that have not; empty: there are none.
+
+    Raises:
+        OSError: the stop cannot be left.
+    """
+    newest = max(folder.glob("*.log"), default=None)
+    if newest is None:
+        return ()
+    found = Recovered()
+    with suppress(OSError, JournalError):  # also a log that cannot be read may be repaired, and go on
+        found.read(frames_in(OSDisk().read(newest), str(newest)), str(newest))
+        if not (missed := tuple(robot.name for robot in found.robots if robot.name not in confirmed)):
+            return ()
+        _write_stop(folder, reason)
+        return missed
+    _write_stop(folder, reason)
+    return (f"the robots of {folder.name}",)
+
+
+def _write_stop(folder: Path, reason: str) -> None:
+    (folder / STOP).unlink(missing_ok=True)
+    descriptor = opened_own(folder / STOP, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
+    try:
+        os.write(descriptor, reason.encode())
+    finally:
+        os.close(descriptor)
+
+
+def stop_left(folder: Path) -> str:
+    """Return the reason of a stop that was left since the log was written last; empty: none was. Blocks.
+
+    To be asked before anything is written to the log.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    try:
+        descriptor = opened_own(folder / STOP)
+    except FileNotFoundError:
+        return ""
+    try:
+        left = os.fstat(descriptor).st_mtime_ns
+        reason = os.read(descriptor, 1000).decode(errors="replace")
+    finally:
+        os.close(descriptor)
+    written = max((path.stat().st_mtime_ns for path in folder.glob("*.log")), default=0)
+    return (reason or "protective stop") if left >= written else ""
+
+
+def take_stop_back(folder: Path) -> None:
+    """Forget a stop that was left: it is in the log now, or everything was resumed. Blocks.
+
+    Raises:
+        OSError: it cannot be removed.
+    """
+    (folder / STOP).unlink(missing_ok=True)
