@@ -141,8 +141,9 @@ async def test_a_stop_that_cannot_reach_a_robot_names_its_process_and_fails(crew
     finally:
         os.kill(host, signal.SIGCONT)
     assert (stopping.returncode, out) == (exit_codes.NOBODY, b"")
-    (first, last), where = err.decode().splitlines(), f"talker (in process {host}, which hangs)"
+    (first, left, last), where = err.decode().splitlines(), f"talker (in process {host}, which hangs)"
     assert first == f"robotree: the protective stop goes on, without an answer yet from {where}"
+    assert left == "robotree: talker will be stopped when host host-1 is back"
     assert f"by nobody but NOT by {where}" in last
     assert await robotree("stop") == (exit_codes.DONE, "stopped: talker\n")
     removed = (place / "robotree" / REALM).rename(place / "robotree" / "removed")

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from robotree.tui import exit_codes
 from robotree.tui.processes.crew import Crew
 from tests.command_line import within_realm
 
@@ -64,6 +65,10 @@ async def test_history_and_log_tell_of_the_crash_and_of_no_second_beginning(plac
         _, history, _ = await run("history", "walker")
         assert "host h1 ended at" in history
         assert "came back" in history
+        for since in ("10min", "00:00", "2026-01-01T00:00", "2026-01-01"):
+            assert (await run("history", "walker", "--since", since))[1], since
+        code, _, complaints = await run("history", "walker", "--since", "noon")
+        assert (code, "write for example 10min, 14:30" in complaints) == (exit_codes.USAGE, True), complaints
         _, why, _ = await run("why", "walker")
         assert "came back" in why
         assert "as they were written" in (await run("history", "walker", "--verify"))[1]

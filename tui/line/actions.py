@@ -80,7 +80,7 @@ ACTIONS: tuple[Action, ...] = (
         examples=("log team", "log team --follow --json"),
     ),
     Action(
-        usage="history NAME [--since TIME] [--verify | --otel]",
+        usage="history NAME [--since WHEN] [--verify | --otel]",
         help="Print what a robot did, also before its host was started again: who asked, under which lease,"
         " how each command ended. --since: 10min, 14:30 or 2026-11-24T14:30. --verify: examine what is kept"
         " where the robot lives, and name the first event that is missing or changed. --otel: export its"

@@ -191,7 +191,7 @@ def _since(text: str) -> float:
             return datetime.fromisoformat(text).timestamp()
         except ValueError:
             raise ValueRefused(
-                "TIME", f"{text!r} is no time; write for example 10min, 14:30 or 2026-11-24T14:30"
+                "WHEN", f"{text!r} is no time; write for example 10min, 14:30 or 2026-11-24T14:30"
             ) from None
 
 

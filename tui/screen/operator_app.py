@@ -199,6 +199,8 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         """Whether the log of a robot says what the outcome does, and who wanted it."""
         if line.verb == "delete":
             return "left" not in outcome.data
+        if line.verb in {"pause", "continue"}:
+            return not outcome.data["note"]
         return line.verb == "call" and outcome.data is None and self._enters(robot, command)
 
     def _tell_refusal(self, error: Exception, sentence: str, robot: str) -> None:

@@ -172,6 +172,7 @@ class OutsideCalls:
         """Have a call accepted; `stops` as in `RobotRuntime.admit`."""
         runtime = self._runtime
         caller = None if call.oneway else OutsideCaller(runtime, call, respond, end)
+        before = runtime.progress_of(call.key)  # of a call that is asked again
 
         def accepted() -> None:
             if caller is None:
@@ -197,14 +198,16 @@ class OutsideCalls:
         except Exception as error:  # noqa: BLE001 # the asker gets an answer, whatever happens
             self._refuse(error, end)
         else:
-            self._follow(call.key, caller, attended_by)
+            self._follow(call.key, caller, attended_by, before)
 
-    def _follow(self, key: str, caller: OutsideCaller | None, attended_by: str) -> None:
-        """Have an accepted call end with its caller, and tell what is known of one that came before."""
+    def _follow(
+        self, key: str, caller: OutsideCaller | None, attended_by: str, known: tuple[float, str]
+    ) -> None:
+        """Have an accepted call end with its caller, and tell how far it was if it had begun before."""
         if attended_by:
             self._attend(attended_by, key)
-        if caller is not None and (shown := self._runtime.progress_of(key))[1]:
-            caller.note(*shown)
+        if caller is not None and known[1]:
+            caller.note(*known)
 
     def _accept_later(self, caller: OutsideCaller) -> None:
         """Accept a call in a while, if it has not ended; one timer does for all that wait."""

@@ -27,11 +27,12 @@ async def test_keys_pause_let_one_step_pass_and_go_on(realm: Realm, operate: Ope
     async with operate(realm.realm_client, size=(160, 45)) as operator:
         await on_mover(operator)
         await operator.press("b")
-        await operator.sees("mover is paused", "‖ paused")
+        await operator.sees("mover: paused by", "‖ paused")
         moving = asyncio.create_task(realm.realm_client.call("mover", "move", GOAL))
         await operator.sees("paused before step 1: arm.get_info()")
         await operator.press("greater_than_sign")
-        await operator.sees("mover takes step 1: arm.get_info()", "paused before step 2: arm.go_to(")
+        await operator.sees("mover takes step 1: arm.get_info()")
+        await operator.sees("paused before step 2: arm.go_to(")
         assert realm.arm.calls == []
         await operator.press("greater_than_sign")
         await operator.sees("paused before step 3: arm.get_info()")
@@ -41,7 +42,7 @@ async def test_keys_pause_let_one_step_pass_and_go_on(realm: Realm, operate: Ope
         await operator.sees("paused before step 3: arm.get_info()")
         await operator.press("escape")
         await operator.press("B")
-        await operator.sees("mover goes on")
+        await operator.sees("mover: goes on")
         await moving
         await operator.until(lambda: not operator.app.store.descriptions["mover"].paused, "no pause is shown")
 
