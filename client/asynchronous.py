@@ -275,7 +275,7 @@ class AsyncRobot:
 
     @property
     def readings(self) -> AsyncReadings:
-        """What it reads, as it publishes it."""
+        """The robot's readings, as it publishes them."""
         return AsyncReadings(self._realm, self._name)
 
     def __getattr__(self, command: str) -> AsyncCommand:
@@ -379,7 +379,7 @@ class AsyncCall:
         self.progress = math.nan
         """How far it is, 0 to 1; NaN before the first report."""
         self.note = ""
-        """What it says of its progress."""
+        """The latest text about its progress."""
 
     def begin(self, work: Coroutine[Any, Any, Any]) -> None:
         """Carry it out."""
@@ -429,7 +429,7 @@ class AsyncCall:
 
 
 class AsyncReadings:
-    """What a robot reads. The names are those of `robotree show NAME`; numbers in SI units."""
+    """The readings of a robot. The names are those of `robotree show NAME`; numbers in SI units."""
 
     def __init__(self, realm: AsyncRealm, robot: str) -> None:
         """Made by access to a robot's attribute."""

@@ -285,7 +285,7 @@ class Robot:
 
     @property
     def readings(self) -> Readings:
-        """What it reads, as it publishes it."""
+        """The robot's readings, as it publishes them."""
         return Readings(self._realm, self._robot.readings)
 
     def __getattr__(self, command: str) -> Command:
@@ -359,7 +359,7 @@ class Call:
 
     @property
     def note(self) -> str:
-        """What it says of its progress."""
+        """The latest text about its progress."""
         return self._call.note
 
     def result(self, timeout: float | None = None) -> Any:
@@ -380,7 +380,7 @@ class Call:
 
 
 class Readings:
-    """What a robot reads; see `AsyncReadings`. `arm.readings.z` asks for the present value."""
+    """The readings of a robot; see `AsyncReadings`. `arm.readings.z` asks for the present value."""
 
     def __init__(self, realm: Realm, readings: AsyncReadings) -> None:
         """Made by access to a robot's attribute."""

@@ -45,12 +45,12 @@ def _as_long(error: UnicodeError) -> tuple[str, int]:
 codecs.register_error(AS_LONG, _as_long)
 
 HEADER = struct.Struct("<4sBBB3s")
-"""What a definition decides (magic, length, flags, flags), sequence, system, component, id."""
+"""The fields that a definition decides (magic, length, flags, flags), sequence, system, component, id."""
 MAGIC = 0xFD
 SIGNED = 0x01
 """The only incompatibility flag there is."""
 PACKING_ERRORS = (struct.error, OverflowError, TypeError)
-"""What `struct` raises for a value that does not fit."""
+"""Errors of `struct` for a value that does not fit."""
 _FLOATS = ("float", "double")
 
 

@@ -79,7 +79,7 @@ class Frame(msgspec.Struct, frozen=True, gc=False, eq=False):
 
     @property
     def system(self) -> int:
-        """Who speaks."""
+        """The system that sent the frame."""
         return self.body[5 if self.body[0] == MAGIC else 3]
 
     @property

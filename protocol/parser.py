@@ -224,7 +224,7 @@ class Parser:
             self._turn(speaker, sequence)
 
     def _step(self, i: int, *, unknown: bool = False) -> int:
-        """What began like a frame is none; go on one byte later."""
+        """Skip one byte: these bytes are no frame."""
         self._skipped += 1
         if unknown:
             self._unknown += 1

@@ -137,7 +137,7 @@ class SigningTime:
         self._clock = clock
         self.heard = heard or HeardTime()
         self.start = max(self.wall(), self.heard.newest + 1)
-        """What the wall clock showed when we were started, or later than all that was heard before. No stream
+        """The time of the wall clock at our start, or later than all that was heard before. No stream
         begins earlier: what was said before may have been heard by the one before us, however that ended."""
         self._passed = 0.0
         """[s] of Unix time; before it the wall clock shows no timestamp that is later than `last`."""
@@ -170,7 +170,7 @@ class SigningTime:
         return last
 
     def wall(self) -> int:
-        """What the wall clock shows."""
+        """The time of the wall clock."""
         return int((self._clock() - _EPOCH) * _UNITS)
 
 
@@ -255,7 +255,7 @@ class Verifier:
         allow: Callable[[Frame], bool] = nothing_unsigned,
     ) -> None:
         self.key = key
-        """Whose signatures pass."""
+        """The key whose signatures pass."""
         self._begin, self._time, self._allow = key.begin, time, allow
         self._newest = streams.of(key)
         self._passed = self._allowed = self._unsigned = self._forged = 0

@@ -269,7 +269,7 @@ def _numbered(kind: bytes, number: int) -> bytes:
 
 
 async def _check_pause(sender: Link, receiver: RecordingHandler, settle: Settle, *, pauses: bool) -> None:
-    """Who does not read for a while finds everything when it reads on."""
+    """A reader that pauses finds everything when it reads on."""
     link = receiver.link
     assert isinstance(link, Pausable) == pauses, "what can wait says so"  # noqa: S101
     if not isinstance(link, Pausable):

@@ -1,4 +1,4 @@
-"""What goes wrong before a proxy or a view runs.
+"""Errors before a proxy or a view runs.
 
 What goes wrong afterwards is raised as the errors of `robotree.vr.base.errors`, which every caller knows.
 

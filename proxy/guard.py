@@ -1,4 +1,4 @@
-"""What is refused before it reaches the wire: a number outside its limits, an epoch that is over.
+"""Requests that are refused before they reach the wire: a number outside its limits, an epoch that is over.
 
 The controller refuses too, and knows more (reach, path, contact). This check comes first because its answer
 is quicker and names the caller's parameters, and because a limit belongs to a place, not to a machine: the

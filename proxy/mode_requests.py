@@ -32,7 +32,7 @@ REMEDIES = {
     Reason.STOPPED: "another stop came after the one that was to end; when it is safe, resume again",
     Reason.STALE_EPOCH: "a newer lease is already obeyed; resume again",
 }
-"""What to do about a refusal whose reason does not name a remedy."""
+"""The advice for a refusal whose reason does not name a remedy."""
 
 RequestingHook = Literal["safe_stop", "resume"]
 """The hook of a robot that makes a request."""
@@ -79,7 +79,7 @@ class ModeRequests:
     def __init__(self, robot: str) -> None:
         self._robot = robot
         self._hook: RequestingHook = "safe_stop"
-        """What they ask for."""
+        """The hook that asks."""
         self._waiting: list[ModeRequest] = []
 
     def add(self, hook: RequestingHook, request: ModeRequest) -> None:

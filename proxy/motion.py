@@ -15,7 +15,7 @@ from robotree.vr.base.description import Effect
 
 
 class Request(NamedTuple):
-    """What a goal asks for, as the wire encodes it."""
+    """The content of a goal, as the wire encodes it."""
 
     verb: int
     """One of `Verb`, or a number from 0x8000 on that a controller and its proxy have agreed upon."""
@@ -28,7 +28,7 @@ class Motion:
     """One motion. Its fields are numbers, and each has a limit of the same name."""
 
     effect: ClassVar[Effect] = "once"
-    """What it does when it is carried out twice: `once` adds up, `repeat` ends the same. After a restart of
+    """The effect of a second execution: `once` adds up, `repeat` ends the same. After a restart of
     the controller only the second is asked for again."""
     verb: ClassVar[int]
     """Number of the verb that it is on the wire."""

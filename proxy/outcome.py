@@ -53,7 +53,7 @@ def explain(end: GoalEnded) -> str:
 
 
 def reason_in_words(reason: int) -> str:
-    """What a reason of the dialect means, as a clause."""
+    """Return the meaning of a reason of the dialect, as a clause."""
     try:
         return SENTENCES[Reason(reason)]
     except ValueError:
@@ -61,7 +61,7 @@ def reason_in_words(reason: int) -> str:
 
 
 def silence_in_words(*, acknowledged: bool, heard: float, kind: str) -> str:
-    """What missing answers about a goal mean, as a sentence without its full stop.
+    """Return the meaning of missing answers about a goal, as a sentence without its full stop.
 
     Args:
         acknowledged: whether it ever answered the goal.

@@ -63,18 +63,18 @@ CANCEL_TIMEOUT = 0.8
 """[s] that a cancelled command waits for the controller to confirm the end of its goal: less than the
 second that agents allow. An unconfirmed cancel is sent again after that."""
 ASK = Request(Verb.STATUS, ())
-"""What asks for the state of a goal."""
+"""The request for the state of a goal."""
 READING_TIMEOUT = 1.0
 """[s] that a reading may take to arrive. The slowest stream comes ten times a second."""
 NEXT = "look after the controller, the proxy goes on dialling"
-"""What to do about a robot that is offline."""
+"""The advice for a robot that is offline."""
 
 
 class RobotProxy(Robot):
     """Stands for one robot, which its controller moves."""
 
     limits: Limits = NO_LIMITS
-    """What is refused before the wire; a kind sets its own."""
+    """The limits that are checked before the wire; a kind sets its own."""
     readers: MessageReaders = READERS
     """How its telemetry is read; a kind may set its own."""
     reading_units = UNITS

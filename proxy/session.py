@@ -103,9 +103,9 @@ class Redial:
 Claim = ClaimGranted | ClaimDenied
 Goal = GoalProgress | GoalEnded | GoalSilent
 SessionEvent = OnlineChanged | HeldChanged | ModeAnswer | Claim | Goal | Picture | Sentence
-"""What the session reports."""
+"""The reports of the session."""
 SessionEffect = Send | Redial | SessionEvent
-"""What the session reports, and what it asks the connection to do."""
+"""The reports of the session, and its orders to the connection."""
 
 
 class ControllerSession:

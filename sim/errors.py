@@ -1,4 +1,4 @@
-"""What a simulated robot refuses, and why.
+"""The refusals of a simulated robot, with their reasons.
 
 ::
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from robotree.sim.rover.world import RoverWorld
 
 NOTHING_MORE: Final = MavProtocolCapability(0)
-"""What a kind offers beyond every controller of ours, if nothing."""
+"""The capabilities of a kind that has none beyond those of every controller of ours."""
 
 
 BASE: Final = MavComponent.AUTOPILOT1
@@ -46,7 +46,7 @@ W = TypeVar("W", bound=World)
 
 
 class Part(NamedTuple):
-    """What one MAVLink component of a controller moves.
+    """One MAVLink component of a controller, and the device that it moves.
 
     Attributes:
         component: its id.
@@ -134,7 +134,7 @@ class Kind(Generic[W]):
         return Controller(world.cell, programs[0], self.cameras, programs[1:])
 
     def _identity(self, system: int, part: Part, life: int) -> "Identity":
-        """What a component says of itself; its uid is the same at every start, its life is not."""
+        """The identity of a component; its uid is the same at every start, its life is not."""
         from hashlib import sha256
         from importlib.metadata import version
         from time import time

@@ -1,4 +1,4 @@
-"""What the command line of pytest has chosen; loads nothing."""
+"""The choices on the command line of pytest; loads nothing."""
 
 seed: int | None = None
 """The only seed to be played; None: all that the tests name."""

@@ -151,7 +151,7 @@ class FakeRobot(Robot):
     def begin(self) -> None:
         """Know nothing yet."""
         self.memory: dict[str, Any] = {}
-        """What was commanded last, by the name of the parameter."""
+        """The arguments of the latest commands, by the name of the parameter."""
         self.given: Counter[str] = Counter()
         """How many results of each command were given."""
 

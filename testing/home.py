@@ -30,11 +30,11 @@ _PAGE = KeptPage("", "")
 
 
 class Rehearsal(Protocol):
-    """What a home needs of its rehearsal."""
+    """The interface of a rehearsal that a home uses."""
 
     @property
     def journal(self) -> Journal:
-        """What was commanded, of all robots."""
+        """The commands of all robots."""
         ...
 
     def threads(self, process: SimulatedProcess, journal: _Both) -> Process:

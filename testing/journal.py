@@ -1,4 +1,4 @@
-"""What was commanded in a rehearsal, in the order in which it was accepted, and how each command ended.
+"""The commands of a rehearsal, in the order in which they were accepted, and how each ended.
 
 It is the robots' own journal: an entry is made when the core of a robot accepts a call, after its checks.
 """

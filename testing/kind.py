@@ -1,4 +1,4 @@
-"""What a fake needs to know of a kind of robot: its names, its commands, and what they return.
+"""The description of a kind of robot for a fake: its names, its commands, and their results.
 
 Three sources: a class (an interface of `robotree.kinds`, a proxy's or a page's class), a description as a
 living robot gives it, or a file that holds such a description as JSON.

@@ -1,4 +1,4 @@
-"""What can be in a slot of a rehearsal, and what goes wrong with it."""
+"""The parts in the slots of a rehearsal, and their faults."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ class Fault(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Stage(Protocol):
-    """What a part needs of its rehearsal."""
+    """The interface of a rehearsal that a part uses."""
 
     world: World
     mistake: Exception | None
-    """What a function of the test itself has raised."""
+    """The error that a function of the test itself has raised."""
 
     @property
     def now(self) -> float:
@@ -89,7 +89,7 @@ class Stage(Protocol):
 
 
 class Part:
-    """What can be in a slot of a rehearsal: a fake, a simulated robot, or another page."""
+    """The child in a slot of a rehearsal: a fake, a simulated robot, or another page."""
 
     def __init__(self) -> None:
         """Begin without faults."""
@@ -148,7 +148,7 @@ class Part:
 PageSource = type[VirtualRobot] | str | Path
 """A page: its class, or the path of its file (`FILE.py` or `FILE.py:CLASS`)."""
 Parts = Part | Sequence[Part]
-"""What is in one slot, or one after the other in a slot for several."""
+"""The part of one slot, or the parts of a slot for several."""
 
 
 class Page(Part):

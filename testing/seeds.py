@@ -41,7 +41,7 @@ Check = Callable[[Team], object]
 
 
 class Trial(msgspec.Struct, frozen=True):
-    """What is played under each seed."""
+    """The story that is played under each seed."""
 
     page: PageSource
     command: str

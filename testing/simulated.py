@@ -51,7 +51,7 @@ class Simulated(Part):
         """[s] that a frame takes between proxy and controller, and how much longer at most."""
         self.name = kind
         self.world: Any = None
-        """What is simulated: `sim.arm.world.ArmWorld` and the like, with the truth that no sensor shows."""
+        """The simulated world: `sim.arm.world.ArmWorld` and the like, with the truth that no sensor shows."""
         self._team: Stage
         self._cables: list[Cable] = []
         self._endpoints: list[Endpoint] = []

@@ -66,7 +66,7 @@ class Going:
         """Nothing is known of it yet."""
         self.command, self.key = command, key
         self.progress: list[tuple[float, str]] = []
-        """What it has said of its progress: how far, 0 to 1, and a text."""
+        """Its reports of progress: how far, 0 to 1, and a text."""
         self._team = team
         self._outcome: tuple[Any, BaseException | None] | None = None
 
@@ -108,7 +108,7 @@ class Team:
             raise RuntimeError("a rehearsal has event loops of its own: make the test a plain function")
         self.world = World(seed)
         self.mistake: Exception | None = None
-        """What a function of the test itself has raised."""
+        """The error that a function of the test itself has raised."""
         self.struck: list[tuple[float, str]] = []
         """The faults that have happened: when [s], and in words."""
         self._parts: dict[str, Part] = {}
@@ -119,12 +119,12 @@ class Team:
         self._homes: dict[str, Home] = {}
         """Where the pages live."""
         self._bonds: list[tuple[str, str, str]] = []
-        """What is to be bound: parent, slot, child."""
+        """The bonds to make: parent, slot, child."""
         self._counts: Counter[tuple[str, str]] = Counter()
         self._faults: list[Fault] = []
         """Of the team as a whole: at the how-manieth command of any child."""
         self._raised: dict[str, BaseException] = {}
-        """What the code of each robot has raised last, by its name."""
+        """The latest error of each robot's code, by its name."""
         self._calls: list[Going] = []
         self._space: TeamSpace | None = None
         self.journal = Journal(self._paths, self.world.runner.now)
@@ -162,12 +162,12 @@ class Team:
 
     @property
     def commanded(self) -> Commanded:
-        """What the robots below the page were commanded, in this order; what only reads is left out."""
+        """The commands of the robots below the page, in this order; those that only read are left out."""
         return Commanded(step.entry for step in self.steps if step.robot and not step.reads)
 
     @property
     def progress(self) -> list[tuple[float, str]]:
-        """What the latest call of the page has said of its progress."""
+        """The progress reports of the latest call of the page."""
         return self._calls[-1].progress if self._calls else []
 
     @property

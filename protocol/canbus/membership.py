@@ -1,4 +1,4 @@
-"""Who is on the bus: takes a seat, greets the others, hears newcomers, drains what waits.
+"""The members of the bus: one takes a seat, greets the others, hears newcomers, drains what waits.
 
 Members are connected each to each; no member relays for others, so none can take the bus down with it and
 none slows the others by being busy. One thread per member does what cannot wait until somebody calls the
@@ -198,7 +198,7 @@ class Membership:
                 self.lock.notify_all()
 
     def _watched(self) -> tuple[select.poll, int | None]:
-        """What the thread waits for now; made anew each time, since it changes with almost every round."""
+        """The events that the thread waits for now; they change with almost every round."""
         poll = select.poll()
         with self.lock:
             for descriptor in (self._bell, self._seat.fileno(), *self._pending):

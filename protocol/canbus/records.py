@@ -1,4 +1,4 @@
-"""What members of a bus say to each other: a greeting, and then CAN frames, as bytes. Pure.
+"""The records that members of a bus exchange: a greeting, and then CAN frames, as bytes. Pure.
 
 ::
 

@@ -44,7 +44,7 @@ def first_port(channel: int | str) -> int:
 
 
 def channel_id(channel: int | str) -> int:
-    """What distinguishes a channel from others in the same row: its port, or the CRC-32 of its name.
+    """Return the number that identifies a channel in its row: its port, or the CRC-32 of its name.
 
     Args:
         channel: a port, as a number or in digits, or a name.

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 DIALECT = Path(__file__).with_name("robotree_full.xml")
 SUBSET = "upstream_subset.xml"
-"""What we use of upstream's dialects that pymavlink's `common` lacks; some other base may have it."""
+"""The parts of upstream's dialects that we use and pymavlink's `common` lacks; another base may have them."""
 LARGEST_PAYLOAD = 255
 LARGEST_NESTING = 8
 LARGEST = 4_000_000
@@ -261,14 +261,14 @@ def _complete(copy: Path) -> None:
 
 
 def _told(error: BaseException, folder: Path) -> str:
-    """What an error says; its frames are cleared, since mavparse leaves files open in them."""
+    """Return the text of an error; its frames are cleared, since mavparse leaves files open in them."""
     with warnings.catch_warnings(action="ignore", category=ResourceWarning):
         traceback.clear_frames(error.__traceback__)
     return _line(str(error) or type(error).__name__, folder)
 
 
 def _complaint(said: str, folder: Path) -> str:
-    """What the generator complained about, from the first error on; before it there is only chatter."""
+    """Return the generator's output from the first error on; the lines before it are notes."""
     lines = said.strip().splitlines()
     first = next((i for i, line in enumerate(lines) if line.startswith("ERROR")), len(lines) - 1)
     return _line(" ".join(lines[max(first, 0) :]), folder)
@@ -281,7 +281,7 @@ def _line(text: str, folder: Path) -> str:
 
 
 def languages() -> tuple[str, ...]:
-    """What pymavlink can generate."""
+    """The languages that pymavlink can generate."""
     from pymavlink.generator import mavgen
 
     return tuple(mavgen.supportedLanguages)

@@ -1,4 +1,4 @@
-"""What can go wrong when the dialect is written in another language.
+"""Errors when the dialect is written in another language.
 
 ::
 

@@ -1,4 +1,4 @@
-"""What pymavlink's generator does not notice, or says in a way that nobody understands.
+"""Mistakes in a dialect that pymavlink's generator does not notice or does not explain.
 
 It raises in four ways, prints, evaluates the values of enumerations as Python, writes modules that do not
 compile, and packs messages that do not fit the wire. So a dialect's own files are examined first, also their
@@ -30,7 +30,7 @@ _NUMBER = re.compile(r"[+-]?(?:\d+|0[xX][\da-fA-F]+|0b[01]+|\d+\*\*\d+)")
 
 
 def problems(xml: Path) -> Iterator[str]:
-    """What is wrong in one file, not in what it includes: each a sentence that says what and where."""
+    """The mistakes of one file, not of the files that it includes: a sentence for each, with its place."""
     try:
         root = ET.parse(xml).getroot()  # noqa: S314  a developer's own file; entities cost only him
     except ET.ParseError as error:

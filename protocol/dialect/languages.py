@@ -47,7 +47,7 @@ XML = "xml"
 
 
 def names() -> tuple[str, ...]:
-    """What `write` takes."""
+    """The names of languages that `write` takes."""
     return (*LANGUAGES, XML)
 
 

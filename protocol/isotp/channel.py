@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class Heard(msgspec.Struct, frozen=True, gc=False):
-    """What a data field led to."""
+    """The result of one data field."""
 
     payload: bytes | None = None
     """A payload that is whole now."""

@@ -40,7 +40,7 @@ _ESCAPED_HEADER = 6
 
 
 class FlowStatus(IntEnum):
-    """What a receiver says to the first frame, and after each block."""
+    """The receiver's answer to the first frame, and after each block."""
 
     CONTINUE = 0
     WAIT = 1
@@ -81,7 +81,7 @@ class FlowControl(msgspec.Struct, frozen=True, gc=False):
 
 
 Pci = SingleFrame | FirstFrame | ConsecutiveFrame | FlowControl
-"""What a data field says (protocol control information, and the data with it)."""
+"""The content of a data field (protocol control information, and the data with it)."""
 
 
 def pad(data: bytes) -> bytes:
@@ -140,7 +140,7 @@ def decode_separation(code: int) -> float:
 
 
 def decode(field: bytes) -> Pci | None:
-    """What a data field says; None: nothing that the standard allows. Never raises."""
+    """Decode a data field; None: nothing that the standard allows. Never raises."""
     if not field:
         return None
     kind, low = field[0] >> 4, field[0] & 0xF

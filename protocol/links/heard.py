@@ -1,4 +1,4 @@
-"""What a controller remembers of the newest signing time that it has accepted: a small file beside the key.
+"""The newest signing time that a controller has accepted: a small file beside the key.
 
 Two records, each with a checksum. The first has the newest timestamp exactly, and is written with each frame
 that is accepted: after `kill -9` it is all there, because the system keeps what was written, but a power cut

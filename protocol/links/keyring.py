@@ -94,7 +94,7 @@ class Keyring:
         return key if pattern == controller else key.of_controller(controller)
 
     def told(self, controller: str) -> dict[str, str]:
-        """What a program without this file needs to command one controller; show it to its owner only.
+        """The secrets that a program without this file needs for one controller; show them to its owner only.
 
         Returns:
             `key`: 64 hexadecimal digits. `passphrase`: MAVProxy and QGroundControl make the key of it; it is

@@ -1,4 +1,4 @@
-"""What a link is: a way for bytes in both directions, with callbacks.
+"""A link: a way for bytes in both directions, with callbacks.
 
 A link neither knows messages nor cuts the incoming stream at frames; a `Handler`, usually an
 `robotree.protocol.endpoint.Endpoint`, does. `check_link` and `check_close_in_accept` of
@@ -132,7 +132,7 @@ class Listener(Protocol):
 
     @property
     def address(self) -> str:
-        """What others pass to `connect`, with the port that was really taken."""
+        """The address that others pass to `connect`, with the port that was really taken."""
         ...
 
     @property

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Faults(msgspec.Struct, frozen=True, kw_only=True):
-    """What may happen to a frame on its way."""
+    """The faults that may happen to a frame on its way."""
 
     loss: float = 0.0
     """Probability that it never arrives."""

@@ -24,7 +24,7 @@ _ALLOWED = f"{ALLOWED_DELAY:.0f} s are allowed; set both clocks right"
 
 
 class Rejection(NamedTuple):
-    """What most of the frames that were refused have in common."""
+    """The commonest reason for which frames were refused."""
 
     kind: str
     refused: int

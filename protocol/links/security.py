@@ -133,7 +133,7 @@ class Security:
         self._trouble = ""
 
     def signer_pair(self, controller: str) -> SignerPair:
-        """What a link with a controller needs. Every link of ours has an id of its own, modulo 256.
+        """The signers of a link with a controller. Every link of ours has an id of its own, modulo 256.
 
         The key is the one that the file has now; if the file cannot be used, the one that it had before. A
         controller without one gets a key that nobody else has: it hears nobody, and nobody hears it.

@@ -1,4 +1,4 @@
-"""What links over sockets have in common: how an address is written, and why it could not be had."""
+"""The base of links over sockets: how an address is written, and why it could not be opened."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ SCHEMES = {
 
 
 class Scheme(Protocol):
-    """What the module of a scheme offers."""
+    """The functions that the module of a scheme offers."""
 
     async def connect_url(self, url: Url, accept: Accept) -> Link:
         """Open the link that the address names."""
@@ -113,7 +113,7 @@ def require_loopback(address: str, host: str, *, exposed: bool) -> None:
 
 
 def instead(address: str) -> str:
-    """What to do when somebody else has the address that we want to listen at.
+    """Return the advice for an address that is in use when we want to listen there.
 
     Args:
         address: any; one that means nothing gets the most general advice.

@@ -1,4 +1,4 @@
-"""What all messages have in common, and their registry. Everything about messages that is written by hand.
+"""The base of all messages, and their registry. Everything about messages that is written by hand.
 
 A message that robotree speaks is a class below `Message`, decorated with its name on the wire; its fields are
 those of the XML, in the same order. The classes of the dialect are generated (`messages/__init__.py`); a kind
@@ -49,7 +49,7 @@ class SecretMessage(Message, frozen=True, gc=False):
 
 
 class GoalStateBase(IntEnum):
-    """What the generated `GoalState` has beside its values."""
+    """The methods of the generated `GoalState`."""
 
     @property
     def final(self) -> bool:
@@ -175,7 +175,7 @@ def _untyped(msgid: int, *values: Value) -> Untyped:
 
 
 def definition_of(message: AnyMessage) -> Definition:
-    """What the dialect says about a message."""
+    """The definition of a message in the dialect."""
     return message.codec.definition
 
 

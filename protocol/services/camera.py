@@ -1,4 +1,4 @@
-"""What a camera component says: HEARTBEAT every second, and CAMERA_INFORMATION when it is requested.
+"""The messages of a camera component: HEARTBEAT every second, and CAMERA_INFORMATION on request.
 
 Only a command that names the camera's component is answered; the autopilot answers those for all components.
 A camera obeys no other command. Pictures have messages of their own (`picture`), so `flags` is 0: the camera

@@ -82,7 +82,7 @@ class ClaimClient:
         self.holder, self._name = holder, name.encode()[:NAME_BYTES].decode(errors="ignore")
         self._take_over = take_over
         self._other = ""
-        """Who holds the claim that we shall take over."""
+        """The holder of the claim that we shall take over."""
         self.life = 0
         """Of the controller; 0: not told yet, or it understands no claims."""
         self.epoch = 0

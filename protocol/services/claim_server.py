@@ -114,12 +114,12 @@ class ClaimServer:
         return self.holding is not None or self.fence.epoch > self._over
 
     def voice(self, peer: Peer) -> Hashable:
-        """Who must be heard while something moves at a peer's word: the claim's holder, or the peer."""
+        """The sender that must be heard while something moves for a peer: the claim's holder, or the peer."""
         held = self.holding
         return Holder(held.holder) if held is not None and held.peer == peer else peer
 
     def status(self, to: Peer | None = None, reason: Reason = Reason.NONE) -> ClaimStatus:
-        """Who holds the claim, as everybody is told, or as the answer to a claim."""
+        """The holder of the claim, for everybody, or as the answer to a claim."""
         held = self.holding
         return ClaimStatus(
             holder=held.holder if held else 0,

@@ -49,7 +49,7 @@ PROGRESS_PERIOD = 0.5
 MAX_PEERS = 256
 """Results that are stored."""
 UNKNOWN_PROGRESS = 255
-"""What the wire says of a progress that nobody knows."""
+"""The value on the wire of an unknown progress."""
 _NO_INTEGER = 0x7FFFFFFF
 _DONE = frozenset({MavResult.ACCEPTED, MavResult.IN_PROGRESS})
 """Answers that say that something was done."""
@@ -72,13 +72,13 @@ class Request(msgspec.Struct, frozen=True):
 
 
 class Answer(msgspec.Struct, frozen=True):
-    """What became of a command at once."""
+    """The immediate answer to a command."""
 
     result: MavResult
     detail: int = 0
     """`result_param2`, as the command defines it."""
     messages: tuple[AnyMessage, ...] = ()
-    """What was asked for; sent to the asker after the answer."""
+    """The messages that were requested; sent to the asker after the answer."""
     remembered: bool = False
     """Whether a repetition of what is carried out every time shall be told by `Request.repeated`."""
 

@@ -50,7 +50,7 @@ SILENCE = 3.0
 
 
 class OperatorControl:
-    """Who is in control of one system."""
+    """The station that is in control of one system."""
 
     def __init__(self) -> None:
         self.owner: Peer | None = None
@@ -62,7 +62,7 @@ class OperatorControl:
 
     @property
     def status(self) -> ControlStatus:
-        """Who is in control, as everyone is told."""
+        """The station in control, as everyone is told."""
         flags = GcsControlStatusFlags.SYSTEM_MANAGER
         if self._takeover or self.owner is None:
             flags |= GcsControlStatusFlags.TAKEOVER_ALLOWED
@@ -109,7 +109,7 @@ class OperatorControl:
         self._due = -inf
 
     def tick(self, now: float) -> list[ControlEffect]:
-        """What changed, and the status when its time has come."""
+        """Return the changes, and the status when its time has come."""
         if self.owner is not None and now >= self._heard + SILENCE:
             self._give(None, takeover=False, now=now)
         effects, self._waiting = self._waiting, []

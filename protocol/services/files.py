@@ -100,7 +100,7 @@ class Files:
         self._open: dict[Peer, str] = {}
 
     def answer(self, question: AnyMessage, asker: Peer) -> list[AnyMessage]:
-        """What to send back for a FILE_TRANSFER_PROTOCOL; nothing for what is itself an answer."""
+        """Answer a FILE_TRANSFER_PROTOCOL; an answer gets none."""
         payload = fields_of(question)["payload"]
         assert isinstance(payload, bytes)  # noqa: S101  an array of uint8_t
         sequence, session, opcode, size, _, _, offset = _HEADER.unpack_from(payload)

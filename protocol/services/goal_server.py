@@ -118,7 +118,7 @@ class GoalServer:
         return [id_ for id_, record in self._records.items() if not record.state.final]
 
     def asker(self, id_: GoalId) -> Peer:
-        """Who asked last for a goal that is kept (for itself, its status or its end) and may command.
+        """The peer that asked last for a kept goal (for itself, its status or its end) and may command.
 
         It is told of the goal.
 
@@ -337,7 +337,7 @@ class GoalServer:
 
 
 def _content(goal: Goal) -> bytes:
-    """What makes two goals the same, to the bit; NaN equals NaN here.
+    """The bytes in which two equal goals agree; NaN equals NaN here.
 
     The time to live is not among it: who asks again, later, has less of the same time left.
     """

@@ -72,7 +72,7 @@ class PeerLost(msgspec.Struct, frozen=True):
 
 
 class HeartbeatMonitor:
-    """Who is there. Any frame is a sign of life, but only a heartbeat introduces a peer.
+    """The peers that are present. Any frame is a sign of life, but only a heartbeat introduces a peer.
 
     A peer counts as lost after SILENCE seconds without a sign of life.
     """
@@ -103,7 +103,7 @@ class HeartbeatMonitor:
         return []
 
     def tick(self, now: float) -> list[PeerLost]:
-        """Who has fallen silent."""
+        """Return the peers that have fallen silent."""
         return self._lose([peer for peer, heard in self._heard.items() if now - heard >= SILENCE], now)
 
     def link_closed(self, via: Hashable, now: float) -> list[PeerLost]:

@@ -49,7 +49,7 @@ class Parameter(msgspec.Struct, frozen=True, kw_only=True):
     upper: float = float("inf")
     read_only: bool = False
     text: str = ""
-    """What it means, with its unit."""
+    """The meaning of the parameter, with its unit."""
 
     def __post_init__(self) -> None:
         if not 0 < len(self.name.encode()) <= LONGEST_NAME:

@@ -17,7 +17,7 @@ _MICRO = 1_000_000
 
 
 def answer(question: Ping, asker: Peer) -> list[Ping]:
-    """What to send back: the answer to a question, nothing to an answer."""
+    """Answer a question; an answer gets none."""
     if question.target_system or question.target_component:
         return []
     return [msgspec.structs.replace(question, target_system=asker.system, target_component=asker.component)]

@@ -26,12 +26,12 @@ _NANO = 1_000_000_000
 
 
 def answer(question: Timesync, now: float) -> list[Timesync]:
-    """What to send back: the answer to a question, nothing to an answer."""
+    """Answer a question; an answer gets none."""
     return [] if question.tc1 else [Timesync(tc1=max(round(now * _NANO), 1), ts1=question.ts1)]
 
 
 class Estimate(msgspec.Struct, frozen=True):
-    """What is known about the far clock."""
+    """An estimate of the far clock."""
 
     offset: float
     """[s] to add to our clock to get the far one."""

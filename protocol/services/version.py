@@ -14,7 +14,7 @@ CAPABILITIES = (
     | MavProtocolCapability.PARAM_ENCODE_C_CAST
     | MavProtocolCapability.COMPONENT_ACCEPTS_GCS_CONTROL
 )
-"""What every controller of ours offers."""
+"""The capabilities of every controller of ours."""
 _MAVLINK_1, _MAVLINK_2 = 100, 200
 _KINDS = {"dev": 0, "a": 64, "b": 128, "rc": 192, "": 255}
 """FIRMWARE_VERSION_TYPE."""

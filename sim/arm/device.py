@@ -99,7 +99,7 @@ class Arm:
     def __init__(self, ports: ArmPorts) -> None:
         self._ports = ports
         self.tuning = ArmTuning()
-        """What `parameters` change; it is read in every control period."""
+        """The values of `parameters`; they are read in every control period."""
         self._kinematics = Kinematics()
         self._planner = Planner(Kinematics())
         self._law = NaturalAdmittance()
@@ -123,7 +123,7 @@ class Arm:
 
     @property
     def verbs(self) -> Collection[Verb]:
-        """What it can be asked to do."""
+        """The verbs that it carries out."""
         return self._plans.keys()
 
     @property
@@ -133,7 +133,7 @@ class Arm:
 
     @property
     def parameters(self) -> Collection[Tunable]:
-        """What can be tuned on it."""
+        """The parameters that can be tuned."""
         return PARAMETERS
 
     def prepare(self, verb: int, args: tuple[float, ...]) -> Start:

@@ -21,7 +21,7 @@ YIELDS: Final = 0.002
 
 
 class Grip(Enum):
-    """What the fingers are doing."""
+    """The state of the fingers."""
 
     AT_WIDTH = "at the width asked for"
     MOVING = "moving"

@@ -37,7 +37,7 @@ STEP: Final = 0.3
 
 
 class Dynamics(NamedTuple):
-    """What the control law needs to know of one instant.
+    """The quantities of one instant that the control law needs.
 
     Attributes:
         position: (3,) of T in W [m].

@@ -1,4 +1,4 @@
-"""What stands and lies on the arm's table: a bistable lever and a block to pick up."""
+"""The things on the arm's table: a bistable lever and a block to pick up."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What can be tuned on the arm while it runs, and how far: never beyond what it was measured with.
+"""The parameters of the arm that can be tuned while it runs, within the limits it was measured with.
 
 Speeds and accelerations count from the next movement or set-point on; the spring changes gradually (see
 `compliance`), so tuning a pressing arm does not make it jump.
@@ -42,4 +42,4 @@ PARAMETERS: Final = (
     Tunable("GRIP_SPEED", "grip_speed", 0.01, GRIP_SPEED, "m/s, of the gap between the fingers"),
     Tunable("GRIP_FORCE", "grip_force", 2.0, GRIP_FORCE, "N, of each finger"),
 )
-"""What people can tune."""
+"""The parameters that people can tune."""

@@ -58,10 +58,10 @@ WAITS_FOR: Final = 8.0
 
 
 class Thinking(Protocol):
-    """What the base asks of the whole body."""
+    """The interface of the whole body that the base uses."""
 
     def people(self) -> Sequence[Person]:
-        """Who is where."""
+        """The people and their places."""
         ...
 
     def tipping(self, lean: float | None) -> Objection | None:

@@ -180,7 +180,7 @@ class Body:
         return self._pace[side]
 
     def people(self) -> Sequence[Person]:
-        """Who is where."""
+        """The people and their places."""
         return self._people()
 
     def tipping(self, lean: float | None) -> Objection | None:

@@ -1,4 +1,4 @@
-"""What the companion may not do, judged in thought before anything moves: the guard of the whole body.
+"""The guard of the whole body: judges a path before anything moves.
 
 It knows the body's own shape (Pinocchio's geometry, distances by Coal), the furniture (the flat's map), and
 where people are. A path is refused when one of its postures
@@ -180,7 +180,7 @@ class Guard:
         return min(WHEELBASE - abs(x) - ahead, TRACK - abs(y) - ahead)
 
     def word(self, pair: int) -> Objection:
-        """What is to be said of a pair that is too near."""
+        """Return the objection to a pair that is too near."""
         _, _, margin, words, reason = self._pairs[pair]
         for i, name in enumerate(self._names):
             words = words.replace(f"person {i}", name)

@@ -1,4 +1,4 @@
-"""What base, arms and head of the companion have in common as devices: a table of verbs, and what runs."""
+"""The base of the companion's devices (base, arms, head): a table of verbs, and the movement that runs."""
 
 from collections.abc import Callable, Collection, Mapping
 from typing import Final
@@ -20,12 +20,12 @@ class Part:
     def __init__(self, name: str, parameters: Collection[Tunable], plans: Mapping[Verb, Plan]) -> None:
         self._name, self._plans = name, plans
         self.parameters: Final = parameters
-        """What can be tuned on it."""
+        """The parameters that can be tuned."""
         self._running: Callable[[], Progress] = ended
 
     @property
     def verbs(self) -> Collection[Verb]:
-        """What it can be asked to do."""
+        """The verbs that it carries out."""
         return self._plans.keys()
 
     @property

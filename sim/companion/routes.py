@@ -25,14 +25,14 @@ Point = tuple[float, float]
 
 
 class Blocked(NamedTuple):
-    """What stands in the way."""
+    """An obstacle on the way."""
 
     what: str
     person: bool
 
 
 class Floor:
-    """What is free for the middle of the base.
+    """The area that is free for the middle of the base.
 
     Args:
         people: who stands where.
@@ -43,7 +43,7 @@ class Floor:
         self._people, self._distance = people, distance
 
     def blocked(self, at: Point) -> Blocked | None:
-        """What is in the way at a place; None: it is free."""
+        """Return the obstacle at a place; None: it is free."""
         x, y = at
         if not (ROOM[0] + RADIUS <= x <= ROOM[1] - RADIUS and ROOM[2] + RADIUS <= y <= ROOM[3] - RADIUS):
             return Blocked("a wall", person=False)
@@ -58,7 +58,7 @@ class Floor:
         return None
 
     def on_the_line(self, start: Point, end: Point) -> Blocked | None:
-        """What is in the way on a line; the first 10 cm, where the base stands already, do not count."""
+        """Return the obstacle on a line; the first 10 cm, where the base stands already, do not count."""
         length = math.dist(start, end)
         count = max(1, math.ceil(length / (0.5 * GRID)))
         for i in range(1, count + 1):

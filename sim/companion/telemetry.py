@@ -1,4 +1,4 @@
-"""What each component of the companion reports. Pure: readings in, messages out."""
+"""The reports of each component of the companion. Pure: readings in, messages out."""
 
 from collections.abc import Sequence
 from typing import Final

@@ -1,4 +1,4 @@
-"""What can be tuned on the companion while it runs, and how far: never beyond what it was measured with."""
+"""The parameters of the companion that can be tuned while it runs, within the limits it was measured with."""
 
 from dataclasses import dataclass
 from typing import Final

@@ -95,7 +95,7 @@ Play: TypeAlias = Sequence[Step]
 
 
 class Notice(NamedTuple):
-    """What a visitor can notice at one moment.
+    """The facts that a visitor can notice at one moment.
 
     Attributes:
         robot: x, y of the robot's base [m].

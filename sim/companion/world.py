@@ -64,7 +64,7 @@ class Heard(NamedTuple):
 
 
 class Flat:
-    """What acts in the flat before each step: the robot, the visitors, the battery, the cameras' eyes."""
+    """The actors of the flat before each step: the robot, the visitors, the battery, the cameras' eyes."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, plays: Sequence[Play]) -> None:
         self._model, self._data = model, data
@@ -75,13 +75,13 @@ class Flat:
         for visitor, play in zip(self.visitors, plays, strict=False):
             visitor.perform(play)
         self.spoken: list[str] = []
-        """What the robot has said aloud."""
+        """The sentences that the robot has said aloud."""
         self.heard = Heard(0, 0, "", 0)
         """The latest that a visitor said."""
         self.battery = Battery()
         self.body = Body(self._ports, self.people, self.spoken.append, len(VISITORS), self.battery)
         self.sights: dict[int, Sight] = {}
-        """What the cameras have seen, by tag."""
+        """The sights of the cameras, by tag."""
         self._time = self._lively_in = self._see_in = 0.0
         self._bind()
         self._draw()
@@ -92,7 +92,7 @@ class Flat:
         return self._time
 
     def people(self) -> Sequence[Person]:
-        """Who is where."""
+        """The people and their places."""
         return [Person(each.looks.name, (each.x, each.y), each.looks.height) for each in self.visitors]
 
     def cup(self, tag: int) -> Vector:
@@ -162,7 +162,7 @@ class Flat:
         self.battery.advance(LIVELY, effort, docked=docked)
 
     def _feel(self) -> None:
-        """What rests on the visitors' palms, and what the robot's fingers touch."""
+        """Note the things on the visitors' palms, and those that the robot's fingers touch."""
         data, touched = self._data, set[int]()
         self._palms = {}
         force = np.zeros(6)

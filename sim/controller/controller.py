@@ -95,7 +95,7 @@ def _take(program: Firmware, event: InboxEvent, now: int) -> list[Outgoing]:
 
 
 def _spoken_by(program: Firmware, out: list[Outgoing]) -> list[Outgoing]:
-    """What a program says, with its component as the speaker."""
+    """Return the messages of a program, with its component as the sender."""
     if program.component == COMPONENT:
         return out
     return [msgspec.structs.replace(each, component=program.component) for each in out]

@@ -1,4 +1,4 @@
-"""What a controller keeps over a restart, in a file and its copy: epoch fence, holder, number of its life.
+"""The memory of a controller over a restart, in a file and its copy: epoch fence, holder, number of its life.
 
 Both are replaced, never changed in place, before the new epoch is obeyed: a process that is killed at any
 time leaves the old or the new one. A thread then syncs them to the disk, so that the physics does not wait; a

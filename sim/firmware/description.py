@@ -1,4 +1,4 @@
-"""What the controller reports about itself on request and once a second: versions, load, counters, time.
+"""The controller's reports about itself, on request and once a second: versions, load, counters, time.
 
 Pure; the wall clock is passed in.
 """
@@ -67,7 +67,7 @@ class Source(Protocol):
 
 
 class Gauges:
-    """What is counted and measured outside of the firmware, by the program that runs it.
+    """The counters and measurements of the program that runs the firmware.
 
     Args:
         battery: that feeds the robot; None: it runs on mains power.
@@ -82,7 +82,7 @@ class Gauges:
         self.lost = 0
         """Datagrams that were lost unread because their link brought more than its share."""
         self.garbled = 0
-        """What came over the links and was no frame, no message that we know, or not signed as it must be."""
+        """The frames from the links that were damaged, unknown, or not signed as they must be."""
 
 
 def autopilot_version(identity: Identity) -> AutopilotVersion:

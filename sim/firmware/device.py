@@ -47,7 +47,7 @@ def pursuing() -> Progress:
 
 
 def planned(plans: Mapping[Verb, Plan], verb: int, args: tuple[float, ...]) -> Start:
-    """What begins the movement that a verb means, by a device's table of its verbs.
+    """Return the start of a verb's movement, by a device's table of its verbs.
 
     Raises:
         UnknownVerb: it is not in the table.
@@ -112,7 +112,7 @@ class Device(Protocol):
 
     @property
     def verbs(self) -> Collection[Verb]:
-        """What it can be asked to do."""
+        """The verbs that it carries out."""
         ...
 
     @property
@@ -122,12 +122,12 @@ class Device(Protocol):
 
     @property
     def parameters(self) -> Collection[Tunable]:
-        """What can be tuned on it, in an order that stays."""
+        """The parameters that can be tuned, in an order that stays."""
         ...
 
     @property
     def tuning(self) -> object:
-        """What `parameters` are attributes of."""
+        """The object whose attributes `parameters` are."""
         ...
 
     def prepare(self, verb: int, args: tuple[float, ...]) -> Start:

@@ -60,7 +60,7 @@ class Goals:
         return self._carry_out(self._server.tick(now / 1000), now)
 
     def _hand_over(self, now: int) -> None:
-        """Who may command and asks elsewhere for what runs, by its key, must be heard there from then on."""
+        """Follow a peer that may command to the link over which it asks for the running goal, by its key."""
         job = self._movement.job
         if job is not None and isinstance(job.key, GoalId):
             asker = self._server.asker(job.key)

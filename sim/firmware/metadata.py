@@ -1,4 +1,4 @@
-"""What a ground station shows about parameters: their texts, units and limits, as files that it reads by FTP.
+"""The metadata of parameters for ground stations: texts, units and limits, as files that they read by FTP.
 
 COMPONENT_METADATA names the general file, and that one the file of the parameters
 (https://mavlink.io/en/services/component_information.html). Both are made once, at the start.

@@ -1,4 +1,4 @@
-"""What moves the robot now: one job at a time, the newest; a stop, a hold, silence or a lost link ends it.
+"""The movement of the robot: one job at a time, the newest; a stop, a hold, silence or a lost link ends it.
 
 A job is a goal, a command or a stream of set-points; its service reports to its sender. The controller's mode
 follows from three facts: whether a stop is in force, whether a job runs, and whether silence ended the last
@@ -61,7 +61,7 @@ class Movement:
 
     @property
     def mode(self) -> ModeKind:
-        """What the controller is doing as a whole."""
+        """The mode of the whole controller."""
         if self.stopped:
             return ModeKind.SAFE_STOP
         if self._job is not None:
@@ -84,7 +84,7 @@ class Movement:
 
     @property
     def job(self) -> Job | None:
-        """What runs."""
+        """The job that runs."""
         return self._job
 
     def begin(self, job: Job, start: Start, now: int) -> list[Outgoing]:
@@ -97,7 +97,7 @@ class Movement:
         return out
 
     def adopt(self, speaker: Peer, voice: Hashable, now: int) -> None:
-        """What runs goes on at another speaker's word, and as long as this voice is heard."""
+        """Let the running job go on for another speaker, as long as this voice is heard."""
         if self._job is not None:
             self._job = self._job._replace(speaker=speaker, voice=voice)
             self.watchdog.obey(voice, speaker, now)
@@ -144,7 +144,7 @@ class Movement:
         return self._finish(state, progress.reason, progress.text, now)
 
     def fall_silent(self, now: int) -> str:
-        """What to tell people when who commands has just fallen silent; else nothing. Then `interrupt`."""
+        """Return the text for people if the commander has just fallen silent; then `interrupt`."""
         if not self.watchdog.silent(now):
             return ""
         self._silent = True

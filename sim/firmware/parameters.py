@@ -20,7 +20,7 @@ from robotree.sim.firmware.watchdog import Watchdog
 LINK_SILENCE: Final = Tunable(
     "LINK_SILENCE", "silence", 0.01, 3600.0, "s, silence of the link after which the robot holds"
 )
-"""What every controller has, whatever it moves."""
+"""The parameters that every controller has."""
 
 
 class Parameters:

@@ -159,7 +159,7 @@ class Firmware:
 
     @property
     def mode(self) -> ModeKind:
-        """What the controller is doing as a whole."""
+        """The mode of the whole controller."""
         return self._movement.mode
 
     def receive(
@@ -189,7 +189,7 @@ class Firmware:
         return receive(frame, peer, now, arrived) + self._modes.news(now)
 
     def greet(self, via: Hashable, now: int) -> list[Outgoing]:
-        """What to say first over the link `via`: that we are there, and how."""
+        """Return the first messages over the link `via`: our presence and state."""
         self._schedule.open(via)
         return [
             Outgoing(self._modes.heartbeat(), via),

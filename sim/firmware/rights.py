@@ -1,4 +1,4 @@
-"""Who may move the robot and change it: operator control on the wire, the claim, and the lease's epoch.
+"""The rights to move the robot and to change it: operator control, the claim, and the lease's epoch.
 
 While a ground station is in control, only it may command. Otherwise only the holder of the claim may. Without
 a claim, a goal counts by its epoch. A command has none: while a lease is in force its sender must take
@@ -39,7 +39,7 @@ class Rights:
         return Reason.NOT_IN_CONTROL, f"System {owner.system} is in control; ask it, or wait."
 
     def voice(self, peer: Peer) -> Hashable:
-        """Who must be heard while something moves at a peer's word."""
+        """The sender that must be heard while something moves for a peer."""
         return peer if peer == self.control.owner else self.claims.voice(peer)
 
     def objection(self, epoch: int, life: int) -> Refusal | None:
@@ -58,7 +58,7 @@ class Rights:
         return self.guard(peer) is None
 
     def why_not(self, peer: Peer) -> str | None:
-        """What to tell a peer that may not command; None: it may."""
+        """Return why a peer may not command; None: it may."""
         held, epoch = self.claims.holding, self.claims.fence.epoch
         if self.control.owner is None and self.claims.leased:
             by = f"{held.name}, " if held is not None and held.name else ""
@@ -78,7 +78,7 @@ class Rights:
         self.control.link_closed(via, now / 1000)
 
     def tick(self, now: int) -> tuple[list[Outgoing], Peer | None]:
-        """What to say, and who has just taken control, if somebody has."""
+        """Return the messages that are due, and the peer that has just taken control, if there is one."""
         out: list[Outgoing] = []
         new: Peer | None = None
         for effect in self.control.tick(now / 1000):

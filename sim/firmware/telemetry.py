@@ -91,7 +91,7 @@ class Schedule:
         return () if stream is None else stream.read(boot_ms(now), busy)
 
     def tick(self, now: int, *, busy: bool) -> list[Outgoing]:
-        """What is due, for the links that it is due on; read once for all of them."""
+        """Return the messages that are due, for the links on which they are; read once for all of them."""
         out: list[Outgoing] = []
         readings: dict[int, list[tuple[Message, Hashable]]] = {}
         for via, rates in self._links.items():
@@ -104,5 +104,5 @@ class Schedule:
 
 
 def _instance(message: Message) -> Hashable:
-    """What distinguishes telemetry of one kind: the name of a named value."""
+    """The key among telemetry of one kind: the name of a named value."""
     return message.name if isinstance(message, NamedValueFloat) else None

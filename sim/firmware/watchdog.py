@@ -23,7 +23,7 @@ class Watchdog:
         self._commander: Hashable = None
         self._heard = 0
         self._latest: tuple[Hashable, int] | None = None
-        """Who was heard last, and when its message arrived."""
+        """The sender that was heard last, and when its message arrived."""
 
     @property
     def silence(self) -> float:

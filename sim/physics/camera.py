@@ -122,7 +122,7 @@ class Renderer:
         return colours, np.vstack((normals, geoms.astype(np.float32)))
 
     def _cast(self, origin: Vector, rays: Matrix) -> tuple[NDArray[np.int32], Vector, Planes]:
-        """What `rays` (n, 3) from `origin` hit: geoms (n,), -1: none; distances (n,); normals (3, n)."""
+        """The hits of `rays` (n, 3) from `origin`: geoms (n,) or -1, distances (n,), normals (3, n)."""
         count = len(rays)
         geoms, distances, normals = np.empty(count, np.int32), np.empty(count), np.zeros(3 * count)
         mujoco.mj_multiRay(

@@ -19,7 +19,7 @@ STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 class Controlled(Protocol):
-    """What acts in a cell before each of its steps."""
+    """An actor of a cell before each of its steps."""
 
     def control(self, dt: float) -> None:
         """One step of the control law [s], before the world moves on."""

@@ -1,4 +1,4 @@
-"""What stands around the devices: floor, light, boxes, cameras, as MuJoCo reads them.
+"""The things around the devices: floor, light, boxes, cameras, as MuJoCo reads them.
 
 World frame W: x forward, y left, z up; each robot's `world` says where its origin is.
 """

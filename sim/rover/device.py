@@ -54,7 +54,7 @@ SETTLE_WITHIN: Final = 3.0
 
 @dataclass(slots=True)
 class RoverTuning:
-    """What can be tuned on the rover while it runs; see `PARAMETERS`."""
+    """The values that can be tuned on the rover while it runs; see `PARAMETERS`."""
 
     speed: float = SPEED
     top_speed: float = TOP_SPEED
@@ -68,7 +68,7 @@ PARAMETERS: Final = (
     Tunable("BASE_ACCEL", "acceleration", 0.1, ACCELERATION, "m/s2, of the next movement"),
     Tunable("DRIVE_FORCE_MAX", "force_limit", 5.0, FORCE_LIMIT, "N, of the drive at most"),
 )
-"""What people can tune."""
+"""The parameters that people can tune."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +89,7 @@ class Rover:
     def __init__(self, ports: RoverPorts) -> None:
         self._ports = ports
         self.tuning = RoverTuning()
-        """What `parameters` change; it is read in every control period."""
+        """The values of `parameters`; they are read in every control period."""
         self._pursuit: Pursuit | None = None
         self._follower = Follower(ports.position)
         self._load = self._waited = 0.0
@@ -101,7 +101,7 @@ class Rover:
 
     @property
     def verbs(self) -> Collection[Verb]:
-        """What it can be asked to do."""
+        """The verbs that it carries out."""
         return self._plans.keys()
 
     @property
@@ -111,7 +111,7 @@ class Rover:
 
     @property
     def parameters(self) -> Collection[Tunable]:
-        """What can be tuned on it."""
+        """The parameters that can be tuned."""
         return PARAMETERS
 
     def prepare(self, verb: int, args: tuple[float, ...]) -> Start:

@@ -62,7 +62,7 @@ class CanAddress(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def bus_options(self) -> dict[str, int | bool | str]:
-        """What `can.Bus` is called with, besides interface and channel."""
+        """The arguments of `can.Bus` besides interface and channel."""
         options: dict[str, int | bool | str] = {"fd": self.fd, **self.passed_on}
         if self.bitrate is not None:
             options["bitrate"] = self.bitrate

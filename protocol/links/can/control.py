@@ -30,7 +30,7 @@ _FORMAT = struct.Struct(">BBI")
 
 
 class Code(IntEnum):
-    """What a control frame says."""
+    """The meaning of a control frame."""
 
     CLAIM = 1
     """A controller asks everybody: does my number belong to another one?"""

@@ -36,7 +36,7 @@ ROUTE = 0x03FFFFFF
 
 
 class Priority(IntEnum):
-    """What goes first when several frames wait for the bus; less is more urgent."""
+    """The order of frames that wait for the bus; less is more urgent."""
 
     FLOW = 2
     """Flow and link control: short, and what others wait for."""
@@ -49,7 +49,7 @@ class Priority(IntEnum):
 
 
 class Kind(IntEnum):
-    """What the data field is."""
+    """The meaning of the data field."""
 
     ADDRESSED = 0xDA
     """ISO-TP to one node."""

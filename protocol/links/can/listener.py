@@ -88,7 +88,7 @@ class CanListener:
 
     @property
     def address(self) -> str:
-        """What others pass to `connect`."""
+        """The address that others pass to `connect`."""
         return str(self._where)
 
     @property
@@ -260,7 +260,7 @@ class CanListener:
 
 
 def _told_by(frame: bytes) -> bytes:
-    """What is the same on every link: each numbers and signs its frames by itself."""
+    """The part of a frame that is the same on every link: each numbers and signs its frames by itself."""
     return frame[_SPEAKER : HEADER_BYTES + frame[1]] if frame[0] == MAGIC else frame
 
 

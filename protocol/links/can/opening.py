@@ -30,7 +30,7 @@ _ADVICE = {
     f"{_WITHOUT}",
     errno.ENETDOWN: "{channel} is down; bring it up (ip link set {channel} up type can bitrate BITRATE)",
 }
-"""Whose fault it is that the kernel's CAN cannot be had, and what to do."""
+"""Why the kernel's CAN cannot be opened, and what to do."""
 
 
 async def open_port(address: CanAddress) -> Port:

@@ -52,7 +52,7 @@ class PortUser(Protocol):
 
 
 class Port(ABC):
-    """What all ports have in common. The event loop's thread alone calls it."""
+    """The base of all ports. The event loop's thread alone calls it."""
 
     def __init__(self, bus: can.BusABC, *, fd: bool) -> None:
         self.bus, self.fd = bus, fd

@@ -1,4 +1,4 @@
-"""What crossed a wire, kept: recordings that other tools read and write, decoded, measured and replayed.
+"""Recordings of a wire that other tools read and write: decoded, measured and replayed.
 
 Formats: raw bytes, the .tlog of MAVLink tools, the log of candump. All of it is pure but `files`.
 

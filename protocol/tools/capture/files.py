@@ -69,7 +69,7 @@ class Recording:
 
     @property
     def statistics(self) -> DecoderStatistics:
-        """What was decoded so far."""
+        """The statistics of the frames that were decoded so far."""
         return self._decoder.statistics
 
     def frames(self) -> Generator[list[Decoded]]:
@@ -84,7 +84,7 @@ class Recording:
         yield self._decoder.flush()
 
     def captured(self) -> Generator[Captured]:
-        """What was captured, undecoded: also frames of messages that the dialect does not have.
+        """The captured frames, undecoded: also of messages that the dialect does not have.
 
         Yields:
             One frame, or a piece of a stream that was recorded without times.

@@ -1,4 +1,4 @@
-"""What our telemetry looks like in Foxglove: poses, frame transforms and joints in its own schemas. Pure.
+"""Our telemetry for Foxglove: poses, frame transforms and joints in its own schemas. Pure.
 
 Foxglove's panels know a message by the name of its schema, in JSON too, whose schemas are given here
 (https://docs.foxglove.dev/docs/visualization/message-schemas: PoseInFrame, FrameTransforms, JointStates;

@@ -1,4 +1,4 @@
-"""What a link says, as a table of rates, ages and last values, and how well the link does. Pure."""
+"""A table of the messages of a link (rates, ages, last values), and of its quality. Pure."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ class PeerTable:
     def __init__(self) -> None:
         self._monitor = HeartbeatMonitor()
         self._gone: dict[Peer, tuple[Heartbeat, float]] = {}
-        """Who was there: the last heartbeat, and when there was the last sign of life, [s]."""
+        """The peers that have gone: the last heartbeat, and the time of the last sign of life, [s]."""
 
     def receive(self, frame: Frame, now: float) -> None:
         """Note a sign of life."""
@@ -172,7 +172,7 @@ class LinkReading(msgspec.Struct, frozen=True):
     refused: int
     """Intact frames that are not signed with our key; nothing of them is in the table."""
     rejection: str
-    """What is wrong with the keys; empty: nothing."""
+    """The mistake in the keys; empty: there is none."""
     skipped: int
     """[bytes] that belong to no intact frame."""
     delay: float | None
@@ -184,7 +184,7 @@ class LinkReading(msgspec.Struct, frozen=True):
 
 
 def _instance(message: AnyMessage) -> str:
-    """What distinguishes messages of one kind: the name of a named value."""
+    """The key among messages of one kind: the name of a named value."""
     if not message.codec.definition.name.startswith(_NAMED):
         return ""
     return str(message["name"] if isinstance(message, Untyped) else getattr(message, "name", ""))
@@ -237,7 +237,7 @@ class LinkGauge:
         self._lost_before = max(lost, self._lost_before)
 
     def questions(self, now: float) -> list[Timesync]:
-        """What to ask now to learn how long a frame takes."""
+        """The questions to send now to learn how long a frame takes."""
         return self._synchroniser.tick(now)
 
     def _disbelief(self, parser: ParserStatistics) -> str:

@@ -1,4 +1,4 @@
-"""What a recording is made of, and the errors of recordings. Pure.
+"""The parts of a recording, and the errors of recordings. Pure.
 
 Bytes in a recording never raise: they are counted. Only a file that cannot be used at all raises::
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 FIRST_TIME, LAST_TIME = 0, 4_102_444_800_000_000
 """[us] since 1970, until 2100. A clock that was never set begins in 1970; what is later is damage."""
 HIDDEN = "<hidden>"
-"""What is shown in place of a secret."""
+"""The text in place of a secret."""
 MOST_SHOWN = 8
 """Ids that an error names."""
 

@@ -1,4 +1,4 @@
-"""What of a recording may be kept or sent again, and when. Pure.
+"""The frames of a recording that may be kept or sent again, and when. Pure.
 
 Frames that carry a secret, such as a signing key in the clear, are never kept, sent again or passed on:
 SETUP_SIGNING is for its receiver, over a link that nobody else reads, while a recording is shown to others

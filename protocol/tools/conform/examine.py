@@ -55,12 +55,12 @@ class Outcome(StrEnum):
 
 
 class Result(msgspec.Struct, frozen=True, kw_only=True):
-    """What is known of one rule."""
+    """The result of one rule."""
 
     rule: Rule
     outcome: Outcome
     detail: str = ""
-    """What the controller did instead, or why the rule was not tried."""
+    """How the controller broke the rule, or why the rule was not tried."""
     seconds: float
     """[s] that the trial took."""
     spoken: tuple[Spoken, ...] = ()

@@ -1,4 +1,4 @@
-"""What each kind of robot does while its controller is examined: a slow movement, and back. Pure."""
+"""The motions of each kind of robot while its controller is examined: a slow movement, and back. Pure."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ class Rule(msgspec.Struct, frozen=True):
     id: str
     level: Level
     text: str
-    """What a controller does, as one sentence without a subject."""
+    """The behaviour of a controller, as one sentence without a subject."""
     check: Check
 
 

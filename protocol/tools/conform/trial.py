@@ -184,7 +184,7 @@ class Line:
 
 
 class Trial:
-    """What the rules have in hand.
+    """The tools of a rule: a link to the controller, and the frames that came.
 
     Args:
         url: of the controller.
@@ -304,7 +304,7 @@ class Trial:
 
     @property
     def motions(self) -> Motions:
-        """What it can be asked to do.
+        """The motions of the controller's kind.
 
         Raises:
             NotTried: nothing is known.

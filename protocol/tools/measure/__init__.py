@@ -1,4 +1,4 @@
-"""What the wire promises in numbers, measured: `robotree wire bench`.
+"""The figures that the wire promises, measured: `robotree wire bench`.
 
 Nearly every figure is a ratio to something that does the same beside it, in turns and in one run, so that it
 means the same on a fast machine, a slow one and a busy one. `figures` is the list of the promises.

@@ -50,7 +50,7 @@ def telemetry_40() -> Message:
 
 
 def messages() -> list[Message]:
-    """What the contests are about."""
+    """The messages that the codecs are compared with."""
     return [
         telemetry_40(),
         Joints(123_456, (0.1, -0.2, 0.3, -0.4, 0.5, -0.6, 0.7, -0.8), 8),

@@ -32,11 +32,11 @@ TELEMETRY: list[Message] = [
     Gripper(7, 0.04, 0.04, 1.0, 0),
     Heartbeat(0, 0, 0, 0, 4),
 ]
-"""What every client of the crowd hears at `RATE`."""
+"""The messages that every client of the crowd hears at `RATE`."""
 
 
 class Echo(asyncio.Protocol):
-    """What asyncio costs without us: sends back what comes."""
+    """The baseline without us: sends back each piece of data."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Remember the way back."""

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class Promise(NamedTuple):
-    """What was promised."""
+    """A promised figure."""
 
     name: str
     bound: float
@@ -23,7 +23,7 @@ class Promise(NamedTuple):
 
 
 class Figure(NamedTuple):
-    """What was measured."""
+    """A measured figure."""
 
     promise: Promise
     value: float
@@ -111,7 +111,7 @@ def imports(times: int = 7) -> Iterable[Figure]:
 
 
 def clients() -> Iterable[Figure]:
-    """What many listeners cost."""
+    """The cost of many listeners."""
     from robotree.protocol.tools.measure.round_trips import crowd
 
     cost = asyncio.run(crowd())

@@ -16,7 +16,7 @@ PIECE = 64 * 1024
 
 
 class Recovery(NamedTuple):
-    """What was found in a bad stream."""
+    """The frames that were found in a damaged stream."""
 
     intact: int
     """Frames that were sent whole."""

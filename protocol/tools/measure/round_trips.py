@@ -31,7 +31,7 @@ Trip = Callable[[], Awaitable[None]]
 
 
 class Way(NamedTuple):
-    """What one way took."""
+    """The times of one way."""
 
     name: str
     median: float
@@ -219,7 +219,7 @@ async def _take_turns(trips: dict[str, Trip], rounds: int, turn: int) -> list[Wa
 
 
 class CrowdCost(NamedTuple):
-    """What ten clients cost."""
+    """The cost of ten clients."""
 
     share: float
     """Of a core."""

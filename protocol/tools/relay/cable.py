@@ -22,7 +22,7 @@ _OTHER = {"near": "far", "far": "near"}
 
 
 class Traffic(msgspec.Struct, frozen=True):
-    """What came to one side of a joint and left it on the other; the rest was lost or is under way."""
+    """The frames that went in at one side of a joint, and those that left it at the other."""
 
     taken: int
     """Frames."""
@@ -92,7 +92,7 @@ class FaultyCable:
 
     @property
     def faults(self) -> Faults:
-        """What happens on the way."""
+        """The faults on the way."""
         return self._loopback.faults
 
     @faults.setter
@@ -106,7 +106,7 @@ class FaultyCable:
 
     @property
     def traffic(self) -> dict[str, Traffic]:
-        """What went in from either side."""
+        """The frames that went in, by side."""
         return {
             side: Traffic(one.taken, self._outlets[_OTHER[side]].passed, one.withheld)
             for side, one in self._inlets.items()

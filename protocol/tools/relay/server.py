@@ -119,7 +119,7 @@ class Relay:
 
     @property
     def faults(self) -> Faults:
-        """What happens on the way; set it to change all links that run, and those that come."""
+        """The faults on the way; set them to change all links that run, and those that come."""
         return self._accidents
 
     @faults.setter
@@ -130,7 +130,7 @@ class Relay:
 
     @property
     def traffic(self) -> dict[str, Traffic]:
-        """What went through all links, by the side it came from: `near` came to the relay by itself."""
+        """The frames of all links, by the side they came from: `near` dialled the relay."""
         every = [self._ended, *(pair.cable.traffic for pair in self._pairs)]
         return {side: _sum([one[side] for one in every]) for side in ("near", "far")}
 
