@@ -98,7 +98,7 @@ from typing import Annotated
 
 
 class {Class}(VirtualRobot):
-    """What it is for, in one line."""
+    """Its purpose, in one line."""
 
     speed: Annotated[float, Unit("m/s"), Range(0.01, 0.3), "how quickly it goes"] = 0.1
     done: int = state(0)

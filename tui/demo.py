@@ -47,7 +47,7 @@ FAREWELL = "The demo ends with this screen: its robots, its lookup services and 
 
 
 class Wire(Enum):
-    """What joins the demo's controllers to their proxies and views."""
+    """The link between the demo's controllers and their proxies and views."""
 
     TCP = "tcp"
     CAN_FD = "can fd"
@@ -77,7 +77,7 @@ class Tell(Protocol):
 
 
 class Story(Protocol):
-    """What a demo consists of."""
+    """The parts of a demo."""
 
     @property
     def goals(self) -> Path | None:

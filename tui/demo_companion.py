@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 NAME = "companion"
 ROBOT, SCRIPT, VIEW = "companion", "evening", "flat"
 PEOPLE = {11: "anna", 12: "bela", 13: "cleo"}
-"""Who wears which tag."""
+"""The names of people by their tags."""
 LONGEST = 900.0
 """[s] that the evening may take."""
 LISTEN = 0.2
@@ -155,7 +155,7 @@ class Evening:
         await self._look("charging")
 
     async def verdict(self) -> dict[str, Any]:
-        """What came of it."""
+        """Return the result of the demo."""
         counts = self._counts
         peak = 0.0
         for hand in ("left", "right"):

@@ -59,7 +59,7 @@ class Goal(NamedTuple):
 
 
 class Verdict(msgspec.Struct, frozen=True, kw_only=True):
-    """What came of it."""
+    """The result of the demo."""
 
     ok: bool
     kills: int
@@ -72,7 +72,7 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     doubts: int
     """Steps of which nobody could say whether they had happened."""
     goals: int
-    """That the controller has begun for the command."""
+    """Goals that the controller has begun for the command."""
     lever_angle_rad: float | None
     peak_force_n: float | None
     trouble: str

@@ -1,4 +1,4 @@
-"""What can go wrong between a person and the supervisor, on one page.
+"""Errors between a person and the supervisor, on one page.
 
 Errors of robots come from `robotree.vr.base.errors` and pass through unchanged; here are only those that
 begin at the keyboard or in a session script.

@@ -1,4 +1,4 @@
-"""What the command line answers to the shell that started it. Pure."""
+"""The exit codes of the command line. Pure."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ sequence begins with one), invisible ones, and those that turn the direction of 
 
 
 class Answer:
-    """What standard output gets from one command line."""
+    """The output of one command line on standard output."""
 
     def __init__(self) -> None:
         """Begin with nothing."""
@@ -36,7 +36,7 @@ class Answer:
 
 
 _answer = Answer()
-"""That of this process: results come from any thread."""
+"""The answer of this process: results come from any thread."""
 
 
 @contextmanager

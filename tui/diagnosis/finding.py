@@ -1,4 +1,4 @@
-"""What a check has found, and how it is written. Pure."""
+"""The finding of a check, and how it is written. Pure."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ class Finding:
     """One result of one check."""
 
     check: str
-    """What was looked at, in one word."""
+    """The subject of the check, in one word."""
     grade: Grade
     result: str
-    """What was seen, in one sentence."""
+    """The observation, in one sentence."""
     remedy: str = ""
-    """What to do about it; empty where nothing need be done."""
+    """The remedy; empty where nothing need be done."""
 
 
 def sound(findings: Iterable[Finding]) -> bool:

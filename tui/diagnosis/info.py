@@ -24,7 +24,7 @@ _VARIABLES = (
     REALM_VARIABLE, READONLY_VARIABLE, VARIABLE, "XDG_RUNTIME_DIR", "XDG_STATE_HOME", "XDG_CONFIG_HOME",
     "TEXTUAL_THEME", "NO_COLOR", "LANG",
 )  # fmt: skip
-"""What of the environment decides something here; values are paths and names, never keys."""
+"""The environment variables that decide something here; values are paths and names, never keys."""
 
 
 def run(realm: str, *, readonly: bool) -> int:

@@ -1,4 +1,4 @@
-"""What is known of one thing that a person can do: its words, its keys, and where they work."""
+"""The definition of one action of a person: its words, its keys, and where they work."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Where(Flag):
 
 
 class About(Enum):
-    """What of the main page a key concerns."""
+    """The part of the main page that a key concerns."""
 
     NOTHING = auto()
     ROBOT = auto()
@@ -64,7 +64,7 @@ class Action(NamedTuple):
     scope: Scope = Scope.PAGE
     """Where its keys work."""
     about: About = About.NOTHING
-    """What its key concerns."""
+    """The part of the main page that its key concerns."""
     label: str = ""
     """Word beside the key in the footer; empty: not shown there."""
     danger: bool = False

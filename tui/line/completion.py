@@ -22,7 +22,7 @@ OF_THE_REALM = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """What can be named at the moment, by the names that the blanks of the usages have."""
+    """The names that can be completed now, by the placeholders of the usages."""
 
     blanks: Mapping[str, Sequence[str]] = field(default_factory=dict[str, Sequence[str]])
     """For example NAME, CHILD, PARENT.SLOT, ROBOT.COMMAND, VIEW, HOST."""

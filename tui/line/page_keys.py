@@ -21,7 +21,7 @@ class PageKey:
     page: str
     """`panel`, `teleop`, `new`, `question`, `text`."""
     name: str
-    """What it does, in a word; `page.name` is its name in a keymap file."""
+    """Its action, in a word; `page.name` is its name in a keymap file."""
     key: str
     """As Textual names it; several are separated by commas."""
     action: str

@@ -24,12 +24,12 @@ _R = TypeVar("_R")
 
 
 class _Kept(NamedTuple):
-    """What all who keep events have answered."""
+    """The answers of all processes that keep events."""
 
     answers: Mapping[str, EventsRead]
     """By who has kept them, in words: `host h1`."""
     notes: tuple[str, ...]
-    """What may be incomplete, as sentences."""
+    """The parts that may be incomplete, as sentences."""
 
     def events(self) -> list[tuple[str, HistoryEvent]]:
         """Return all events, the oldest first, each with who has kept it."""

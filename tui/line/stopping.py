@@ -28,7 +28,7 @@ from robotree.vr.supervision.stop import StopScope
 from robotree.vr.supervision.stop_in_turn import stop_in_turn
 
 Answer = Sequence[str] | VrError | None
-"""What came of a stop in one realm: who has confirmed it, or an error; None: nobody is there."""
+"""The result of a stop in one realm: the robots that have confirmed it, or an error; None: nobody there."""
 Run = Callable[[Coroutine[Any, Any, int]], int]
 """Runs something on an event loop to its end, and returns the exit code."""
 

@@ -40,7 +40,7 @@ class Surface(NamedTuple):
 
     @property
     def actions(self) -> tuple[Action, ...]:
-        """What can be asked for here, in the order of the registry."""
+        """The actions that are offered here, in the order of the registry."""
         return tuple(action for action in ACTIONS if self.has(action))
 
     @property

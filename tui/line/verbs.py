@@ -1,4 +1,4 @@
-"""What the verbs do: functions over the realm client, without a screen and without a keyboard.
+"""The verbs as functions over the realm client, without a screen and without a keyboard.
 
 Each takes the realm client, the line that was understood and a `Teller`, and returns an `Outcome`: plain data
 for `--json`, text for people. Errors of the agents pass through: they already say what to do.
@@ -60,7 +60,7 @@ class Outcome(NamedTuple):
 
 
 class Teller(Protocol):
-    """Who hears of a verb while it goes on."""
+    """A listener of a verb while it goes on."""
 
     def progress(self, fraction: float, text: str) -> None:
         """Take the progress of a command: 0 to 1, NaN where it is unknown."""
@@ -76,7 +76,7 @@ class Teller(Protocol):
 
 
 Run = Callable[["RealmClient", Line, Teller], Awaitable[Outcome]]
-"""What carries out a verb: the registry names these functions, and `carrying` finds them."""
+"""A function that carries out a verb: the registry names these functions, and `carrying` finds them."""
 
 
 # -- looking ---------------------------------------------------------------------------------------

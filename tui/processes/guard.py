@@ -27,7 +27,7 @@ STDIN, STDERR = 0, 2
 """File descriptors."""
 
 NAME = "robotree-guard"
-"""What `ps -o comm` shows."""
+"""The name that `ps -o comm` shows."""
 
 ENDING = frozenset({signal.SIGINT, signal.SIGTERM, signal.SIGHUP})
 """Signals that ask an agent to end."""

@@ -28,7 +28,7 @@ class Program(NamedTuple):
     folder: Path
     """Its working directory."""
     key: str
-    """What its environment says of keys (`$ROBOTREE_KEY`)."""
+    """The keys that its environment names (`$ROBOTREE_KEY`)."""
 
 
 def programs(realm: str) -> dict[Address, Program]:

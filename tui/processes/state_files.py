@@ -17,7 +17,7 @@ DEMOS = "demos"
 """Folder of what demos keep, beside those of the realms."""
 
 NOWHERE = "none"
-"""What is given instead of a file when nothing shall be kept."""
+"""The word instead of a file when nothing shall be kept."""
 
 KEYS = "keys"
 """Folder of the keys of a realm of several machines, in that of the realm."""

@@ -34,7 +34,7 @@ ARRIVAL, ENDING = 10.0, 5.0
 
 
 class Starter(Protocol):
-    """Who starts the processes of a realm, and so knows its simulated controllers."""
+    """A starter of a realm's processes, which so knows its simulated controllers."""
 
     @property
     def controllers(self) -> Mapping[str, Controller]:
@@ -51,7 +51,7 @@ class Starter(Protocol):
 
 
 class Done(msgspec.Struct, frozen=True):
-    """What became of a step."""
+    """The result of a step."""
 
     step: Step
     outcome: Literal["done", "failed", "kept back"]

@@ -1,4 +1,4 @@
-"""What a realm file says: which processes there should be, and which robots, in which bonds. Pure.
+"""The content of a realm file: the processes, the robots and the bonds that there should be. Pure.
 
 Every value is the word that was written, with its line: what is wrong with it is told at its place.
 """
@@ -35,7 +35,7 @@ KIND, CONTROLLER = "kind", "controller"
 """Keys of a process that are no options: the value behind the verb; the file's controller that it dials."""
 
 KEYWORDS = frozenset({"realm", "none", "memory"})
-"""What may stand for a file of keys, state or entries and is none."""
+"""The words that may stand for a file of keys, state or entries."""
 
 NAMELESS = "sim"
 """The verb whose process is in no realm: its name stands in the file alone."""
@@ -60,7 +60,7 @@ class ProcessEntry(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def id(self) -> str:
-        """What steps and other entries call it."""
+        """The name for steps and other entries."""
         return f"{self.verb} {self.name}"
 
     def text(self, key: str) -> str:
@@ -107,7 +107,7 @@ class RobotEntry(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def id(self) -> str:
-        """What steps call it."""
+        """The name for steps."""
         return f"robot {self.name}"
 
 

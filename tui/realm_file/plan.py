@@ -1,4 +1,4 @@
-"""What must be done so that a realm is as its file says: steps, each a line that a person could type. Pure.
+"""The steps that make a realm as its file says, each a line that a person could type. Pure.
 
 What is not in the file is left as it is. Where it is in the way, the plan says so; with `prune` it is ended.
 """
@@ -41,7 +41,7 @@ class Step(msgspec.Struct, frozen=True, kw_only=True):
     """One thing to do."""
 
     id: str
-    """What others call it that need it."""
+    """The name for steps that need it."""
     sign: Sign
     text: str
     """The line, for people."""
@@ -68,9 +68,9 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
 
     steps: tuple[Step, ...] = ()
     left: tuple[str, ...] = ()
-    """What the file does not name and stays as it is, as sentences."""
+    """The things that the file does not name and that stay as they are, as sentences."""
     against: tuple[str, ...] = ()
-    """What is not as the file says and is not changed, as sentences: why, and what a person can do."""
+    """The differences that are not changed, as sentences: why, and what a person can do."""
 
 
 class Page(msgspec.Struct, frozen=True):

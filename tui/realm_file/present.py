@@ -1,4 +1,4 @@
-"""What runs in a realm: its robots as they describe themselves, its processes as the kernel knows them."""
+"""The running realm: its robots as they describe themselves, its processes as the kernel knows them."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Process(msgspec.Struct, frozen=True):
 
     @property
     def id(self) -> str:
-        """What steps and entries call it: `proxy arm-1`."""
+        """The name for steps and entries: `proxy arm-1`."""
         return f"{self.line.verb} {self.line.text('NAME')}"
 
     def path(self, given: str) -> Path:
@@ -51,7 +51,7 @@ class Process(msgspec.Struct, frozen=True):
 
 
 class Present(msgspec.Struct, frozen=True, kw_only=True):
-    """What runs."""
+    """The running realm."""
 
     realm: str
     processes: dict[str, Process] = {}

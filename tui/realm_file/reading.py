@@ -54,7 +54,7 @@ from robotree.vr.base.written import (
 
 ROBOT_KEYS = ("page", "hash", "host", "settings", "role", "slots")
 NOUNS = {NAMELESS: "controller", "space serve": "space"}
-"""What a process is called where its verb is no noun."""
+"""The name of a process whose verb is no noun."""
 KEYS = ("key", *SECTIONS, "robots")
 HASH = re.compile(r"[0-9a-f]{8,64}")
 

@@ -1,4 +1,4 @@
-"""What runs, as a realm file says it."""
+"""Writes the running realm as a realm file."""
 
 from __future__ import annotations
 

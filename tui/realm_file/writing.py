@@ -11,7 +11,7 @@ from robotree.tui.realm_file.content import SECTIONS, ProcessEntry, RealmFile, R
 from robotree.vr.base.written import Word
 
 _BARE = re.compile(r"[A-Za-z0-9./_][A-Za-z0-9./_+ -]*(?<! )|[A-Za-z0-9_./-]+\.py:[A-Za-z_]\w*")
-"""What YAML reads as the text that it is, also between braces."""
+"""A text that YAML reads unchanged without quotes, also between braces."""
 
 
 def write_file(found: RealmFile, *, comments: Iterable[str] = ()) -> str:

@@ -1,4 +1,4 @@
-"""What a key does before its verb is carried out: ask for what is missing, ask back where it is dangerous."""
+"""Questions before a key acts: for missing values, and whether a dangerous verb is meant."""
 
 from __future__ import annotations
 

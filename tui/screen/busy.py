@@ -31,7 +31,7 @@ class Form:
     """Something that a person fills in and has carried out; mixed into a Textual class."""
 
     carrying: str = ""
-    """What is being carried out, as a sentence; empty: nothing."""
+    """The command that is being carried out, as a sentence; empty: none."""
 
     def lets(self, node: DOMNode | None, event: Event) -> bool:
         """Whether a part of the form takes a key or click even while it carries something out."""

@@ -1,4 +1,4 @@
-"""What stands in the fields of a form, and what comes of it. Pure.
+"""The texts in the fields of a form, and their values. Pure.
 
 A form is made from a command's types; the same reader judges it that the robot itself uses
 (`robotree.vr.base.arguments`), so nothing that the form lets through is refused for its form later.

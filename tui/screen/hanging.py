@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.text import Text
 
 _COLUMNS = re.compile(r"^\s+|(?<=\S)\s{2,}(?=\S)")
-"""What stands before a line, or between two columns of a table."""
+"""The space before a line, or between two columns of a table."""
 LEAST = 24
 """Cells that the last column needs; where they are not there, the line begins anew on the left."""
 

@@ -60,7 +60,7 @@ def default_keys() -> Mapping[str, str]:
 
 @dataclass(frozen=True, slots=True)
 class Keymap:
-    """What an operator changed, and so all keys."""
+    """All keys, with the changes of an operator."""
 
     changed: Mapping[str, str] = field(default_factory=dict[str, str])
     """Keys by what they do, as `App.set_keymap` takes them."""

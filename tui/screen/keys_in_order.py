@@ -36,9 +36,9 @@ class _UnderWay:
 
     event: Event
     origin: DOMNode | None
-    """What had the keys when it came."""
+    """The widget that had the keys when it came."""
     place: DOMNode | None = None
-    """What had them at the last passage."""
+    """The widget that had them at the last passage."""
     left: int = PASSAGES
     limit: asyncio.TimerHandle | None = None
 

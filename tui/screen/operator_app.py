@@ -61,7 +61,7 @@ class CallListener(Protocol):
 
 
 class OperatorApp(ErrorBoundary, KeyGuard[int]):
-    """What pages and widgets may ask of the app that they are in."""
+    """The interface of the app for its pages and widgets."""
 
     def __init__(
         self,
@@ -94,9 +94,9 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         self.readonly = readonly
         shell = f"robotree --realm {realm}" if realm != DEFAULT_REALM else "robotree"
         self.prompt = Surface(Where.PROMPT, readonly, shell=shell)
-        """What can be typed."""
+        """The actions that can be typed."""
         self.keyboard = Surface(Where.SCREEN, readonly)
-        """What has keys."""
+        """The actions that have keys."""
         for theme in (*OURS, *REDUCED.values(), *SIXTEEN.values()):
             self.register_theme(theme)
         wanted = os.environ.get("TEXTUAL_THEME", "")

@@ -1,4 +1,4 @@
-"""What every page and widget is: a part of the operator's app, whose errors do not end the program."""
+"""The base of every page and widget: a part of the operator's app, whose errors do not end the program."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What keys are about: a robot, an empty slot, or nothing."""
+"""The object of keys: a robot, an empty slot, or nothing."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Place:
     parent: str = ""
     slot: str = ""
     kind: str = ""
-    """What the slot takes."""
+    """The kind that the slot takes."""
     lost: str = ""
 
 

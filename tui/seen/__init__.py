@@ -1,1 +1,1 @@
-"""What the supervisor sees of its realm, and how that reads as text. No screen in here."""
+"""The supervisor's view of its realm, and its texts. No screen in here."""

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 FIELDS = ("name", "kind", "state", "by", "host")
-"""What can be asked for by name."""
+"""The fields that a filter can name."""
 
 
 @dataclass(frozen=True, slots=True)

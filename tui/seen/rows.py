@@ -49,13 +49,13 @@ class RobotRow:
     state: str
     """The status in words, with the command that runs."""
     by: str
-    """What commands it; empty: nothing."""
+    """The robot or person that commands it; empty: none."""
     host: str
     about: str
     fresh: bool = False
     """It has just come."""
     old: bool = False
-    """What it says of itself is old."""
+    """Whether its own report is old."""
     marked: bool = False
     unlisted: bool = False
     """No lookup service says that it is still there."""
@@ -226,7 +226,7 @@ def _worst_first(store: Store, placements: Iterable[Placement], now: float) -> l
 
 
 class FilterFields(Mapping[str, str]):
-    """What a filter looks at of one robot. A field is made when it is looked at, the costly ones last."""
+    """The fields of one robot for a filter. A field is made when it is looked at, the costly ones last."""
 
     def __init__(self, store: Store, placement: Placement, now: float) -> None:
         """Look at a robot at this moment [s]."""

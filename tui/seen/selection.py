@@ -17,14 +17,14 @@ LOOK = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """What is selected, and since when."""
+    """The selected robot, and since when."""
 
     name: str = ""
     """Of the selected robot; empty: none."""
     wanted: str = ""
     """The robot that a person chose: it is selected again when a filter that hid it goes."""
     before: str = ""
-    """What was selected before it changed by itself."""
+    """The robot that was selected before the selection changed by itself."""
     changed: float = -inf
     """[s] when it changed by itself."""
 

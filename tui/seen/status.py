@@ -48,7 +48,7 @@ UNGUARDED = "open link"
 
 
 class Condition(Protocol):
-    """What a robot reports of itself, in its state and in its description."""
+    """The reports of a robot about itself, in its state and in its description."""
 
     @property
     def busy(self) -> str:
@@ -77,7 +77,7 @@ class Condition(Protocol):
 
     @property
     def paused(self) -> str:
-        """Who has paused it; empty: it is not paused."""
+        """The person or robot that has paused it; empty: it is not paused."""
         ...
 
     @property
@@ -92,7 +92,7 @@ class Condition(Protocol):
 
     @property
     def bond(self) -> object | None:
-        """Who commands it; None: nobody."""
+        """The bond to its parent; None: there is none."""
         ...
 
 

@@ -11,7 +11,7 @@ AWAKE = "answers again and is not stopped: stop once more, or resume"
 
 @dataclass(slots=True)
 class StopRound:
-    """What came back of one stop."""
+    """The answers to one stop."""
 
     asked: float
     """[s] when it was asked for."""

@@ -1,4 +1,4 @@
-"""What the supervisor knows of its realm: robots, views, states, and what happened. No screen in here.
+"""The supervisor's knowledge of its realm: robots, views, states, events. No screen in here.
 
 Callbacks of the realm client feed it, `now` in hand; widgets draw it when its `revision` has grown.
 It remembers what it heard last and when, so that silence can be told from calm.
@@ -86,7 +86,7 @@ class Absent:
     pid: str = ""
     """The process that holds it and hangs; empty: its process has gone."""
     remedy: str = ""
-    """What a person can do about it."""
+    """The remedy for a person."""
     attributes: Mapping[str, str] = field(default_factory=dict[str, str])
     """As it described itself last."""
 
@@ -129,7 +129,7 @@ class Store:
     """The supervisor's memory."""
 
     restarter: str = ""
-    """Who starts processes again that crash, for people; empty: a person does."""
+    """The program that starts crashed processes again, for people; empty: a person does."""
     robots: dict[str, Listing] = field(default_factory=dict[str, Listing])
     """Free robots by name: those that are listed, or that are known while no lookup service lists any."""
     views: dict[str, Listing] = field(default_factory=dict[str, Listing])

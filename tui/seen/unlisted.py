@@ -1,4 +1,4 @@
-"""Who is known while no lookup service runs: those that are seen alive say themselves what they are."""
+"""Robots that are known while no lookup service runs: those that are seen alive describe themselves."""
 
 from __future__ import annotations
 

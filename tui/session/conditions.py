@@ -1,4 +1,4 @@
-"""What a session script can expect, and whether it holds. Pure.
+"""The conditions that a session script can expect, and whether they hold. Pure.
 
     expect arm-1 listed                        a lookup service lists it: it is free
     expect teleop gone                         no agent of this name lives
@@ -55,7 +55,7 @@ COMPARISONS: Mapping[str, Callable[[Any, Any], bool]] = {
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What is to be seen when a condition is judged."""
+    """The data on which a condition is judged."""
 
     listed: frozenset[str] = frozenset()
     """Names that the lookup services list."""
@@ -84,9 +84,9 @@ class Condition:
     text: str
     judge: Callable[[Scene], Verdict]
     robots: tuple[str, ...] = ()
-    """Whose descriptions the scene must have."""
+    """The robots whose descriptions the scene must have."""
     readings: tuple[str, ...] = ()
-    """Whose readings the scene must have."""
+    """The robots whose readings the scene must have."""
     settled: bool = False
     """It is about what is over: waiting does not change it."""
 

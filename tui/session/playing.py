@@ -37,7 +37,7 @@ LARGEST = 1_000_000
 """[bytes] of a script; more is none."""
 
 STDIN = "-"
-"""What is given instead of a file to read standard input."""
+"""The word instead of a file that reads standard input."""
 
 Tell = Callable[[PlayedStep], None]
 

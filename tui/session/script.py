@@ -89,7 +89,7 @@ class PlayedStep:
     step: Step
     held: bool
     seen: str
-    """What came of it, in one line or more."""
+    """The result, in one line or more."""
     began: float
     """[s] after the session began."""
     took: float

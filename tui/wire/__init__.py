@@ -13,7 +13,7 @@ from robotree.tui.line.grammar import Line
 
 
 class Verb(Protocol):
-    """What the module of a verb offers."""
+    """The functions that the module of a verb offers."""
 
     def run(self, line: Line) -> int:
         """Do what the line says and return the exit code."""

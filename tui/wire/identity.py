@@ -11,5 +11,5 @@ COMPONENT = 155
 
 
 def heartbeat() -> Heartbeat:
-    """What shows those who listen on a port, or on a bus, that we are there."""
+    """The heartbeat that shows listeners on a port or a bus that we are there."""
     return Heartbeat(MavType.GCS, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)

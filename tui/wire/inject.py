@@ -50,7 +50,7 @@ ACCIDENTS: dict[str, Callable[[str], float]] = {
     "jitter": values.duration,
     "duplication": share,
 }
-"""What can be set, as an option and while it runs, and how its value is read."""
+"""The settings, as options and while it runs, and how their values are read."""
 
 
 def run(line: Line) -> int:
@@ -89,7 +89,7 @@ async def _relay(line: Line, faults: Faults) -> int:
 
 
 def faults_in_words(faults: Faults, cut_left: float = 0.0) -> str:
-    """What is done to the link, for people; a cut has `cut_left` [s] to go."""
+    """The faults of the link, for people; a cut has `cut_left` [s] to go."""
     loss, duplication = f"{faults.loss * 100:.3g}%", f"{faults.duplication * 100:.3g}%"
     delay, jitter = _time(faults.delay), _time(faults.jitter)
     cut = f"; cut, {math.ceil(cut_left * 10) / 10:g} s left" if cut_left else ""

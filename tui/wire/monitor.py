@@ -138,7 +138,7 @@ def _rate(rate: float | None, digits: int = 1) -> str:
 
 
 def _present(peers: list[PeerReading]) -> list[str]:
-    """Who is there, and who was: a line, unless nobody ever was."""
+    """A line with the peers that are and were present, unless there was none."""
     words = [
         f"{each.sysid}/{each.compid} {_named(MavType, each.type)} {_named(MavState, each.state)}"
         if each.there
@@ -149,7 +149,7 @@ def _present(peers: list[PeerReading]) -> list[str]:
 
 
 def _claims(messages: list[MessageReading]) -> list[str]:
-    """Who holds the claim of each controller that tells it: a line each."""
+    """A line with the holder of the claim, for each controller that tells it."""
     lines: list[str] = []
     for each in messages:
         if each.name != CLAIM_STATUS:
@@ -163,7 +163,7 @@ def _claims(messages: list[MessageReading]) -> list[str]:
 
 
 def _named(kind: type[IntEnum], number: int) -> str:
-    """What an enumeration calls a number, or the number."""
+    """The name of a number in an enumeration, or the number."""
     return kind(number).name if number in {each.value for each in kind} else str(number)
 
 

@@ -87,7 +87,7 @@ class ByTimesync:
 
 
 SERVICES: dict[str, Callable[[], Asker]] = {"ping": ByPing, "timesync": ByTimesync}
-"""What a robot may be asked by."""
+"""The services by which a robot may be asked."""
 
 
 def run(line: Line) -> int:

@@ -46,7 +46,7 @@ class Tape:
 
     @property
     def rejection(self) -> str:
-        """What is wrong with the keys; empty: nothing."""
+        """The mistake in the keys; empty: there is none."""
         return "" if self._mouth.statistics.received else rejection(self._verifier)
 
     def begin(self, recorder: Recorder) -> None:

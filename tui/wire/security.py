@@ -27,9 +27,9 @@ from robotree.vr.network.realms import common_folder, places
 
 VARIABLE = "ROBOTREE_KEY"
 NOTHING = "none"
-"""What is given instead of a file for links without keys, although the variable is set."""
+"""The word instead of a file for links without keys, although the variable is set."""
 REALM = "realm"
-"""What is given instead of a file for the realm's own key."""
+"""The word instead of a file for the realm's own key."""
 REALM_KEY = "realm.key"
 """The name of its file, in the realm's folder."""
 KEY_WITHIN, LOOK = 2.0, 0.01

@@ -29,7 +29,7 @@ from robotree.tui.seen.rows import ORDERS, Placement, SortOrder, family, listed
 from robotree.tui.seen.store import Weight
 
 PANES = {"robots": "#robots", "views": "#cameras", "log": "#log"}
-"""What has the focus in each pane, by the verb that brings it to the front."""
+"""The widget with the focus in each pane, by the verb that brings it to the front."""
 FIRST = next(iter(PANES))
 """The pane to begin with."""
 
@@ -96,7 +96,7 @@ class MainPage(Page):
         super().__init__()
         self.order: SortOrder = "tree"
         self.level: Weight = "good"
-        """What is less important is left out of the log."""
+        """The level of the log: less important lines are left out."""
         self._detailed = ("", 0.0)
         """The robot whose details were drawn last, and when [s]."""
         self.filters: dict[str, str] = {}
@@ -157,7 +157,7 @@ class MainPage(Page):
 
     @property
     def place(self) -> Place:
-        """What keys are about: the selected robot, or nothing where none can be selected."""
+        """The object of keys: the selected robot, or nothing where none can be selected."""
         if self.pane != FIRST or not self.selected:
             return NOWHERE
         bond = (robot := self.app.store.described(self.selected)) and robot.bond

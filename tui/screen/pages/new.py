@@ -33,7 +33,7 @@ from robotree.vr.base.errors import BadName
 from robotree.vr.bundle import LARGEST
 
 ANY_HOST, OWN_HOST = "*", "+"
-"""What is no host's name: any host, and one for this robot alone."""
+"""Choices that are no host's name: any host, and a host for this robot alone."""
 
 
 class SourceTree(Part, DirectoryTree):

@@ -1,4 +1,4 @@
-"""What all full pages share: top line, banner, flash line, keys; drawn a few times a second."""
+"""The base of full pages: top line, banner, flash line, keys; drawn a few times a second."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Page(Part, Leaving[None]):
     _due = False
     """It will be drawn before the next tick."""
     _left_for_line: Widget | None = None
-    """What had the focus before the prompt."""
+    """The widget that had the focus before the prompt."""
 
     def compose(self) -> ComposeResult:
         """Frame the page's own parts."""

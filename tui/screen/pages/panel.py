@@ -51,7 +51,7 @@ class PanelPage(Page):
         super().__init__()
         self.robot, self._command = robot, command
         self._left_off: dict[str, tuple[dict[str, str], str]] = {}
-        """What was typed into forms that are made anew, and the field with the cursor, by command."""
+        """The texts typed into forms that are made anew, and the field with the cursor, by command."""
 
     def title_of_page(self) -> str:
         """Return the robot's name."""

@@ -75,7 +75,7 @@ class TeleopPage(Page):
         self.jog = Jog(bounds)
         self._refusal = ""
         self._cancelled = False
-        """What runs was cancelled from here."""
+        """Whether the running command was cancelled from here."""
         self._cancels = 0
         """How often a person has cancelled here: a key that was pressed before has no effect any more."""
         self._dropped: dict[str, float] = {}

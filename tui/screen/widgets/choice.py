@@ -31,7 +31,7 @@ class Choice(Select[str]):
 
     @property
     def chosen(self) -> str:
-        """What is chosen, also before it is on the screen; empty: nothing."""
+        """The choice, also before it is on the screen; empty: none."""
         return self.value if isinstance(self.value, str) else self._first
 
     def choose(self, word: str) -> None:

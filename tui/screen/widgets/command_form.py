@@ -42,7 +42,7 @@ class CommandForm(Form, Part, VerticalScroll):
             self.form, self.arguments = form, arguments
 
     class Cancel(Message):
-        """What runs shall be cancelled."""
+        """A request to cancel the running command."""
 
     def __init__(self, robot: str, spec: CommandSpec, readings: Mapping[str, float]) -> None:
         """Draw a command of a robot, with what that reads now."""
@@ -55,7 +55,7 @@ class CommandForm(Form, Part, VerticalScroll):
         self._began = self._turned = 0.0
         """[s] When the command was sent, and when its turn came, on the clock of events."""
         self._came_from: Widget | None = None
-        """What had the focus when the command was sent."""
+        """The widget that had the focus when the command was sent."""
 
     @property
     def running(self) -> bool:
@@ -132,7 +132,7 @@ class CommandForm(Form, Part, VerticalScroll):
 
     @property
     def texts(self) -> dict[str, str]:
-        """What stands in the fields, by name."""
+        """The texts in the fields, by name."""
         return {row.spec.name: row.text for row in self.query(FieldRow)}
 
     @property
@@ -149,7 +149,7 @@ class CommandForm(Form, Part, VerticalScroll):
 
     @property
     def typed(self) -> dict[str, str]:
-        """What a person typed, by field."""
+        """The texts that a person typed, by field."""
         return {row.spec.name: row.text for row in self.query(FieldRow) if row.touched}
 
     @property

@@ -61,7 +61,7 @@ class FieldRow(Part, Vertical):
         self._readings = readings
         self._entry = _entry(spec, entry.first_text(spec, readings))
         self._shown = self.text
-        """What was put into the field by itself; anything else there is a person's."""
+        """The text that the program put into the field; any other is a person's."""
         self._touched = False
 
     def compose(self) -> ComposeResult:
@@ -78,7 +78,7 @@ class FieldRow(Part, Vertical):
 
     @property
     def text(self) -> str:
-        """What stands in the field."""
+        """The text in the field."""
         return self._entry.chosen if isinstance(self._entry, Choice) else self._entry.value
 
     @property

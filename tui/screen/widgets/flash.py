@@ -1,4 +1,4 @@
-"""What happened last: one line on every page, three on the main page; everything stays in the log."""
+"""The latest events: one line on every page, three on the main page; all of them stay in the log."""
 
 from __future__ import annotations
 

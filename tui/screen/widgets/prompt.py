@@ -93,7 +93,7 @@ class Prompt(Apart, Part, Vertical):
         self._read = ""
         """The line for which the candidates were found."""
         self._stem = ""
-        """What was typed before Tab began to go through the candidates."""
+        """The text typed before Tab began to go through the candidates."""
         self._offered: tuple[str, ...] = ()
         self._taken = NONE_YET
         self.kind: Kind = "verb"

@@ -55,7 +55,7 @@ def broken(words: Text, room: int, console: Console) -> list[Text]:
 
 @dataclass(frozen=True, slots=True)
 class ShownReadings:
-    """What is drawn of the readings of a robot or a view."""
+    """The drawn readings of a robot or a view."""
 
     readings: Mapping[str, float]
     units: Mapping[str, str]

@@ -71,7 +71,7 @@ class TopBar(CachedText):
 
 
 class Banner(CachedText):
-    """What one must not overlook; not there when there is nothing."""
+    """A warning that must not be overlooked; hidden when there is none."""
 
     def draw(self, store: Store) -> None:
         """Draw the banner, or take it away: first who may still move, then who has stopped."""
