@@ -1,4 +1,4 @@
-"""What a process that was forked must not keep, and where it must not go on.
+"""Things that a forked process must not keep, and places where it must not go on.
 
 The kernel closes the connections of a process that dies: so its death is seen at once. A child that a page
 makes by `os.fork` or `multiprocessing` inherits all connections: none would be closed as long as it lives.

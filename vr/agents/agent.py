@@ -159,7 +159,7 @@ class RobotAgent:
 
     @property
     def robot(self) -> Robot:
-        """What it answers for; another one after a reload."""
+        """The robot that it answers for; another one after a reload."""
         return self.runtime.robot
 
     def _new_runtime(

@@ -32,7 +32,7 @@ _log = logging.getLogger(__name__)
 
 
 UNCONFIRMED = "its controller has not confirmed it"
-"""What it means that a hook has begun and nothing more is heard, as a clause."""
+"""The reason, as a clause, when a hook has begun and nothing more is heard."""
 
 STILL_STOPPING = "its safe_stop has not ended"
 """The reason shown while an author's hook still carries out a stop: nothing may begin meanwhile."""
@@ -46,7 +46,7 @@ class HookFailed(Exception):
 
 
 class Confirming:
-    """What a hook has begun, until what stands behind the robot has confirmed it."""
+    """A hook that has begun, until the controller behind the robot has confirmed it."""
 
     def __init__(self, name: str, hook: Hook, *, late: str = UNCONFIRMED) -> None:
         """Call the hook, whatever it raises.

@@ -49,7 +49,7 @@ MOST_PENDING = 32
 
 
 class OutsideCaller:
-    """Who waits in another process for the end of a call: a `Listener`."""
+    """A caller in another process that waits for the end of a call: a `Listener`."""
 
     def __init__(self, runtime: RobotRuntime, call: Call, respond: Respond, end: End) -> None:
         """Take how to reply and how to end the replies."""
@@ -136,7 +136,7 @@ class OutsideCalls:
 
     @property
     def answers(self) -> Mapping[type[AnyRequest], AnswerAtOnce]:
-        """What it answers, by the class of the request."""
+        """The answers by the class of the request."""
         return {
             Call: lambda received, incoming: self._call(received, incoming.reply, incoming.end),
             Cancel: self._cancel,

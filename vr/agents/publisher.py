@@ -1,4 +1,4 @@
-"""What a robot publishes: its description, state, listing, and the output of its code.
+"""The publications of a robot: its description, state, listing, and the output of its code.
 
 A change may come from any thread and very often; it only sets a flag (`RobotRuntime.has_news`). The state is
 looked at at once after a change, and ten times a second while a command runs. It is published when it is

@@ -1,4 +1,4 @@
-"""What the agents of one process share: its name, and one timer for what is repeated."""
+"""Things that the agents of one process share: its name, and one timer for repeated work."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ class Stops:
         self._runtime, self._hooks, self._children = runtime, hooks, children
         self._key = runtime.key
         self._settling: dict[int, asyncio.Future[Done | Raised]] = {}
-        """What waits for the answers to stops, by generation."""
+        """The waits for answers to stops, by generation."""
         self._asking: dict[tuple[int, str], asyncio.Task[None]] = {}
         """By generation and part."""
         self._releases = 0

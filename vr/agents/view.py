@@ -38,7 +38,7 @@ class View(Protocol):
 
     @property
     def cameras(self) -> Sequence[str]:
-        """What can be looked through; the first one is the default."""
+        """The cameras of the view; the first one is the default."""
         ...
 
     @property

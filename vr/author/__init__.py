@@ -1,1 +1,1 @@
-"""What the author of a page uses: robots, commands, children, settings, and what a running command can do."""
+"""The names for authors of pages: robots, commands, children, settings, and a running command's functions."""

@@ -41,7 +41,7 @@ WITHIN = "within"
 
 
 class HasSlots(Protocol):
-    """What has child slots: a virtual robot."""
+    """An object with child slots: a virtual robot."""
 
     @property
     def child_slots(self) -> Slots:
@@ -60,7 +60,7 @@ def readable(value: Any) -> Any:
 
 
 class Slotted:
-    """What slots and groups of slots have in common: a kind, as a name or as an interface."""
+    """The base of slots and groups of slots: a kind, as a name or as an interface."""
 
     def __init__(self, kind: str | type[Kind], doc: str) -> None:
         """Take the kind and what the children are for.

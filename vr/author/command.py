@@ -27,7 +27,7 @@ _MARK = "__robotree_effect__"
 _RESUMPTION = "__robotree_resumption__"
 _CACHE = "__robotree_commands__"
 _HIDING: tuple[type[Any], ...] = (property, staticmethod, classmethod)
-"""What makes something else of a method."""
+"""Decorators that make something else of a method."""
 
 
 @overload

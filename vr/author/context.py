@@ -1,4 +1,4 @@
-"""What a running command knows of itself, and what it may ask of the robot that runs it.
+"""The context of a running command, and its requests to the robot that runs it.
 
 Kept in a context variable, so that a command that moves and one that reads can run on the same robot at
 the same time without knowing of each other.
@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 
 class CommandContext(msgspec.Struct, frozen=True, kw_only=True):
-    """What identifies one running command, and until when it may run."""
+    """The identity of one running command, and its deadline."""
 
     key: str
     """`command id / path`: unique, passed down to the children and to the wire."""
@@ -135,7 +135,7 @@ class Activity(Protocol):
 
     @property
     def context(self) -> CommandContext:
-        """What identifies it, and until when it may run."""
+        """Its identity and its deadline."""
         ...
 
     @property
@@ -293,7 +293,7 @@ _running: ContextVar[Activity] = ContextVar("robotree_running_command")
 
 
 _end_child: Callable[[], None] | None = None
-"""What ends this process, if it is a forked child: in it no command runs."""
+"""Ends this process if it is a forked child: in it no command runs."""
 
 
 def in_child(end: Callable[[], None]) -> None:

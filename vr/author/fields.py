@@ -1,4 +1,4 @@
-"""What a page keeps beside its code: settings, which people may change, and declared state.
+"""The fields that a page keeps beside its code: settings, which people may change, and declared state.
 
     speed: Annotated[float, Unit("m/s"), Range(0.01, 0.3)] = 0.1     a setting
     picked: int = state(0)                                           declared state
@@ -175,11 +175,11 @@ class Kept:
         self._now: Callable[[], dict[str, Any]] = lambda: own
         self._change: Callable[[dict[str, Any]], None] | None = None
         self._copies: dict[str, dict[str, _Copy]] = {}
-        """What running commands have read and may change in place, by key of the command."""
+        """Values that running commands have read and may change in place, by key of the command."""
 
     @property
     def values(self) -> dict[str, Any]:
-        """What is kept, as plain values."""
+        """The kept fields, as plain values."""
         return self._now()
 
     def live(self, now: Callable[[], dict[str, Any]], change: Callable[[dict[str, Any]], None]) -> None:

@@ -1,4 +1,4 @@
-"""What a child publishes of itself, as a page reads it."""
+"""The readings of a child, for a page."""
 
 from __future__ import annotations
 

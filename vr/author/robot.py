@@ -1,4 +1,4 @@
-"""What a robot is to the other agents: something with a name that carries out typed commands."""
+"""A robot as other agents see it: a name that carries out typed commands."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Robot:
     """Whether its commands may get stuck in code that nobody can interrupt, such as a driver's: then they
     never run on the thread of the command that calls them."""
     witness: str = ""
-    """Who remembers its commands beyond its process, and since when: of a proxy its controller, in its
+    """The memory of its commands beyond its process, and its beginning: of a proxy its controller, in its
     present life. Then a later process that is asked for a command again finds out whether it was done, by
     the `witness` in its context. Empty: nobody does."""
     halted: str = ""

@@ -34,11 +34,11 @@ Within = Annotated[float | str | None, "longest time of a call: [s], or text wit
 
 
 ResumePolicy = Literal["continue", "restart", "ask", "abort"]
-"""What a command does whose process has ended in the middle, when it is started again."""
+"""The behaviour of a command whose process has ended in the middle, when it is started again."""
 
 
 class Resumption(NamedTuple):
-    """What a command does after a crash of its process."""
+    """The behaviour of a command after a crash of its process."""
 
     policy: ResumePolicy = "continue"
     stale_after: float = math.inf
@@ -58,7 +58,7 @@ class Command(msgspec.Struct, frozen=True):
     changeable: Mapping[str, Any] = {}
     """Defaults that code can change: each call gets a copy of its own."""
     resumption: Resumption = Resumption()
-    """What it does after a crash."""
+    """Its behaviour after a crash."""
 
     def run(self, robot: Robot, arguments: Arguments) -> Any:
         """Call the function, in the thread of the command.

@@ -25,7 +25,7 @@ R = TypeVar("R")
 
 
 class Started(CallFuture[Any], ABC):
-    """What a command has started and what may go on beside it: a call of a child, a function of the page."""
+    """Work that a command has started and that may go on beside it: a child's call, a page's function."""
 
     called_off: bool = False
     """Whether the page itself has cancelled it before it ended: that is no failure."""
@@ -33,7 +33,7 @@ class Started(CallFuture[Any], ABC):
     """Whether nothing of it uses the page's data any more."""
 
     _on_done: list[Callable[[], None]]
-    """Who is told that it has ended."""
+    """Callbacks for its end."""
 
     @property
     @abstractmethod

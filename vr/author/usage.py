@@ -16,7 +16,7 @@ from typing import Any
 _ATTRIBUTES = {"LOAD_ATTR", "LOAD_METHOD"}
 _INDEXING = {"LOAD_CONST", "LOAD_FAST", "LOAD_SMALL_INT", "BINARY_SUBSCR", "BINARY_OP"}
 READINGS = "readings"
-"""What each child has that is no command."""
+"""The names that each child has beside its commands."""
 _ITERATION = {"GET_ITER", "FOR_ITER"}
 
 

@@ -1,4 +1,4 @@
-"""What a user subclasses: a robot made of other robots' commands."""
+"""The base class for users: a robot made of other robots' commands."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ class VirtualRobot(Robot):
 RESERVED = frozenset(
     {"name"} | {name for name in dir(VirtualRobot) if not name.startswith("_")} - {*HOOKS, *OPTIONS}
 )
-"""What each robot has and uses itself, so that nothing of a page can have these names."""
+"""Names that each robot uses itself, so that nothing of a page can have them."""
 
 
 def slots_of(cls: type[Any]) -> dict[str, Slotted]:

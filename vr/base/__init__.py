@@ -1,1 +1,1 @@
-"""What all other folders build on: addresses, values, messages, errors, and the contract of a transport."""
+"""The base of all other folders: addresses, values, messages, errors, and the contract of a transport."""

@@ -46,7 +46,7 @@ class Address(msgspec.Struct, frozen=True, order=True):
 
     @property
     def identity(self) -> str:
-        """Who it is in all its incarnations: `robot/arm-1`."""
+        """The agent in all its incarnations: `robot/arm-1`."""
         return f"{self.role}/{self.name}"
 
     @property

@@ -19,7 +19,7 @@ from robotree.vr.base.units import in_unit, read_quantity, shorten
 
 _T = TypeVar("_T")
 _ROUNDING = 1e-9
-"""What a conversion may overshoot a bound by: 70 cm are 0.7000000000000001 m."""
+"""The rounding error of a conversion: 70 cm are 0.7000000000000001 m."""
 
 _TRUTHS = {
     **dict.fromkeys(("true", "yes", "on", "1"), True),

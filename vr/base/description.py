@@ -21,7 +21,7 @@ LARGEST_GROUP = 1000
 """Children of one group, at most."""
 
 Effect = Literal["read", "repeat", "once"]
-"""What a repetition does. read: changes nothing, so it also runs beside a moving command. repeat: the same
+"""The effect of a repetition. read: changes nothing, so it also runs beside a moving command. repeat: same
 end (go to a point, close). once: adds up (move by, dispense)."""
 
 
@@ -47,7 +47,7 @@ class FieldSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     nullable: bool = False
     """None is a value of it, too."""
     items: tuple[FieldSpec, ...] = ()
-    """What is in it. list, dict: one, for all values; tuple: one for each; record: its parts."""
+    """Its elements. list, dict: one, for all values; tuple: one for each; record: its parts."""
     required: bool = True
     default: Any = None
     """A plain value."""
@@ -161,7 +161,7 @@ class BondSpec(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class _Agent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """What the description of a robot and the listing of any agent have in common."""
+    """The fields that the description of a robot and the listing of any agent share."""
 
     address: Address
     kinds: tuple[str, ...]
@@ -214,13 +214,13 @@ class RobotDescription(_Agent, frozen=True, kw_only=True, omit_defaults=True):
     abandoned: tuple[str, ...] = ()
     """Commands that were ended and whose code still runs: only a restart of its host ends them."""
     paused: str = ""
-    """Who has paused it, for people; empty: it is not paused."""
+    """The one who has paused it, for people; empty: it is not paused."""
     held: str = ""
     """The step before which it waits then: `step 3: arm.go_to(x=0.3)`; empty: before none."""
     faults: tuple[str, ...] = ()
     """How hooks of its page failed when they were last called, as sentences with page and line."""
     readings: dict[str, float] = {}
-    """What it reads now, and `progress` of the running command; an author's own are one sample old."""
+    """Its present readings, and `progress` of the running command; an author's own are one sample old."""
     units: dict[str, str] = {}
     """Symbol of the unit of each reading that has one (`State.readings`), e.g. `m`, `rad`, `N`."""
     page: str = ""
@@ -228,10 +228,10 @@ class RobotDescription(_Agent, frozen=True, kw_only=True, omit_defaults=True):
     kept: dict[str, Any] = {}
     """Its declared state, by name; a value that is too large to show is left out."""
     witness: str = ""
-    """Who remembers the commands of the robot beyond its process, and since when: of a proxy its controller,
+    """The memory of the robot's commands beyond its process, and its beginning: of a proxy its controller,
     in its present life. Empty: nobody."""
     asks: str = ""
-    """What a command asks a person before it goes on; empty: nothing."""
+    """The question of a command to a person before it goes on; empty: none."""
     calls: dict[str, int] = {}
     """How often each command was called, over all incarnations of this name."""
 
@@ -253,7 +253,7 @@ class RobotDescription(_Agent, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Listing(_Agent, frozen=True, kw_only=True, omit_defaults=True):
-    """What a lookup service holds of one agent: enough to choose it, small enough to keep everywhere."""
+    """The entry of one agent in a lookup service: enough to choose it, small enough to keep everywhere."""
 
     commands: tuple[str, ...] = ()
     revision: int = 0

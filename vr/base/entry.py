@@ -23,7 +23,7 @@ LARGEST_ENTRY = 256_000
 LONGEST_MARK = 64
 """Characters of a text that stand in a mark as they are; a longer text is represented by its hash."""
 _KIND = ":"
-"""What the mark of a class begins with; no field has this name."""
+"""The beginning of the mark of a class; no field has this name."""
 
 _sorted = msgspec.msgpack.Encoder(order="deterministic").encode
 _T = TypeVar("_T")

@@ -242,7 +242,7 @@ class CommandError(VrError):
 
 
 _PLACE = ("robot", "command")
-"""What the command itself adds to an error that its author raises."""
+"""The data that the command itself adds to an error that its author raises."""
 
 
 class NoSuchCommand(CommandError):
@@ -467,7 +467,7 @@ class NotInControl(LeaseError):
 
 
 class NotAllowed(LeaseError):
-    """Who asks may not ask for this."""
+    """The asker may not ask for this."""
 
     sentence = "{who} may not ask for {what}: {reason}"
 
@@ -589,7 +589,7 @@ class TransportClosed(TransportError):
 
 
 class Garbled(TransportError):
-    """What came cannot be read."""
+    """A message cannot be read."""
 
     sentence = (
         "{key} sent a message that this version cannot read: {detail}; start both with the same version of "
@@ -628,7 +628,7 @@ class NetworkUnusable(TransportError):
 
 
 class JournalError(VrError):
-    """What a host keeps of its robots cannot be used."""
+    """The journal of a host cannot be used."""
 
 
 class JournalInUse(JournalError):
@@ -704,7 +704,7 @@ class OtherJournal(JournalError):
 
 
 class HistoryError(VrError):
-    """What robots did cannot be told."""
+    """The history of robots cannot be read."""
 
 
 class NoHistory(HistoryError):
@@ -714,7 +714,7 @@ class NoHistory(HistoryError):
 
 
 class HistoryChanged(HistoryError):
-    """What is kept is not what was written."""
+    """The kept history is not as it was written."""
 
     sentence = "{detail}; what stands before it is as it was written"
 
@@ -857,7 +857,7 @@ class SpaceUnusable(SpaceError):
 
 
 class SpaceDamaged(SpaceError):
-    """What the store of a space has kept cannot be read; it is left as it is."""
+    """The entries in the store of a space cannot be read; it is left as it is."""
 
     sentence = (
         "the space at {where} is damaged ({reason}); nothing of it was changed: put a copy back, or move it "
@@ -866,7 +866,7 @@ class SpaceDamaged(SpaceError):
 
 
 class BadEntry(SpaceError):
-    """What a program gave is no entry, or no template."""
+    """The value of a program is no entry, or no template."""
 
     sentence = "{kind} cannot be an entry of a space, or ask for one: {reason}"
 
@@ -918,7 +918,7 @@ class FenceLost(SpaceError):
 # -- in words --------------------------------------------------------------------------------------
 
 PRIVATE_MODULE, PRIVATE_FOLDER = "robotree_bundle_", "robotree-page-"
-"""What the names of modules of pages, and of the folders of what lies beside them, begin with."""
+"""The prefixes of the names of pages' modules, and of the folders of the files beside them."""
 _PRIVATE = re.compile(rf"{PRIVATE_MODULE}\w+\.|[^\s'\"(]*/{PRIVATE_FOLDER}\w+/")
 
 

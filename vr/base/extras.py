@@ -1,4 +1,4 @@
-"""What is installed apart from robotree's core: the extras of pyproject.toml, and what each brings.
+"""The extras of pyproject.toml, which are installed apart from robotree's core, and what each brings.
 
 A robot, a proxy and a host need the core alone (decision 0058). Whatever needs more asks here, so that what
 is missing is named with the command that installs it.
@@ -33,7 +33,7 @@ class NotThere(NamedTuple):
     """Something that is not installed on this machine."""
 
     thing: str
-    """What it is, in words."""
+    """Its description in words."""
     remedy: str
     """The command that installs it."""
 

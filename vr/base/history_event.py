@@ -20,7 +20,7 @@ class HistoryEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
     unix: float
     """[s] since 1970, on the clock of the robot's host: when it happened."""
     robot: str
-    """Whose event it is, by name."""
+    """The name of the robot whose event it is."""
     key: str = ""
     """Of the call: `command id / step / …`, so what precedes a slash is the key of what has called it."""
     command: str = ""
@@ -29,13 +29,13 @@ class HistoryEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
     caller: str = ""
     """Name of the robot, or of the person, `anna@pts/3`, that called."""
     person: str = ""
-    """Who sits at the terminal from which it was asked; empty: a robot asks."""
+    """The person at the terminal from which it was asked; empty: a robot asks."""
     process: int = 0
     """Number of the process that asked, on its machine."""
     epoch: int = 0
     """Of the lease under which it was asked; 0: under none."""
     parent: str = ""
-    """Who holds the lease."""
+    """The holder of the lease."""
     page: str = ""
     """Hash of the page of the robot that carries it out; empty: it has none."""
     line: int = 0

@@ -1,4 +1,4 @@
-"""Who is present in a realm and who hangs: one table for each process, which its transport owns and fills.
+"""The agents that are present in a realm and those that hang: one table per process, filled by its transport.
 
 An agent is present under its key while its process lives and is heard. All other parts of a process ask this
 table, or watch it. None keeps a copy, looks a second time, or decides by a time of its own that an agent has
@@ -41,9 +41,9 @@ class Held(msgspec.Struct, frozen=True):
     key: str
     """As announced; empty: nobody here knows what that process holds, so it may be anything."""
     where: str
-    """Who holds it, for people: `process 4711`."""
+    """The process that holds it, for people: `process 4711`."""
     remedy: str
-    """What a person can do if it does not answer."""
+    """The remedy for a person if it does not answer."""
     how: str = "which hangs"
     """How that process is if it does not answer, as a clause."""
     asleep: bool = False
@@ -51,7 +51,7 @@ class Held(msgspec.Struct, frozen=True):
 
     @property
     def in_words(self) -> str:
-        """Who holds it and does not answer, for people: `process 4711, which hangs`."""
+        """The holder that does not answer, for people: `process 4711, which hangs`."""
         return f"{self.where}, {self.how}"
 
 

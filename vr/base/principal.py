@@ -1,4 +1,4 @@
-"""Who asks: the principal of a request.
+"""The principal of a request: the person, program or robot that asks.
 
 The kernel names the process that has sent a request and its user (SO_PEERCRED, unix(7)); nobody can be
 somebody else. What the process says beyond that, it answers for: which of its robots or programs asks, and at
@@ -31,7 +31,7 @@ class Credentials(NamedTuple):
 
 
 class Principal(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Who asks. Two requests of the same robot, or of the same program, have equal principals."""
+    """The asker of a request. Requests of the same robot, or of the same program, have equal principals."""
 
     user: str = ""
     """Name of the system's user; empty: the robot itself, see `ITSELF`."""

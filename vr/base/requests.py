@@ -151,7 +151,7 @@ class Renew(_Message, frozen=True, kw_only=True):
     epoch: int
     lineage: tuple[str, ...]
     paused: str = ""
-    """Who has paused the parent, for people; empty: nobody."""
+    """The person who has paused the parent; empty: nobody."""
     pauses: int = 0
     """How often that has changed: a renewal that comes late changes nothing."""
     life: int = 0
@@ -332,7 +332,7 @@ class WriteEntry(_Message, frozen=True, kw_only=True):
     term: float = FOR_EVER
     """[s] asked for; the space may grant less."""
     key: str = ""
-    """That no other entry may have; empty: it has none."""
+    """A key that no other entry may have; empty: it has none."""
     ask: str = ""
     """Asked again under the same, it is done once, and answered as before; empty: it is not known again."""
     transaction: str = ""
@@ -357,7 +357,7 @@ class FindEntries(_Message, frozen=True, kw_only=True):
 
 
 class GiveUp(_Message, frozen=True, kw_only=True):
-    """Who asked waits no longer, or cannot use what it got: it is in the space again. Answered by `Done`."""
+    """The asker waits no longer, or cannot use its entry: it is in the space again. Answered by `Done`."""
 
     ask: str
 
@@ -473,7 +473,7 @@ class Reloaded(_Message, frozen=True, kw_only=True):
 
     robot: RobotDescription
     notes: tuple[str, ...] = ()
-    """What could not stay, and what is new, as sentences."""
+    """The changes, as sentences: parts that could not stay, and new ones."""
 
 
 Level = Literal["debug", "info", "warning", "error", "asked", "done", "failed", "cancelled"]
@@ -494,11 +494,11 @@ class LoggedLine(msgspec.Struct, frozen=True):
     level: Level
     text: str
     command: str = ""
-    """That was asked for, or has ended so; empty: the line is about none. So are all that follow."""
+    """The command that was asked for, or has ended so; empty: none. So are all that follow."""
     key: str = ""
     """Of the call; of the agent, where an agent has come or gone."""
     caller: str = ""
-    """Who asked: a person, `anna@pts/3`, or the robot's parent."""
+    """The asker: a person, `anna@pts/3`, or the robot's parent."""
     arguments: str = ""
     """As they came: `x=0.3 y=0.1`."""
     waited: float = 0.0
@@ -522,7 +522,7 @@ class Remembered(msgspec.Struct, frozen=True):
 
 
 class History(_Message, frozen=True, kw_only=True):
-    """What a lookup service or a host remembers, the oldest first."""
+    """The memory of a lookup service or a host, the oldest first."""
 
     lines: tuple[Remembered, ...] = ()
 
@@ -540,7 +540,7 @@ class EventsRead(_Message, frozen=True, kw_only=True):
 
 
 class EventsVerified(_Message, frozen=True, kw_only=True):
-    """What an examination of kept events has found."""
+    """The result of an examination of kept events."""
 
     count: int = 0
     first: int = 0
@@ -557,7 +557,7 @@ class Granted(_Message, frozen=True, kw_only=True):
     epoch: int
     term: float
     robot: RobotDescription | None = None
-    """What the parent can expose: on the first grant, and on a renewal when it has changed since."""
+    """The description that the parent can expose: on the first grant, and on renewals after changes."""
     depth: int = 0
     """Levels of robots below the granter."""
     ways: float = 0.0
@@ -663,17 +663,17 @@ class KeptFence(msgspec.Struct, frozen=True):
 
 
 class SpaceDescribed(_Message, frozen=True, kw_only=True):
-    """What is in a space."""
+    """The contents of a space."""
 
     address: Address
     store: str
     """Where it keeps its entries, for people, without passwords."""
     durability: str
-    """What they survive: `memory`, `process` or `power`."""
+    """Their durability: `memory`, `process` or `power`."""
     counts: dict[str, int] = {}
     """Entries by kind."""
     transactions: int = 0
-    """That are open."""
+    """The number of open transactions."""
     waiting: int = 0
     """Requests that wait for an entry or a fence."""
     entries: tuple[KeptEntry, ...] = ()
@@ -703,7 +703,7 @@ class Done(_Message, frozen=True, kw_only=True):
     """Carried out."""
 
     note: str = ""
-    """What a person should know of it, as a sentence; empty: nothing."""
+    """A note for a person, as a sentence; empty: none."""
     confirmed: tuple[str, ...] = ()
     """Names of the robots that have confirmed a stop or its release: the one that was asked and all below."""
     stops: int = -1
@@ -772,17 +772,17 @@ class State(_Message, frozen=True, kw_only=True):
     abandoned: tuple[str, ...] = ()
     """Commands that were ended and whose code still runs."""
     readings: dict[str, float] = {}
-    """What a panel draws: `x`, `y`, `z`, `fx`, `width`, `progress` … in SI units."""
+    """The readings that a panel draws: `x`, `y`, `z`, `fx`, `width`, `progress` … in SI units."""
     caller: str = ""
-    """Who asked for the command that runs, for people to read."""
+    """The asker of the running command, for people to read."""
     note: str = ""
     """The latest progress text of the running command, for people."""
     paused: str = ""
-    """Who has paused it, for people; empty: it is not paused."""
+    """The one who has paused it, for people; empty: it is not paused."""
     held: str = ""
     """The step before which it waits then: `step 3: arm.go_to(x=0.3)`; empty: before none."""
     asks: str = ""
-    """What a command asks a person before it goes on; empty: nothing."""
+    """The question of a command to a person before it goes on; empty: none."""
 
 
 AnyRequest = (

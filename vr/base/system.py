@@ -1,4 +1,4 @@
-"""What the network of a process needs of the machine on which it runs, and nothing more.
+"""The interface of the machine for the network of a process, and nothing more.
 
 `OS` is the production form, as thin as can be: what is called often is the operating system's own function.
 `world/machine.py` is the other form: a machine in virtual time, whose faults come from a seed. Code that
@@ -129,7 +129,7 @@ class Event(Protocol):
 
 
 class Files(Protocol):
-    """What a process finds on its machine: clocks, processes, files, and who listens."""
+    """The parts of a machine that a process can look at: clocks, processes, files, listeners."""
 
     def now(self) -> float:
         """Return the time [s] on the machine's monotonic clock."""
@@ -243,7 +243,7 @@ class Files(Protocol):
 
 
 class System(Files, Protocol):
-    """What a process asks of its operating system."""
+    """The interface of the operating system for a process."""
 
     @property
     def opening(self) -> AbstractContextManager[Any]:

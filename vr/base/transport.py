@@ -1,4 +1,4 @@
-"""What agents need from a network, and nothing more.
+"""The interface of a network for agents, and nothing more.
 
 Four verbs: ask (`request`), answer (`serve`), publish (`publish`, `subscribe`), and be present (`announce`).
 Who else is present the table `presence` says. `network/` has one for the processes of a machine and one for
@@ -99,7 +99,7 @@ class Transport(Protocol):
     """The way from agent to agent. Calls within one process may be direct."""
 
     presence: Presence
-    """Who is present and who hangs: the one table of this process."""
+    """The agents that are present and those that hang: the one table of this process."""
 
     identity: Credentials
     """This process, as the others see it named."""

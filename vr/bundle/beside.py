@@ -1,4 +1,4 @@
-"""What lies beside a page and belongs to it: modules that it imports, and data that it names.
+"""Files beside a page that belong to it: modules that it imports, and data that it names.
 
 A page is read with them, so that they reach every host and are never older than the page. A module belongs to
 it if it is imported by name from the folder of the page or below it, by the page or by such a module. Data

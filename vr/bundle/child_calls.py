@@ -28,7 +28,7 @@ Kinds = Mapping[str, Mapping[str, CommandSpec | None]]
 OF_EVERY_CHILD = frozenset({"set", READINGS})
 """Names that work for children of all kinds."""
 OF_A_GROUP = frozenset({"items"})
-"""What a group of children has beside their commands."""
+"""The methods of a group of children beside their commands."""
 MANNERS = frozenset({"start", "tell"})
 """How a command of a child can be called, beside directly."""
 _UNKNOWN: Any = object()

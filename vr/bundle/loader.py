@@ -51,7 +51,7 @@ _texts: Counter[str] = Counter()
 _lock = threading.Lock()
 _log = logging.getLogger(__name__)
 _READ_BY = f"(this host runs Python {sys.version_info[0]}.{sys.version_info[1]})"
-"""What a mistake in the syntax is told with: a newer Python may know what is written."""
+"""The note on a syntax error: a newer Python may know what is written."""
 _OURS = Path(__file__).resolve().parents[1]
 """Folder of the agents' code."""
 

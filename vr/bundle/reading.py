@@ -1,4 +1,4 @@
-"""What a page declares, read from its tree: slots, commands, settings, exposed commands. Pure."""
+"""The declarations of a page, read from its tree: slots, commands, settings, exposed commands. Pure."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Finding(msgspec.Struct, frozen=True):
     line: int
     what: str
     instead: str
-    """What to write instead, or to do."""
+    """The advice: what to write instead, or to do."""
     level: Literal["mistake", "warning"] = "mistake"
 
 

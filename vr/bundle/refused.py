@@ -18,7 +18,7 @@ _OTHER_NAMES = {
     **dict.fromkeys(("on_release", "on_go"), "resume"),
     **dict.fromkeys(("on_readings", "get_readings", "on_read", "telemetry"), "readings"),
 }
-"""What other libraries call the hooks."""
+"""The names of the hooks in other libraries."""
 
 
 def mistakes(source: str) -> list[Finding]:

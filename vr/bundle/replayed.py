@@ -55,7 +55,7 @@ BUILTINS = frozenset({"open", "input", "breakpoint"})
 OF_PATHS = {"read_text", "read_bytes", "write_text", "write_bytes", "iterdir", "rglob", "unlink", "touch"}
 """Methods that only paths have."""
 SAME = {"os.path.join", "os.path.basename", "os.path.dirname", "os.path.splitext", "os.path.split"}
-"""What computes, though its module asks."""
+"""Functions that only compute, though their module asks the system."""
 
 
 def of_replay(tree: ast.Module, imported: Mapping[str, str]) -> Iterator[Finding]:

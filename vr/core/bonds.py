@@ -80,7 +80,7 @@ class Lease(msgspec.Struct, frozen=True, kw_only=True):
     petition: str = ""
     """Key of the petition by which it was granted."""
     principal: Principal = ITSELF
-    """Who holds it: nobody else may use it."""
+    """Its holder: nobody else may use it."""
     waits: float = 0.0
     """[s] that the child waits for a parent whose process has ended; 0: it does not."""
     away: bool = False
@@ -523,7 +523,7 @@ class Slot(msgspec.Struct):
 
     @property
     def child(self) -> Address | None:
-        """Who is in it, or is being asked."""
+        """The child that is in it, or is being asked."""
         return self.asked if self.bond is None else self.bond.child
 
 

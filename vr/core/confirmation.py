@@ -1,4 +1,4 @@
-"""Who has confirmed an order that many were given: all, or one error that names the others. Pure."""
+"""The confirmations of an order to many: all of them, or one error that names the others. Pure."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _ADVICE: dict[ConfirmedOrder, str] = {
 
 
 class Confirmations:
-    """What came back of one order."""
+    """The answers to one order."""
 
     def __init__(self, order: ConfirmedOrder) -> None:
         """Begin: nobody has confirmed."""

@@ -1,4 +1,4 @@
-"""What can happen to a robot, and what has to be done about it: plain values that name things by key."""
+"""The events of a robot, and its effects: plain values that name things by key."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ class _Value(msgspec.Struct, frozen=True, kw_only=True, tag=True, omit_defaults=
 
 
 class StepResult(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """What one step of a running command gave: enough to take it again without doing anything twice."""
+    """The result of one step of a running command: enough to take it again without doing anything twice."""
 
     kind: str
     """`call`, `tell`, `sleep`, `wait`, `look`, `reading`, `until`, `group`, `result`, `field`,
     `cleanup`, `end`, `space`."""
     content: Any = None
-    """What tells it from another step: of a call its slot, command and arguments."""
+    """Its content, which differs from another step's: of a call its slot, command and arguments."""
     value: Any = None
-    """What it gave, as plain data."""
+    """Its result, as plain data."""
     reply: Returned | Raised | None = None
     """Of a call: how it ended."""
 
@@ -46,7 +46,7 @@ MOMENTS = ("sleep", "cleanup")
 
 class _Event(_Value, frozen=True, kw_only=True):
     principal: Principal = ITSELF
-    """Who asks for it."""
+    """Its asker."""
 
 
 # -- events: calls ---------------------------------------------------------------------------------
@@ -201,7 +201,7 @@ class Prolong(_Event, frozen=True, kw_only=True):
     epoch: int
     lineage: tuple[str, ...]
     paused: str = ""
-    """Who has paused it, for people; empty: nobody."""
+    """The one who has paused it, for people; empty: nobody."""
     pauses: int = 0
     """How often that has changed."""
     life: int = 0
@@ -227,7 +227,7 @@ class EndLease(_Event, frozen=True, kw_only=True):
 
 
 class Obeyed(_Event, frozen=True, kw_only=True):
-    """What stands behind the robot obeys an epoch."""
+    """The controller behind the robot obeys an epoch."""
 
     epoch: int
 
@@ -313,7 +313,7 @@ class PageReloaded(_Event, frozen=True, kw_only=True):
     """Another page carries out what comes from now on; no command that moves runs at the moment."""
 
     slots: tuple[SlotSpec, ...]
-    """That the page declares."""
+    """The slots that the page declares."""
     fields: dict[str, Any]
     """Its settings and its state, with their values."""
 
@@ -334,7 +334,7 @@ class PauseAsked(_Event, frozen=True, kw_only=True):
     """From now on each command waits before its next step."""
 
     by: str
-    """Who orders it, for people."""
+    """The one who orders it, for people."""
 
 
 class StepLet(_Event, frozen=True, kw_only=True):
@@ -518,7 +518,7 @@ class StopSettled(_Value, frozen=True, kw_only=True):
 
 
 class PauseChanged(_Value, frozen=True, kw_only=True):
-    """What waits before a step is to look again whether it may pass."""
+    """Commands that wait before a step look again whether it may pass."""
 
 
 class FieldsChanged(_Value, frozen=True, kw_only=True):

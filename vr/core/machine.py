@@ -74,14 +74,14 @@ Effects = list[CoreEffect]
 
 
 class Lap(msgspec.Struct, frozen=True):
-    """What a running command did from one checkpoint to another: its steps are kept beside it."""
+    """The part of a running command from one checkpoint to another: its steps are kept beside it."""
 
     number: int
-    """What the paths of its steps begin with."""
+    """The number with which the paths of its steps begin."""
     place: str
     """Of the checkpoint with which it began: see `Checkpoint.place`."""
     fields: dict[str, Any]
-    """What the robot kept then."""
+    """The robot's fields then."""
 
 
 def lap_of(path: str) -> int:
@@ -104,7 +104,7 @@ class AcceptedCall(msgspec.Struct, kw_only=True):
     """Arguments as checked."""
     caller: str = ""
     principal: Principal = ITSELF
-    """Who called it: he may end it."""
+    """Its caller, who may end it."""
     epoch: int = 0
     deadline_at: float = math.inf
     """[s] on the robot's clock."""
@@ -117,16 +117,16 @@ class AcceptedCall(msgspec.Struct, kw_only=True):
     detached: bool = False
     """Whether it goes on after the command that has made it: then operators may end it."""
     source: str = ""
-    """Who numbers its calls; empty: nobody."""
+    """The caller that numbers its calls; empty: none."""
     number: int = 0
     came: float = 0.0
     """[s] when it was accepted, on the robot's clock; so is the next."""
     began: float = -1.0
     """[s] when its turn came; below 0: not yet."""
     steps: dict[str, on.StepResult] = {}
-    """What its steps gave since it began, or since its last checkpoint, by path; see `StepTaken`."""
+    """The results of its steps since it began, or since its last checkpoint, by path; see `StepTaken`."""
     fields: dict[str, Any] = {}
-    """What the robot kept when it began, or at its last checkpoint."""
+    """The robot's fields when it began, or at its last checkpoint."""
     lap: int = 0
     """How many checkpoints it has made: a part of the keys of its steps."""
     place: str = ""
@@ -136,7 +136,7 @@ class AcceptedCall(msgspec.Struct, kw_only=True):
     witness: str = ""
     """See `Call.witness`."""
     doubt: str = ""
-    """What it asks a person before it goes on; empty: nothing."""
+    """Its question to a person before it goes on; empty: none."""
     forgotten: bool = False
     """Whether it has taken more steps than are kept: it cannot go on after an interruption."""
 
@@ -293,9 +293,9 @@ class RobotState(msgspec.Struct, kw_only=True):
     address: Address
     """Its name for life, and its incarnation: another one for each start."""
     home: str
-    """What a person restarts to end its code, in words: `host host-1`."""
+    """The process that a person restarts to end its code, in words: `host host-1`."""
     lease: GrantedLease
-    """Who commands it."""
+    """The lease under which it is commanded."""
     slots: Slots
     """Which robots it commands."""
     calls: Calls

@@ -17,9 +17,9 @@ class PauseState(msgspec.Struct, kw_only=True):
     """See the module."""
 
     by: str = ""
-    """Who ordered it, for people; empty: nobody."""
+    """The one who ordered it, for people; empty: nobody."""
     above: str = ""
-    """Who ordered the pause of its parent, for people; empty: that is not paused."""
+    """The one who ordered the pause of its parent, for people; empty: that is not paused."""
     changes: int = 0
     """How often an order, or its parent, has changed it: its children hear of it."""
     heard: int = -1
@@ -29,7 +29,7 @@ class PauseState(msgspec.Struct, kw_only=True):
 
     @property
     def in_force(self) -> str:
-        """Who has paused it, for people; empty: it is not paused."""
+        """The one who has paused it, for people; empty: it is not paused."""
         return self.by or self.above
 
     def may_pass(self, step: str) -> bool:

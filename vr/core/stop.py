@@ -51,7 +51,7 @@ class Stop(msgspec.Struct, kw_only=True):
     orders: dict[str, int] = {}
     """Generation of each order that is in force."""
     parts: dict[int, dict[str, StopPart]] = {}
-    """Who has to confirm a stop, by generation: of the stops in force, and of all that are not answered."""
+    """The robots that have to confirm a stop, by generation, for stops in force and unanswered ones."""
 
     @property
     def in_force(self) -> str:

@@ -1,4 +1,4 @@
-"""Who may ask for what: the one place that decides it for every request that comes from another program.
+"""The rights of askers: the one place that decides for every request that comes from another program.
 
 Today the policy is short: everybody of this system's user may ask for everything, so may each member of the
 realm from its own machine, and a parent speaks for itself alone. That a lease belongs to its holder,

@@ -46,7 +46,7 @@ OnProgress = Callable[[float, str], None]
 
 
 class CallOutcome:
-    """What is known of one call: whether it was accepted, and how it ended."""
+    """The state of one call for its caller: whether it was accepted, and how it ended."""
 
     def __init__(
         self,

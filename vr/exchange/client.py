@@ -397,7 +397,7 @@ class Source(Protocol):
 
     @property
     def files(self) -> dict[str, bytes]:
-        """What belongs to it, by path."""
+        """The files that belong to it, by path."""
         ...
 
     @property

@@ -1,1 +1,1 @@
-"""What robots did, kept behind their hosts' journals in files that people can ask and verify."""
+"""The history of robots, kept behind their hosts' journals in files that people can query and verify."""

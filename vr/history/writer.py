@@ -61,7 +61,7 @@ class Back(NamedTuple):
     key: str
     command: str
     steps: int
-    """That it had taken before, and does not take again."""
+    """Steps that it had taken before, and does not take again."""
     gap: float
     """[s] for which the host was away."""
     home: str
@@ -130,7 +130,7 @@ class HistoryWriter:
         self._now, self._unix, self._longest = now, unix, longest
         self._queue: deque[_Item] = deque()
         self._again: list[tuple[_Item, float]] = []
-        """What an earlier process wrote to its journal, with what makes its moments times since 1970."""
+        """Items in the journal of an earlier process, with the start of its clock since 1970."""
         self._missed = 0
         self._written = 0
         self._file: HistoryFile | None = None

@@ -144,9 +144,9 @@ class _Keeper:
         self._registrar, self._service = registrar, service
         self._holder = token()
         self._due: dict[Address, None] = dict.fromkeys(registrar.wanted)
-        """What the service has not acknowledged as it is wanted, the oldest change first."""
+        """Listings that the service has not acknowledged as they are wanted, the oldest change first."""
         self._held: set[Address] = set()
-        """What the service has acknowledged to be listed under the lease."""
+        """Listings that the service has acknowledged under the lease."""
         self._waiting: dict[Address, asyncio.Future[None]] = {}
         self._changed = asyncio.Event()
         """Whether it has something to send."""

@@ -34,7 +34,7 @@ LOST = 0
 knows. A withdrawal is news with its own revision, and holds for all tables."""
 
 Update = Listed | Unlisted
-"""What a lookup service publishes of one change."""
+"""The publication of one change by a lookup service."""
 
 
 class _Entry(msgspec.Struct):
@@ -47,7 +47,7 @@ class _Entry(msgspec.Struct):
 class _Lease(msgspec.Struct):
     expires: float
     addresses: set[Address]
-    """What depends on it; a lease on which nothing depends is forgotten."""
+    """The addresses that depend on it; a lease on which none depends is forgotten."""
 
 
 class _Withdrawal(msgspec.Struct):
@@ -56,7 +56,7 @@ class _Withdrawal(msgspec.Struct):
 
 
 class LookupTable:
-    """Who can be found. Each change returns the news of it, for those who listen."""
+    """The agents that can be found. Each change returns the news of it, for listeners."""
 
     def __init__(self) -> None:
         """Begin empty."""

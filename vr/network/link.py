@@ -55,7 +55,7 @@ class Channel(IntEnum):
 
 
 class Topic(IntEnum):
-    """What a process announces of itself to the others."""
+    """The announcements of a process to the others."""
 
     HOLDS = 0
     """It is present under a key."""
@@ -74,7 +74,7 @@ class Hello(msgspec.Struct, frozen=True, array_like=True, tag=0):
 
     version: int
     member: str
-    """Who speaks: the name of its socket in the realm's folder."""
+    """The sender: the name of its socket in the realm's folder."""
     channel: Channel
     known: Annotated[Known, msgspec.Meta(max_length=len(Topic))]
     """All that it lets others know; empty on the bulk channel."""
@@ -130,7 +130,7 @@ _decoder: msgspec.msgpack.Decoder[LinkFrame] = msgspec.msgpack.Decoder(LinkFrame
 
 
 class NotAFrame(ValueError):
-    """What came is no frame, or none that may come now."""
+    """The data is no frame, or none that may come now."""
 
     kind: ClassVar[RefusalKind] = "nonsense"
 

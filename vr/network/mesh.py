@@ -95,13 +95,13 @@ REMEMBERED: Final = 4096
 """Keys for which it is remembered who wants their samples."""
 
 REPLACE: Final = "process {} runs another version of robotree; start it again with this one"
-"""What a person can do about a process that is not understood."""
+"""The remedy for a process that is not understood."""
 
 MOST_MEMBERS: Final = 64
 """Members of a realm that one process may be."""
 
 GREEDY: Final = "process {} announces too many keys; end it, and start its robots in several hosts"
-"""What a person can do about a process that announces more than `MOST_KEYS`."""
+"""The remedy for a process that announces more than `MOST_KEYS`."""
 
 LOST_FILES: Final = (
     "its files in the realm's folder are gone or damaged, so that nobody who comes now knows its robots"
@@ -155,7 +155,7 @@ class _Peer:
 
 
 class _Outside:
-    """What is known of processes that are not met, and what is refused.
+    """Processes that are not met, and refusals.
 
     It is apart because CPython finds the attributes of an object with more than 30 of them more slowly.
     """
@@ -184,7 +184,7 @@ class Mesh:
         self._lock = system.rlock()
         self._peers: dict[str, _Peer] = {}
         self._known: dict[Topic, Counter[str]] = {topic: Counter() for topic in Topic}
-        """What this process lets the others know."""
+        """The announcements of this process to the others."""
         self._servers: dict[str, TakeFrame] = {}
         self._subscribers = Handlers[OnSample]()
         self._watchers_of_itself: dict[int, Callable[[str], None]] = {}
@@ -192,9 +192,9 @@ class Mesh:
         """Whether no other process can reach this one."""
         self.presence = Presence(held=self.held, unheard=self.unheard, late=self.late, lock=system.rlock())
         self._where: dict[str, _Peer] = {}
-        """Who serves a key, of the others."""
+        """The other process that serves a key."""
         self._listeners: dict[str, list[_Peer]] = {}
-        """Who wants the samples of a key, of the others, as far as somebody asked."""
+        """The other processes that want the samples of a key, as far as somebody asked."""
         self._outside = _Outside(system)
         self._numbers = itertools.count(1)
         self._to_settle: list[Callable[[], None]] = []

@@ -31,7 +31,7 @@ _COMES: Final = READABLE | CLOSED_THERE | ON_CHANGE
 _BULK: Final = Channel.BULK
 
 What = PeerLink | Callable[[], None]
-"""What a socket is for: a link, or what is to be done when something has come."""
+"""The use of a socket: a link, or a function for the moment when something has come."""
 
 Job = Callable[[], bool]
 """Carries something out; returns whether its thread can read again. It must not raise."""
@@ -49,7 +49,7 @@ class Sockets:
         """Begin with none."""
         self._epoll = system.epoll()
         self._what: dict[int, What] = {}
-        """What each socket is for, by descriptor."""
+        """The use of each socket, by descriptor."""
 
     def add(self, sock: Socket, what: What) -> None:
         """Wait for a socket."""
@@ -123,13 +123,13 @@ class Readers:
         self._closed = False
         self._urgent: deque[tuple[What, int]] = deque()
         self._others: deque[tuple[What, int]] = deque()
-        """What is ready and nobody has read yet."""
+        """Sockets that are ready and that nobody has read yet."""
         self._reading = system.lock()
         """Held by the one thread that reads from sockets."""
         self._free = 0
         """Which thread that is, if it could carry something out; 0: none could."""
         self._job: Job | None = None
-        """What it carries out next."""
+        """The job that it carries out next."""
 
     def start(self) -> None:
         """Read from now on."""

@@ -42,7 +42,7 @@ SOCKET, HELD = ".sock", ".held"
 TAG = re.compile(r"\d{1,10}-[0-9a-f]{8}")
 _ENTRY = re.compile(rf"({TAG.pattern}){re.escape(SOCKET)}")
 _KEY = re.compile(r"[!-~]+")
-"""What a key can be: printable, and without spaces."""
+"""The form of a key: printable, and without spaces."""
 _ROBOT = re.compile(r"robot/([A-Za-z0-9][A-Za-z0-9_-]{0,63})/[^/\s]+")
 _EACH = "*"
 """In a key: any name, or any incarnation."""

@@ -1,4 +1,4 @@
-"""What this process refuses, in the log: one line a second for each kind, however often it happens.
+"""The refusals of this process, in the log: one line a second for each kind, however often it happens.
 
 A program that tries again and again must not fill the log, nor cost the time to write it.
 """

@@ -73,11 +73,11 @@ class CommandActivity(Frame):
     done_by_person: bool = False
     """Whether a person has said after a crash that it is done: its result is not known."""
     opened: Feeds | None = None
-    """What `feeds` gives; None: nobody has asked for it."""
+    """The result of `feeds`; None: nobody has asked for it."""
 
     @property
     def activity(self) -> CommandActivity:
-        """What its code sees of it."""
+        """The command as its code sees it."""
         return self
 
     @property

@@ -165,7 +165,7 @@ class ChildCall(Started):
     _elsewhere: bool = False
     """Whether another process than was given it is asked."""
     _asking: Frame | None = None
-    """What finds out whether it was carried out; None: nobody asks."""
+    """The frame that finds out whether it was carried out; None: nobody asks."""
 
     def __init__(
         self,

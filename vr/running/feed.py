@@ -22,7 +22,7 @@ class NoReadingYet(BaseException):
 
 
 class Feed:
-    """What the child in one slot publishes. Its methods may be called in any thread."""
+    """The publications of the child in one slot. Its methods may be called in any thread."""
 
     number: int = 0
     """Of the latest news, counted over all feeds of the process; 0: there was none."""

@@ -99,7 +99,7 @@ class Frame:
         self.deadline_at = context.deadline_at
         """[s] When what it does now must be done."""
         self.started: list[Started] = []
-        """What it has started and what may go on beside it."""
+        """Work that it has started and that may go on beside it."""
         self.guests: dict[int, Self] = {}
         """Threads that work for it."""
         self.keeps = runtime.process.keeps_steps
@@ -124,7 +124,7 @@ class Frame:
 
     @property
     def activity(self) -> Activity:
-        """What its code sees of it."""
+        """The frame as its code sees it."""
         raise NotImplementedError
 
     def wake(self) -> None:

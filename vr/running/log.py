@@ -58,7 +58,7 @@ class Log:
         self._now, self._unix = now, unix
         self._lines: deque[LoggedLine] = deque(maxlen=KEPT)
         self._fresh: deque[tuple[_Write, tuple[Any, ...], int, float]] = deque(maxlen=KEPT)
-        """What has come since somebody has asked for lines: how each is written, of what, number, time."""
+        """Entries since somebody has asked for lines: how each is written, its values, number, time."""
         self._open: set[str] = set()
         """Keys of the calls that have a line and have not ended."""
         self._lock = lock

@@ -24,7 +24,7 @@ class Intent(NamedTuple):
     child: str
     """Key of the child."""
     witness: str
-    """Who remembers it beyond the child's process: see `Call.witness`."""
+    """The memory of it beyond the child's process: see `Call.witness`."""
     attempt: int
     """How often before it was found that it had not been carried out."""
 
@@ -50,7 +50,7 @@ class Replay:
         """
         self._kept, self._own, self._robot, self._command = kept, own, robot, command
         self.rewritten: dict[str, Any] = {}
-        """What its page has set since the last step that it took again: that may have been lost."""
+        """Fields that its page has set since the last step that it took again: they may have been lost."""
         self.waiting: list[Callable[[], None]] = []
         """Have the parts of this frame look again that have taken all their steps before it has."""
 

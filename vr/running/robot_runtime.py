@@ -62,7 +62,7 @@ _log = logging.getLogger(__name__)
 
 
 class NotDescribed(Exception):
-    """What is known of the child in a slot does not show a command: it has to be asked."""
+    """The known description of the child in a slot does not show a command: it has to be asked."""
 
     def __init__(self, slot: str, command: str) -> None:
         """Name both."""
@@ -144,7 +144,7 @@ class RobotRuntime:
         self._journal, self._runner, self._lock = process.journal, process.runner, process.runner.lock()
         self._commands, self._exposures = commands_of(type(robot)), exposures_of(type(robot))
         self.log = Log(self._runner.now, self._runner.unix, self._runner.lock())
-        """What its code says, and how its commands ended."""
+        """The output of its code, and the ends of its commands."""
         self._bereft: dict[str, dict[Callable[[VrError], None], None]] = {}
         """Those who are told when the child in a slot is gone, by slot, in their order."""
         self._unremind: Callable[[], None] = _nothing

@@ -22,7 +22,7 @@ OfferedTurn = Callable[[Callable[[Worker], None]], bool]
 
 
 class Listener(Protocol):
-    """Who wants to know how a call fares. Called in any thread; must not block."""
+    """A listener for the progress and the end of a call. Called in any thread; must not block."""
 
     def note(self, fraction: float, text: str) -> None:
         """Take the progress: 0 to 1, NaN where it is unknown."""
@@ -45,7 +45,7 @@ class HeldStep(NamedTuple):
 
 
 class Run:
-    """What a process knows of one call of its robot, beside the state that a journal keeps.
+    """The data of one call of its robot in a process, beside the state that a journal keeps.
 
     The runtime of the robot makes it when the call is accepted, and forgets it when the call has ended.
     """
@@ -67,17 +67,17 @@ class Run:
     recall: dict[str, StepResult] | None = None
     """The steps that it took before its process was started again, by path; None: it begins now."""
     fields: Mapping[str, Any] = MappingProxyType({})
-    """What its robot keeps, as it is or was at the place of the page where it is."""
+    """The fields of its robot, as they are or were at the place of the page where it is."""
     wake: Callable[[], None] = staticmethod(lambda: None)
     """Has its code look again at what it waits for."""
     answer: str = ""
-    """What a person has answered to its question; empty: nothing yet."""
+    """The answer of a person to its question; empty: none yet."""
     asks: object = None
     """The part of it that asks a person; None: none does."""
     ahead: tuple[Lap, ...] = ()
     """The laps that it takes again after the present one."""
     lap: str = ""
-    """What its steps begin with since its last checkpoint."""
+    """The prefix of its steps since its last checkpoint."""
     callers: frozenset[str] = frozenset()
     """Keys under which those are present with whom it ends; empty: it goes on without them."""
 

@@ -1,4 +1,4 @@
-"""What running code needs of its surroundings: threads, waiting, the clock, chance and locks.
+"""The surroundings of running code: threads, waiting, the clock, chance and locks.
 
 `Threads` is the production form: operating system threads and the real clock. `world/virtual_runner.py` is
 the other one: greenlets in virtual time, one of which runs at any moment, in an order drawn from a seed. Code

@@ -31,7 +31,7 @@ _WORDS = {
     "RenewFence": "the renewal of a fence",
     "WatchEntries": "the watch",
 }
-"""What a request is called for people."""
+"""The name of a request for people."""
 
 
 def ask_space(frame: Frame, space: str, request: AnyRequest) -> Reply:

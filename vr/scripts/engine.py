@@ -75,7 +75,7 @@ _PLAIN = (
         r"\1 takes numbers only",
     ),
 )
-"""What CLIPS says, and how it is said here."""
+"""Messages of CLIPS, and their form here."""
 
 
 class ScriptError(Exception):
@@ -139,7 +139,7 @@ class Engine:
         self._partners: dict[str, Any] = {}
         self._roles: dict[str, Any] = {}
         self._told_of: dict[str, dict[tuple[str, Scalar], Any]] = {}
-        """What a partner reads and takes, as facts, by partner."""
+        """The readings and commands of a partner, as facts, by partner."""
         for partner in program.partners:
             self._seat(partner.name, "")
         values = {parameter.name: parameter.default for parameter in program.parameters} | dict(
@@ -391,7 +391,7 @@ class Engine:
 
     @property
     def _acts(self) -> dict[str, Callable[..., Any]]:
-        """What rules can call, by the name in CLIPS."""
+        """Functions that rules can call, by the name in CLIPS."""
         return {
             "do": self._do,
             "do-as": self._do_as,

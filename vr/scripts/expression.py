@@ -43,7 +43,7 @@ class Form(msgspec.Struct, frozen=True):
 
     @property
     def rest(self) -> tuple[Node, ...]:
-        """What comes after the head."""
+        """The nodes after the head."""
         return self.parts[1:]
 
 

@@ -1,4 +1,4 @@
-"""What a rule may say: everything that is not listed here is refused before CLIPS sees it. Pure.
+"""The words of a rule: everything that is not listed here is refused before CLIPS sees it. Pure.
 
 A rule script is code: CLIPS can run programs (`system`), open files, load more code and end the process. No
 name can be taken out of CLIPS, but which function is called is fixed by the text: so a list of what may stand
@@ -51,7 +51,7 @@ ACTS = {
     "end": (0, ""),
     "fail": (1, "a reason"),
 }
-"""What a rule can have done, with how many values it takes at least."""
+"""The actions of a rule, with the least number of their values."""
 INSTEAD = {
     "printout": "(log …)",
     "format": "(log …)",

@@ -1,4 +1,4 @@
-"""What goes into a script and what comes out of it: plain values. Pure."""
+"""The inputs and outputs of a script: plain values. Pure."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Happening(msgspec.Struct, frozen=True, kw_only=True):
     partner: str = ""
     """Slot that has been filled or emptied, or whose robot was stopped or released."""
     robot: str = ""
-    """Who is in it now; empty: nobody."""
+    """The robot that is in it now; empty: none."""
     choices: tuple[tuple[str, str], ...] = ()
     """Of a robot that is found: arguments of its commands, and values that they take."""
     number: int = 0

@@ -1,4 +1,4 @@
-"""What has happened and was not told to the rules yet."""
+"""Happenings that were not passed to the rules yet."""
 
 from __future__ import annotations
 

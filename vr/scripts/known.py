@@ -1,4 +1,4 @@
-"""What a script says of others, compared with what is known of them: kinds, commands, arguments, roles. Pure.
+"""A script's statements on others, compared with their descriptions: kinds, commands, arguments, roles. Pure.
 
 A kind that is not known, a command that stands in `needs`, and a value that is computed are let through.
 """
@@ -20,7 +20,7 @@ from robotree.vr.scripts.roles.profile import shipped
 from robotree.vr.scripts.trial import CHANGES, Trial, happening, words_of
 
 ORDERS = ("do", "reply", "wait", "cancel", "role", "log", "end", "fail")
-"""What an order in a table of tests can begin with."""
+"""The first words of orders in a table of tests."""
 _NAMED = re.compile(r"[a-z_]\w*=")
 KnownKinds = Mapping[str, Mapping[str, CommandSpec]]
 """The commands of each kind, by name."""

@@ -32,7 +32,7 @@ class Partner(msgspec.Struct, frozen=True, kw_only=True):
     needs: tuple[str, ...] = ()
     """Commands that it must have."""
     attributes: dict[str, str] = {}
-    """What it must say of itself."""
+    """The attributes that it must have."""
     takes: dict[str, tuple[str, ...]] = {}
     """Values that its commands take beside the choices of its kind, by the name of the argument."""
     optional: bool = False

@@ -107,7 +107,7 @@ class ScriptRun:
         """Held while the rules work or are looked at, never during a wait: CLIPS takes one thread."""
         self.inbox = ScriptInbox(activity.wake)
         self.missing = ""
-        """What it needs and does not have, as words; empty: it is active."""
+        """The partners that it lacks, in words; empty: it is active."""
         self.answers: dict[str, ScriptReply] = {}
         """To conversations that are open."""
         self.open_conversations: set[str] = set()
@@ -126,11 +126,11 @@ class ScriptRun:
         self._held: dict[str, str] = {}
         """The partners that are stopped, with the reason."""
         self._readings: dict[str, dict[str, float]] = {}
-        """What the rules were told of the readings of each partner."""
+        """The readings of each partner that the rules have."""
         self._looked: dict[str, float] = {}
         """When the readings of a partner were looked at [s]."""
         self._news: deque[Happening] = deque()
-        """What was seen at a look, beside what was taken out there."""
+        """Happenings that were found at a look, beside those that were taken out there."""
         self._wants_readings = _names_in(program, READING, "name")
         self._wants_choices = _names_in(program, CHOICE, "argument")
         self._acts: dict[int, _Act] = {}

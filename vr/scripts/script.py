@@ -185,7 +185,7 @@ class Script(VirtualRobot):
 
     @property
     def _sender(self) -> str:
-        """Who asked: a robot by its name; `operator`: a person."""
+        """The asker: a robot by its name; `operator`: a person."""
         caller = self.context.caller or "nobody"
         return OPERATOR if is_person(caller) else caller
 

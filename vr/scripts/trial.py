@@ -53,7 +53,7 @@ HAPPENINGS = (
     "start", "finish", "done", "failed", "progress", "timer", "lost", "found", "stopped", "released",
     "role", "reading",
 )  # fmt: skip
-"""What a line can begin with, beside the messages of the script."""
+"""The first words of a line, beside the messages of the script."""
 CHANGES = frozenset({"lost", "found", "stopped", "released"})
 """Of these, what happens to a partner."""
 ENDED = "the script has ended: no rule fires any more; begin again with a new dry run or test"
@@ -90,7 +90,7 @@ class Played(msgspec.Struct, frozen=True, kw_only=True):
     opening: bool = False
     """It belongs to the beginning of every script."""
     fault: str = ""
-    """What is not as it should be; empty: nothing."""
+    """The fault; empty: none."""
     mark: Mark = Mark()
 
 

@@ -63,7 +63,7 @@ EVENTS = {
     "timer": ("name", "conversation"),
     "message": ("from", "performative", "act", "arguments", "conversation", "reply by"),
 }
-"""What can happen, and what can be asked of it."""
+"""The events, and the conditions on each."""
 COMPARISONS = {"above": ">", "below": "<", "at least": ">=", "at most": "<="}
 ACTIONS = ("do", "remember", "forget", "update …", "wait", "cancel", "reply", "role", "log", "end", "fail")
 _VARIABLE = re.compile(r"\$([^\W\d]\w*)")

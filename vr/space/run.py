@@ -17,7 +17,7 @@ from robotree.vr.space.store import Durability, SpaceStore
 MEMORY = "memory"
 """Instead of a file or a URL: nothing is kept."""
 POSTGRES = ("postgresql://", "postgres://")
-"""What the URLs of PostgreSQL begin with (libpq)."""
+"""The beginnings of URLs of PostgreSQL (libpq)."""
 
 
 async def run_space(

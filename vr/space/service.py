@@ -92,7 +92,7 @@ class SpaceRequest:
         self.agent = principal.agent
         """Key under which the asker is present; empty: under none."""
         self.marks: frozenset[str] | None = None
-        """What the entries must have that it waits for; None: it waits for a fence."""
+        """The marks of the entries that it waits for; None: it waits for a fence."""
         if isinstance(request, FindEntries | WatchEntries):
             self.marks = marks_of((request.kind,) if request.kind else (), request.fields)
         about = (getattr(request, name, None) for name in ("take", "transaction", "since", "name"))
@@ -128,17 +128,17 @@ class SpaceService:
         """Requests that wait, the oldest first."""
         self._number = 0
         self._answered: OrderedDict[str, tuple[float, Reply]] = OrderedDict()
-        """What was answered lately, by `ask`: when [s], and what."""
+        """The latest answers, by `ask`: the time [s], and the reply."""
         self._returns: dict[str, Callable[[], object]] = {}
-        """What gives back what was given with such an answer."""
+        """Functions that take back what such an answer gave."""
         self._transactions: dict[str, set[str]] = {}
         """Open transactions by the agent that has opened them."""
         self._fences: dict[str, set[tuple[str, int]]] = {}
         """Fences, name and epoch, by the agent that holds them."""
         self._heard: list[EntryNews] = []
-        """What a bell has told and nobody has looked at."""
+        """News of a bell that nobody has looked at."""
         self._news: list[tuple[int, EntryNews]] = []
-        """What has become visible lately, with numbers."""
+        """Entries that have become visible lately, with numbers."""
         self._came = 0
         """How many entries have become visible."""
         self._fence_news = False

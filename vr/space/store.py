@@ -1,4 +1,4 @@
-"""What a service needs of the place where a space keeps its entries.
+"""The interface of a store, where a space keeps its entries, for its service.
 
 Nothing here waits for an entry: who waits, the service knows. `testing.py` examines any implementation.
 """
@@ -14,7 +14,7 @@ from robotree.vr.base.requests import KeptEntry, KeptFence
 from robotree.vr.space.table import Row
 
 Durability = str
-"""What an answered request survives: `memory`, `process` (kill -9 of any process) or `power` (loss of it)."""
+"""How durable an answered request is: `memory`, `process` (kill -9 of any process) or `power` (its loss)."""
 
 EntryNews = frozenset[str] | None
 """Marks of an entry that has become visible or free; None: it may be any."""
@@ -32,7 +32,7 @@ class FenceState(NamedTuple):
 
 
 class Contents(NamedTuple):
-    """What is in a store, for people."""
+    """The contents of a store, for people."""
 
     counts: dict[str, int]
     """Entries by kind."""

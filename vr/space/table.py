@@ -1,4 +1,4 @@
-"""What a space holds and the rules that change it, in one process. Pure: `now` is an argument.
+"""The entries of a space and the rules that change them, in one process. Pure: `now` is an argument.
 
 An entry that a transaction has taken stays, held, until the transaction commits; one that it has written is
 seen by it alone. So a transaction that is taken back, runs out, or was lost with its process has changed

@@ -1,1 +1,1 @@
-"""What stands above all agents: a whole realm by name, for people and programs."""
+"""The client of a whole realm by name, for people and programs."""

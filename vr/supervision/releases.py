@@ -29,7 +29,7 @@ MOST_COUNTS = 4096
 UNSEEN = "it came to sight only after that had been asked for"
 
 Asked = dict[Address, asyncio.Future[Sequence[str]]]
-"""What comes back of each robot: the names of those that have confirmed, or an error."""
+"""The answer of each robot: the names of those that have confirmed, or an error."""
 Looks = Mapping[Address, asyncio.Future[RobotDescription]]
 """How each robot in sight describes itself, as soon as it has answered."""
 

@@ -51,7 +51,7 @@ class StopScope(NamedTuple):
     """Which sites a stop concerns."""
 
     sites: Sequence[str] = ()
-    """That belong to the realm besides this machine; each is named if no gateway reaches it."""
+    """The sites of the realm besides this machine; each is named if no gateway reaches it."""
     local: Callable[[str], bool] | None = None
     """Whether the robot of a key is on this machine: then only those are stopped. None: the gateway of this
     machine is asked to stop the robots of all other sites."""

@@ -15,13 +15,13 @@ class Link(msgspec.Struct, frozen=True, kw_only=True):
     call: HistoryEvent
     """As it was accepted."""
     source: str
-    """Who has kept it, in words: `host h1`."""
+    """The process that has kept it, in words: `host h1`."""
     step: str = ""
     """Which step of the call above it is: what its key adds to that one's; empty: there is none above."""
     ended: HistoryEvent | None = None
     """None: it goes on, or nobody has kept its end."""
     answered: HistoryEvent | None = None
-    """What its caller has heard, where that is in another process."""
+    """The answer that its caller has received, where that is in another process."""
     observed: tuple[HistoryEvent, ...] = ()
     back: tuple[HistoryEvent, ...] = ()
     """The crashes of its host after which it went on."""
@@ -33,11 +33,11 @@ class Chain(msgspec.Struct, frozen=True, kw_only=True):
     links: tuple[Link, ...]
     """The motion itself first."""
     missing: str = ""
-    """Who has called the uppermost one, if nothing of that is kept; empty: a person, or the robot itself."""
+    """The caller of the uppermost one, if nothing of that is kept; empty: a person, or the robot itself."""
 
     @property
     def person(self) -> str:
-        """Who is at the top; empty: not known."""
+        """The person at the top; empty: not known."""
         top = self.links[-1].call
         return "" if self.missing else top.person or top.caller
 

@@ -35,7 +35,7 @@ Moment = Callable[[str], object]
 
 @dataclass
 class _Content:
-    """What a file has."""
+    """The content of a file."""
 
     data: bytearray = field(default_factory=bytearray)
     synced: int = 0
@@ -64,7 +64,7 @@ class Medium:
         self.broken = False
         """Whether nothing at all can be written, synced or removed: the disk has become read-only."""
         self.locks: dict[str, MemoryDisk] = {}
-        """Who holds the lock of each folder."""
+        """The holder of the lock of each folder."""
 
     def lose_power(self, chance: random.Random) -> None:
         """Lose what was not synced, or a part of it; all processes must have ended before."""

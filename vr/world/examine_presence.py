@@ -1,4 +1,4 @@
-"""What a transport promises about samples, presence and its own end, as checks."""
+"""The promises of a transport about samples, presence and its own end, as checks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a transport promises about requests and replies, as checks."""
+"""The promises of a transport about requests and replies, as checks."""
 
 from __future__ import annotations
 

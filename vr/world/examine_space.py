@@ -1,4 +1,4 @@
-"""What a store of a space promises, as checks: the same for memory, SQLite and PostgreSQL."""
+"""The promises of a store of a space, as checks: the same for memory, SQLite and PostgreSQL."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a simulated machine has under its files and sockets: descriptors, and what goes wrong by chance."""
+"""The base of a simulated machine's files and sockets: descriptors, and faults by chance."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def fail(number: int, name: object = None) -> NoReturn:
 
 @dataclass
 class Trouble:
-    """What befalls all processes by chance. May be changed at any time."""
+    """The faults of all processes by chance. May be changed at any time."""
 
     split: float = 0.0
     """Share of the sends that arrive in two pieces."""
@@ -48,7 +48,7 @@ class Trouble:
 
 
 class Descriptor(Protocol):
-    """What a number stands for."""
+    """The object behind a descriptor's number."""
 
     number: int
 
@@ -58,7 +58,7 @@ class Descriptor(Protocol):
 
 
 class Kernel:
-    """What all processes of a machine share, and what chance does to it."""
+    """The state that all processes of a machine share, and its faults by chance."""
 
     def __init__(self, runner: VirtualRunner, seed: int) -> None:
         """Begin without trouble.
@@ -93,7 +93,7 @@ class Kernel:
 
 
 class Descriptors:
-    """What one process has open."""
+    """The open descriptors of one process."""
 
     def __init__(self, kernel: Kernel, process: VirtualProcess) -> None:
         """Begin with nothing open."""

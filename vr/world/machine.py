@@ -75,7 +75,7 @@ class Machine(Kernel):
         self.systems: dict[int, SimulatedSystem] = {}
         """By process."""
         self.folders: dict[str, dict[str, _Entry]] = {}
-        """What is in each folder, by its path."""
+        """The entries of each folder, by its path."""
         self.listeners: list[SimulatedSocket] = []
         """Sockets that listen, also those whose name is gone."""
         self.disk_full = False
@@ -149,14 +149,14 @@ class Machine(Kernel):
 
 
 class SimulatedSystem(Descriptors):
-    """What one process sees of its machine: see `System`."""
+    """The machine as one process sees it: see `System`."""
 
     def __init__(self, machine: Machine, process: VirtualProcess) -> None:
         """Made by the machine."""
         super().__init__(machine, process)
         self.machine = machine
         self.exits: list[Callable[[], object]] = []
-        """What is to be done when it ends in order."""
+        """Functions for its orderly end."""
         self.opening: AbstractContextManager[Any] = nullcontext()
         runner = machine.runner
         self.now, self.unix, self.pid, self.here = process.now, process.unix, process.pid, runner.here

@@ -33,12 +33,12 @@ class SimulatedSocket:
         self.number = -1
         self.peer: SimulatedSocket | None = None
         self.incoming: deque[bytes] = deque()
-        """What has come, in the pieces in which it was sent."""
+        """The data that has come, in the pieces in which it was sent."""
         self.size = 0
         """[bytes] of it and of what is under way."""
         self.capacity = CAPACITY
         self.under_way: deque[bytes | None] = deque()
-        """What comes later; None: the end."""
+        """The data that comes later; None: the end."""
         self.stalled = False
         """Whether what is under way stays there."""
         self.no_more = self.broken = False
@@ -263,7 +263,7 @@ class SimulatedEpoll:
         self.closed = False
         self._wanted: dict[SimulatedSocket, int] = {}
         self._ready: dict[SimulatedSocket, None] = {}
-        """What has become ready since it was reported, in this order."""
+        """Sockets that have become ready since they were reported, in this order."""
         self._waiting: list[VirtualWaiter] = []
         self.number = system.take(self)
 

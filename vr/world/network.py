@@ -107,7 +107,7 @@ class LoopAgenda:
 
 
 class Weather(msgspec.Struct):
-    """What befalls messages by chance. May be changed at any time."""
+    """The faults of messages by chance. May be changed at any time."""
 
     jitter: float = 0.0
     """[s] that a message takes longer at most; on one channel none overtakes another."""
@@ -118,7 +118,7 @@ class Weather(msgspec.Struct):
 
 
 class _Way:
-    """What lies between two members, in one direction: it passes on, holds back, or is lost."""
+    """The way between two members, in one direction: it passes on, holds back, or loses."""
 
     __slots__ = ("connection", "held", "last", "lost", "network", "silences", "silent", "source", "target")
 
@@ -472,11 +472,11 @@ class MemoryTransport:
         self.exchanges: dict[MemoryTransport, dict[_Exchange, None]] = {}
         """Its requests under way, by the one that was asked."""
         self._known: dict[MemoryTransport, tuple[set[str], set[str]]] = {}
-        """What each other one that is seen serves and holds."""
+        """The keys that each visible member serves and holds."""
         self._where: dict[str, MemoryTransport] = {}
         self.presence = Presence(held=self._held, unheard=self._unheard, hand_on=self._soon)
         self._inbox: list[Callable[[], None]] = []
-        """What has arrived while it was paused."""
+        """Messages that have arrived while it was paused."""
         self._subscriptions: dict[int, tuple[str, SampleHandler]] = {}
         self._heard: dict[str, list[int]] = {}
         """Which of these a key concerns, as far as it was asked."""

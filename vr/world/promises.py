@@ -1,4 +1,4 @@
-"""What examinations of transports are made of: promises, and the patience to see them kept."""
+"""The parts of examinations of transports: promises, and the time to see them kept."""
 
 from __future__ import annotations
 

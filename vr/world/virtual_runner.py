@@ -110,7 +110,7 @@ class VirtualRunner:
         """How often the runner has let a greenlet run."""
         self.preemption = Preemption(seed)
         self.struck: dict[greenlet, type[BaseException]] = {}
-        """What is to be raised in threads at their next points."""
+        """Exceptions to raise in threads at their next points."""
         self.holding: dict[greenlet, VirtualLock] = {}
         """The locks for moments (`lock`) that are held."""
         self._thread = threading.get_ident()

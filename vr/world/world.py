@@ -35,7 +35,7 @@ from robotree.vr.world.virtual_loop import VirtualLoop
 from robotree.vr.world.virtual_runner import VirtualProcess, VirtualRunner
 
 Main = Callable[["SimulatedProcess"], Coroutine[Any, Any, None]]
-"""What a process does; it exits when this returns or raises."""
+"""The main function of a process; the process exits when it returns or raises."""
 
 _encode = msgspec.msgpack.Encoder(enc_hook=repr).encode
 
@@ -184,7 +184,7 @@ class World:
         self.network.on_message = self._message
         self.trace: list[TraceEntry] = []
         self.complaints: list[str] = []
-        """What event loops report and nobody handles: faults, if there are any."""
+        """Reports of event loops that nobody handles: faults, if there are any."""
         self.processes: list[SimulatedProcess] = []
         self._cores: list[TracedCore] = []
         self._keys = random.Random(f"{seed} keys")
