@@ -20,7 +20,13 @@ ROOT = Path(__file__).parents[2]
 UNITS = sorted((ROOT / "deploy").glob("robotree*"))
 SERVICES = [unit for unit in UNITS if unit.suffix == ".service"]
 GUIDE = (ROOT / "docs" / "services.md").read_text()
-VALUES = {"${KIND}": "arm", "${CONNECT}": "tcp:127.0.0.1:5760", "%i": "arm-1", "%h": "/home/anna"}
+VALUES = {
+    "${KIND}": "arm",
+    "${CONNECT}": "tcp:127.0.0.1:5760",
+    "${LISTEN}": "tls:0.0.0.0:7447",
+    "%i": "arm-1",
+    "%h": "/home/anna",
+}
 
 
 def sections(unit: Path) -> configparser.RawConfigParser:
@@ -40,7 +46,7 @@ def test_a_service_starts_a_line_that_robotree_understands(unit: Path) -> None:
     program, *words = shlex.split(line.replace("$OPTIONS", ""))
     assert program == "/home/anna/.local/bin/robotree"
     found = manual.shell().parse(words)
-    kind = unit.name.removeprefix("robotree-").partition("@")[0]
+    kind = unit.stem.removeprefix("robotree-").partition("@")[0]
     assert found.verb == {"realm": "apply", "space": "space serve"}.get(kind, kind)
 
 
