@@ -251,3 +251,19 @@ async def test_a_cancelled_command_asks_no_longer(road: Road) -> None:
     assert time.monotonic() - began < 5.0
     assert not (await road.realm_client.describe("driver")).asks
     assert issubclass(EndedInDoubt, CommandInDoubt)
+
+
+async def test_again_without_a_child_keeps_the_question(road: Road) -> None:
+    call = await lost(road, "Driver")
+    await road.again(road.controller, road.proxy, road.driver)
+    await road.question()
+    await road.realm_client.release("driver", "rover")
+    await road.realm_client.decide("driver", "again")
+    async with asyncio.timeout(PATIENCE):
+        while "nothing was done" not in await road.question():
+            assert not call.done()
+            await asyncio.sleep(0.05)
+    await road.realm_client.enslave("driver", "rover", "rover-1")
+    await road.realm_client.decide("driver", "again")
+    assert await call == 2
+    await road.at_rest(2 * LEG)

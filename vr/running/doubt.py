@@ -35,6 +35,8 @@ NEWS = 1.5
 """[s] in which a child publishes its readings."""
 MOST_READINGS = 8
 """Readings that a question shows."""
+ANSWERS = "Was it done? done: go on after it, without doing it; again: do it now; abort: end the command here"
+"""What a person is asked at the end of a question."""
 
 T = TypeVar("T")
 _log = logging.getLogger(__name__)
@@ -174,17 +176,24 @@ def _is_remembered(call: DoubtfulCall, part: Asker) -> bool:
 
 
 def _asked(call: DoubtfulCall, part: Asker, detail: str) -> Returned | Raised | Callable[[], None]:
-    """Have a person answer."""
-    label = f"{call.child.name}.{call.command}"
+    """Have a person answer; "again" without a child in the slot is asked about anew."""
+    label, refused = f"{call.child.name}.{call.command}", ""
     step = words_of_step("call", [call.child.name, call.command, call.arguments])
-    question = f"{step} may have been carried out or not ({detail}); {_look(call, part)}. Was it done?"
-    answer, error = part.carry_out(partial(part.ask_person, question))
-    if error is not None:
-        raise error
-    if answer == "done":
-        return Returned(key=call.key)
-    if answer == "again":
-        return call.repeat
+    while True:
+        question = (
+            f"{refused}{step} may have been carried out or not ({detail}); {_look(call, part)}. {ANSWERS}"
+        )
+        answer, error = part.carry_out(partial(part.ask_person, question))
+        if error is not None:
+            raise error
+        if answer == "done":
+            return Returned(key=call.key)
+        if answer != "again":
+            break
+        if part.runtime.find_bond(call.slot) is not None:
+            return call.repeat
+        name = f"{part.runtime.name}.{call.slot}"
+        refused = f"nothing was done: {name} is empty, `robotree enslave {name} {call.child.name}` first; "
     reason = f"{detail}; a person has ended {part.runtime.name}.{part.context.command}"
     part.runtime.log.say("warning", f"{label} stays in doubt")
     return Raised.of(EndedInDoubt(robot=call.child.name, command=call.command, detail=reason))
