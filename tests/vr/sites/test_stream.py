@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robotree.vr.sites.frames import SiteStopped, StopSite, encode_frame
 from robotree.vr.sites.sealing import OVERHEAD, Lane, Sealing, Verdict
 from robotree.vr.sites.stream import BEAT, LEAST_WINDOW, MOST_WAITING, PIECE, Full, Stream
 
@@ -157,6 +158,31 @@ def test_a_stop_passes_a_flood_of_pictures_on_a_slow_line() -> None:
     assert max(took) < 0.8
     shown = sum(len(body) for at, body in line.came[1] if at > 20) * 8 / (line.now - 20)
     assert shown > 20_000, "pictures go at the rate that the line bears"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_stop_of_a_hundred_robots_is_confirmed_in_a_flood_on_a_slow_line_with_losses(seed: int) -> None:
+    """The way of the order and of the confirmations, without the stop of the robots there."""
+    line = Line(delay=0.02, rate=64_000, loss=0.03, seed=seed)
+    names = [f"robot-{number:03}" for number in range(100)]
+    took: list[float] = []
+    for number in range(300):
+        for end in line.ends:
+            end.publish(f"view/{number % 5}/1", b"p" * 9000)
+        line.run(0.1)
+        if number <= 100 or number % 20:
+            continue
+        asked, order = line.now, encode_frame(StopSite(number, f"order-{number}", ""))
+        line.ends[0].put(Lane.URGENT, order)
+        while order not in line.bodies(1) and line.now < asked + 5:
+            line.run(0.01)
+        confirmation = encode_frame(SiteStopped(number, names, [], []))
+        line.ends[1].put(Lane.URGENT, confirmation)
+        while confirmation not in line.bodies(0) and line.now < asked + 5:
+            line.run(0.01)
+        took.append(line.now - asked)
+    assert len(took) == 9
+    assert max(took) < 1.0, took
 
 
 def test_a_fast_line_is_used() -> None:
