@@ -15,10 +15,9 @@ from robotree.protocol.links.url import connect
 from robotree.protocol.messages import AnyMessage, Heartbeat, MavAutopilot, MavState, MavType, Ping
 from robotree.protocol.services.picture import Picture, PictureReceiver
 from robotree.protocol.services.statustext import StatustextReceiver
+from tests.waiting import PATIENCE
 
 BEAT = Heartbeat(MavType.GCS, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)
-PATIENCE = 30.0
-"""[s] A busy machine may take that long."""
 
 
 class Station:

@@ -22,7 +22,7 @@ from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.vr.supervision.realm_client import RealmClient
-from tests.screen import shows, text_of
+from tests.screen import press, shows, text_of
 
 
 class Stage:
@@ -43,7 +43,7 @@ class Stage:
         await self.until(
             lambda: self.app.now() >= self.app._seen and not self.app.selection.refusal(self.app.now())
         )
-        await self.play(self._pilot.press(*keys))
+        await self.play(press(self._pilot, *keys))
 
     async def until(self, holds: Callable[[], bool], within: float = 60.0) -> None:
         """Wait until the screen shows something; its drawing says when to look."""

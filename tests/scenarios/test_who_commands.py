@@ -39,6 +39,7 @@ from robotree.proxy.translate import component_of
 from robotree.tui import exit_codes
 from robotree.tui.processes.crew import Crew, Member
 from tests.command_line import within_realm
+from tests.waiting import until
 
 pytestmark = pytest.mark.e2e
 
@@ -46,16 +47,6 @@ REALM = "commanders"
 NAN = float("nan")
 BEAT = Heartbeat(MavType.GCS, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)
 GROUND_STATION, NAMESAKE = (255, 190), (255, component_of("rover-1"))
-
-
-async def until(condition: Callable[[], bool], sentence: str) -> None:
-    """Wait for what must happen: processes start meanwhile, on a machine that may be busy."""
-    try:
-        async with asyncio.timeout(30):
-            while not condition():  # noqa: ASYNC110 # any condition at all
-                await asyncio.sleep(0.005)
-    except TimeoutError:
-        pytest.fail(f"it did not come: {sentence}")
 
 
 class Wire:

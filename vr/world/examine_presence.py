@@ -8,9 +8,9 @@ from collections.abc import Awaitable, Callable
 from robotree.vr.base.errors import TransportClosed, VrError
 from robotree.vr.base.transport import Occupied, Registration, Respond, Transport, on_loop
 from robotree.vr.world.promises import (
-    PROMISED_WITHIN,
     Join,
     close_all,
+    patience,
     promise,
     replies_of,
     served,
@@ -110,7 +110,7 @@ async def who_is_seen_can_be_asked(join: Join) -> None:
 
     def greet(key: str, there: bool) -> None:  # noqa: FBT001 # as the contract has it
         if there:
-            asking = caller.request(key, b"", timeout=PROMISED_WITHIN)
+            asking = caller.request(key, b"", timeout=patience())
             answers.append(asyncio.ensure_future(replies_of(asking)))
 
     caller.presence.watch("robot/*/*", greet)
@@ -188,9 +188,9 @@ async def a_closed_transport_says_so(join: Join) -> None:
 
     registration = await served(server, caller, handler)
     token = await server.announce("robot/a/1")
-    waiting = caller.request("robot/a/1", b"", timeout=PROMISED_WITHIN)
+    waiting = caller.request("robot/a/1", b"", timeout=patience())
     await anext(waiting)
-    asked = server.request("robot/a/1", b"", timeout=PROMISED_WITHIN)
+    asked = server.request("robot/a/1", b"", timeout=patience())
     await anext(asked)
     await server.close()
     await server.close()
@@ -224,6 +224,6 @@ async def a_handler_may_close_its_transport(join: Join) -> None:
         await server.close()
 
     await served(server, caller, handler)
-    got = await replies_of(caller.request("robot/a/1", b"", timeout=PROMISED_WITHIN))
+    got = await replies_of(caller.request("robot/a/1", b"", timeout=patience()))
     promise(got == ([b"bye"], None), "a handler may close its transport")
     await close_all(caller, server)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from robotree.vr.world.examine_lookup import LOOKUP_CHECKS, Open, check_lookup
 from robotree.vr.world.examine_space import SPACE_CHECKS, check_space
 from robotree.vr.world.examine_transport import TRANSPORT_CHECKS, check_transport
-from robotree.vr.world.promises import Join, promise, until
+from robotree.vr.world.promises import Join, patience, promise, until
 from robotree.vr.world.virtual_loop import in_virtual_time, run_in_virtual_time
 
 __all__ = [
@@ -21,6 +21,7 @@ __all__ = [
     "check_space",
     "check_transport",
     "in_virtual_time",
+    "patience",
     "promise",
     "run_in_virtual_time",
     "until",

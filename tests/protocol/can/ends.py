@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 from robotree.protocol.links.can import CanAddress, CanLink, CanListener, connect, listen
@@ -26,11 +25,3 @@ async def connected(address: CanAddress, accept: Accept) -> AsyncIterator[CanLin
         yield link
     finally:
         link.close()
-
-
-def wait_for(condition: Callable[[], object]) -> None:
-    """Wait until something holds that no event reports."""
-    deadline = time.monotonic() + 60.0
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)

@@ -17,7 +17,7 @@ from robotree.protocol.canbus import LoopbackBus, channel_id, first_port
 from robotree.protocol.canbus.records import Greeting
 from robotree.protocol.canbus.seats import HOST
 from robotree.protocol.canbus.wire import GLANCE, STALLED_AFTER, Wire
-from tests.protocol.can.ends import wait_for
+from tests.waiting import wait_until
 
 Buses = Callable[..., LoopbackBus]
 SOON = 60.0
@@ -279,7 +279,7 @@ def test_a_crowd_of_silent_strangers_keeps_nobody_out(buses: Buses, channel: str
         for _ in range(200):
             crowd.enter_context(socket.create_connection((HOST, first_port(channel))))
         other = buses()
-        wait_for(lambda: other.statistics.members)  # a busy member answers later than a newcomer waits
+        wait_until(lambda: other.statistics.members)  # a busy member answers later than a newcomer waits
         other.send(can.Message())
         assert bus.recv(SOON)
 

@@ -10,7 +10,7 @@ from subprocess import Popen
 import can
 import pytest
 
-from tests.protocol.can.ends import wait_for
+from tests.waiting import wait_until
 
 Spawn = Callable[..., "Popen[str]"]
 SOON = 60.0
@@ -62,7 +62,7 @@ def test_a_killed_member_is_missed_at_once_and_the_others_go_on(
 ) -> None:
     with bus:
         first, second = echo(spawn, channel), echo(spawn, channel)
-        wait_for(lambda: members(bus) == 2)
+        wait_until(lambda: members(bus) == 2)
         first.kill()
         first.wait()
         bus.send(can.Message(arbitration_id=1))
@@ -72,7 +72,7 @@ def test_a_killed_member_is_missed_at_once_and_the_others_go_on(
         bus.recv(0)
         assert members(bus) == 1
         third = echo(spawn, channel)
-        wait_for(lambda: members(bus) == 2)
+        wait_until(lambda: members(bus) == 2)
         bus.send(can.Message(arbitration_id=0))
         assert second.wait(SOON) == third.wait(SOON) == 0
 
@@ -98,7 +98,7 @@ def test_a_stopped_process_joins_in_again_when_it_goes_on(
             newcomer.send(can.Message(arbitration_id=1))
             assert bus.recv(SOON)
             far.send_signal(signal.SIGCONT)
-            wait_for(lambda: members(newcomer) == 2)
+            wait_until(lambda: members(newcomer) == 2)
             newcomer.send(can.Message(arbitration_id=2))
             came = newcomer.recv(SOON)
             assert came is not None
@@ -108,7 +108,7 @@ def test_a_stopped_process_joins_in_again_when_it_goes_on(
 def test_python_cans_logger_watches_the_bus(bus: can.BusABC, spawn: Spawn, channel: str) -> None:
     with bus:
         logger = spawn("-u", "-m", "can.logger", "-i", "robotree", "-c", channel, "--passive")
-        wait_for(lambda: members(bus) == 1)
+        wait_until(lambda: members(bus) == 1)
         bus.send(can.Message(arbitration_id=0x18DB0001, data=b"\x03abc"))
         bus.send(can.Message(arbitration_id=0x123, is_extended_id=False, data=bytes(20), is_fd=True))
         assert logger.stdout

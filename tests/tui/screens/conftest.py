@@ -23,7 +23,8 @@ from robotree.tui.screen.app import Supervisor
 from robotree.tui.screen.keymap import Keymap
 from robotree.tui.seen import feeding
 from robotree.vr.agents import publisher, shared
-from tests.screen import shows, text_of
+from tests.screen import at_rest, press, shows, text_of
+from tests.waiting import PATIENCE
 
 if TYPE_CHECKING:
     from robotree.vr.supervision.realm_client import RealmClient
@@ -32,9 +33,6 @@ KEYS = {
     " ": "space", ".": "full_stop", "_": "underscore", "-": "minus", ":": "colon", "/": "slash",
     "=": "equals_sign", "[": "left_square_bracket", "]": "right_square_bracket", ",": "comma",
 }  # fmt: skip
-
-PATIENCE = 60.0
-"""[s] A busy machine may take that long for one step."""
 
 W = TypeVar("W", bound=Widget)
 S = TypeVar("S", bound="Screen[object]")
@@ -47,10 +45,11 @@ class Operator:
         self.app, self._pilot = app, pilot
 
     async def press(self, *keys: str) -> None:
-        await self._pilot.press(*keys)
+        """Press keys, each when the one before it has been dealt with and what it opened takes keys."""
+        await press(self._pilot, *keys)
 
     async def type(self, text: str) -> None:
-        await self._pilot.press(*(KEYS.get(letter, letter) for letter in text))
+        await self.press(*(KEYS.get(letter, letter) for letter in text))
 
     def burst(self, bytes_: str, *, at: float | None = None) -> None:
         """Send at once, as a terminal does when it was kept waiting; nothing is waited for.
@@ -65,7 +64,11 @@ class Operator:
             self.app.post_message(event.set_sender(self.app))
 
     async def click(self, selector: str) -> None:
+        """Click on a widget that is there and laid out, and wait until that has been dealt with."""
+        front = self.app.screen
+        await at_rest(self.app)
         await self._pilot.click(selector)
+        await at_rest(self.app, front)
 
     async def resize(self, width: int, height: int) -> None:
         await self._pilot.resize_terminal(width, height)
@@ -116,7 +119,7 @@ class Operator:
 Operate = Callable[..., AbstractAsyncContextManager[Operator]]
 
 
-async def settle(_least: float = 0.0, most: float = 1.0) -> None:
+async def settle(_least: float = 0.0, most: float = PATIENCE) -> None:
     """Return when nothing is left to do but to wait for time, threads or keys.
 
     In place of Textual's own, which looks every 20 ms whether the process computes.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -22,6 +21,7 @@ from robotree.vr.core.stop import Stop
 from robotree.vr.history import writer as writers
 from robotree.vr.history.file import HistoryFile
 from robotree.vr.history.writer import HistoryWriter
+from tests.waiting import wait_until
 
 ANNA = Principal("anna", 7, "caller/x", "pts/3")
 
@@ -142,7 +142,7 @@ def test_a_damaged_file_is_one_sentence_and_the_robots_run_on(
     history.start()
     robot = Robot(history)
     robot.go("k")
-    until(lambda: bool(history.trouble))
+    wait_until(lambda: bool(history.trouble))
     robot.end("k")
     assert [record.getMessage() for record in caplog.records if record.levelname == "ERROR"] == [
         f"what robots do is not kept at the moment: {history.trouble}"
@@ -150,7 +150,7 @@ def test_a_damaged_file_is_one_sentence_and_the_robots_run_on(
     assert str(path) in history.trouble
     path.unlink()
     robot.go("l")
-    until(lambda: not history.trouble and not history.waiting)
+    wait_until(lambda: not history.trouble and not history.waiting)
     assert {"k", "l"} == {event.key for event in kept(history)}
     history.close()
 
@@ -174,11 +174,11 @@ def test_a_disk_that_is_full_leaves_events_out_and_says_how_many(
     robot = Robot(history)
     for number in range(15):
         robot.go(f"k{number}")
-    until(lambda: bool(history.trouble))
+    wait_until(lambda: bool(history.trouble))
     assert "full" in history.trouble
     full[0] = False
     robot.go("last")
-    until(lambda: not history.trouble and not history.waiting)
+    wait_until(lambda: not history.trouble and not history.waiting)
     assert kept(history)[-1].key in {"last", "k14", "k9"}
     assert "events are missing" in kept(history, "")[0].text
     history.close()
@@ -199,7 +199,7 @@ def test_what_stands_in_the_journal_and_not_in_the_file_is_written_by_the_next_p
     again.end("k")
     history.replayed(time.time() - time.monotonic())
     history.start()
-    until(lambda: len(kept(history)) == 2)
+    wait_until(lambda: len(kept(history)) == 2)
     assert [event.kind for event in kept(history)] == ["accepted", "ended"]
     history.close()
 
@@ -210,6 +210,7 @@ from pathlib import Path
 sys.path.insert(0, {tests!r})
 from tests.vr.history.test_history_writer import Robot
 from robotree.vr.history.writer import HistoryWriter
+from tests.waiting import wait_until
 history = HistoryWriter(Path({folder!r}))
 history.start()
 robot = Robot(history)
@@ -228,7 +229,7 @@ def test_the_chain_holds_whenever_the_process_that_writes_it_is_killed(tmp_path:
         process = subprocess.Popen([sys.executable, "-c", source], stdout=subprocess.PIPE)
         assert process.stdout is not None
         assert process.stdout.readline() == b"begins\n"
-        until(lambda before=count: verified(tmp_path).count > before + 100)
+        wait_until(lambda before=count: verified(tmp_path).count > before + 100)
         process.kill()  # while it writes more
         process.wait()
         process.stdout.close()
@@ -246,10 +247,3 @@ def verified(folder: Path) -> EventsVerified:
         return file.verify()
     finally:
         file.close()
-
-
-def until(condition: Callable[[], bool], within: float = 30.0) -> None:
-    end = time.monotonic() + within
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)

@@ -35,7 +35,8 @@ from robotree.vr.network.mesh import HANGS, MOST_MEMBERS, RECENT, Mesh
 from robotree.vr.network.readers import Sockets
 from robotree.vr.network.refusals import EVERY, RefusalKind, Refusals
 from robotree.vr.network.rendezvous import Rendezvous
-from tests.vr.network.visitor import SOON, Visitor, wait_until
+from tests.vr.network.visitor import SOON, Visitor
+from tests.waiting import wait_until
 
 ARM = "robot/arm-1/1"
 

@@ -12,7 +12,8 @@ import pytest
 from robotree.vr.network.link import Channel, News, Sample, Topic
 from robotree.vr.network.mesh import Mesh
 from robotree.vr.network.rendezvous import Rendezvous
-from tests.vr.network.visitor import SOON, Visitor, wait_until
+from tests.vr.network.visitor import SOON, Visitor
+from tests.waiting import wait_until
 
 KEY = "robot/arm-1/1"
 LAST_WORDS = {

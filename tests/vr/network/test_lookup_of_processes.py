@@ -11,8 +11,7 @@ import pytest
 
 from robotree.vr.network.local import LocalTransport
 from robotree.vr.supervision.realm_client import RealmClient
-from robotree.vr.world.promises import PROMISED_WITHIN
-from robotree.vr.world.testing import until
+from robotree.vr.world.testing import patience, until
 from tests.vr.network.processes import Start, start_all
 
 CARRIER = """
@@ -63,7 +62,7 @@ async def test_lookups_are_killed_and_stopped_and_nobody_notices(start: Start, o
     await until(lambda: list(realm_client.services) == ["l3"], "only one is left")
     lookups[1].signal(signal.SIGCONT)
     await until(lambda: list(realm_client.services) == ["l2", "l3"], "the stopped one is back")
-    await realm_client.directory.settled(PROMISED_WITHIN)
+    await realm_client.directory.settled(patience())
     await until(lambda: not realm_client.directory.remembers, "what the lost ones said is forgotten")
     assert onlooker.told == ["arrived rover"]
     for lookup in lookups[1:]:

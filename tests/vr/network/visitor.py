@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import os
 import socket
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from robotree.vr.network.link import VERSION, Channel, Hello, LinkFrame, Topic, pack
 from robotree.vr.network.rendezvous import Rendezvous
 
-SOON = 10.0
+SOON = 60.0
 """[s] that a test waits at most for what should come at once."""
 
 
@@ -59,10 +58,3 @@ class Visitor:
         for line in self.lines.values():
             line.close()
         self.lines.clear()
-
-
-def wait_until(condition: Callable[[], object], what: str) -> None:
-    latest = time.monotonic() + SOON
-    while not condition():
-        assert time.monotonic() < latest, what
-        time.sleep(0.002)

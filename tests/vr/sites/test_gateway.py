@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +22,8 @@ from robotree.vr.sites.invitations import read_token, request_to_join, token_of
 from robotree.vr.sites.keys import RealmKeys, create
 from robotree.vr.sites.keys import join as join_realm_keys
 from robotree.vr.sites.pipe import MemoryHub, MemoryPipe
-from robotree.vr.sites.site import GONE
 from tests.vr.sites.realm import Realm
+from tests.waiting import until
 
 ROBOT = "robot/arm-1/1"
 
@@ -64,12 +64,6 @@ class SiteOfTest:
         await self.gateway.close()
         await self.member.close()
         await self.gate.close()
-
-
-async def until(found: Callable[[], bool], within: float = 8.0) -> None:
-    async with asyncio.timeout(within):
-        while not found():  # noqa: ASYNC110 # there is no event for it
-            await asyncio.sleep(0.02)
 
 
 async def ask(
@@ -212,7 +206,7 @@ async def test_a_site_that_is_gone_leaves_the_lists_and_comes_back(
 ) -> None:
     lab, hall, _ = sites
     hub.up = False
-    await until(lambda: not lab.member.presence.there(ROBOT), GONE + 3)
+    await until(lambda: not lab.member.presence.there(ROBOT))
     hub.up = True
     await until(lambda: lab.member.presence.there(ROBOT))
     assert await ask(lab, call()) == Done(note="moved")
