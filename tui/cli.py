@@ -276,11 +276,19 @@ def _demo(line: Line, *, readonly: bool) -> int:
     companion, crash = demo_companion.wanted(line.text("STORY")), line.flag("--crash")
     if companion and crash:
         raise ValueRefused("--crash", "the host of the cell is killed, not that of the companion's flat")
-    require("demo", *(["scripts"] if companion else []), *([] if headless or without else ["tui"]))
+    sites = line.text("STORY") == demo_companion.SITES
+    if line.text("--delay") and not sites:
+        raise ValueRefused("--delay", "only `demo sites` has a line between sites")
+    extras = ["scripts"] * companion + ["machines"] * sites
+    require("demo", *extras, *([] if headless or without else ["tui"]))
     if not (headless or without):
         from robotree.tui.screen import keymap
 
         keymap.load()  # one that is wrong is told before anything begins
+    if sites:
+        return _run(
+            _demo_sites(line, headless=headless or bool(without), readonly=readonly), on_screen=not headless
+        )
     over = demo.Wire.of(can=line.flag("--can"), classic=line.flag("--classic"))
     story = demo_companion.STORY if companion else demo_crash.Crash() if crash else demo.CELL
     work = demo.demo(
@@ -294,6 +302,31 @@ def _demo(line: Line, *, readonly: bool) -> int:
         key=security.wanted(line, security.REALM),
     )
     return _run(work, on_screen=not headless)
+
+
+def _demo_sites(line: Line, *, headless: bool, readonly: bool) -> Coroutine[Any, Any, int]:
+    """Return the demo of several machines.
+
+    Raises:
+        ValueRefused: it has no such option.
+    """
+    from robotree.tui import demo_sites
+    from robotree.tui.errors import ValueRefused
+    from robotree.tui.wire import security
+
+    for option in ("--crash", "--can", "--classic", "--pictures"):
+        if line.flag(option) or line.text(option):
+            raise ValueRefused(
+                option, "`demo sites` has a course of its own; it takes --headless, --delay and --speedup"
+            )
+    return demo_sites.demo(
+        headless=headless,
+        delay=demo_sites.delay_of(line.text("--delay", f"{demo_sites.DELAY}")),
+        realm=line.text("--realm"),
+        speedup=line.text("--speedup", "1"),
+        readonly=readonly,
+        key=security.wanted(line, security.REALM),
+    )
 
 
 def _run(work: Coroutine[Any, Any, int], *, listening: bool = False, on_screen: bool = False) -> int:

@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from robotree.vr.supervision.realm_client import RealmClient
 
 NAME = "companion"
+SITES = "sites"
+STORIES = ("", "cell", NAME, SITES)
+"""The demos by name; the cell needs none."""
 ROBOT, SCRIPT, VIEW = "companion", "evening", "flat"
 PEOPLE = {11: "anna", 12: "bela", 13: "cleo"}
 """The names of people by their tags."""
@@ -44,8 +47,8 @@ def wanted(story: str) -> bool:
     Raises:
         ValueRefused: there is no such story.
     """
-    if story not in {"", "cell", NAME}:
-        raise ValueRefused("STORY", f"there is no demo {story!r}; there is: cell, {NAME}")
+    if story not in STORIES:
+        raise ValueRefused("STORY", f"there is no demo {story!r}; there is: {', '.join(STORIES[1:])}")
     return story == NAME
 
 

@@ -129,6 +129,21 @@ def verdict_of(
     )
 
 
+def begun_in(file: Path) -> list[Goal]:
+    """Return the goals that a controller has begun, in their order.
+
+    Args:
+        file: into which it writes them.
+    """
+    goals: list[Goal] = []
+    with suppress(OSError):
+        for line in file.read_text().splitlines():
+            unix, word, key, *_ = line.split()
+            if word == "begin":
+                goals.append(Goal(float(unix), key))
+    return goals
+
+
 class Crash:
     """The cell, its robots on top of the arm, and a host that is killed."""
 
@@ -207,13 +222,7 @@ class Crash:
 
     def _begun(self) -> list[Goal]:
         """Return the goals that the arm's controller has begun, in their order."""
-        goals: list[Goal] = []
-        with suppress(OSError):
-            for line in (Path(self._folder.name) / CONTROLLER).read_text().splitlines():
-                unix, word, key, *_ = line.split()
-                if word == "begin":
-                    goals.append(Goal(float(unix), key))
-        return goals
+        return begun_in(Path(self._folder.name) / CONTROLLER)
 
     def _host(self, realm: str) -> int | None:
         """Return the process of the host; None: it does not live at the moment."""

@@ -372,9 +372,10 @@ ACTIONS: tuple[Action, ...] = (
     # -- run
     Action(
         usage="demo [STORY] [--crash] [--headless] [--pictures FOLDER] [--can] [--classic] [--speedup FACTOR]"
-        " [--key FILE | --open]",
+        " [--delay MS] [--key FILE | --open]",
         help="A whole cell: simulated robots, proxies, lookups, a host, the full screen; --can: over CAN FD."
-        " STORY: companion, a flat with visitors instead of the cell."
+        " STORY: companion, a flat with visitors instead of the cell; sites, a lever that is closed from"
+        " another site, --delay milliseconds away (150), while the hub between them is killed."
         " --crash: close the lever, kill the host of its robots meanwhile, and see them go on."
         " Its links are signed with the realm's own key, with --open they are not. --speedup: as for sim.",
         group=PROCESS,
@@ -384,6 +385,7 @@ ACTIONS: tuple[Action, ...] = (
             "demo --can",
             "demo --crash",
             "demo companion --headless",
+            "demo sites --headless --delay 150",
             "demo --headless --can --classic",
         ),
     ),

@@ -120,10 +120,10 @@ class Member:
 
     @property
     def words_again(self) -> tuple[str, ...]:
-        """The words that start the same once more: a controller listens where it has listened."""
+        """The words that start the same once more: a controller or a hub listens where it has listened."""
         words = [*self.words]
         if "--listen" in words and self.address:
-            words[words.index("--listen") + 1] = self.address
+            words[words.index("--listen") + 1] = self.address.partition("#")[0]  # a hub's fingerprint
         return tuple(words)
 
     def _last(self) -> str:
@@ -141,6 +141,7 @@ class Crew:
         *,
         key: str = "",
         state: Path | None = None,
+        runtime: Path | None = None,
         restarts: bool = False,
     ) -> None:
         """Prepare a crew without members.
@@ -151,11 +152,13 @@ class Crew:
                 no name, so that nothing of them stays behind, whatever ends us.
             key: file with the key of all links between members, or `none`; empty: `$ROBOTREE_KEY` decides.
             state: folder of what the members keep; None: that of this user.
+            runtime: folder in which the members meet; None: that of this user.
             restarts: whether a member that crashes is started again.
         """
         self.realm, self.logs = realm, logs
         self._environment = {"ROBOTREE_REALM": realm, **({"ROBOTREE_KEY": key} if key else {})}
         self._environment |= {"XDG_STATE_HOME": str(state)} if state else {}
+        self._environment |= {"XDG_RUNTIME_DIR": str(runtime)} if runtime else {}
         self.restarts = restarts
         self.members: list[Member] = []
         self._watches: set[asyncio.Task[None]] = set()

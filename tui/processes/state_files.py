@@ -120,15 +120,19 @@ def history_folder(realm: str, robot: str) -> Path | None:
     return None if path is None else path / robot
 
 
-def history_files(realm: str) -> dict[tuple[str, str], Path]:
+def history_files(realm: str, home: Path | None = None) -> dict[tuple[str, str], Path]:
     """Return the files with what robots did, by `host` or `robot` and its name; looking makes nothing.
 
     Those of a demo of the realm count, too: it keeps them in a folder of its own.
+
+    Args:
+        realm: whose.
+        home: folder of all realms; None: that of this user.
     """
-    found = dict[tuple[str, str], Path]()
+    found, home = dict[tuple[str, str], Path](), home or state_home()
     if not realm:
         return found
-    for top in (state_home() / DEMOS / realm / state_home().name / realm, state_home() / realm):
+    for top in (home / DEMOS / realm / home.name / realm, home / realm):
         for role, folder in (("host", "hosts"), ("robot", "robots")):
             for path in sorted(top.glob(f"{folder}/*/history.db")):
                 found[role, path.parent.name] = path

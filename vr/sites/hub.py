@@ -7,8 +7,10 @@ Its certificate is its own: who dials it knows the fingerprint, which comes with
 from __future__ import annotations
 
 import datetime as dt
+import fcntl
 import hashlib
 import json
+import os
 import ssl
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,6 +23,7 @@ from cryptography.hazmat.primitives.hashes import SHA256
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 from cryptography.x509.oid import NameOID
 
+from robotree.files.opening import opened
 from robotree.files.private import private_folder
 from robotree.vr.base.errors import NetworkUnusable
 from robotree.vr.sites.invitations import Hub
@@ -117,8 +120,17 @@ def certificate_in(folder: Path, now: dt.datetime) -> HubCertificate:
     """
     private_folder(folder)
     found = HubCertificate(folder / "hub.pem", folder / "hub.key")
-    if found.certificate.exists() and found.key.exists():
-        return found
+    lock = opened(folder / ".lock", os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # of two hubs that start at once, one makes it
+        if not (found.certificate.exists() and found.key.exists()):
+            _make_certificate(found, now)
+    finally:
+        os.close(lock)
+    return found
+
+
+def _make_certificate(place: HubCertificate, now: dt.datetime) -> None:
     key = ec.generate_private_key(ec.SECP256R1())
     name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, NAME)])
     certificate = (
@@ -132,9 +144,8 @@ def certificate_in(folder: Path, now: dt.datetime) -> HubCertificate:
         .add_extension(x509.SubjectAlternativeName([x509.DNSName(NAME)]), critical=False)
         .sign(key, SHA256())
     )
-    write(found.key, key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
-    write(found.certificate, certificate.public_bytes(Encoding.PEM))
-    return found
+    write(place.key, key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
+    write(place.certificate, certificate.public_bytes(Encoding.PEM))
 
 
 def settings(address: HubAddress, certificate: HubCertificate | None) -> dict[str, object]:
