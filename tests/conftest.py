@@ -16,11 +16,16 @@ from pathlib import Path
 
 import hypothesis
 import pytest
+from _pytest.runner import runtestprotocol
 
 from robotree.protocol.testing import forgetting_messages
 
-LONGEST_END = 5.0
-"""[s] for code that was told to end."""
+LONGEST_END = 60.0
+"""[s] for code that was told to end; a busy machine may take that long."""
+
+MEASUREMENTS, CALM = 4, 5.0
+"""How often a test with a budget of time is measured at most; [s] in between, in which others may end."""
+_again = pytest.StashKey[list[str]]()
 
 # The suite searches the same cases in each run: what is green stays green until something changes.
 # `make soak` searches new ones, and prints what reproduces a case that it finds.
@@ -50,6 +55,41 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             chapter.sort(key=lambda item: item.reportinfo()[1] or 0)
     order = sorted(chapters.values(), key=lambda chapter: chapter[0].get_closest_marker("e2e") is None)
     items[:] = [item for chapter in order for item in chapter]
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Begin with no test that was measured again."""
+    config.stash[_again] = []
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
+    """Measure a test with the marker `speed` again if it was too slow, and take the least of what it took.
+
+    What else runs on a machine makes a measurement longer, never shorter. So only a budget that is
+    exceeded in each of some measurements says something about the code.
+    """
+    if item.get_closest_marker("speed") is None:
+        return None
+    item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
+    reports = runtestprotocol(item, log=False, nextitem=nextitem)
+    for _ in range(MEASUREMENTS - 1):
+        if not any(report.failed and report.when == "call" for report in reports):
+            break
+        item.config.stash[_again].append(item.nodeid)
+        time.sleep(CALM)
+        item._initrequest()  # type: ignore[attr-defined] # as pytest begins with a test
+        reports = runtestprotocol(item, log=False, nextitem=nextitem)
+    for report in reports:
+        item.ihook.pytest_runtest_logreport(report=report)
+    item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
+    return True
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    """Tell which tests were measured again."""
+    for test in dict.fromkeys(config.stash[_again]):
+        terminalreporter.write_line(f"measured {1 + config.stash[_again].count(test)} times: {test}")
 
 
 @contextlib.contextmanager

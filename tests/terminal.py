@@ -75,7 +75,7 @@ class Terminal:
 
     def wait(self) -> None:
         """Wait until the leader has ended."""
-        self._leader.wait(30)
+        self._leader.wait(60)
 
     def is_over(self) -> bool:
         """Whether the leader has ended."""

@@ -17,7 +17,6 @@ import itertools
 import os
 import random
 import signal
-import socket
 import statistics
 import subprocess
 import sys
@@ -30,6 +29,7 @@ from pathlib import Path
 
 from robotree.vr.base.errors import VrError
 from tests.durability.stage import PAGES, Program, Stage, staged
+from tests.ports import free_port
 
 BOUNDARIES = {
     "before intent": "before write",
@@ -157,8 +157,7 @@ class Rover:
 
     def __init__(self, stage: Stage) -> None:
         self.stage, self.goals = stage, stage.folder / "goals"
-        with socket.create_server(("127.0.0.1", 0)) as free:
-            url = f"tcp:127.0.0.1:{free.getsockname()[1]}"
+        url = f"tcp:127.0.0.1:{free_port()}"
         line, files = ("-m", "robotree.tui"), ("--state", stage.folder / "fence", "--log", self.goals)
         self.programs = {
             "controller": stage.program("controller", *line, "sim", "rover", "--listen", url, "--open",

@@ -17,11 +17,10 @@ from typing import Any
 from robotree.client.joining import joined
 from robotree.vr.base.address import Role
 from robotree.vr.supervision.realm_client import RealmClient
+from tests.waiting import PATIENCE
 
 HERE = Path(__file__).parent
 PAGES = HERE / "pages.py"
-PATIENCE = 20.0
-"""[s] A busy machine may take that long."""
 COMPLAINT = re.compile(r"Traceback|Exception|CRITICAL|never awaited|AssertionError")
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import socket
-import time
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
@@ -14,6 +12,7 @@ import pytest
 from robotree.client.joining import joined
 from robotree.vr.base.errors import CommandInDoubt, EndedInDoubt
 from tests.durability.stage import HERE, PATIENCE, Program, Stage
+from tests.ports import free_port
 
 pytestmark = pytest.mark.e2e
 DRIVERS = HERE / "drivers.py"
@@ -28,9 +27,7 @@ class Road(Stage):
     driver: Program
 
     async def build(self, page: str, kill: str = "", **settings: Any) -> None:
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            url = f"tcp:127.0.0.1:{free.getsockname()[1]}"
+        url = f"tcp:127.0.0.1:{free_port()}"
         memory = self.folder / "controller.state"
         words = ("-m", "robotree.tui")
         self.controller = self.program(
@@ -244,11 +241,9 @@ async def test_a_cancelled_command_asks_no_longer(road: Road) -> None:
     call = await lost(road, "Driver")
     await road.again(road.controller, road.proxy, road.driver)
     await road.question()
-    began = time.monotonic()
     await road.realm_client.cancel("driver")
     with pytest.raises(Exception, match="cancel"):
-        await call
-    assert time.monotonic() - began < 5.0
+        await asyncio.wait_for(call, PATIENCE)
     assert not (await road.realm_client.describe("driver")).asks
     assert issubclass(EndedInDoubt, CommandInDoubt)
 

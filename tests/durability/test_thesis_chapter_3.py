@@ -17,7 +17,7 @@ from robotree.vr.base.errors import SlotEmpty, VrError
 from robotree.vr.core.bonds import DEFAULT_TERM
 from tests.durability.stage import PAGES, PATIENCE, Program, Stage
 
-pytestmark = [pytest.mark.e2e, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.e2e]
 
 
 class Tree:

@@ -230,7 +230,7 @@ async def test_many_programs_one_after_the_other_lock_nobody_out(start: Start, k
 
 
 def refused(program: list[str], *words: str | Path) -> str:
-    done = subprocess.run([*program, "0", *words], capture_output=True, text=True, check=False, timeout=30)
+    done = subprocess.run([*program, "0", *words], capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode != 0
     assert "ready" not in done.stdout
     return done.stderr

@@ -94,7 +94,7 @@ def damage(path: Path, how: str, whole: bytes) -> None:
 
 def refuses(program: list[str], memory: Path) -> str:
     words = [*program, "0", "--memory", str(memory)]
-    done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=30)
+    done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == 1, done
     assert "ready" not in done.stdout
     return done.stderr

@@ -52,7 +52,7 @@ PREPARED: dict[str, tuple[Callable[[Path], object], str]] = {
 }
 
 
-@pytest.mark.timeout(10)
+@pytest.mark.timeout(60)
 @pytest.mark.parametrize("prepared", PREPARED)
 def test_what_is_no_ordinary_file_is_an_error_at_once(tmp_path: Path, prepared: str) -> None:
     prepare, reason = PREPARED[prepared]
@@ -131,7 +131,7 @@ def test_a_missing_file_is_made_only_on_request(tmp_path: Path) -> None:
         private_file(tmp_path / "x", make=False)
 
 
-@pytest.mark.timeout(10)
+@pytest.mark.timeout(60)
 def test_a_private_place_is_what_it_should_be(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "fifo")
     for path, reason in ((tmp_path / "fifo", "it is a FIFO"), (Path("/dev/zero"), "it is a device")):
@@ -190,7 +190,7 @@ KEPT: dict[str, tuple[Callable[[Path], object], str]] = {
 }
 
 
-@pytest.mark.timeout(10)
+@pytest.mark.timeout(60)
 @pytest.mark.parametrize("flags", [os.O_RDONLY, os.O_WRONLY | os.O_CREAT, os.O_RDWR | os.O_CREAT])
 @pytest.mark.parametrize("prepared", KEPT)
 def test_what_a_program_keeps_for_itself_is_never_something_else(

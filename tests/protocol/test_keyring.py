@@ -289,7 +289,7 @@ def test_all_links_to_a_file_find_one_signing_time(path: Path) -> None:
     assert [each.name for each in link.parent.iterdir()] == ["link"]
 
 
-@pytest.mark.timeout(10)
+@pytest.mark.timeout(60)
 @pytest.mark.parametrize("name", ["wire.keys", "wire.keys.time", "wire.keys.time.new"])
 def test_what_somebody_puts_in_the_place_of_a_file_neither_holds_us_up_nor_is_written_to(
     path: Path, name: str

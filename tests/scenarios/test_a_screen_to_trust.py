@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import os
 import re
@@ -10,6 +9,7 @@ import signal
 import time
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import pytest_asyncio
@@ -21,7 +21,7 @@ from robotree.vr.world.testing import until
 from tests.command_line import within_realm
 from tests.terminal import BACKSPACE, CTRL_R, CTRL_S, CTRL_U, DOWN, ENTER, ESCAPE, RIGHT, TAB, Person
 
-pytestmark = [pytest.mark.e2e, pytest.mark.asyncio(loop_scope="module"), pytest.mark.timeout(180)]
+pytestmark = [pytest.mark.e2e, pytest.mark.asyncio(loop_scope="module"), pytest.mark.timeout(600)]
 
 REALM = "trust"
 WITHIN = 1.0
@@ -63,6 +63,7 @@ def screen(cell: Cell) -> Iterator[Person]:
         found.leave()
 
 
+@pytest.mark.speed
 async def test_a_robot_that_hangs_is_seen_within_a_second_in_the_list_and_in_an_open_panel(
     cell: Cell, screen: Person
 ) -> None:
@@ -71,9 +72,9 @@ async def test_a_robot_that_hangs_is_seen_within_a_second_in_the_list_and_in_an_
     began = time.monotonic()
     try:
         screen.shown = b""
-        screen.shows(b"late", b"HANGS", within=10.0)
+        screen.shows(b"late", b"HANGS")
         assert time.monotonic() - began < WITHIN + BUSY
-        screen.shows(f"HANGS (pid {cell.proxy})".encode(), within=10.0)
+        screen.shows(f"HANGS (pid {cell.proxy})".encode())
         assert b"gone" not in screen.shown
     finally:
         os.kill(cell.proxy, signal.SIGCONT)
@@ -116,11 +117,16 @@ async def test_two_people_who_command_one_robot_have_two_entries_with_their_name
     finally:
         for person in people:
             person.leave()
-    await asyncio.sleep(0.3)  # the lines of a log are published ten times a second
-    _, out, _ = await RUN("log", "arm-1", "--json")
-    ended = [one for one in json.loads(out) if one["level"] == "done" and one["command"] == "go_to"]
-    last = {one["caller"]: one for one in ended[-2:]}
-    assert set(last) == {f"{os_user()}@{who.terminal}" for who in people}
+    last: dict[str, Any] = {}
+
+    async def logged() -> bool:
+        _, out, _ = await RUN("log", "arm-1", "--json")
+        ended = [one for one in json.loads(out) if one["level"] == "done" and one["command"] == "go_to"]
+        last.clear()
+        last.update({one["caller"]: one for one in ended[-2:]})
+        return set(last) == {f"{os_user()}@{who.terminal}" for who in people}
+
+    await until(logged, "both are in the log")
     first, second = sorted(last.values(), key=lambda one: one["unix"])
     assert first["waited"] < 0.1 < second["waited"], "the time in the queue is told apart"
     assert "y=0" in first["arguments"]

@@ -91,7 +91,7 @@ async def until_busy(
     realm_client: RealmClient, command: str, caller: asyncio.subprocess.Process | None = None
 ) -> None:
     """Wait until the robot carries a command out, or none; well before it would end by itself."""
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(60):
         while (await realm_client.describe("talker")).busy != command:
             if caller is not None and caller.returncode is not None:
                 pytest.fail(f"its caller has ended: {await caller.communicate()}")

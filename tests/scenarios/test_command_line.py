@@ -205,7 +205,7 @@ def test_a_reader_who_has_left_ends_a_verb_in_silence(line: str, tmp_path: Path)
             stdout=out,
             stderr=subprocess.PIPE,
             text=True,
-            timeout=30,
+            timeout=60,
             check=False,
             cwd=tmp_path,
         )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
+import os
 import subprocess
 import sys
 from collections.abc import AsyncIterator, Iterator
@@ -16,7 +16,7 @@ from robotree.client.joining import joined
 from robotree.tui import exit_codes
 from robotree.tui.processes.crew import Crew
 from tests.command_line import within_realm
-from tests.soak.observer import holds
+from tests.waiting import until
 
 pytestmark = pytest.mark.e2e
 
@@ -90,8 +90,12 @@ async def test_a_host_without_a_free_descriptor_obeys_one_stop_after_another(cre
         call = await robotree("call", "hoarder.hoard", "--detach")
         assert call[0] == exit_codes.DONE, call
         opened = Path(f"/proc/{pid_of_host(crew)}/fd")
-        await asyncio.sleep(6.0)  # it has opened all by then
-        assert await holds(lambda: len(list(opened.iterdir())) >= 199, 20.0), "it has still some free"
+
+        async def all_are_taken() -> bool:
+            readings = (await realm_client.describe("hoarder")).readings
+            return readings.get("progress") == 0.5 and len(os.listdir(opened)) >= 199  # noqa: PTH208 # of procfs
+
+        await until(all_are_taken, "it has no descriptor free")
         for _ in range(3):
             code, out, complaints = await robotree("stop", "--json")
             assert code == exit_codes.DONE, complaints

@@ -52,7 +52,7 @@ def lines_of(file: Path) -> list[str]:
 
 async def did(file: Path, at_least: int) -> list[str]:
     """Return what the companion has done, when it is so much."""
-    async with asyncio.timeout(20):
+    async with asyncio.timeout(60):
         while len(lines_of(file)) < at_least:  # noqa: ASYNC110 # another process writes it
             await asyncio.sleep(0.1)
     return lines_of(file)

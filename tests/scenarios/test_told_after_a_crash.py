@@ -10,9 +10,11 @@ from pathlib import Path
 
 import pytest
 
+from robotree.client.joining import joined
 from robotree.tui import exit_codes
 from robotree.tui.processes.crew import Crew
 from tests.command_line import within_realm
+from tests.waiting import until
 
 pytestmark = pytest.mark.e2e
 
@@ -38,6 +40,17 @@ class Walker(VirtualRobot):
 """
 
 
+async def under_way(realm: str, command: str) -> None:
+    """Wait until the walker has taken its first steps."""
+    async with joined(realm) as realm_client:
+
+        async def walks() -> bool:
+            found = await realm_client.describe("walker")
+            return found.busy == command and found.kept["taken"] >= 2
+
+        await until(walks, f"{command} is under way")
+
+
 async def kill(crew: Crew, pid: int, wait: asyncio.subprocess.Process) -> None:
     os.kill(pid, signal.SIGKILL)
     await wait.wait()
@@ -51,11 +64,11 @@ async def test_history_and_log_tell_of_the_crash_and_of_no_second_beginning(plac
         await crew.start("lookup", "l1")
         host = await crew.start("host", "h1")
         await run("create", str(place / "walker.py"), "as", "walker")
-        call = asyncio.ensure_future(run("call", "walker.walk", "steps=20", "--json"))
-        await asyncio.sleep(1.5)
+        call = asyncio.ensure_future(run("call", "walker.walk", "steps=30", "--json"))
+        await under_way("told", "walk")
         await kill(crew, host.pid, host.process)
         code, out, complaints = await call
-        assert (code, json.loads(out)) == (0, 20), complaints
+        assert (code, json.loads(out)) == (0, 30), complaints
 
         code, log, _ = await run("log", "walker")
         assert code == 0
@@ -82,11 +95,16 @@ async def test_a_question_stands_in_the_list_until_it_is_answered(place: Path) -
         host = await crew.start("host", "h1")
         await run("create", str(place / "walker.py"), "as", "walker")
         call = asyncio.ensure_future(run("call", "walker.careful"))
-        await asyncio.sleep(1.5)
+        await under_way("asks", "careful")
         await kill(crew, host.pid, host.process)
-        async with asyncio.timeout(20):
-            while "ASKS (decide walker)" not in (listed := "".join((await run("ls"))[1:])):  # noqa: ASYNC110
-                await asyncio.sleep(0.1)
+        listed = ""
+
+        async def asks() -> bool:
+            nonlocal listed
+            listed = "".join((await run("ls"))[1:])
+            return "ASKS (decide walker)" in listed
+
+        await until(asks, "the question is in the list")
         assert "walker.careful was interrupted" in listed
         assert (await run("decide", "walker", "again"))[0] == 0
         code, _, complaints = await call

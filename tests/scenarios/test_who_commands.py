@@ -7,7 +7,6 @@ import contextlib
 import json
 import os
 import signal
-import socket
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -39,6 +38,7 @@ from robotree.proxy.translate import component_of
 from robotree.tui import exit_codes
 from robotree.tui.processes.crew import Crew, Member
 from tests.command_line import within_realm
+from tests.ports import free_port
 from tests.waiting import until
 
 pytestmark = pytest.mark.e2e
@@ -156,12 +156,6 @@ async def routing(controller: int) -> AsyncIterator[tuple[Router, int]]:
         for client in router.clients:
             client.close()
         server.close()
-
-
-def free_port() -> int:
-    with socket.socket() as it:
-        it.bind(("127.0.0.1", 0))
-        return int(it.getsockname()[1])
 
 
 async def robotree(*words: str) -> tuple[int, str]:

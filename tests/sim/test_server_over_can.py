@@ -59,7 +59,7 @@ async def test_who_waits_for_a_picture_is_answered_and_told_meanwhile(fd: int) -
         looker = Looker()
         link = await connect(url, looker.accept)
         looker.mouth.send(PictureRequest(*SIZE, target_system=1, target_component=100, quality=95))
-        async with asyncio.timeout(30):
+        async with asyncio.timeout(60):
             while not looker.picture.done():
                 looker.ask()
                 await asyncio.wait([looker.picture], timeout=0.02)

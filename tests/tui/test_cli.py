@@ -228,7 +228,7 @@ def test_interrupting_a_verb_is_clean(processes: Processes) -> None:
     assert watching.stdout
     assert watching.stdout.readline().startswith("pair ")
     watching.send_signal(signal.SIGINT)
-    _, err = watching.communicate(timeout=10)
+    _, err = watching.communicate(timeout=60)
     assert watching.returncode == INTERRUPTED
     assert err == "robotree: interrupted\n"
 

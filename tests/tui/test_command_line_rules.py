@@ -175,6 +175,6 @@ def _unread(words: list[str]) -> tuple[int, str]:
     os.close(reader)
     with os.fdopen(writer, "w") as out:
         done = subprocess.run(
-            [*ROBOTREE, *words], stdout=out, stderr=subprocess.PIPE, text=True, timeout=30, check=False
+            [*ROBOTREE, *words], stdout=out, stderr=subprocess.PIPE, text=True, timeout=60, check=False
         )
     return done.returncode, done.stderr

@@ -69,7 +69,7 @@ async def test_a_feed_that_was_just_hinted_at_ends_as_quickly_as_any(realm: Real
     await until(lambda: feed._hint._waiters, "nothing more to look at")  # type: ignore[attr-defined]
     feed.hint()
     await asyncio.sleep(0)
-    done, _ = await asyncio.wait([asyncio.create_task(feed.close())], timeout=30)
+    done, _ = await asyncio.wait([asyncio.create_task(feed.close())], timeout=60)
     assert done
 
 

@@ -18,12 +18,13 @@ from msgspec import structs
 
 from robotree.tui.errors import SupervisorError, sentence
 from robotree.tui.line.carrying import Refusal, Silent, carry_out
+from robotree.tui.line.grammar import Line
 from robotree.tui.processes.programs import KEY_VARIABLE, program_of
 from robotree.tui.realm_file.content import CONTROLLER, KEYWORDS, NAMELESS, ProcessEntry, RealmFile, placed
 from robotree.tui.realm_file.controllers import Controller
 from robotree.tui.realm_file.plan import Page, Plan, Step, plan
 from robotree.tui.realm_file.present import ROLES, present
-from robotree.vr.base.errors import VrError
+from robotree.vr.base.errors import SlotEmpty, VrError
 
 if TYPE_CHECKING:
     from robotree.vr.base.address import Role
@@ -163,11 +164,19 @@ class _Work:
             elif step.process:
                 await _end(step.process)
             elif step.line is not None:
-                result = await carry_out(self._realm_client, step.line, Silent())
-                return str(result) if isinstance(result, Refusal) else ""
+                return await self._carry_out(step.line)
         except (SupervisorError, VrError, OSError, TimeoutError) as error:
             return sentence(error) or "it took too long"
         return ""
+
+    async def _carry_out(self, line: Line) -> str:
+        """Carry out a line; return why it could not be done. A slot that has lost its child is empty, too."""
+        result = await carry_out(self._realm_client, line, Silent())
+        if not isinstance(result, Refusal) or (
+            line.verb == "release" and isinstance(result.error, SlotEmpty)
+        ):
+            return ""
+        return str(result)
 
     async def _start(self, entry: ProcessEntry) -> None:
         controller = self._starter.controllers.get(entry.text(CONTROLLER))

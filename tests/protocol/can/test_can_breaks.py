@@ -16,7 +16,7 @@ from robotree.protocol.links.can import CanAddress, CanLink, connect
 from robotree.protocol.testing import RecordingHandler, RecordingHandlers, until
 from tests.protocol.can.ends import connected, listening
 
-SOON = 5.0
+SOON = 60.0
 
 
 async def again(address: CanAddress) -> CanLink:

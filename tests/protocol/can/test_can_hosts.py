@@ -17,7 +17,7 @@ from robotree.protocol.messages import CommandAck, Gripper, Heartbeat, Message, 
 from robotree.protocol.testing import RecordingHandler, RecordingHandlers, until
 from tests.protocol.can.ends import connected, listening
 
-SOON = 5.0
+SOON = 60.0
 LONG = 60.0
 """[s] that no test takes, however slow the machine is."""
 BEAT = Heartbeat(0, 0, 0, 0, 0)

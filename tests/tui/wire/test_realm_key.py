@@ -142,7 +142,7 @@ def test_a_file_system_without_hard_links_is_no_obstacle(
     assert [one.name for one in (place / "robotree" / "cell").iterdir()] == ["realm.key"]
 
 
-@pytest.mark.timeout(10)
+@pytest.mark.timeout(60)
 def test_what_lies_in_its_place_is_not_taken_for_it(place: Path) -> None:
     folder = place / "robotree" / "cell"
     folder.mkdir(parents=True, mode=0o700)

@@ -203,7 +203,7 @@ def test_a_source_that_does_not_end_is_interrupted(place: str) -> None:
     assert "load robot.py" not in {thread.name for thread in threading.enumerate()}
 
 
-@pytest.mark.timeout(10)
+@pytest.mark.timeout(60)
 def test_a_file_that_cannot_be_read_says_why_at_once(tmp_path: Path) -> None:
     """A FIFO and /dev/zero are refused at once, before anything is read from them."""
     os.mkfifo(tmp_path / "fifo.py")

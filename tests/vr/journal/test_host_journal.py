@@ -198,7 +198,7 @@ PREPARED: dict[str, tuple[str, Callable[[Path], object], str]] = {
 }
 
 
-@pytest.mark.timeout(10)
+@pytest.mark.timeout(60)
 @pytest.mark.parametrize("prepared", PREPARED)
 def test_what_lies_in_the_place_of_a_file_is_named_with_what_to_do(tmp_path: Path, prepared: str) -> None:
     name, prepare, reason = PREPARED[prepared]
@@ -378,7 +378,7 @@ def test_several_threads_write_and_nothing_is_lost(tmp_path: Path) -> None:
     assert reopened(journal) == {robot.core.name: encode_state(robot.core.state) for robot in robots}
 
 
-@pytest.mark.timeout(10)
+@pytest.mark.timeout(60)
 @pytest.mark.parametrize("prepare", [os.mkfifo, lambda path: path.symlink_to("/dev/zero")])
 def test_what_lies_in_the_place_of_an_owner_is_an_error_at_once(
     tmp_path: Path, prepare: Callable[[Path], object]
