@@ -170,7 +170,9 @@ def _start(line: Line, *, readonly: bool) -> int:
                 "check": _author, "new": _author, "info": _look, "doctor": _look, "completion": _complete,
                 "man": _man, "stop": _stop, "save": _save, "apply": _apply, "hub": _realm,
             }  # fmt: skip
-            return apart.get(verb, _realm if verb.startswith("realm ") else _ask)(line, realm, readonly)
+            families = {"realm": _realm, "bundle": _bundle}
+            family = families.get(verb.partition(" ")[0], _ask)
+            return apart.get(verb, family)(line, realm, readonly)
 
 
 def _realm(line: Line, realm: str, _readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike
@@ -178,6 +180,13 @@ def _realm(line: Line, realm: str, _readonly: bool) -> int:  # noqa: FBT001 # on
     from robotree.tui.sites import realms, running
 
     return running.print_config(line) if line.verb == "hub" else realms.start(line, realm)
+
+
+def _bundle(line: Line, realm: str, _readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike
+    """Make, check or trust a bundle."""
+    from robotree.tui import bundles
+
+    return bundles.start(line, realm)
 
 
 def _offline(line: Line) -> bool:
@@ -517,6 +526,7 @@ async def _view(line: Line, realm: str, ready: Ready) -> None:
 
 
 async def _host(line: Line, realm: str, ready: Ready) -> None:
+    from robotree.tui.bundles import gate_of
     from robotree.tui.line import values
     from robotree.tui.processes.state_files import history_folder, journal_folder
     from robotree.vr.agents.run import Keeping, place_of, run_host
@@ -536,6 +546,7 @@ async def _host(line: Line, realm: str, ready: Ready) -> None:
         only=only,
         keep=None if place is None else Keeping(place, of, after),
         past=history_folder(realm, only) if only else folder,
+        gate=gate_of(line, realm),
         ready=ready,
     )
 

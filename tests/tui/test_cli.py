@@ -98,7 +98,7 @@ CHANGES = {
     *("create", "enslave", "release", "delete", "role", "call", "cancel", "decide", "resume"),
     *("pause", "step", "continue"),
     *("wire replay", "wire inject", "set", "reload", "apply"),
-    "wire conform",
+    *("wire conform", "bundle trust"),
     *("realm create", "realm invite", "realm join", "realm revoke", "realm renew"),
 }
 """Verbs of the shell that change robots, or who commands them."""

@@ -149,6 +149,61 @@ ACTIONS: tuple[Action, ...] = (
         where=Where.SHELL,
         examples=("check team.py", "check team.py --json"),
     ),
+    Action(
+        usage="bundle build FILE [--out OUT] [--key KEY] [--may LIST]",
+        help="Make a bundle of a page, FILE.py or FILE.py:Class, or of a script: one file, signed, which can"
+        " be mailed. --key: your private key of OpenSSH; else that of the realm, or ~/.ssh/id_ed25519."
+        " --may: the commands that it may call, KIND.COMMAND,…; else what the page says or shows.",
+        group=AUTHOR,
+        where=Where.SHELL,
+        needs=("machines",),
+        examples=(
+            "bundle build team.py",
+            "bundle build team.py --may Arm.move,Rover.* --key ~/.ssh/id_ed25519",
+        ),
+    ),
+    Action(
+        usage="bundle verify FILE [--trust FILE] [--requirements POLICY] [--allow-packages LIST]",
+        help="Check a bundle as a host of yours would: is it as it was signed, and would it run?",
+        group=AUTHOR,
+        where=Where.SHELL,
+        needs=("machines",),
+        examples=("bundle verify team.bundle",),
+    ),
+    Action(
+        usage="bundle sign FILE [--out OUT] [--key KEY]",
+        help="Sign a bundle anew: you answer for it from then on, and not who has signed it before.",
+        group=AUTHOR,
+        where=Where.SHELL,
+        needs=("machines",),
+        examples=("bundle sign team.bundle --out ours.bundle",),
+    ),
+    Action(
+        usage="bundle trust [KEY …] [--name WHO] [--may LIST] [--isolation LEVEL] [--authority] [--revoke]"
+        " [--trust FILE]",
+        help="Let hosts of yours run what the owner of a KEY has signed; a KEY is `ssh-ed25519 AAAA…`, its"
+        " file, or a bundle. --may: what it may call at most, KIND.COMMAND,…. --isolation: how it runs at"
+        " least: none, process, sandbox. --authority: the key is that of a realm, and its members whose"
+        " names fit WHO are meant, such as *@plant. --revoke: end that for ever. Without KEY: list them.",
+        group=AUTHOR,
+        where=Where.SHELL,
+        alters=True,
+        needs=("machines",),
+        examples=(
+            "bundle trust",
+            "bundle trust anna.pub --name anna --may Arm.*,Rover.move",
+            "bundle trust team.bundle --revoke",
+        ),
+        guide=("robotree.vr.bundle.trust",),
+    ),
+    Action(
+        usage="bundle show FILE",
+        help="Print what a bundle says of itself: its signer, what it needs, and what it may do.",
+        group=AUTHOR,
+        where=Where.SHELL,
+        needs=("machines",),
+        examples=("bundle show team.bundle", "bundle show team.bundle --json"),
+    ),
     # -- shape the tree
     Action(
         usage="create FILE as NAME [on HOST] [PARAMETER=VALUE …] [--own-host] [--watch]",
@@ -435,11 +490,16 @@ ACTIONS: tuple[Action, ...] = (
         examples=("view cell --connect tcp:127.0.0.1:5760",),
     ),
     Action(
-        usage="host NAME [--only ROBOT | --forget | --standby-for HOST] [--after TIME] [--journal URL]",
+        usage="host NAME [--only ROBOT | --forget | --standby-for HOST] [--after TIME] [--journal URL]"
+        " [--trust FILE] [--requirements POLICY] [--allow-packages LIST] [--insecure-any-signer]",
         help="Run virtual robots that are created, and keep them; --only: this one alone, until it ends."
         " --forget: begin without those that were kept, and keep none."
         " --standby-for: wait, and have the robots of HOST when it is away for TIME (3s). --journal: keep"
-        " them in a PostgreSQL database that several machines can reach, instead of a folder of this one.",
+        " them in a PostgreSQL database that several machines can reach, instead of a folder of this one."
+        " --trust: whose pages it runs beside your own (`help bundle trust`). --requirements: what it does"
+        " with pages of others that need packages: refuse (as it does by itself), allowlist, locked;"
+        " --allow-packages: names, for the allowlist. --insecure-any-signer: run what anybody has signed, or"
+        " nobody; for a trial alone, and red on the screen.",
         group=PROCESS,
         where=Where.SHELL,
         examples=("host host-1", "host host-2 --standby-for host-1 --after 5s"),

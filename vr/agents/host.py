@@ -16,12 +16,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from msgspec.structs import replace
+
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.shared import Shared
 from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.address import Address, check_name
 from robotree.vr.base.envelope import Received
 from robotree.vr.base.errors import DuplicateName, HostReserved, NoSuchRobot, Unreachable, VrError
+from robotree.vr.base.principal import ITSELF, Principal
 from robotree.vr.base.requests import (
     Create,
     Described,
@@ -41,6 +44,7 @@ from robotree.vr.base.requests import (
 )
 from robotree.vr.base.transport import Registration, Transport
 from robotree.vr.bundle import Bundle
+from robotree.vr.bundle.admission import Clearance, Gate, is_own
 from robotree.vr.bundle.loader import LIMIT
 from robotree.vr.core.bonds import DEFAULT_TERM
 from robotree.vr.core.machine import LONGEST_DEADLINE, RobotState
@@ -80,7 +84,7 @@ def _listen(make: Callable[[], VirtualRobot]) -> tuple[VirtualRobot, list[tuple[
 class Host:
     """Makes virtual robots and is their home."""
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 # what it stands on, and what people may choose
         self,
         transport: Transport,
         name: str,
@@ -91,6 +95,7 @@ class Host:
         process: Process | None = None,
         only: str = "",
         journal: HostJournal | None = None,
+        gate: Gate | None = None,
     ) -> None:
         """Prepare a host.
 
@@ -103,11 +108,13 @@ class Host:
             process: whose threads carry its robots' commands out; None: one of its own.
             only: name of the one robot that it runs; empty: it runs any number.
             journal: of the process: what is kept of its robots; None: nothing is.
+            gate: decides which pages run; None: this user's own alone.
 
         Raises:
             BadName: the name cannot be one.
         """
         self._journal = journal
+        self._gate = Gate() if gate is None else gate
         self.instead_of = ""
         """Name of the host whose robots it has taken over with the journal; empty: they are its own."""
         self._history: HistoryWriter | None = None
@@ -116,6 +123,8 @@ class Host:
         """The robots that live here, by name."""
         self._pages: dict[str, str] = {}
         """Hashes of the pages of the robots, by name."""
+        self.clearances: dict[str, Clearance] = {}
+        """How the robots run, by name."""
         self._transport, self._registrar, self._term = transport, registrar, term
         self._process = Process(runner_of(asyncio.get_running_loop())) if process is None else process
         self._shared = Shared(name)
@@ -217,16 +226,17 @@ class Host:
     async def _made_again(self, kept: KeptRobot) -> RobotAgent | None:
         """Make a robot of the page that was kept, with its state; None: that page cannot be used."""
         page = kept.page
-        bundle = Bundle(page.source, page.path, page.wanted, page.files)
+        bundle = Bundle(page.source, page.path, page.wanted, page.files, page.signed, page.sender)
         make = partial(bundle.create, kept.name, limit=self._limit)
         loop = asyncio.get_running_loop()
         try:
+            clearance = self._gate.admit(bundle, ITSELF, self.address.name)
             robot, heard = await loop.run_in_executor(self._loaders, partial(_listen, make))
         except VrError as error:
             _log.error("%s is not back: %s", kept.name, error)
             return None
         kept.state.home = f"host {self.address.name}"
-        agent = self._new_agent(robot, kept.state)
+        agent = self._new_agent(robot, clearance, kept.state)
         agent.runtime.page = page.origin
         self._pages[kept.name] = bundle.hash
         for level, text, piece in heard:
@@ -238,7 +248,10 @@ class Host:
         agent.runtime.log.say("warning", f"it is back after {self._process.gap:.1f} s: {why}{goes_on}")
         return agent
 
-    def _new_agent(self, robot: VirtualRobot, state: RobotState | None = None) -> RobotAgent:
+    def _new_agent(
+        self, robot: VirtualRobot, clearance: Clearance, state: RobotState | None = None
+    ) -> RobotAgent:
+        self.clearances[robot.name] = clearance
         return RobotAgent(
             robot,
             self._transport,
@@ -250,7 +263,13 @@ class Host:
         )
 
     async def create(
-        self, bundle: Bundle, name: str, settings: Mapping[str, Any] | None = None, *, origin: str = ""
+        self,
+        bundle: Bundle,
+        name: str,
+        settings: Mapping[str, Any] | None = None,
+        *,
+        origin: str = "",
+        asker: Principal = ITSELF,
     ) -> RobotAgent:
         """Make a virtual robot of this source.
 
@@ -259,6 +278,7 @@ class Host:
             name: of the robot.
             settings: values that are not the defaults.
             origin: where a reload finds the page.
+            asker: who wants it.
 
         Returns:
             Its agent, when it can be called.
@@ -277,12 +297,13 @@ class Host:
             raise DuplicateName(role="robot", name=name)
         self._coming.add(name)
         try:
+            bundle, clearance = self._admitted(bundle, asker)
             # before anybody's source is run for nothing
             await expect_free(self._transport, Address("robot", name, ""))
             loop = asyncio.get_running_loop()
             make = partial(bundle.create, name, settings=settings, limit=self._limit)
             robot, heard = await loop.run_in_executor(self._loaders, partial(_listen, make))
-            agent = self._new_agent(robot)
+            agent = self._new_agent(robot, clearance)
             if self._journal is not None:
                 self._journal.made(agent.address.key, name, _page(bundle, origin), agent.runtime.look)
             for level, text, piece in heard:
@@ -307,8 +328,25 @@ class Host:
         if self._first.done():
             await self._first.result().closed.wait()
 
+    def _admitted(self, bundle: Bundle, asker: Principal) -> tuple[Bundle, Clearance]:
+        """Return a page with who has sent it, and how it runs here.
+
+        Raises:
+            BundleError: it does not run here; says why.
+        """
+        sender = "" if bundle.signed is not None or is_own(asker) else asker.person or asker.agent
+        bundle = replace(bundle, sender=sender) if sender else bundle
+        return bundle, self._gate.admit(bundle, asker, self.address.name)
+
     async def reload(
-        self, bundle: Bundle, name: str, *, origin: str = "", now: bool = False, within: float = 10.0
+        self,
+        bundle: Bundle,
+        name: str,
+        *,
+        origin: str = "",
+        now: bool = False,
+        within: float = 10.0,
+        asker: Principal = ITSELF,
     ) -> Reloaded:
         """Have a robot of this host go on with another page; whatever fails, it goes on with the old one.
 
@@ -318,6 +356,7 @@ class Host:
             origin: where a later reload finds the page.
             now: whether the running command is cancelled.
             within: [s] for the running command to end.
+            asker: who wants it.
 
         Raises:
             NoSuchRobot: it does not live here.
@@ -327,6 +366,7 @@ class Host:
         agent = self.agents.get(name)
         if agent is None or not isinstance(agent.robot, VirtualRobot):
             raise NoSuchRobot(name=name)
+        bundle, clearance = self._admitted(bundle, asker)
         loop = asyncio.get_running_loop()
         load = partial(bundle.again, agent.robot, limit=self._limit)
         robot, heard = await loop.run_in_executor(self._loaders, partial(_listen, load))
@@ -334,7 +374,7 @@ class Host:
         if self._journal is not None:
             self._journal.offered(key, page)
         notes = await agent.reload(robot, origin, now=now, within=within)
-        self._pages[name] = bundle.hash
+        self._pages[name], self.clearances[name] = bundle.hash, clearance
         if self._journal is not None:
             self._journal.turned(key, page)
         for level, text, piece in heard:
@@ -375,6 +415,7 @@ class Host:
         if self.agents.get(name) is agent:
             del self.agents[name]
             self._pages.pop(name, None)
+            self.clearances.pop(name, None)
         self._ended = [ended for ended in (*self._ended, agent) if ended.abandoned]
 
     async def _answer(self, received: Received) -> Reply:
@@ -382,12 +423,20 @@ class Host:
         match request:
             case Create():
                 bundle, settings = _bundle(request), request.settings
-                agent = await self.create(bundle, request.name, settings, origin=request.origin)
+                asker = received.principal
+                agent = await self.create(bundle, request.name, settings, origin=request.origin, asker=asker)
                 if person:
                     agent.runtime.log.say("info", f"created from {request.path} by {person}")
                 return Described(robot=agent.description())
             case Reload(page=page, now=now, within=within):
-                return await self.reload(_bundle(page), page.name, origin=page.origin, now=now, within=within)
+                return await self.reload(
+                    _bundle(page),
+                    page.name,
+                    origin=page.origin,
+                    now=now,
+                    within=within,
+                    asker=received.principal,
+                )
             case ReadHistory():
                 return History(lines=tuple(self._remembered))
             case DescribeHost():
@@ -422,8 +471,9 @@ class Host:
 
 
 def _page(bundle: Bundle, origin: str) -> KeptPage:
-    return KeptPage(bundle.source, bundle.path, bundle.wanted, dict(bundle.files), origin)
+    files, signed, sender = dict(bundle.files), bundle.signed, bundle.sender
+    return KeptPage(bundle.source, bundle.path, bundle.wanted, files, origin, signed, sender)
 
 
 def _bundle(page: Create) -> Bundle:
-    return Bundle(page.source, page.path, page.wanted, page.files)
+    return Bundle(page.source, page.path, page.wanted, page.files, page.signed)

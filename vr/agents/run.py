@@ -18,6 +18,7 @@ from robotree.vr.agents.standby import AFTER, BEAT, StandBy
 from robotree.vr.base.address import check_name
 from robotree.vr.base.errors import JournalError
 from robotree.vr.base.transport import Transport
+from robotree.vr.bundle.admission import Gate
 from robotree.vr.core.bonds import DEFAULT_TERM
 from robotree.vr.core.machine import RobotCore
 from robotree.vr.history.writer import HistoryWriter
@@ -87,7 +88,7 @@ class Keeping(NamedTuple):
     """[s] without a sign of life of who has them after which this host has them."""
 
 
-async def run_host(
+async def run_host(  # noqa: PLR0913 # what people may choose
     name: str,
     *,
     realm: str | None = None,
@@ -96,6 +97,7 @@ async def run_host(
     keep: Keeping | None = None,
     past: Path | None = None,
     returns: float = RETURNS,
+    gate: Gate | None = None,
     ready: Ready = _nobody,
 ) -> None:
     """Be a host in a realm until cancelled; one that runs one robot alone: until that has ended.
@@ -108,6 +110,7 @@ async def run_host(
         keep: where it keeps its robots; None: they end with it. If another host has them, this one stands by.
         past: folder in which it keeps what they did; None: nobody does.
         returns: [s] that the children of its robots wait for it after a crash.
+        gate: decides which pages run; None: this user's own alone.
         ready: told the key once robots can be made, and those that were kept are back; or once it stands by.
 
     Raises:
@@ -116,9 +119,7 @@ async def run_host(
         TransportError: the realm cannot be joined.
         JournalError: the folder, or what is kept in it, cannot be used.
     """
-    of = name if keep is None else keep.standby_for or name
-    for each in (name, only or name, of):
-        check_name(each)
+    of = _expect_names(name, only, keep)
     _settle_interpreter()
     async with contextlib.AsyncExitStack() as stack:
         stack.enter_context(listening())
@@ -136,13 +137,36 @@ async def run_host(
         registrar = Registrar(transport)
         stack.push_async_callback(registrar.close)
         host = Host(
-            transport, name, registrar=registrar, term=term, process=process, only=only, journal=journal
+            transport,
+            name,
+            registrar=registrar,
+            term=term,
+            process=process,
+            only=only,
+            journal=journal,
+            gate=gate,
         )
         host.instead_of = "" if of == name else of
-        if keep is not None and isinstance(keep.place, FilePlace):
-            host.log_folder = keep.place.folder
+        host.log_folder = _folder_of(keep)
         stack.push_async_callback(host.close)
         await _live(host, history, ready, alone=bool(only))
+
+
+def _expect_names(name: str, only: str, keep: Keeping | None) -> str:
+    """Return the name of the host whose robots are kept.
+
+    Raises:
+        BadName: one that was given cannot be a name.
+    """
+    of = name if keep is None else keep.standby_for or name
+    for each in (name, only or name, of):
+        check_name(each)
+    return of
+
+
+def _folder_of(keep: Keeping | None) -> Path | None:
+    """Return the folder in which a host keeps its robots; None: it keeps them elsewhere, or not at all."""
+    return keep.place.folder if keep is not None and isinstance(keep.place, FilePlace) else None
 
 
 async def _live(host: Host, history: HistoryWriter | None, ready: Ready, *, alone: bool) -> None:

@@ -17,6 +17,8 @@ that a caller on the far side of the network catches the same class with the sam
                       EmptyRealm · NetworkUnusable
       BundleError     NoSuchFile · BrokenSource · OtherKind · NoPage · ReloadWaits
                       NoVirtualRobot · SeveralVirtualRobots · BrokenScript
+                      BadBundle · NotSigned · UnknownSigner · RevokedSigner · ExcessPermission
+                      OtherPython · MissingRequirement · NoSuchBundle · BadTrustFile · NoSigningKey
       JournalError    JournalInUse · DamagedJournal · OtherJournal · Deposed · JournalCutOff · StandsBy
       HistoryError    NoHistory · HistoryChanged · HistoryUnusable
       RoleError       NoSuchRole · NoRoles · TooWide
@@ -344,6 +346,12 @@ class Diverged(CommandError):
         "{robot}.{command} cannot go on where it was interrupted: step {step} was {before}, and now it is "
         "{now}; nothing more was done"
     )
+
+
+class NotPermitted(CommandError):
+    """A page asks for something that its bundle does not permit, or its signer may not grant."""
+
+    sentence = "{robot} may not {what}: the manifest of its page does not permit it"
 
 
 class CommandCancelled(CommandError):
@@ -787,6 +795,75 @@ class BrokenScript(BundleError):
     """A script, role or table of facts that cannot be used, and where."""
 
     sentence = "{path}:{line}:{column}: {reason}"
+
+
+class BadBundle(BundleError):
+    """A bundle that breaks a rule of its form, or that is not as it was signed."""
+
+    sentence = "the bundle {path} is refused: {reason}"
+
+
+class NotSigned(BundleError):
+    """A page of somebody else that nobody has signed."""
+
+    sentence = (
+        "{path} comes from {sender} and is not signed, so {host} does not run it; there: "
+        "`robotree bundle build {path}`, and here create the robot from the bundle"
+    )
+
+
+class UnknownSigner(BundleError):
+    """A page that was signed by somebody whom this host does not trust."""
+
+    sentence = (
+        "{path} is signed by {signer}, whom {host} does not trust; "
+        "if you know this key: `robotree bundle trust {signer} --name WHO`"
+    )
+
+
+class RevokedSigner(BundleError):
+    """A page whose signer was trusted once."""
+
+    sentence = "{path} is signed by {signer}, and that is not accepted any more: {reason}"
+
+
+class ExcessPermission(BundleError):
+    """A page that wants more than its signer may grant."""
+
+    sentence = (
+        "{path} wants {permissions}, which its signer {signer} may not grant here; "
+        "`robotree bundle trust {signer} --may …` says what may be granted"
+    )
+
+
+class OtherPython(BundleError):
+    """A page that does not run on the Python of this host."""
+
+    sentence = "{path} needs Python {needed}, and this host has {found}"
+
+
+class MissingRequirement(BundleError):
+    """A page that needs a package which this host does not have, or does not allow; nothing is installed."""
+
+    sentence = "{path} needs {requirement}, and {reason}"
+
+
+class NoSuchBundle(BundleError):
+    """A bundle that nobody has who could be asked."""
+
+    sentence = "nobody here has the bundle {hash}; create the robot from its file"
+
+
+class BadTrustFile(BundleError):
+    """The file that says whom a host trusts cannot be used: then nobody is trusted."""
+
+    sentence = "{path}{line} cannot be used, so nobody is trusted: {reason}"
+
+
+class NoSigningKey(BundleError):
+    """A key with which to sign that cannot be used."""
+
+    sentence = "there is no key to sign with: {reason}"
 
 
 # -- roles -----------------------------------------------------------------------------------------

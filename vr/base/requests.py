@@ -19,6 +19,7 @@ from robotree.vr.base.entry import Entry
 from robotree.vr.base.errors import Garbled, VrError
 from robotree.vr.base.history_event import NumberedEvent
 from robotree.vr.base.own_class import OwnClass
+from robotree.vr.base.signed_manifest import SignedManifest
 
 ANSWER_WITHIN = 5.0
 """[s] for an answer that takes no work: two round trips over 1 s each way, and some."""
@@ -227,6 +228,8 @@ class Create(_Message, frozen=True, kw_only=True):
     """Values of its settings that are not the defaults: numbers in the declared units, or text with units."""
     origin: str = ""
     """Where a reload finds the source again, on the author's machine."""
+    signed: SignedManifest | None = None
+    """What the signer of the page says of it; None: nobody has signed it."""
 
 
 class Reload(_Message, frozen=True, kw_only=True):

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import msgspec
 
@@ -18,6 +18,7 @@ from robotree.vr.author.robot import Robot
 from robotree.vr.author.virtual_robot import VirtualRobot, slot_specs
 from robotree.vr.base.arguments import check_arguments
 from robotree.vr.base.errors import (
+    BadBundle,
     BrokenSource,
     NoSuchFile,
     NoVirtualRobot,
@@ -26,6 +27,7 @@ from robotree.vr.base.errors import (
     VrError,
 )
 from robotree.vr.base.extras import lack_of
+from robotree.vr.base.signed_manifest import SignedManifest
 from robotree.vr.bundle.beside import LARGEST as LARGEST_BESIDE
 from robotree.vr.bundle.beside import beside
 from robotree.vr.bundle.loader import (
@@ -41,8 +43,13 @@ from robotree.vr.bundle.loader import (
     within,
 )
 
+if TYPE_CHECKING:
+    from robotree.vr.bundle.file import BundleFile
+
 LARGEST = 1_000_000
 """[bytes] More is no page of Python."""
+SUFFIX = ".bundle"
+"""End of the name of a bundle's file."""
 _R = TypeVar("_R", bound=Robot)
 
 
@@ -56,6 +63,10 @@ class Bundle(msgspec.Struct, frozen=True):
     """Name of the class; empty: the only virtual robot in the source."""
     files: dict[str, bytes] = {}
     """Modules and data that belong to it, by their path from its folder: see `beside.py`."""
+    signed: SignedManifest | None = None
+    """What its signer says of it; None: nobody has signed it."""
+    sender: str = ""
+    """Who has sent it unsigned, if that is not this user; a host runs it only where that was asked for."""
 
     @classmethod
     def read(cls, path: str | Path, wanted: str = "") -> Self:
@@ -64,9 +75,14 @@ class Bundle(msgspec.Struct, frozen=True):
         Raises:
             NoSuchFile: it cannot be read, is no ordinary file, is too large, or is no text.
             BrokenSource: what lies beside it and belongs to it cannot be used.
+            BadBundle: it is a bundle that breaks a rule.
         """
         try:
             file = Path(path).expanduser()
+            if file.suffix == SUFFIX:
+                from robotree.vr.bundle.file import BundleFile  # an own page needs none of it
+
+                return cls.of_file(BundleFile.read(file), str(path), wanted)
             source = text(file, LARGEST)
             files = {} if is_script(str(path)) else beside(file, source)
             return cls(source, str(path), wanted, files)
@@ -74,18 +90,46 @@ class Bundle(msgspec.Struct, frozen=True):
             reason = getattr(error, "strerror", None) or str(error)
             raise NoSuchFile(path=str(path), reason=reason) from None
 
+    @classmethod
+    def of_file(cls, found: BundleFile, path: str, wanted: str = "") -> Self:
+        """Return the page of a bundle.
+
+        Args:
+            found: the bundle.
+            path: of its file.
+            wanted: name of the class; empty: the one of the manifest.
+
+        Raises:
+            BadBundle: the manifest cannot be used, is for another class, or the page is no text.
+        """
+        manifest, files = found.manifest(path), dict(found.files)
+        if wanted not in ("", manifest.wanted):
+            raise BadBundle(
+                path=path, reason=f"its manifest is for the class {manifest.wanted or 'it has'!r}"
+            )
+        try:
+            source = files.pop(manifest.page).decode()
+        except UnicodeDecodeError:
+            raise BadBundle(path=path, reason=f"{manifest.page} is no text") from None
+        return cls(source, f"{path}/{manifest.page}", manifest.wanted, files, found.signed)
+
     @property
     def origin(self) -> str:
         """Where a reload finds it again on the author's machine: the file, and `:Class` if that was named."""
         file = str(Path(self.path).expanduser().absolute())
+        if self.signed is not None:
+            file, _, _ = file.rpartition("/")
+            return file
         return f"{file}:{self.wanted}" if self.wanted else file
 
     @property
     def hash(self) -> str:
-        """SHA-256 of the source and of what belongs to it, in hex: its version."""
+        """SHA-256 of the source, of what belongs to it, and of its manifest, in hex: its version."""
         version = hashlib.sha256(self.source.encode())
         for name, data in sorted(self.files.items()):
             version.update(name.encode() + b"\0" + hashlib.sha256(data).digest())
+        if self.signed is not None:  # it says what the page may do, and who has signed that
+            version.update(b"\0" + self.signed.manifest)
         return version.hexdigest()
 
     def load(self, *, limit: float = LIMIT) -> type[VirtualRobot]:

@@ -48,6 +48,7 @@ from robotree.vr.base.requests import (
     TakeStep,
     ViewDescribed,
 )
+from robotree.vr.base.signed_manifest import SignedManifest
 from robotree.vr.base.transport import Transport
 from robotree.vr.core.confirmation import unmeasured
 from robotree.vr.exchange.asking import ReplyStream, ask, fresh_key
@@ -401,6 +402,11 @@ class Source(Protocol):
         ...
 
     @property
+    def signed(self) -> SignedManifest | None:
+        """What its signer says of it."""
+        ...
+
+    @property
     def origin(self) -> str:
         """Where a reload finds it again."""
         ...
@@ -472,6 +478,7 @@ def _page(bundle: Source, name: str, settings: Mapping[str, Any] | None) -> Crea
         wanted=bundle.wanted,
         settings=dict(settings or {}),
         origin=bundle.origin,
+        signed=bundle.signed,
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import msgspec
 
 from robotree.vr.base.plain import to_plain
+from robotree.vr.base.signed_manifest import SignedManifest
 from robotree.vr.core.events import CoreEvent
 from robotree.vr.core.machine import RobotState
 
@@ -41,6 +42,10 @@ class KeptPage(msgspec.Struct, frozen=True):
     files: dict[str, bytes] = {}
     origin: str = ""
     """Where a reload finds it."""
+    signed: SignedManifest | None = None
+    """What its signer says of it."""
+    sender: str = ""
+    """Who has sent it unsigned, if that was not this user."""
 
 
 class Made(_LogRecord, frozen=True):

@@ -219,6 +219,14 @@ class Trust:
         return signed.body
 
 
+def claimed(packed: bytes) -> Certificate | None:
+    """Return what a certificate says, without believing it; None: it cannot be read."""
+    try:
+        return _certificate.decode(_signed.decode(packed[: LONGEST + 1]).body)
+    except msgspec.MsgspecError:
+        return None
+
+
 def proves(key: PublicKey, signature: bytes, text: bytes) -> bool:
     """Whether a signature of a text was made with a member's key. What comes from a network never raises."""
     try:
