@@ -132,8 +132,7 @@ async def run_host(  # noqa: PLR0913 # what people may choose
             log, ready = await _taken(keep, transport, name, ready)
         journal, history = _kept_in(log, past, runner, stack)
         process: Process = Process(runner, journal, history.machine_of if history else RobotCore)
-        if journal is not None:
-            transport = kept_by(journal, process, transport, returns)
+        transport = transport if journal is None else kept_by(journal, process, transport, returns)
         registrar = Registrar(transport)
         stack.push_async_callback(registrar.close)
         host = Host(
@@ -146,14 +145,13 @@ async def run_host(  # noqa: PLR0913 # what people may choose
             journal=journal,
             gate=gate,
         )
-        host.instead_of = "" if of == name else of
-        host.log_folder = _folder_of(keep)
+        host.instead_of, host.log_folder = "" if of == name else of, _folder_of(keep)
         stack.push_async_callback(host.close)
         await _live(host, history, ready, alone=bool(only))
 
 
 def _expect_names(name: str, only: str, keep: Keeping | None) -> str:
-    """Return the name of the host whose robots are kept.
+    """Return the name of the host whose robots it keeps.
 
     Raises:
         BadName: one that was given cannot be a name.
