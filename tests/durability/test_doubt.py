@@ -82,7 +82,7 @@ class Road(Stage):
         return (await self.realm_client.describe("driver")).kept[name]
 
     def call(self, command: str = "drive", **arguments: Any) -> asyncio.Task[Any]:
-        return asyncio.ensure_future(self.realm_client.call("driver", command, arguments, deadline=25.0))
+        return asyncio.ensure_future(self.realm_client.call("driver", command, arguments, deadline=240.0))
 
 
 @pytest.fixture

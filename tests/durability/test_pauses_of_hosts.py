@@ -32,7 +32,7 @@ async def paused(stage: Stage) -> tuple[asyncio.Task[object], str]:
 
 def begin(stage: Stage) -> asyncio.Task[object]:
     arguments = {"steps": STEPS, "pause": 0.05}
-    return asyncio.create_task(stage.realm_client.call("tourist", "tour", arguments, deadline=60.0))
+    return asyncio.create_task(stage.realm_client.call("tourist", "tour", arguments, deadline=240.0))
 
 
 async def held(stage: Stage, name: str) -> str:

@@ -34,7 +34,7 @@ async def stand_by(stage: Stage, *names: str) -> list[Program]:
 
 
 def begin(stage: Stage, command: str, **arguments: Any) -> asyncio.Task[Any]:
-    call = stage.realm_client.call("tourist", command, arguments, deadline=60.0)
+    call = stage.realm_client.call("tourist", command, arguments, deadline=240.0)
     return asyncio.ensure_future(call)
 
 

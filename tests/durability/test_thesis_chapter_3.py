@@ -67,7 +67,7 @@ class Tree:
                 await asyncio.sleep(0.02)
 
     async def act(self, number: int) -> int:
-        return int(await self.stage.realm_client.call("vr1", "act", {"n": number}, deadline=30.0))
+        return int(await self.stage.realm_client.call("vr1", "act", {"n": number}, deadline=240.0))
 
 
 @pytest.fixture
@@ -134,7 +134,7 @@ async def test_figures_3_3_and_3_4_with_a_host_that_keeps_its_robots(tree: Tree)
     await tree.build()
     epochs = [(await tree.look(robot)).epoch for robot in ("vr2", "vr3")]
     call = asyncio.ensure_future(
-        tree.stage.realm_client.call("vr1", "act", {"n": 1, "seconds": 1.0}, deadline=30.0)
+        tree.stage.realm_client.call("vr1", "act", {"n": 1, "seconds": 1.0}, deadline=240.0)
     )
     await tree.stage.until_effects(1, "begin")
     await tree.hosts["vr2"].kill()

@@ -392,7 +392,8 @@ for number in range(40):
             ring.replace("tcp:127.0.0.1:1", key, bytes([own, number]) * 16, 100 * number)
             break
         except KeyFileError as error:
-            assert "meanwhile" in str(error) or "cannot be written" in str(error), error
+            told = str(error)  # on a busy machine the other one may hold the file for longer than one waits
+            assert any(word in told for word in ("meanwhile", "cannot be written", "has held it")), told
 """
 
 

@@ -139,6 +139,7 @@ async def test_a_frozen_parent_loses_its_child_within_the_term_and_knows_it_when
     assert await realm_client.call("carrier", "move", {"x": 4.0}) == 4.0
 
 
+@pytest.mark.speed
 async def test_a_stop_waits_for_a_frozen_child_no_longer_than_for_any_frozen_robot(
     start: Start, realm_client: RealmClient, tmp_path: Path
 ) -> None:

@@ -155,6 +155,7 @@ def test_the_largest_greeting_that_is_allowed_is_taken(mesh: Mesh, visitor: Visi
     assert announced(mesh) == set(keys)
 
 
+@pytest.mark.speed
 def test_a_greeting_that_is_too_long_is_refused_before_it_has_come(mesh: Mesh, visitor: Visitor) -> None:
     began = time.monotonic()
     visitor.dial(Channel.URGENT).sendall((LONGEST_HELLO + 1).to_bytes(4, "little") + b"x")

@@ -166,7 +166,7 @@ async def call(
     await realm_client.enslave("forker", "rover", "rover")
 
     async def call(command: str, **arguments: object) -> Any:
-        return await realm_client.call("forker", command, arguments, deadline=30)
+        return await realm_client.call("forker", command, arguments, deadline=120)
 
     yield call
     await realm_client.close()
@@ -213,6 +213,7 @@ async def test_a_child_has_its_own_pipe_and_no_socket_of_robotree(call: Call, ho
         os.kill(pid, signal.SIGKILL)
 
 
+@pytest.mark.speed
 async def test_the_death_of_a_process_is_seen_at_once_though_its_child_lives(
     call: Call, host: Process, join_realm: Callable[[], Awaitable[LocalTransport]]
 ) -> None:

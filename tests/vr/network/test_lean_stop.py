@@ -147,6 +147,7 @@ def test_a_process_whose_list_is_damaged_is_asked_for_all_robots_that_are_meant(
     ear.close()
 
 
+@pytest.mark.speed
 def test_garbage_in_the_folder_hinders_no_stop(realm: Path) -> None:
     ear = Ear(realm, "robot/a/1")
     (realm / "7-00000000.sock").touch()

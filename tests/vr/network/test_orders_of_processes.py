@@ -92,6 +92,7 @@ def hangs(name: str, member: Any) -> str:
     )
 
 
+@pytest.mark.speed
 async def test_who_comes_after_a_process_froze_knows_whom_its_stop_did_not_reach(
     start: Start, look: Look
 ) -> None:
@@ -154,7 +155,7 @@ async def test_a_frozen_robot_whose_list_is_damaged_stops_when_it_wakes(
     frozen.signal(signal.SIGCONT)
     realm_client = await look()
     await until(lambda: len(realm_client.directory.present("robot")) == 2, "it is seen again")
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(60):
         while not (await realm_client.describe("frozen")).stopped:  # noqa: ASYNC110 # it reads the order as it wakes
             await asyncio.sleep(0.001)
     assert (await realm_client.describe("awake")).stopped == (name is None), (

@@ -173,9 +173,10 @@ def test_a_newcomer_doubts_one_that_it_has_not_met_until_that_must_hang(
     assert (one.key, certain) == (ARM, hangs)
     assert newcomer.presence.lives(ARM)
     assert not newcomer.presence.there(ARM)
-    newcomer.close().result(10.0)
+    newcomer.close().result(60.0)
 
 
+@pytest.mark.speed
 def test_a_process_that_misses_its_beat_is_late_within_a_second_and_does_not_flicker(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -204,7 +205,7 @@ def test_a_process_that_misses_its_beat_is_late_within_a_second_and_does_not_fli
         assert shown == [True, False], "it is late once, and then no longer"
     finally:
         for mesh in (here, there):
-            mesh.close().result(10.0)
+            mesh.close().result(60.0)
 
 
 def test_who_says_so_has_left_and_who_dies_has_not(tmp_path: Path) -> None:
@@ -217,17 +218,17 @@ def test_who_says_so_has_left_and_who_dies_has_not(tmp_path: Path) -> None:
         await_that(lambda: len(here.presence.keys("robot/*/*")) == 2)
         polite.withdraw("robot/polite/1")
         for mesh in (polite, lost):
-            mesh.close().result(10.0)
+            mesh.close().result(60.0)
         await_that(lambda: here.presence.keys("robot/*/*") == [])
         assert here.presence.left("robot/polite/1"), "though its process has ended since"
         assert not here.presence.left("robot/lost/1")
     finally:
         for mesh in (here, polite, lost):
-            mesh.close().result(10.0)
+            mesh.close().result(60.0)
 
 
 def await_that(condition: Callable[[], bool]) -> None:
     began = time.monotonic()
     while not condition():
-        assert time.monotonic() - began < 30.0
+        assert time.monotonic() - began < 60.0
         time.sleep(0.01)

@@ -20,7 +20,7 @@ from robotree.vr.network.readers import READERS
 from robotree.vr.network.rendezvous import Rendezvous
 from robotree.vr.world.testing import Join
 
-SOON = 10.0
+SOON = 60.0
 """[s] that a test waits at most for what should come at once."""
 
 Ask = Callable[..., threading.Event]

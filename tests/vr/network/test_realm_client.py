@@ -49,7 +49,7 @@ async def test_the_thesis_story_by_name(world: World) -> None:
     assert (await realm_client.describe("r1")).bond is not None, "and is still found by name"
     progress: list[tuple[float, str]] = []
     result = await realm_client.call(
-        "carrier", "carry", {"far": 2.0}, deadline=10, on_progress=lambda *told: progress.append(told)
+        "carrier", "carry", {"far": 2.0}, deadline=60, on_progress=lambda *told: progress.append(told)
     )
     assert result == 2.0
     assert progress == [(0.5, "half way")]

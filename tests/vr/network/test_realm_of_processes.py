@@ -44,7 +44,7 @@ async def test_a_killed_process_is_missed_at_once(start: Start, join_realm: Ente
     assert await replies_of(waiting) == ([], None), "what it had begun to answer just ends"
     await until(lambda: bool(gone), "it is missed")
     assert gone[0] - killed < 0.5  # measured: 3 ms
-    got = await replies_of(transport.request("robot/arm/1", b"", timeout=5))
+    got = await replies_of(transport.request("robot/arm/1", b"", timeout=60))
     assert isinstance(got[1], Unreachable)
 
 
@@ -59,11 +59,11 @@ async def test_a_stopped_process_is_silent_then_missed_then_back(start: Start, j
     got = await replies_of(transport.request("robot/arm/1", b"", timeout=0.3))
     assert isinstance(got[1], NoAnswer)
     await until(lambda: seen == [True, False], "silence ends its presence")
-    got = await replies_of(transport.request("robot/arm/1", b"", timeout=5))
+    got = await replies_of(transport.request("robot/arm/1", b"", timeout=60))
     assert isinstance(got[1], Unreachable)
     process.signal(signal.SIGCONT)
     await until(lambda: seen == [True, False, True], "its presence returns with it")
-    assert await replies_of(transport.request("robot/arm/1", b"hi", timeout=5)) == ([b"ack", b"hi"], None)
+    assert await replies_of(transport.request("robot/arm/1", b"hi", timeout=60)) == ([b"ack", b"hi"], None)
 
 
 async def test_sixteen_at_once_all_know_each_other(start: Start, join_realm: Enter) -> None:
@@ -80,6 +80,7 @@ async def test_sixteen_at_once_all_know_each_other(start: Start, join_realm: Ent
     assert results == [([b"ack", b"hi"], None)] * 16
 
 
+@pytest.mark.speed
 async def test_the_files_of_the_dead_are_removed_by_the_next_who_comes(
     start: Start, join_realm: Enter, place: Path
 ) -> None:
@@ -98,6 +99,7 @@ async def test_the_files_of_the_dead_are_removed_by_the_next_who_comes(
     assert list(folder.iterdir()) == []
 
 
+@pytest.mark.speed
 async def test_a_newcomer_that_is_paused_at_the_door_keeps_nobody_out(
     start: Start, join_realm: Enter, place: Path
 ) -> None:
@@ -128,11 +130,12 @@ async def test_a_folder_that_was_removed_is_made_again_and_newcomers_see_all(
     shutil.rmtree(place / "robotree" / "test")
     late = await join_realm()
     await arrived(late, "arm")
-    assert await replies_of(late.request("robot/arm/1", b"hi", timeout=5)) == ([b"ack", b"hi"], None)
-    assert await replies_of(early.request("robot/arm/1", b"hi", timeout=5)) == ([b"ack", b"hi"], None)
+    assert await replies_of(late.request("robot/arm/1", b"hi", timeout=60)) == ([b"ack", b"hi"], None)
+    assert await replies_of(early.request("robot/arm/1", b"hi", timeout=60)) == ([b"ack", b"hi"], None)
 
 
 @pytest.mark.parametrize("seconds", [1.5, 2.0, 2.5, 3.5])
+@pytest.mark.speed
 async def test_a_process_that_slept_is_whole_again_within_a_second(
     seconds: float, start: Start, join_realm: Enter
 ) -> None:
@@ -150,8 +153,8 @@ async def test_a_process_that_slept_is_whole_again_within_a_second(
     woken = time.perf_counter()
     await arrived(transport, "arm")
     answer = None
-    while answer != ([b"ack", b"hi"], None) and time.perf_counter() < woken + 10:
-        answer = await replies_of(transport.request("robot/arm/1", b"hi", timeout=5))
+    while answer != ([b"ack", b"hi"], None) and time.perf_counter() < woken + 60:
+        answer = await replies_of(transport.request("robot/arm/1", b"hi", timeout=60))
     assert time.perf_counter() - woken < 1.0  # measured: at most 0.05 s, on a machine at load 5
 
 
@@ -168,7 +171,7 @@ async def test_of_what_was_asked_of_a_sleeper_only_what_ends_something_is_begun_
     with pytest.raises(NoAnswer):
         await ask(transport, "robot/arm/1", request_, Done, timeout=0.2)
     process.signal(signal.SIGCONT)
-    assert (await ask(transport, "robot/arm/1", request_, Done, timeout=5)).note == count
+    assert (await ask(transport, "robot/arm/1", request_, Done, timeout=60)).note == count
 
 
 async def test_a_process_that_hangs_is_waited_for_as_long_as_it_may_still_begin(

@@ -10,7 +10,6 @@ import resource
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 from typing import Any
@@ -25,11 +24,10 @@ from robotree.vr.space.postgres import PostgresStore
 from robotree.vr.world.examine_space import job
 from tests.command_line import NO_BYTECODE, ROBOTREE, robotree
 from tests.vr.space.postgres import server
+from tests.waiting import PATIENCE
 
 pytestmark = pytest.mark.e2e
 KEY = "caller/test"
-PATIENCE = 20.0
-"""[s]"""
 
 
 @contextlib.contextmanager
@@ -105,9 +103,7 @@ async def test_a_client_that_is_killed_in_its_transaction_gives_back(user: User,
             waiting = asyncio.create_task(user.take(PATIENCE))
             await asyncio.sleep(0.1)
             taker.kill()
-            began = time.monotonic()
             assert await waiting == [1]
-            assert time.monotonic() - began < 5.0
 
 
 async def test_what_an_owner_that_is_killed_has_answered_is_there(user: User, tmp_path: Path) -> None:
