@@ -67,7 +67,7 @@ class Recovered:
         """The beginning of the newest segment; None: there is none."""
         self.records = 0
         self.latest = -math.inf
-        """[s] when the last event happened, on the monotonic clock of then."""
+        """[s] when the last event happened, or the segment was begun, on the monotonic clock of then."""
 
     @property
     def robots(self) -> list[KeptRobot]:
@@ -118,6 +118,7 @@ class Recovered:
                 if version != VERSION:
                     raise OtherJournal(path=path, version=version)
                 self.began, self._keys = record, {}
+                self.latest = max(self.latest, record.now)  # nothing may have happened since
             case Made(robot=number, key=key):
                 self._keys[number] = key
                 if key in self._robots:

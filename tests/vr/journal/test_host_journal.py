@@ -116,6 +116,17 @@ def test_the_next_host_finds_the_state_after_all_that_has_happened(tmp_path: Pat
     assert reopened(journal) == {"it": encode_state(robot.core.state)}
 
 
+def test_a_host_that_ended_before_anything_happened_was_away_since_it_began(tmp_path: Path) -> None:
+    """As one that is killed twice, the second time as it comes back."""
+    journal = opened(tmp_path / "h")
+    journal.begin()
+    journal.close()
+    following = opened(tmp_path / "h")
+    assert following.found.began is not None
+    assert following.found.latest == following.found.began.now
+    following.close()
+
+
 def test_a_robot_that_was_deleted_is_not_found(tmp_path: Path) -> None:
     journal = opened(tmp_path / "h")
     journal.begin()
