@@ -52,6 +52,8 @@ STEP = 0.05
 """Share of an act after which its progress is told again."""
 REMEMBERED = 1000
 """Messages that are remembered as told; their senders have their answers long before."""
+ROLE = "role"
+"""Conversation of the acts by which partners take roles."""
 TIMER = "(timer)"
 """Sender of the end of a timer of the script's own: no message comes from it."""
 
@@ -66,6 +68,8 @@ class _Act(msgspec.Struct):
     """Why it could not."""
     progress: float = 0.0
     """How far it was when the rules were told of it last, 0 to 1."""
+    after: int = 0
+    """Number of the act by which its partner takes the role that was given before it; 0: it has begun."""
 
 
 class _Asked(NamedTuple):
@@ -125,6 +129,8 @@ class ScriptRun:
         self._seats = dict.fromkeys((partner.name for partner in program.partners), "")
         self._held: dict[str, str] = {}
         """The partners that are stopped, with the reason."""
+        self._stops: dict[str, int] = {}
+        """The number of the stop of each partner that the rules were told of last, as far as is known."""
         self._readings: dict[str, dict[str, float]] = {}
         """The readings of each partner that the rules have."""
         self._looked: dict[str, float] = {}
@@ -207,13 +213,18 @@ class ScriptRun:
 
     def take(self, happening: Happening) -> None:
         """Take note of what has happened, and tell the rules."""
-        if happening.number and self._acts.pop(happening.number, None) is None:
-            return
+        if happening.number:
+            act = self._acts.pop(happening.number, None)
+            if act is None:
+                return
+            if act.order.conversation == ROLE:
+                refused = happening.performative == "failure"
+                self._begin_after(happening.number, str(happening.arguments[0]) if refused else "")
         partner = happening.partner
         match happening.act:
             case "found" | "lost" if partner:
                 self._seats[partner] = happening.robot
-                for kept in (self._held, self._readings, self._looked):
+                for kept in (self._held, self._stops, self._readings, self._looked):
                     kept.pop(partner, None)
             case "stopped" if partner:
                 self._held[partner] = str(happening.arguments[-1])
@@ -324,10 +335,14 @@ class ScriptRun:
         if state is None:
             return None
         name = self._seats[partner]
+        stops = self._stops.setdefault(partner, state.stops - bool(state.stop_reason))
         if state.stop_reason and partner not in self._held:
+            self._stops[partner] = state.stops
             return _changed("stopped", partner, name, name, state.stop_reason)
-        if not state.stop_reason and partner in self._held:
+        if not state.stop_reason and partner in self._held and (state.stops < 0 or state.stops >= stops):
             return _changed("released", partner, name, name)
+        if partner not in self._held and all(act.order.partner != partner for act in self._acts.values()):
+            self._stops[partner] = state.stops
         if self._wants_readings and self._now() >= self._looked.get(partner, -math.inf) + QUIET:
             self._looked[partner] = self._now()
             self._look_at_readings(partner, state.readings)
@@ -380,6 +395,8 @@ class ScriptRun:
             name = self._seats.get(order.partner, "")
             if isinstance(error, Stopped) and error.data["robot"] == name and order.partner not in self._held:
                 self._news.append(failure)  # and that it is stopped, though it has not published that
+                if order.partner in self._stops:  # it is released when it has published that, and the end
+                    self._stops[order.partner] += 1
                 return _changed("stopped", order.partner, name, name, str(error.data["reason"]))
             return failure
         return Happening(
@@ -398,7 +415,7 @@ class ScriptRun:
             case Do():
                 self._do(order)
             case Play(partner=partner, role=role):
-                self._do(Do(conversation="role", partner=partner, act="play", named={"role": role}))
+                self._do(Do(conversation=ROLE, partner=partner, act="play", named={"role": role}))
             case ScriptReply(conversation=conversation):
                 if conversation in self.open_conversations:
                     self.answers[conversation] = order
@@ -429,9 +446,41 @@ class ScriptRun:
                 f"it floods: {MOST_ACTS} acts are under way, {order.partner}.{order.act} would be one more"
             )
         self._numbers += 1
-        number = self._numbers
+        self._acts[self._numbers] = act = _Act(order, None, after=self._role_under_way(order.partner))
+        if not act.after:
+            self._begin(self._numbers, act)
+
+    def _role_under_way(self, partner: str) -> int:
+        """Return the number of the latest act by which a partner takes a role; 0: none is under way."""
+        taken = (
+            number
+            for number, act in self._acts.items()
+            if act.order.partner == partner and act.order.conversation == ROLE
+        )
+        return max(taken, default=0)
+
+    def _begin_after(self, role: int, failure: str) -> None:
+        """Begin the acts that waited until their partner plays a role.
+
+        Where it does not play it, they fail: the manner in which it would act is not the one that was meant.
+
+        Args:
+            role: number of the act by which the partner took the role.
+            failure: why it could not; empty: it plays it.
+        """
+        for number, act in [*self._acts.items()]:
+            if act.after != role:
+                continue
+            act.after = 0
+            if failure and act.order.conversation != ROLE:
+                act.error = VrError(detail=f"{act.order.partner} does not play the role for it: {failure}")
+                self.inbox.put(number)
+            else:
+                self._begin(number, act)
+
+    def _begin(self, number: int, act: _Act) -> None:
+        order = act.order
         asked = msgspec.convert(running().receive(lambda: self._asked(order), TICK), _Asked)
-        act = self._acts[number] = _Act(order, None)
         try:
             if asked.error:
                 raise VrError(detail=asked.error)  # noqa: TRY301 # it fails as what its partner refuses
@@ -455,11 +504,15 @@ class ScriptRun:
         return [dict(named), None if limit is None else [*limit], ""]
 
     def _cancel(self, what: str | None) -> None:
+        cancelled: list[int] = []
         for number, act in list(self._acts.items()):
             if what is None or what in {act.order.conversation, act.order.partner}:
                 del self._acts[number]
                 if act.call is not None:
                     act.call.cancel()
+                cancelled.append(number)
+        for number in cancelled if what is not None else ():
+            self._begin_after(number, "that was cancelled")
         self._timers = (
             [] if what is None else [timer for timer in self._timers if timer[1].conversation != what]
         )

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import pytest
+
+from robotree.vr.base.requests import State
+from robotree.vr.running.activity import CommandActivity
 from tests.vr.scripts.stage import Stage
 from tests.vr.scripts.test_script_stories import HEAD, led
 
@@ -75,3 +79,32 @@ async def test_a_partner_that_is_stopped_when_the_script_starts_is_told_as_stopp
     await stage.call("guide", "go", place="hall")
     await stage.client("guide").resume()
     await stage.until(lambda: robot.done == ["go_to hall at 0.5"])
+
+
+async def test_a_partner_whose_stop_is_not_published_yet_is_not_told_as_released(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot, script, _ = await led(stage, WAITS)
+    robot.go.clear()
+    await stage.call("guide", "go", place="hall")
+    await stage.until(lambda: stage.agents["c1"].description().busy == "go_to", 60.0)
+    published = CommandActivity.published
+    before: list[State] = []
+
+    def late(frame: CommandActivity, slot: str) -> State | None:
+        """The state that was published last before the stop, as long as the test wants it."""
+        return before[0] if before else published(frame, slot)
+
+    monkeypatch.setattr(CommandActivity, "published", late)
+    before.append(State(busy="go_to", stops=0))
+    await stage.client("c1").safe_stop("a child is in the way")
+    await stage.until(lambda: script._run.last_log == "held: a child is in the way", 60.0)
+    happened = script._run.engine.happened
+    await stage.call("guide", "go", place="garden")
+    await stage.until(lambda: script._run.engine.happened > happened, 60.0)
+    robot.go.set()
+    assert "state: stopped" in await stage.call("guide", "facts")
+    before.clear()
+    await stage.client("guide").resume()
+    await stage.until(lambda: robot.done == ["go_to hall at 0.5", "go_to garden at 0.5"], 60.0)
+    assert [firing.rule for firing in script._run.engine.firings].count("free") == 1
