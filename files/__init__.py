@@ -7,6 +7,7 @@
     private_file(path)      a file (0600) that only its owner can open, made or repaired
     own_folder(path)        a folder into which nobody else can put anything, made if need be
     replace(path, data)     a file that is the old one or the new one, whatever happens meanwhile
+    sync_folder(path)       the names in a folder survive a loss of power, too
     overwrite(path, data)   a file of ours, or a new one; never through a link that another user made
     forks                   what a forked child of this process must not keep open
 
@@ -14,7 +15,17 @@ Everything that is wrong is an `OSError`, whose `strerror` is a clause such as "
 The other rooms turn it into errors of their own. This room knows none of them, and all of them may use it.
 """
 
-from robotree.files.opening import expect_own, opened, opened_own, overwrite, own, read, replace, text
+from robotree.files.opening import (
+    expect_own,
+    opened,
+    opened_own,
+    overwrite,
+    own,
+    read,
+    replace,
+    sync_folder,
+    text,
+)
 from robotree.files.private import own_folder, private_file, private_folder
 
 __all__ = [
@@ -28,5 +39,6 @@ __all__ = [
     "private_folder",
     "read",
     "replace",
+    "sync_folder",
     "text",
 ]

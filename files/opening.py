@@ -176,6 +176,19 @@ def replace(path: Path, data: bytes) -> None:
         raise
 
 
+def sync_folder(folder: Path) -> None:
+    """Have the names in a folder survive a loss of power: that of a new file is not kept with its content.
+
+    Raises:
+        OSError: the folder cannot be opened, or its file system cannot do it.
+    """
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
 def own(path: Path) -> int:
     """Return the flag to open a name with, so that no other user decides where it leads.
 

@@ -9,7 +9,7 @@ import time
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, NamedTuple
 
-from robotree.files import opened, own
+from robotree.files import opened, own, sync_folder
 from robotree.protocol.errors import KeyFileError
 from robotree.protocol.signing import KEY_BYTES, Key
 
@@ -175,11 +175,7 @@ def replace(path: Path, text: str) -> None:
     finally:
         draft.unlink(missing_ok=True)
     with suppress(OSError):  # some file systems cannot; the new file is in its place all the same
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+        sync_folder(path.parent)
 
 
 def write(path: Path, text: str) -> None:

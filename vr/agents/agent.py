@@ -11,6 +11,7 @@ import asyncio
 import contextlib
 import logging
 from collections.abc import Awaitable, Callable, Sequence
+from contextvars import Context
 from functools import partial
 from typing import Any
 
@@ -413,7 +414,7 @@ class RobotAgent:
 
     def _on_loop(self, action: Callable[[], None]) -> None:
         with contextlib.suppress(RuntimeError):  # the loop is closed: nobody wants to know
-            self._loop.call_soon_threadsafe(action)
+            self._loop.call_soon_threadsafe(action, context=Context())
 
     def _take_effect(self, effect: CoreEffect) -> None:
         if isinstance(effect, LeaseEnded):

@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+from contextvars import Context
 
 from robotree.vr.base.presence import Presence, Undo
 from robotree.vr.running.robot_runtime import RobotRuntime
@@ -62,7 +63,7 @@ class Callers:
                 self._watching[caller] = None
         if unknown:
             with contextlib.suppress(RuntimeError):  # the loop is closed: the robot ends itself
-                self._loop.call_soon_threadsafe(self._watch, caller)
+                self._loop.call_soon_threadsafe(self._watch, caller, context=Context())
 
     def close(self) -> None:
         """Watch no caller any more."""

@@ -12,6 +12,7 @@ import contextlib
 import inspect
 import logging
 import math
+from contextvars import Context
 from functools import lru_cache
 from typing import Any
 
@@ -107,9 +108,12 @@ class Publisher:
             self._timer.cancel()
 
     def _hurry_soon(self) -> None:
-        """There is something new to show. From any thread."""
+        """There is something new to show. From any thread.
+
+        Not in the context of the command whose thread says so: no thread of the event loop works for one.
+        """
         with contextlib.suppress(RuntimeError):  # the loop is closed: nobody wants to know
-            self._loop.call_soon_threadsafe(self._hurry)
+            self._loop.call_soon_threadsafe(self._hurry, context=Context())
 
     def _hurry(self) -> None:
         """Publish as soon as the last time is long enough ago."""
@@ -179,7 +183,9 @@ class Publisher:
     def _new_line(self) -> None:
         """Have new lines of the log published soon. From any thread."""
         with contextlib.suppress(RuntimeError):  # the loop is closed: nobody wants to know
-            self._loop.call_soon_threadsafe(self._loop.call_later, PAUSE, self._publish_log)
+            self._loop.call_soon_threadsafe(
+                self._loop.call_later, PAUSE, self._publish_log, context=Context()
+            )
 
     def _publish_log(self) -> None:
         lines = tuple(self._runtime.log.since(self._line))

@@ -24,7 +24,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
-from robotree.files import forks, opened_own, private_folder
+from robotree.files import forks, opened_own, private_folder, sync_folder
 from robotree.vr.base.errors import DamagedJournal, JournalInUse, LostJournal
 
 HEAD = struct.Struct("<III")
@@ -135,11 +135,7 @@ class OSDisk:
 
     def sync_folder(self, folder: Path) -> None:
         """See `Disk.sync_folder`."""
-        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
+        sync_folder(folder)
 
     def close(self, descriptor: int) -> None:
         """See `Disk.close`."""

@@ -13,6 +13,7 @@ import contextlib
 import logging
 from collections import deque
 from collections.abc import AsyncIterator, Callable
+from contextvars import Context
 from functools import partial
 from typing import Generic, Self, TypeVar
 
@@ -52,7 +53,8 @@ class LoopTurns:
             return True
         self._called = True
         try:
-            self._loop.call_soon_threadsafe(self._take_turn)
+            # not in that of a command whose thread puts it: no thread of the loop works for one
+            self._loop.call_soon_threadsafe(self._take_turn, context=Context())
         except RuntimeError:
             self._called = False
             return False
@@ -248,7 +250,7 @@ def handled(take: TakeRequest, sender: Credentials) -> RequestHandler:
 
         def soon(action: Callable[[], object]) -> None:
             with contextlib.suppress(RuntimeError):  # the loop is closed: nobody waits
-                loop.call_soon_threadsafe(action)
+                loop.call_soon_threadsafe(action, context=Context())
 
         def end(last: bytes | None) -> None:
             if last is not None:

@@ -24,7 +24,7 @@ from typing import TypeVar
 import msgspec
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from robotree.files.opening import opened, read
+from robotree.files.opening import opened, read, sync_folder
 from robotree.files.private import private_folder
 from robotree.vr.base.address import check_name
 from robotree.vr.base.errors import (
@@ -424,6 +424,8 @@ def write(path: Path, data: bytes) -> None:
         stream.flush()
         os.fsync(stream.fileno())
     new.replace(path)
+    with suppress(OSError):  # some file systems cannot; the new file is in its place all the same
+        sync_folder(path.parent)
 
 
 def _settle(folder: Path, about: _About, key: Ed25519PrivateKey, certificate: bytes) -> None:

@@ -116,13 +116,13 @@ class Life:
         return RobotClient(self.operator, self.host.agents[name].address)
 
     async def call(self, name: str, command: str, **arguments: Any) -> Any:
-        return await self.client(name).call(command, arguments, deadline=30.0, caller="operator")
+        return await self.client(name).call(command, arguments, deadline=600.0, caller="operator")
 
     def robot(self, name: str) -> Any:
         return self.host.agents[name].robot
 
     async def until(self, condition: Any) -> None:
-        async with asyncio.timeout(10.0):
+        async with asyncio.timeout(120.0):
             while not condition():  # noqa: ASYNC110 # any condition at all
                 await asyncio.sleep(0.005)
 
