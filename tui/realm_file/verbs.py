@@ -50,11 +50,9 @@ class Detached:
 
     @property
     def controllers(self) -> Mapping[str, Controller]:
-        """See `Starter`."""
         return controllers(self._realm)
 
     async def start(self, entry: ProcessEntry, words: Sequence[str], environment: Mapping[str, str]) -> str:
-        """See `Starter`."""
         name = f"{entry.verb}-{entry.name}".replace(" ", "-")
         started = await asyncio.to_thread(start_detached, self._realm, name, words, environment)
         if entry.verb == NAMELESS:

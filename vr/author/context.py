@@ -226,9 +226,7 @@ class Activity(Protocol):
         """Have the robot keep other values in fields, by `change`. No cancellation point."""
         ...
 
-    def checkpoint(self) -> None:
-        """See `Robot.checkpoint`."""
-        ...
+    def checkpoint(self) -> None: ...
 
     def say(self, level: Level, text: str, *, piece: bool = False) -> None:
         """Enter a text, or a piece of a line, in the robot's log. No cancellation point."""

@@ -78,7 +78,6 @@ class WatchedCore(RobotCore):
         self._name, self._queue = state.address.name, queue
 
     def handle(self, event: CoreEvent, now: float) -> list[CoreEffect]:  # one for each class
-        """See `RobotCore.handle`."""
         effects = RobotCore.handle(self, event, now)
         kind = type(event)
         if kind is on.Invoke:

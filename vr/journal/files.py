@@ -42,7 +42,6 @@ class FilePlace:
         self._disk = OSDisk() if disk is None else disk
 
     def look(self) -> Owner | None:
-        """See `LogPlace.look`."""
         while numbers := self._numbers():
             with suppress(FileNotFoundError):  # it has just been deposed
                 return self._seen(numbers[-1])
@@ -62,7 +61,6 @@ class FilePlace:
         return Owner(number, host, beat, lives)
 
     def take(self, host: str, after: int) -> Segments | None:
-        """See `LogPlace.take`."""
         private_folder(self.folder)
         with forks.opening:  # until the owner's file knows its descriptor
             return self._take(host, after)
@@ -120,18 +118,15 @@ class OwnerFile:
         forks.owns(self)
 
     def in_child(self) -> Iterable[int]:
-        """See `forks.Owner`."""
         return (self._descriptor,)
 
     def expect(self) -> None:
-        """See `LogStore.expect_owner`."""
         descriptor = self._descriptor
         if descriptor >= 0 and not os.fstat(descriptor).st_nlink:
             owner = self._place.look()
             raise Deposed(host="somebody else" if owner is None else owner.host, log=self._place.where)
 
     def beat(self) -> None:
-        """See `LogStore.beat`."""
         if self._descriptor >= 0:
             os.utime(self._descriptor)
         self.expect()

@@ -240,7 +240,6 @@ class HostJournal:
     # -- what a robot's runtime tells -------------------------------------------------------------
 
     def append(self, robot: str, now: float, event: CoreEvent) -> int:
-        """See `Journal.append`."""
         number = self._numbers.get(robot)
         if number is not None:
             self._put(Happened(number, now, event))

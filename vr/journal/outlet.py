@@ -28,7 +28,6 @@ class Outlet:
         self.identity: Credentials = transport.identity
 
     async def serve(self, key: str, take: TakeRequest) -> Registration:
-        """See `Transport.serve`."""
         return await self._transport.serve(key, lambda incoming: take(self._guarded(incoming)))
 
     def _guarded(self, incoming: Incoming) -> Incoming:
@@ -57,44 +56,35 @@ class Outlet:
     def request(
         self, key: str, body: bytes, *, timeout: float, urgent: bool = False, void_at: float = 0.0
     ) -> AsyncIterator[bytes]:
-        """See `Transport.request`."""
         self._barrier()
         return self._transport.request(key, body, timeout=timeout, urgent=urgent, void_at=void_at)
 
     def ask(
         self, key: str, body: bytes, *, void_at: float = 0.0, urgent: bool = False, on_reply: OnReply
     ) -> None:
-        """See `Transport.ask`."""
         self._barrier()
         self._transport.ask(key, body, void_at=void_at, urgent=urgent, on_reply=on_reply)
 
     def after_reading(self, job: Callable[[], bool]) -> bool:
-        """See `Transport.after_reading`."""
         return self._transport.after_reading(job)
 
     def publish(self, key: str, body: bytes) -> None:
-        """See `Transport.publish`."""
         self._barrier()
         self._transport.publish(key, body)
 
     async def subscribe(self, pattern: str, handler: SampleHandler) -> Registration:
-        """See `Transport.subscribe`."""
         return await self._transport.subscribe(pattern, handler)
 
     async def announce(self, key: str, *, unless: Sequence[str] = ()) -> Registration:
-        """See `Transport.announce`."""
         self._barrier()
         return await self._transport.announce(key, unless=unless)
 
     async def settle(self, within: float) -> None:
-        """See `Transport.settle`."""
         await self._transport.settle(within)
 
     async def watch_itself(self, handler: CutOffHandler) -> Registration:
-        """See `Transport.watch_itself`."""
         return await self._transport.watch_itself(handler)
 
     async def close(self) -> None:
-        """See `Transport.close`."""
         self._barrier()
         await self._transport.close()

@@ -172,20 +172,17 @@ class PostgresPlace:
         self.where = f"{self._database.where} ({log})"
 
     def look(self) -> Owner | None:
-        """See `LogPlace.look`."""
         with self._database.used() as connection:
             found = connection.execute(_LOOK, {"log": self._log}).fetchone()
         return None if found is None else Owner(*found)
 
     def take(self, host: str, after: int) -> PostgresLog | None:
-        """See `LogPlace.take`."""
         values = {"log": self._log, "host": host, "after": after}
         with self._database.used() as connection:
             found = connection.execute(_TAKE if after else _FIRST, values).fetchone()
         return None if found is None else PostgresLog(self._url, self._log, int(found[0]), self.where)
 
     def close(self) -> None:
-        """See `LogPlace.close`."""
         self._database.close()
 
 
@@ -232,12 +229,10 @@ class PostgresLog:
     # -- writing ----------------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """See `LogStore.begin`."""
         self._values["segment"] += 1
         self._values["number"] = self.size = 0
 
     def write(self, body: bytearray) -> None:
-        """See `LogStore.write`."""
         seal_frame(body)
         with self._lock:  # `ON CONFLICT`: the answer to the first attempt may have been lost
             self._ask(_WRITE, body=bytes(body))
@@ -248,25 +243,20 @@ class PostgresLog:
         """See `LogStore.sync`: each statement is (synchronous_commit)."""
 
     def drop_older(self) -> None:
-        """See `LogStore.drop_older`."""
         self._ask(_DROP)
 
     def clear(self) -> None:
-        """See `LogStore.clear`."""
         self._ask(_DROP, segment=self._values["segment"] + 1)
 
     def beat(self) -> None:
-        """See `LogStore.beat`."""
         if not self._closed:
             self._ask(_BEAT)
 
     def expect_owner(self) -> None:
-        """See `LogStore.expect_owner`."""
         if time.monotonic() >= self._sure_until and not self._closed:
             self._ask(_BEAT)
 
     def close(self) -> None:
-        """See `LogStore.close`."""
         with self._lock:
             self._closed = True
             self._database.close(_LET_GO)  # the end of a connection takes effect a little later

@@ -104,20 +104,16 @@ class OSDisk:
         forks.owns(self)
 
     def in_child(self) -> Iterable[int]:
-        """See `forks.Owner`."""
         return tuple(self._open)
 
     def names(self, folder: Path) -> list[str]:
-        """See `Disk.names`."""
         return [path.name for path in folder.iterdir()]
 
     def read(self, path: Path) -> bytes:
-        """See `Disk.read`."""
         with os.fdopen(opened_own(path), "rb") as file:
             return file.read()
 
     def create(self, path: Path) -> int:
-        """See `Disk.create`."""
         with forks.opening:
             descriptor = os.open(
                 path, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC, 0o600
@@ -126,29 +122,23 @@ class OSDisk:
         return descriptor
 
     def write(self, descriptor: int, data: bytes | bytearray) -> int:
-        """See `Disk.write`."""
         return os.write(descriptor, data)
 
     def sync(self, descriptor: int) -> None:
-        """See `Disk.sync`."""
         os.fdatasync(descriptor)
 
     def sync_folder(self, folder: Path) -> None:
-        """See `Disk.sync_folder`."""
         sync_folder(folder)
 
     def close(self, descriptor: int) -> None:
-        """See `Disk.close`."""
         with forks.opening:
             self._open.pop(descriptor, None)
             os.close(descriptor)
 
     def unlink(self, path: Path) -> None:
-        """See `Disk.unlink`."""
         path.unlink(missing_ok=True)
 
     def lock(self, folder: Path) -> int:
-        """See `Disk.lock`."""
         private_folder(folder)
         with forks.opening:
             descriptor = opened_own(folder / "lock", os.O_CREAT | os.O_RDWR)
@@ -161,7 +151,6 @@ class OSDisk:
         return descriptor
 
     def lock_anew(self, folder: Path) -> int:
-        """See `Disk.lock_anew`."""
         coming, path = folder / "lock.new", folder / "lock"
         coming.unlink(missing_ok=True)
         with suppress(FileNotFoundError):
@@ -171,11 +160,9 @@ class OSDisk:
         return self.lock(folder)
 
     def marked(self, lock: int) -> bytes:
-        """See `Disk.marked`."""
         return os.pread(lock, MARK_SIZE, 0)
 
     def mark(self, lock: int, data: bytes) -> None:
-        """See `Disk.mark`."""
         os.pwrite(lock, data, 0)
 
 
@@ -183,11 +170,15 @@ class Ownership(Protocol):
     """That this process may write; see `store`."""
 
     def expect(self) -> None:
-        """See `LogStore.expect_owner`."""
+        """Check that this process may still write.
+
+        Raises:
+            Deposed: another host has the log.
+        """
         ...
 
     def beat(self) -> None:
-        """See `LogStore.beat`."""
+        """Give a sign of life."""
         ...
 
     def close(self) -> None:
@@ -381,12 +372,10 @@ class Segments:
             self._owner.close()
 
     def expect_owner(self) -> None:
-        """See `LogStore.expect_owner`."""
         if self._owner is not None:
             self._owner.expect()
 
     def beat(self) -> None:
-        """See `LogStore.beat`."""
         if self._owner is not None:
             self._owner.beat()
 

@@ -37,7 +37,6 @@ class MemoryStore:
 
     @contextlib.contextmanager
     def together(self) -> Generator[None]:
-        """See `SpaceStore.together`."""
         yield
         self._keep()
 
@@ -48,7 +47,6 @@ class MemoryStore:
     # -- entries ----------------------------------------------------------------------------------
 
     def write(self, entry: Entry, term: float, key: str, transaction: str) -> tuple[int, float]:
-        """See `SpaceStore.write`."""
         now = self._now()
         marks = marks_of(entry.kinds, entry.fields)
         return self._table.write(entry, marks, now + term, key, transaction, now).id, term
@@ -56,16 +54,13 @@ class MemoryStore:
     def find(
         self, kind: str, fields: Mapping[str, Any], transaction: str, *, take: bool, most: int
     ) -> Sequence[Row]:
-        """See `SpaceStore.find`."""
         marks = marks_of((kind,) if kind else (), fields)
         return self._table.find(marks, transaction, self._now(), take=take, most=most)
 
     def put_back(self, rows: Sequence[Row]) -> None:
-        """See `SpaceStore.put_back`."""
         self._table.put_back(rows, self._now())
 
     def renew(self, id_: int, term: float) -> float:
-        """See `SpaceStore.renew`."""
         now = self._now()
         self._table.renew(id_, now + term, now)
         return term
@@ -73,30 +68,25 @@ class MemoryStore:
     # -- transactions -----------------------------------------------------------------------------
 
     def open(self, term: float) -> str:
-        """See `SpaceStore.open`."""
         transaction = token()
         self._table.open(transaction, self._now() + term)
         return transaction
 
     def commit(self, transaction: str) -> None:
-        """See `SpaceStore.commit`."""
         self._table.commit(transaction, self._now())
 
     def roll_back(self, transaction: str) -> None:
-        """See `SpaceStore.roll_back`."""
         self._table.roll_back(transaction)
 
     # -- fences -----------------------------------------------------------------------------------
 
     def acquire(self, name: str, holder: str, term: float) -> FenceState:
-        """See `SpaceStore.acquire`."""
         now = self._now()
         before = self._table.fences.get(name, FenceRow()).epoch
         fence = self._table.acquire(name, holder, now + term, now)
         return FenceState(fence.epoch, fence.holder, fence.left(now), fence.epoch > before)
 
     def renew_fence(self, name: str, epoch: int, term: float) -> FenceState:
-        """See `SpaceStore.renew_fence`."""
         now = self._now()
         fence = self._table.renew_fence(name, epoch, now + term, now)
         return FenceState(epoch, fence.holder, fence.left(now), granted=True)
@@ -104,13 +94,11 @@ class MemoryStore:
     # -- time, news and people --------------------------------------------------------------------
 
     def expire(self) -> float:
-        """See `SpaceStore.expire`."""
         now = self._now()
         self._table.expire(now)
         return self._table.due - now
 
     def news(self) -> Sequence[EntryNews]:
-        """See `SpaceStore.news`."""
         table = self._table
         if not table.news:
             return ()
@@ -118,7 +106,6 @@ class MemoryStore:
         return news
 
     def contents(self, kind: str, most: int) -> Contents:
-        """See `SpaceStore.contents`."""
         now = self._now()
         rows = [row for row in self._table.rows.values() if not row.written_by and row.expires > now]
         wanted = sorted((row for row in rows if not kind or kind in row.entry.kinds), key=lambda row: row.id)

@@ -185,7 +185,6 @@ class PostgresStore:
             threading.Thread(target=self._listen, name=f"space {name} listens", daemon=True).start()
 
     def close(self) -> None:
-        """See `SpaceStore.close`."""
         self._closed = True
         connection, self._connection = self._connection, None
         if connection is not None:
@@ -199,7 +198,6 @@ class PostgresStore:
     # -- entries ----------------------------------------------------------------------------------
 
     def write(self, entry: Entry, term: float, key: str, transaction: str) -> tuple[int, float]:
-        """See `SpaceStore.write`."""
         marks = marks_of(entry.kinds, entry.fields)
         values = (list(marks), _encode(entry), term, key or None)
         for last in (False, True):
@@ -232,7 +230,6 @@ class PostgresStore:
     def find(
         self, kind: str, fields: Mapping[str, Any], transaction: str, *, take: bool, most: int
     ) -> Sequence[Row]:
-        """See `SpaceStore.find`."""
         marks = list(marks_of((kind,) if kind else (), fields))
         values = {"marks": marks, "most": most, "t": transaction}
         order = (_BY_FIELDS if fields else _BY_KIND)[take, bool(transaction)]
@@ -264,7 +261,6 @@ class PostgresStore:
         return found
 
     def put_back(self, rows: Sequence[Row]) -> None:
-        """See `SpaceStore.put_back`."""
         order: LiteralString = """
             INSERT INTO robotree_entry (id, marks, body, expires, key) OVERRIDING SYSTEM VALUE
             SELECT %(id)s, %(marks)s, %(body)s, %(expires)s,
@@ -281,7 +277,6 @@ class PostgresStore:
         self._news.append(None)
 
     def renew(self, id_: int, term: float) -> float:
-        """See `SpaceStore.renew`."""
         with self._lent("the renewal") as connection, connection.transaction():
             found = connection.execute(_RENEW if term else _CANCEL, {"id": id_, "term": term}).fetchone()
             if found is not None and not term and found[0] and found[1]:
@@ -293,7 +288,6 @@ class PostgresStore:
     # -- transactions -----------------------------------------------------------------------------
 
     def open(self, term: float) -> str:
-        """See `SpaceStore.open`."""
         transaction = token()
         order: LiteralString = "INSERT INTO robotree_transaction VALUES (%s, robotree_now() + %s)"
         with self._lent("the begin of a transaction") as connection:
@@ -301,7 +295,6 @@ class PostgresStore:
         return transaction
 
     def commit(self, transaction: str) -> None:
-        """See `SpaceStore.commit`."""
         values = {"t": transaction}
         over: LiteralString = (
             "DELETE FROM robotree_transaction WHERE name = %(t)s AND expires > robotree_now() RETURNING name"
@@ -319,7 +312,6 @@ class PostgresStore:
         self._news.append(None)
 
     def roll_back(self, transaction: str) -> None:
-        """See `SpaceStore.roll_back`."""
         over: LiteralString = "DELETE FROM robotree_transaction WHERE name = %s RETURNING name"
         with self._lent() as connection, connection.transaction():
             if connection.execute(over, (transaction,)).fetchone() is not None:
@@ -358,7 +350,6 @@ class PostgresStore:
     # -- fences -----------------------------------------------------------------------------------
 
     def acquire(self, name: str, holder: str, term: float) -> FenceState:
-        """See `SpaceStore.acquire`."""
         values = {"name": name, "holder": holder, "term": term}
         with self._lent("the fence") as connection:
             with connection.transaction():
@@ -369,7 +360,6 @@ class PostgresStore:
             return self._fence(connection, name)
 
     def renew_fence(self, name: str, epoch: int, term: float) -> FenceState:
-        """See `SpaceStore.renew_fence`."""
         order: LiteralString = """
             WITH renewed AS (
                 UPDATE robotree_fence SET expires = robotree_now() + %(term)s,
@@ -397,7 +387,6 @@ class PostgresStore:
     # -- time, news and people --------------------------------------------------------------------
 
     def expire(self) -> float:
-        """See `SpaceStore.expire`."""
         with self._lent() as connection, connection.transaction():
             over = connection.execute(
                 "DELETE FROM robotree_transaction WHERE expires <= (SELECT robotree_now()) RETURNING name"
@@ -417,12 +406,10 @@ class PostgresStore:
         return LOOK if due is None or due[0] is None else min(LOOK, float(due[0]))
 
     def news(self) -> Sequence[EntryNews]:
-        """See `SpaceStore.news`."""
         news, self._news = self._news, []
         return news
 
     def contents(self, kind: str, most: int) -> Contents:
-        """See `SpaceStore.contents`."""
         counts = dict[str, int]()
         kept: list[KeptEntry] = []
         with self._lent() as connection:

@@ -89,7 +89,6 @@ class SqliteStore(MemoryStore):
             self._load()
 
     def close(self) -> None:
-        """See `SpaceStore.close`."""
         file, self._file = self._file, None
         if file is not None:
             file.close()

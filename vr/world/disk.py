@@ -134,12 +134,10 @@ class MemoryDisk:
     # -- a Disk -----------------------------------------------------------------------------------
 
     def names(self, folder: Path) -> list[str]:
-        """See `Disk.names`."""
         self.moment("before names")
         return list(self._folder(folder).names)
 
     def read(self, path: Path) -> bytes:
-        """See `Disk.read`."""
         self.moment("before read")
         names = self._folder(path.parent).names
         if path.name not in names:
@@ -147,7 +145,6 @@ class MemoryDisk:
         return bytes(names[path.name].data)
 
     def create(self, path: Path) -> int:
-        """See `Disk.create`."""
         self.moment("before create")
         names = self._folder(path.parent).names
         self._expect_room(path)
@@ -174,7 +171,6 @@ class MemoryDisk:
         return len(data)
 
     def sync(self, descriptor: int) -> None:
-        """See `Disk.sync`."""
         self.moment("before sync")
         content = self._content(descriptor)
         self._expect_whole()
@@ -182,7 +178,6 @@ class MemoryDisk:
         self.moment("after sync")
 
     def sync_folder(self, folder: Path) -> None:
-        """See `Disk.sync_folder`."""
         self.moment("before sync")
         entries = self._folder(folder)
         self._expect_whole()
@@ -190,21 +185,18 @@ class MemoryDisk:
         self.moment("after sync")
 
     def close(self, descriptor: int) -> None:
-        """See `Disk.close`."""
         if descriptor in self._locks:
             del self.medium.locks[self._locks.pop(descriptor)]
         elif self._open.pop(descriptor, None) is None:
             fail(errno.EBADF)
 
     def unlink(self, path: Path) -> None:
-        """See `Disk.unlink`."""
         self.moment("before unlink")
         self._expect_whole(path)
         self._folder(path.parent).names.pop(path.name, None)
         self.moment("after unlink")
 
     def lock(self, folder: Path) -> int:
-        """See `Disk.lock`."""
         self.moment("before lock")
         self.medium.folders.setdefault(str(folder), _Folder())
         if str(folder) in self.medium.locks:
@@ -219,11 +211,9 @@ class MemoryDisk:
         return self.lock(folder)
 
     def marked(self, lock: int) -> bytes:
-        """See `Disk.marked`."""
         return self.medium.folders[self._locks[lock]].mark
 
     def mark(self, lock: int, data: bytes) -> None:
-        """See `Disk.mark`."""
         self.moment("before mark")
         self._expect_whole()
         self.medium.folders[self._locks[lock]].mark = data
