@@ -111,6 +111,13 @@ def place_apart() -> Generator[Path]:
 
 
 @pytest.fixture(scope="session", autouse=True)
+def apart_from_all_others() -> Iterator[None]:
+    """Have a test that asks for no place of its own meet nobody of another worker or run."""
+    with place_apart():
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
 def interrupts_are_heard() -> Iterator[None]:
     """Have all that the tests start end at a SIGINT.
 

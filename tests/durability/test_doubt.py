@@ -35,6 +35,7 @@ class Road(Stage):
         )
         self.proxy = self.program("proxy", *words, "proxy", "rover", "rover-1", "--connect", url, "--open")
         self.driver = self.host()
+        self.driver.environment = {"RETURNS": "120"}  # a busy machine starts three processes slowly
         await self.controller.start()
         await self.proxy.start()
         await self.driver.start(KILL=kill, WORD="move")

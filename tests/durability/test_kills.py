@@ -22,10 +22,10 @@ PLACES = {
 }
 
 
-@pytest.mark.parametrize("place", PLACES)
-async def test_a_tour_goes_on_after_a_kill(stage: Stage, place: str) -> None:
+@pytest.mark.parametrize("moment", PLACES)
+async def test_a_tour_goes_on_after_a_kill(stage: Stage, moment: str) -> None:
     host = stage.host()
-    await stage.furnish(host, f"{place} {PLACES[place]}")
+    await stage.furnish(host, f"{moment} {PLACES[moment]}")
     assert await stage.play(host, "tour", [], steps=8) == [8.0, 8.0]
     assert host.lives == 2
     stage.expect_once(*range(8))

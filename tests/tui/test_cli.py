@@ -16,9 +16,16 @@ from robotree.tui.errors import NothingToAsk
 from robotree.tui.exit_codes import INTERRUPTED, NOBODY, REFUSED, USAGE
 from robotree.tui.line import manual
 from robotree.tui.line.actions import ACTIONS
+from robotree.vr.network import realms
 from tests.command_line import ROBOTREE, robotree
 
 pytestmark = pytest.mark.usefixtures("place")
+
+
+@pytest.fixture(autouse=True)
+def alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Look at no realm of another worker, which may come or go between two lines."""
+    monkeypatch.setattr(realms, "all_realms", set[Path])
 
 
 @pytest.mark.parametrize(
