@@ -25,7 +25,7 @@ from robotree.vr.base.transport import Transport
 from robotree.vr.history.writer import HistoryWriter
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.network.local import join
-from robotree.vr.orders.ledger import ORDERS, Ledger, identity_in
+from robotree.vr.orders.ledger import ORDERS, Ledger, OrderMemory, identity_in
 from robotree.vr.running.process import Process
 from robotree.vr.running.runner import runner_of
 
@@ -73,20 +73,18 @@ async def run_proxy(  # noqa: PLR0913 # what a person can say of it
     runner = runner_of(asyncio.get_running_loop())
     history = HistoryWriter(keep, runner.now, runner.unix)
     process: Process = Process(runner, None, history.machine_of)
-    identity, ledger = identity_in(keep, robot.kinds()[0]), Ledger(keep / ORDERS)
+    orders = OrderMemory(Ledger(keep / ORDERS), identity_in(keep, robot.kinds()[0]))
     history.start()
     try:
         await _serve(
-            lambda transport: running_proxy(
-                robot, transport, process=process, ledger=ledger, identity=identity
-            ),
+            lambda transport: running_proxy(robot, transport, process=process, orders=orders),
             realm,
             ready,
         )
     finally:
         process.close()
         history.close()
-        ledger.close()
+        orders.ledger.close()
 
 
 async def run_view(
@@ -127,8 +125,7 @@ async def running_proxy(
     transport: Transport,
     *,
     process: Process | None = None,
-    ledger: Ledger | None = None,
-    identity: str = "",
+    orders: OrderMemory | None = None,
 ) -> AsyncGenerator[RobotAgent]:
     """Run a robot's proxy inside the block.
 
@@ -136,8 +133,7 @@ async def running_proxy(
         robot: the proxy.
         transport: the way to the other agents.
         process: whose threads carry its commands out; None: one of its own.
-        ledger: its memory of its orders; None: it takes none.
-        identity: which robot it is, for its whole life.
+        orders: its memory of its orders; None: it takes none.
 
     Yields:
         Its agent.
@@ -153,8 +149,7 @@ async def running_proxy(
         registrar=registrar,
         obeyed=lambda: _obeyed_epoch(robot),
         process=process,
-        ledger=ledger,
-        identity=identity,
+        orders=orders,
     )
     robot.on_change = agent.notify
     async with _running(agent, registrar, robot.run):

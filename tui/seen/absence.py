@@ -1,4 +1,4 @@
-"""How a robot is absent, in words: one wording for the command line and the full screen. Pure.
+"""How a robot is absent, in words: one wording for the command line and the full screen.
 
 Five kinds are told apart: it is here; its controller is off; its process hangs; it is away since a time; it
 was deleted and never comes back. The first three the robot or its neighbours say; this is about the others.

@@ -82,7 +82,7 @@ from robotree.vr.core.stop import Stop
 from robotree.vr.exchange.claim import claim, new_address
 from robotree.vr.exchange.dispatcher import Dispatcher, SendReply, not_for
 from robotree.vr.lookup.registrar import Registrar
-from robotree.vr.orders.ledger import Ledger
+from robotree.vr.orders.ledger import OrderMemory
 from robotree.vr.running.activity import execute
 from robotree.vr.running.frame import LONGEST_END
 from robotree.vr.running.process import Process
@@ -116,8 +116,7 @@ class RobotAgent:
         process: Process | None = None,
         shared: Shared | None = None,
         state: RobotState | None = None,
-        ledger: Ledger | None = None,
-        identity: str = "",
+        orders: OrderMemory | None = None,
     ) -> None:
         """Make the agent, on the event loop; `start` lets it live.
 
@@ -133,9 +132,7 @@ class RobotAgent:
             shared: what it shares with the other agents of its process; None: it is the only one.
             state: what the robot was before its process ended, to go on with: see `take_back` and `go_on`;
                 None: it is a new one.
-            ledger: its memory of its orders; None: it takes none.
-            identity: which robot it is, for its whole life; empty: that of its first incarnation, which is
-                kept with its state.
+            orders: its memory of its orders; None: it takes none.
 
         Raises:
             TypeError: the robot's class declares a command in a way that cannot be called from afar.
@@ -145,7 +142,6 @@ class RobotAgent:
         self.closed = asyncio.Event()
         self.on_gone: Callable[[], None] = _nothing
         """Called when it has ended, before anybody is told."""
-        """Set when it has ended, for whatever reason."""
         self.open = False
         """Whether it takes anything new."""
         self._loop = asyncio.get_running_loop()
@@ -163,12 +159,11 @@ class RobotAgent:
         self._outside = OutsideCalls(
             self.runtime, is_open=lambda: self.open, attend=self._callers.attend, waits=self._restored
         )
-        self._deleted = False
-        self._taker = None if ledger is None else self._new_taker(ledger, identity)
+        self._taker = None if orders is None else self._new_taker(orders)
         self._begin_life()
 
-    def _new_taker(self, ledger: Ledger, identity: str) -> OrderTaker:
-        self.runtime.identity = identity or self.address.incarnation
+    def _new_taker(self, orders: OrderMemory) -> OrderTaker:
+        self.runtime.identity, ledger = orders.identity or self.address.incarnation, orders.ledger
         return OrderTaker(self.runtime, self.transport, ledger, unix=self._unix, is_open=lambda: self.open)
 
     @property
@@ -200,6 +195,7 @@ class RobotAgent:
 
     def _begin_life(self) -> None:
         """Nothing is declared and nothing watched yet."""
+        self._deleted = False
         self._known_to_parent: tuple[tuple[CommandSpec, ...], str] = ((), "")
         """The commands of which the parent knows."""
         self._declared: list[Registration] = []

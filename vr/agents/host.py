@@ -57,7 +57,7 @@ from robotree.vr.journal.kept import stop_left, take_stop_back
 from robotree.vr.journal.records import KeptPage
 from robotree.vr.journal.recovery import KeptRobot, rebase
 from robotree.vr.lookup.registrar import Registrar
-from robotree.vr.orders.ledger import Ledger
+from robotree.vr.orders.ledger import Ledger, OrderMemory
 from robotree.vr.running.heard import speaking
 from robotree.vr.running.process import Process
 from robotree.vr.running.runner import runner_of
@@ -264,7 +264,7 @@ class Host:
             process=self._process,
             shared=self._shared,
             state=state,
-            ledger=self._ledger,
+            orders=None if self._ledger is None else OrderMemory(self._ledger),
         )
 
     async def create(

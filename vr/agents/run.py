@@ -136,17 +136,9 @@ async def run_host(  # noqa: PLR0913 # what people may choose
         transport = transport if journal is None else kept_by(journal, process, transport, returns)
         registrar = Registrar(transport)
         stack.push_async_callback(registrar.close)
-        host = Host(
-            transport,
-            name,
-            registrar=registrar,
-            term=term,
-            process=process,
-            only=only,
-            journal=journal,
-            gate=gate,
-            ledger=_ledger_in(past, stack) if journal is not None else None,
-        )
+        ledger = None if journal is None else _ledger_in(past, stack)
+        host = Host(transport, name, registrar=registrar, term=term, process=process, only=only,
+                    journal=journal, gate=gate, ledger=ledger)  # fmt: skip
         host.instead_of, host.log_folder = "" if of == name else of, _folder_of(keep)
         stack.push_async_callback(host.close)
         await _live(host, history, ready, alone=bool(only))

@@ -32,7 +32,7 @@ from robotree.vr.base.errors import (
     Unreachable,
     VrError,
 )
-from robotree.vr.base.order import Hold, Order, mark_of, merged, shifted
+from robotree.vr.base.order import Order, OrderHold, mark_of, merged, shifted
 from robotree.vr.base.requests import (
     AnyRequest,
     Call,
@@ -52,7 +52,7 @@ from robotree.vr.base.transport import Registration, Transport
 from robotree.vr.core.machine import RobotState
 from robotree.vr.exchange.asking import ask
 from robotree.vr.orders.book import EXPIRED, SAME_CLOCK, by_age
-from robotree.vr.orders.ledger import Entry, Ledger
+from robotree.vr.orders.ledger import Ledger, LedgerEntry
 from robotree.vr.orders.service import DIRECTORIES, ORDER_NEWS
 from robotree.vr.running.robot_runtime import NotDescribed, RobotRuntime
 
@@ -216,10 +216,10 @@ class OrderTaker:
         ]
         return [*sorted(mine.values(), key=by_age), *sorted(others, key=by_age)]
 
-    async def _fetch(self) -> tuple[dict[str, Order], list[Hold]]:
+    async def _fetch(self) -> tuple[dict[str, Order], list[OrderHold]]:
         """Ask all directories for what is to be done; of two copies of an order the further one counts."""
         orders: dict[str, Order] = {}
-        holds: dict[str, Hold] = {}
+        holds: dict[str, OrderHold] = {}
         for _, found in await self._ask_all(FetchOrders(identity=self._identity), OrdersFound):
             by = self._shift(found.now)
             for each in found.orders:
@@ -282,7 +282,7 @@ class OrderTaker:
             await self._refuse(order, reason)
         else:
             taken = msgspec.structs.replace(order, state="taken", at=now, asks="")
-            await self._put(Entry(taken))
+            await self._put(LedgerEntry(taken))
             return await self._begin(taken) if await self._confirmed(taken) else False
         return True
 
@@ -347,7 +347,7 @@ class OrderTaker:
             return False
         return any(copy.state == "taken" for copy in copies)
 
-    async def _begin_again(self, entry: Entry) -> bool:
+    async def _begin_again(self, entry: LedgerEntry) -> bool:
         """Find out about an order that had begun when the robot was killed; carry it out if it was not."""
         order, runtime = entry.order, self._runtime
         try:
@@ -380,7 +380,7 @@ class OrderTaker:
         """Carry an order out under its key; returns whether the next one may be looked at."""
         runtime, outcome = self._runtime, _Outcome(self._loop)
         before = self._ledger.entries[order.key]
-        await self._put(Entry(order, begun=True, witness=witness or runtime.robot.witness))
+        await self._put(LedgerEntry(order, begun=True, witness=witness or runtime.robot.witness))
         ends = runtime.process.runner.now() + order.may_take
         try:
             runtime.admit(self._call(order, witness), ends, order.principal, listener=outcome)
@@ -422,13 +422,13 @@ class OrderTaker:
 
     async def _settle(self, order: Order) -> None:
         """Write down how an order ended, and tell the directories."""
-        await self._put(Entry(order))
+        await self._put(LedgerEntry(order))
         self._runtime.log.say(
             "info", f"order {order.ticket} of {order.who} ({order.command}) is {order.shown}"
         )
         await self._tell(order)
 
-    async def _put(self, entry: Entry) -> None:
+    async def _put(self, entry: LedgerEntry) -> None:
         await self._written(partial(self._ledger.put, entry))
 
     async def _written(self, write: Callable[[], None]) -> None:

@@ -130,7 +130,7 @@ class KnownAgent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Who has taken it along, and when."""
 
 
-class Hold(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+class OrderHold(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A protective stop that holds for robots which are away, until a person releases it.
 
     Nothing that waits in a directory begins while it is in force.
@@ -211,7 +211,7 @@ def merged_known(one: KnownAgent, other: KnownAgent) -> KnownAgent:
     )
 
 
-def merged_hold(one: Hold, other: Hold) -> Hold:
+def merged_hold(one: OrderHold, other: OrderHold) -> OrderHold:
     """Return what is true of a hold of which two copies are known: a release is never undone."""
     first = max(one, other, key=lambda each: (each.released, each.released_by, _encode(each)))
     return msgspec.structs.replace(first, freed=tuple(sorted({*one.freed, *other.freed})))
@@ -246,7 +246,7 @@ def shifted_known(known: KnownAgent, by: float) -> KnownAgent:
     )
 
 
-def shifted_hold(hold: Hold, by: float) -> Hold:
+def shifted_hold(hold: OrderHold, by: float) -> OrderHold:
     """Return a hold with its times on a clock that is ahead by so much [s]."""
     if not by:
         return hold

@@ -18,7 +18,7 @@ from robotree.vr.base.description import CommandSpec, FieldSpec, Listing, RobotD
 from robotree.vr.base.entry import Entry
 from robotree.vr.base.errors import Garbled, VrError
 from robotree.vr.base.history_event import NumberedEvent
-from robotree.vr.base.order import Hold, KnownAgent, Order
+from robotree.vr.base.order import KnownAgent, Order, OrderHold
 from robotree.vr.base.own_class import OwnClass
 from robotree.vr.base.signed_manifest import SignedManifest
 
@@ -407,7 +407,7 @@ class AcquireFence(_Message, frozen=True, kw_only=True):
 
 
 class RenewFence(_Message, frozen=True, kw_only=True):
-    """Hold a name for longer, or let it go. Answered by `FenceGranted`."""
+    """OrderHold a name for longer, or let it go. Answered by `FenceGranted`."""
 
     name: str
     epoch: int
@@ -554,13 +554,13 @@ class RobotDeleted(_Message, frozen=True, kw_only=True):
 
 
 class ShareRecords(_Message, frozen=True, kw_only=True):
-    """A directory gives another one what it has. Answered by `Shared`."""
+    """A directory gives another one what it has. Answered by `RecordsShared`."""
 
     now: float
     """[s] since 1970, on the sender's clock, which all times in it have."""
     orders: tuple[Order, ...] = ()
     agents: tuple[KnownAgent, ...] = ()
-    holds: tuple[Hold, ...] = ()
+    holds: tuple[OrderHold, ...] = ()
 
 
 # -- replies ---------------------------------------------------------------------------------------
@@ -830,7 +830,7 @@ class OrdersFound(_Message, frozen=True, kw_only=True):
     now: float
     """[s] since 1970, on the directory's clock, which all times in it have."""
     orders: tuple[Order, ...] = ()
-    holds: tuple[Hold, ...] = ()
+    holds: tuple[OrderHold, ...] = ()
 
 
 class KnownFound(_Message, frozen=True, kw_only=True):
@@ -841,13 +841,13 @@ class KnownFound(_Message, frozen=True, kw_only=True):
     agents: tuple[KnownAgent, ...] = ()
 
 
-class Shared(_Message, frozen=True, kw_only=True):
+class RecordsShared(_Message, frozen=True, kw_only=True):
     """A directory has taken what another one had; here is what is further on in its own memory."""
 
     now: float
     orders: tuple[Order, ...] = ()
     agents: tuple[KnownAgent, ...] = ()
-    holds: tuple[Hold, ...] = ()
+    holds: tuple[OrderHold, ...] = ()
 
 
 class Picture(_Message, frozen=True, kw_only=True):
@@ -978,7 +978,7 @@ Reply = (
     Described | Accepted | Progress | Returned | Granted | HostDescribed | Reloaded | Logged | History
     | Registered | Found | Picture | ViewDescribed | Done | Raised | EntryLeased | EntriesFound
     | TransactionOpened | FenceGranted | EntriesCame | SpaceDescribed | EventsRead | EventsVerified
-    | OrderLeft | OrdersFound | KnownFound | Shared
+    | OrderLeft | OrdersFound | KnownFound | RecordsShared
 )  # fmt: skip
 Published = LogLines | Listed | Unlisted | State | OrdersChanged
 

@@ -26,9 +26,9 @@ from robotree.vr.base.errors import (
 from robotree.vr.base.order import (
     LONGEST_ORDER,
     RANK,
-    Hold,
     KnownAgent,
     Order,
+    OrderHold,
     mark_of,
     merged,
     merged_hold,
@@ -44,8 +44,8 @@ from robotree.vr.base.requests import (
     OrdersFound,
     ReadKnown,
     ReadOrders,
+    RecordsShared,
     ReleaseHolds,
-    Shared,
     ShareRecords,
     TellOrders,
 )
@@ -63,12 +63,12 @@ SAME_CLOCK = 2.0
 """[s] by which two clocks may differ and still count as one: the way of a message takes some time, too."""
 
 
-class News(NamedTuple):
+class OrderNews(NamedTuple):
     """Records that have changed, for the other directories."""
 
     orders: tuple[Order, ...] = ()
     agents: tuple[KnownAgent, ...] = ()
-    holds: tuple[Hold, ...] = ()
+    holds: tuple[OrderHold, ...] = ()
 
     def __bool__(self) -> bool:
         return bool(self.orders or self.agents or self.holds)
@@ -178,7 +178,7 @@ class OrderBook:
             raise NothingToConfirm(robot=order.robot, key=order.ticket, state=order.shown)
         return msgspec.structs.replace(order, confirmed_by=by)
 
-    def seen(self, keys: Iterable[str]) -> News:
+    def seen(self, keys: Iterable[str]) -> OrderNews:
         """Take note that the results of orders have been taken."""
         found = (self.store.orders.get(key) for key in keys)
         return self.keep(
@@ -255,7 +255,7 @@ class OrderBook:
             found.append(_brief(each) if request.brief else each)
         return sorted(found, key=lambda each: (each.role, each.name, each.identity))
 
-    def take_along(self, names: Iterable[str], who: str) -> News:
+    def take_along(self, names: Iterable[str], who: str) -> OrderNews:
         """Take note of who takes robots along.
 
         Raises:
@@ -281,9 +281,9 @@ class OrderBook:
         holds = tuple(each for each in self.store.holds.values() if each.holds(identity))
         return OrdersFound(now=self.unix(), orders=orders, holds=holds)
 
-    def take(self, key: str, identity: str) -> tuple[OrdersFound, News]:
+    def take(self, key: str, identity: str) -> tuple[OrdersFound, OrderNews]:
         """Take note that a robot is about to begin an order, unless it is over here or the robot is held."""
-        order, news = self.store.orders.get(key), News()
+        order, news = self.store.orders.get(key), OrderNews()
         held = tuple(each for each in self.store.holds.values() if each.holds(identity))
         now = self.unix()
         if order is None or order.identity != identity:
@@ -295,7 +295,7 @@ class OrderBook:
         news = self.keep(orders=[order])
         return OrdersFound(now=now, orders=(order,), holds=held), news
 
-    def tell(self, request: TellOrders) -> tuple[OrdersFound, News]:
+    def tell(self, request: TellOrders) -> tuple[OrdersFound, OrderNews]:
         """Take how a robot's orders fare; returns the copies here that are further on."""
         by, now = self._shift(request.now), self.unix()
         told = [shifted(each, by) for each in request.orders]
@@ -304,7 +304,7 @@ class OrderBook:
         ahead = tuple(m for m, each in zip(mine, told, strict=True) if _is_ahead(m, each))
         return OrdersFound(now=now, orders=ahead), news
 
-    def deleted(self, identity: str) -> News:
+    def deleted(self, identity: str) -> OrderNews:
         """Take note that a robot was deleted; what waits for it is refused."""
         agent, now = self.store.agents.get(identity), self.unix()
         agents = [] if agent is None or agent.deleted else [msgspec.structs.replace(agent, deleted=now)]
@@ -317,7 +317,7 @@ class OrderBook:
 
     # -- holds ------------------------------------------------------------------------------------
 
-    def holds(self) -> tuple[Hold, ...]:
+    def holds(self) -> tuple[OrderHold, ...]:
         """Return the holds that are in force, the oldest first."""
         return tuple(
             sorted(
@@ -325,7 +325,7 @@ class OrderBook:
             )
         )
 
-    def hold(self, request: HoldOrders, by: str) -> News:
+    def hold(self, request: HoldOrders, by: str) -> OrderNews:
         """Keep robots from beginning what was ordered.
 
         Raises:
@@ -333,9 +333,9 @@ class OrderBook:
         """
         now = self.unix()
         if not request.robot and request.id in self.store.holds:
-            return News()
+            return OrderNews()
         if not request.robot:
-            return self.keep(holds=[Hold(id=request.id, by=by, at=now)])
+            return self.keep(holds=[OrderHold(id=request.id, by=by, at=now)])
         meant = [
             each
             for each in self.store.agents.values()
@@ -346,7 +346,7 @@ class OrderBook:
         meant = [each for each in meant if f"{request.id}-{each.identity}" not in self.store.holds]
         return self.keep(
             holds=[
-                Hold(
+                OrderHold(
                     id=f"{request.id}-{each.identity}",
                     identity=each.identity,
                     robot=each.name,
@@ -357,9 +357,9 @@ class OrderBook:
             ]
         )
 
-    def release(self, request: ReleaseHolds, by: str) -> News:
+    def release(self, request: ReleaseHolds, by: str) -> OrderNews:
         """Let robots begin again; holds that came after the person gave it stay."""
-        now, changed = self.unix(), list[Hold]()
+        now, changed = self.unix(), list[OrderHold]()
         given = now - max(request.ago, 0.0)
         names = {
             each.identity: each.name for each in self.store.agents.values() if each.name == request.robot
@@ -376,7 +376,7 @@ class OrderBook:
 
     # -- two memories that become one -------------------------------------------------------------
 
-    def share(self, request: ShareRecords) -> tuple[Shared, News]:
+    def share(self, request: ShareRecords) -> tuple[RecordsShared, OrderNews]:
         """Take what another directory has; returns what is further on here, and what was news."""
         by = self._shift(request.now)
         orders = [shifted(each, by) for each in request.orders]
@@ -384,7 +384,7 @@ class OrderBook:
         holds = [shifted_hold(each, by) for each in request.holds]
         news = self.keep(orders=orders, agents=agents, holds=holds)
         store = self.store
-        more = Shared(
+        more = RecordsShared(
             now=self.unix(),
             orders=tuple(order for each in orders if (order := store.orders[each.key]) != each),
             agents=tuple(agent for each in agents if (agent := store.agents[each.identity]) != each),
@@ -396,15 +396,15 @@ class OrderBook:
         self,
         orders: Iterable[Order] = (),
         agents: Iterable[KnownAgent] = (),
-        holds: Iterable[Hold] = (),
-    ) -> News:
+        holds: Iterable[OrderHold] = (),
+    ) -> OrderNews:
         """Merge records into the memory, in one transaction; returns those that have changed it.
 
         Raises:
             DirectoryUnusable: nothing was kept.
         """
         store = self.store
-        news = News(
+        news = OrderNews(
             tuple(_changed(orders, store.orders, _key, merged)),
             tuple(_changed(agents, store.agents, _identity, merged_known)),
             tuple(_changed(holds, store.holds, _id, merged_hold)),
@@ -413,7 +413,7 @@ class OrderBook:
             store.put(*news)
         return news
 
-    def sweep(self) -> News:
+    def sweep(self) -> OrderNews:
         """Have orders expire, and forget old ones."""
         now = self.unix()
         expired = [
@@ -506,7 +506,7 @@ def _identity(agent: KnownAgent) -> str:
     return agent.identity
 
 
-def _id(hold: Hold) -> str:
+def _id(hold: OrderHold) -> str:
     return hold.id
 
 

@@ -12,6 +12,7 @@ import sqlite3
 import threading
 from collections.abc import Generator
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 
@@ -30,7 +31,7 @@ MOST_IDENTITY = 10_000
 """[bytes] of the first file."""
 
 
-class Entry(msgspec.Struct, frozen=True):
+class LedgerEntry(msgspec.Struct, frozen=True):
     """One order of the robot."""
 
     order: Order
@@ -48,7 +49,7 @@ class _Identity(msgspec.Struct, frozen=True):
 
 
 _encode = msgspec.msgpack.Encoder().encode
-_decode = msgspec.msgpack.Decoder(Entry).decode
+_decode = msgspec.msgpack.Decoder(LedgerEntry).decode
 
 
 class Ledger:
@@ -66,7 +67,7 @@ class Ledger:
         self.where = "memory" if path is None else str(path)
         self.slow = path is not None
         """Whether to write may wait for a disk."""
-        self.entries: dict[str, Entry] = {}
+        self.entries: dict[str, LedgerEntry] = {}
         """By the key of the order."""
         self.touched: dict[str, float] = {}
         """When a person commanded each robot last, other than by an order, by identity: [s] since 1970."""
@@ -97,7 +98,7 @@ class Ledger:
         if file is not None:
             file.close()
 
-    def put(self, entry: Entry) -> None:
+    def put(self, entry: LedgerEntry) -> None:
         """Keep an entry in the place of the one that is known. From any thread, as all that follow.
 
         Raises:
@@ -144,6 +145,14 @@ class Ledger:
                 yield
         except sqlite3.Error as error:
             raise DirectoryUnusable(where=self.where, reason=str(error)) from None
+
+
+class OrderMemory(NamedTuple):
+    """What a robot keeps to take orders."""
+
+    ledger: Ledger
+    identity: str = ""
+    """Which robot it is, for its whole life; empty: that of its first incarnation, which its host keeps."""
 
 
 def identity_in(folder: Path, kind: str) -> str:

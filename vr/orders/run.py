@@ -9,7 +9,7 @@ from pathlib import Path
 
 from robotree.vr.base.address import check_name
 from robotree.vr.base.chance import token
-from robotree.vr.base.order import Hold
+from robotree.vr.base.order import OrderHold
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.network.local import join
 from robotree.vr.orders.service import DirectoryService
@@ -77,10 +77,10 @@ def leave_stop(folder: Path, by: str) -> None:
 
 
 def take_stop(service: DirectoryService, folder: Path) -> None:
-    """Hold all robots if a stop was left, before anybody can fetch an order."""
+    """OrderHold all robots if a stop was left, before anybody can fetch an order."""
     path = folder / STOP
     if path.exists():
         by = path.read_text(errors="replace")[:100]
-        hold = Hold(id=token(), by=by, at=service.book.unix())
+        hold = OrderHold(id=token(), by=by, at=service.book.unix())
         service.book.keep(holds=[hold])
         path.unlink(missing_ok=True)

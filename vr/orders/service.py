@@ -40,10 +40,10 @@ from robotree.vr.base.requests import (
     OrdersFound,
     ReadKnown,
     ReadOrders,
+    RecordsShared,
     ReleaseHolds,
     Reply,
     RobotDeleted,
-    Shared,
     ShareRecords,
     State,
     TakeAlong,
@@ -57,7 +57,7 @@ from robotree.vr.exchange.asking import ask
 from robotree.vr.exchange.claim import claim
 from robotree.vr.exchange.client import RobotClient, ViewClient
 from robotree.vr.exchange.dispatcher import Dispatcher, not_for
-from robotree.vr.orders.book import News, OrderBook
+from robotree.vr.orders.book import OrderBook, OrderNews
 from robotree.vr.orders.store import OrderStore
 
 DIRECTORIES = everyone("directory")
@@ -112,14 +112,14 @@ class DirectoryService:
         self._clock = asyncio.get_running_loop().time
         self._declared: list[Registration] = []
         self._watches: list[Undo] = []
-        self._tasks: set[asyncio.Future[Any]] = set()
+        self._tasks: dict[asyncio.Future[Any], None] = {}
         self._here: dict[Address, str] = {}
         """Identity of each robot and view that is here."""
         self._read: dict[str, KnownAgent] = {}
         """What has been read since the last time that it was written, by identity."""
         self._asked: dict[str, dict[str, float]] = {}
         """How each robot read when its commands that are remembered were called last, by identity."""
-        self._behind: set[str] = set()
+        self._behind: dict[str, None] = {}
         """Keys of directories that may lack something."""
         self._answers: dict[type[Any], Callable[[Any, Principal], Reply | Awaitable[Reply]]] = {
             LeaveOrder: self._leave,
@@ -207,7 +207,7 @@ class DirectoryService:
         order = msgspec.structs.replace(order, holders=holders)
         self._spread_later(self.book.keep(orders=[order]), without=others)
         kept = self._store.orders[order.key]
-        news = News(orders=(kept,))
+        news = OrderNews(orders=(kept,))
         answered = await asyncio.gather(*(self._give(key, news, within=SHARE_WITHIN) for key in others))
         confirmed = {self.book.label, *(_label(key) for key, ok in zip(others, answered, strict=True) if ok)}
         kept = self._store.orders[order.key]
@@ -269,20 +269,20 @@ class DirectoryService:
 
     def _other(self, key: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
         if there and key != self.address.key:
-            self._behind.add(key)
+            self._behind[key] = None
             self._do(self._catch_up(key))
         elif not there:
-            self._behind.discard(key)
+            self._behind.pop(key, None)
 
     async def _catch_up(self, key: str) -> None:
         """Give another directory everything; it does the same."""
-        self._behind.discard(key)
+        self._behind.pop(key, None)
         self._write_readings()
         store = self._store
-        records: list[News] = [
-            *(News(orders=part) for part in _portions(store.orders.values())),
-            *(News(agents=part) for part in _portions(store.agents.values())),
-            *(News(holds=part) for part in _portions(store.holds.values())),
+        records: list[OrderNews] = [
+            *(OrderNews(orders=part) for part in _portions(store.orders.values())),
+            *(OrderNews(agents=part) for part in _portions(store.agents.values())),
+            *(OrderNews(holds=part) for part in _portions(store.holds.values())),
         ]
         for part in records:
             if part.orders:  # it holds them from now on
@@ -292,25 +292,27 @@ class DirectoryService:
                     if not each.over
                 ]
                 self.book.keep(orders=held)
-                part = News(orders=tuple(store.orders[each.key] for each in part.orders))  # noqa: PLW2901
+                part = OrderNews(orders=tuple(store.orders[each.key] for each in part.orders))  # noqa: PLW2901
             if not await self._give(key, part, within=LOOK_WITHIN):
                 return
 
-    async def _give(self, key: str, news: News, *, within: float) -> bool:
+    async def _give(self, key: str, news: OrderNews, *, within: float) -> bool:
         """Give another directory records, and take what is further on there; returns whether it has them."""
         request = ShareRecords(now=self._unix(), orders=news.orders, agents=news.agents, holds=news.holds)
         try:
-            shared = await ask(self._transport, key, request, Shared, timeout=within, sender=self.address.key)
+            shared = await ask(
+                self._transport, key, request, RecordsShared, timeout=within, sender=self.address.key
+            )
         except VrError:
             if self._transport.presence.lives(key):
-                self._behind.add(key)
+                self._behind[key] = None
             return False
         back = ShareRecords(now=shared.now, orders=shared.orders, agents=shared.agents, holds=shared.holds)
         _, changed = self.book.share(back)
         self._spread_later(changed, without=[key])
         return True
 
-    def _spread_later(self, news: News, without: Sequence[str] = ()) -> None:
+    def _spread_later(self, news: OrderNews, without: Sequence[str] = ()) -> None:
         """Give what has changed to all others but some, and tell everybody that it has."""
         self._publish(news)
         if news:
@@ -318,7 +320,7 @@ class DirectoryService:
                 if key not in without:
                     self._do(self._give(key, news, within=LOOK_WITHIN))
 
-    def _publish(self, news: News) -> None:
+    def _publish(self, news: OrderNews) -> None:
         if not (news.orders or news.holds):
             return
         identities = () if news.holds else tuple(sorted({each.identity for each in news.orders}))
@@ -483,12 +485,12 @@ class DirectoryService:
 
     def _do(self, work: Awaitable[Any]) -> None:
         task = asyncio.ensure_future(work)
-        self._tasks.add(task)
+        self._tasks[task] = None
         task.add_done_callback(partial(_ended, self._tasks))
 
 
-def _ended(tasks: set[asyncio.Future[Any]], task: asyncio.Future[Any]) -> None:
-    tasks.discard(task)
+def _ended(tasks: dict[asyncio.Future[Any], None], task: asyncio.Future[Any]) -> None:
+    tasks.pop(task, None)
     if not task.cancelled() and (error := task.exception()) is not None:
         _log.warning("%s", error)
 

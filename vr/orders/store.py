@@ -18,7 +18,7 @@ import msgspec
 from robotree.files import private_file
 from robotree.vr.base.chance import token
 from robotree.vr.base.errors import DirectoryDamaged, DirectoryUnusable, VrError
-from robotree.vr.base.order import Hold, KnownAgent, Order
+from robotree.vr.base.order import KnownAgent, Order, OrderHold
 
 MARK = 0x526F4F72
 """`application_id` of the file."""
@@ -27,9 +27,7 @@ VERSION = 1
 IN_MEMORY = "memory"
 """Instead of a file: nothing is kept."""
 
-Record = Order | KnownAgent | Hold
-
-_KINDS: dict[str, Any] = {"orders": Order, "agents": KnownAgent, "holds": Hold}
+_KINDS: dict[str, Any] = {"orders": Order, "agents": KnownAgent, "holds": OrderHold}
 _encode = msgspec.msgpack.Encoder().encode
 _decoders: dict[str, Callable[[bytes], Any]] = {
     table: msgspec.msgpack.Decoder(kind).decode for table, kind in _KINDS.items()
@@ -54,7 +52,7 @@ class OrderStore:
         """By key."""
         self.agents: dict[str, KnownAgent] = {}
         """By identity."""
-        self.holds: dict[str, Hold] = {}
+        self.holds: dict[str, OrderHold] = {}
         """By id."""
         self.id = token()
         """Of the directory, for as long as its file is there."""
@@ -74,7 +72,7 @@ class OrderStore:
         self,
         orders: Iterable[Order] = (),
         agents: Iterable[KnownAgent] = (),
-        holds: Iterable[Hold] = (),
+        holds: Iterable[OrderHold] = (),
         forget: Iterable[str] = (),
     ) -> None:
         """Keep records, in the place of those that are known; all of them or none.

@@ -23,9 +23,9 @@ from robotree.vr.base.errors import (
     VrError,
 )
 from robotree.vr.base.order import (
-    Hold,
     KnownAgent,
     Order,
+    OrderHold,
     merged,
     merged_hold,
     merged_known,
@@ -47,9 +47,9 @@ from robotree.vr.base.requests import (
     OrdersFound,
     ReadKnown,
     ReadOrders,
+    RecordsShared,
     ReleaseHolds,
     Reply,
-    Shared,
     ShareRecords,
     TakeAlong,
     decode_event,
@@ -76,7 +76,7 @@ class OrderBoard(NamedTuple):
 
     orders: Sequence[Order]
     """The oldest first."""
-    holds: Sequence[Hold]
+    holds: Sequence[OrderHold]
     silent: Sequence[str]
     """Names of the directories that are there and do not answer."""
 
@@ -189,7 +189,7 @@ class OrderDesk:
         if not answers:
             raise NoDirectory(detail="")
         orders: dict[str, Order] = {}
-        holds: dict[str, Hold] = {}
+        holds: dict[str, OrderHold] = {}
         for found in answers.values():
             by = self._shift(found.now)
             for each in found.orders:
@@ -289,9 +289,9 @@ class OrderDesk:
         by = self._shift(found.now)
         return [shifted_known(each, by) for each in found.agents]
 
-    async def exchange(self, share: ShareRecords) -> Sequence[Shared]:
+    async def exchange(self, share: ShareRecords) -> Sequence[RecordsShared]:
         """Give all directories the records of a memory that was taken along; returns what they have."""
-        return list((await self._all(share, Shared)).values())
+        return list((await self._all(share, RecordsShared)).values())
 
     # -- stops ------------------------------------------------------------------------------------
 

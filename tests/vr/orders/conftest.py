@@ -13,7 +13,7 @@ from robotree.vr import Robot, Unit, command
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.shared import Shared
 from robotree.vr.lookup.registrar import Registrar
-from robotree.vr.orders.ledger import Ledger
+from robotree.vr.orders.ledger import Ledger, OrderMemory
 from robotree.vr.orders.service import DirectoryService
 from robotree.vr.orders.store import OrderStore
 from robotree.vr.running.process import Process
@@ -107,8 +107,9 @@ class Stage:
             unix=lambda: self.unix() + skew,
             process=Process(loop.runner),
             shared=Shared(),
-            ledger=Ledger(None) if ledger is None else ledger,
-            identity=identity or f"{robot.name}-for-life",
+            orders=OrderMemory(
+                Ledger(None) if ledger is None else ledger, identity or f"{robot.name}-for-life"
+            ),
         )
         await agent.start()
         self.agents.append((agent, registrar))

@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-
-import pytest
-
-from robotree.vr.base.errors import BadArgument, NoDirectory, NoSuchCommand, NotOrdered, NotRemembered
 from robotree.vr.orders.ledger import Ledger
 from tests.vr.orders.conftest import Rover, Stage
 
