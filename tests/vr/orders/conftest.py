@@ -46,6 +46,12 @@ class Rover(Robot):
         self.x += x
         return self.x
 
+    @command(effect="repeat", offline="queue")
+    def go_to(self, x: float, seconds: float = 0.1) -> None:
+        self.done.append(self.context.key)
+        self.sleep(seconds)
+        self.x = x
+
     @command(effect="once")
     def jog(self) -> None:
         """Never while it is away."""
