@@ -73,7 +73,8 @@ async def run_proxy(  # noqa: PLR0913 # what a person can say of it
     runner = runner_of(asyncio.get_running_loop())
     history = HistoryWriter(keep, runner.now, runner.unix)
     process: Process = Process(runner, None, history.machine_of)
-    orders = OrderMemory(Ledger(keep / ORDERS), identity_in(keep, robot.kinds()[0]))
+    identity = identity_in(keep, robot.kinds()[0])
+    orders = OrderMemory(Ledger(keep / ORDERS), identity)
     history.start()
     try:
         await _serve(
