@@ -185,21 +185,21 @@ SHOWN = 200
 def _contents(space: SpaceDescribed) -> Outcome:
     """Return what is in a space."""
     parts = [f"{count} {kind}" for kind, count in sorted(space.counts.items())]
-    told = [f"{space.address.name}: {', '.join(parts) or 'empty'} ({space.durability}, {space.store})"]
+    paragraphs = [f"{space.address.name}: {', '.join(parts) or 'empty'} ({space.durability}, {space.store})"]
     if space.entries:
         rows: list[tuple[str, ...]] = [("ENTRY", "KIND", "LEASE", "KEY", "FIELDS")]
         for entry in space.entries:
             fields = " ".join(f"{name}={value!r}" for name, value in entry.entry.fields.items())
             lease = "held" if entry.held else _lease(entry.term)
             rows.append((str(entry.id), entry.entry.kind, lease, entry.key or "-", fields))
-        told.append(wording.columns(rows))
+        paragraphs.append(wording.columns(rows))
     if space.fences:
         rows = [("FENCE", "EPOCH", "HOLDER", "LEFT")]
         rows += [
             (fence.name, str(fence.epoch), fence.holder or "-", _lease(fence.term)) for fence in space.fences
         ]
-        told.append(wording.columns(rows))
-    return Outcome(plain(space), "\n\n".join(told))
+        paragraphs.append(wording.columns(rows))
+    return Outcome(plain(space), "\n\n".join(paragraphs))
 
 
 def _lease(seconds: float) -> str:
@@ -542,8 +542,8 @@ def _are(names: Sequence[str]) -> str:
 def _expect_group(parent: RobotDescription, slot: str) -> None:
     """Refuse several children for a slot that takes one, before the first of them is enslaved."""
     if not any(one.group == slot for one in parent.slots):
-        told = f"{parent.name}.{slot} takes one robot; several go only into a group (Children)"
-        raise ValueRefused("CHILD", told)
+        reason = f"{parent.name}.{slot} takes one robot; several go only into a group (Children)"
+        raise ValueRefused("CHILD", reason)
 
 
 async def release(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
@@ -833,7 +833,7 @@ async def resume(realm_client: RealmClient, line: Line, _teller: Teller) -> Outc
     name = line.text("NAME") or None
     released = await _released(realm_client, line)
     try:
-        told = await realm_client.resume(name, given=line.given)
+        confirmed = await realm_client.resume(name, given=line.given)
     except NoSuchRobot:
         if not released:
             raise
@@ -842,7 +842,9 @@ async def resume(realm_client: RealmClient, line: Line, _teller: Teller) -> Outc
         )
     if name is None:
         away.take_stop_back(realm_client.realm)
-    return Outcome({"resumed": sorted(told)}, f"resumed: {', '.join(sorted(told)) or 'there is no robot'}")
+    return Outcome(
+        {"resumed": sorted(confirmed)}, f"resumed: {', '.join(sorted(confirmed)) or 'there is no robot'}"
+    )
 
 
 async def _released(realm_client: RealmClient, line: Line) -> bool:
