@@ -12,6 +12,7 @@ from urllib.parse import quote
 from robotree.files import opened, private_folder
 from robotree.tui.errors import StateInUse
 from robotree.tui.terminal import note
+from robotree.vr.network.realms import state_home
 
 DEMOS = "demos"
 """Folder of what demos keep, beside those of the realms."""
@@ -137,8 +138,3 @@ def history_files(realm: str, home: Path | None = None) -> dict[tuple[str, str],
             for path in sorted(top.glob(f"{folder}/*/history.db")):
                 found[role, path.parent.name] = path
     return found
-
-
-def state_home() -> Path:
-    """Return the folder of all realms; looking makes nothing."""
-    return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "robotree"
