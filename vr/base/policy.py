@@ -276,7 +276,7 @@ def fits(pattern: str, name: str) -> bool:
     return len(name) >= len(begin) + len(end) and name.startswith(begin) and name.endswith(end)
 
 
-class Gate:
+class PolicyGate:
     """The policy of a realm as one process knows it now, and how that process is called in it.
 
     This one is that of a realm without a policy; `PolicyFile` reads one from the disk.
@@ -338,5 +338,5 @@ class Gate:
         return self.policy.ask if self.policy is not None else "who made the realm"
 
 
-OPEN: Final = Gate()
+OPEN: Final = PolicyGate()
 """Of a realm without a policy."""

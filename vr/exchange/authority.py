@@ -20,7 +20,7 @@ from typing import Final, NamedTuple, NoReturn
 import msgspec
 
 from robotree.vr.base.errors import Denied, NotAllowed
-from robotree.vr.base.policy import BY_NAME, OPEN, STOP, Gate, Person, PolicyTarget
+from robotree.vr.base.policy import BY_NAME, OPEN, STOP, PolicyGate, Person, PolicyTarget
 from robotree.vr.base.principal import ITSELF, Principal, user_name
 from robotree.vr.base.requests import (
     AcquireFence,
@@ -112,7 +112,7 @@ class Here(NamedTuple):
 
     role: str = "robot"
     name: str = ""
-    gate: Gate = OPEN
+    gate: PolicyGate = OPEN
     kinds: Callable[[], tuple[str, ...]] = tuple
     robot: Callable[[str], RobotThere | None] = lambda _: None
     """Of a host: its robot of a name."""
@@ -178,7 +178,7 @@ def is_own_agent(principal: Principal) -> bool:
     return not principal.site and not principal.terminal and principal.user == user_name(os.geteuid())
 
 
-def _is_shared(gate: Gate) -> bool:
+def _is_shared(gate: PolicyGate) -> bool:
     """Whether several users of this machine are in the realm, limited by its policy."""
     return gate.owner is not None and gate.closed
 
@@ -208,7 +208,7 @@ def _ends_its_own(principal: Principal, request: AnyRequest, state: RobotState |
     return call is not None and call.principal == principal
 
 
-def _expect_to_reload(gate: Gate, asker: Person, name: str, here: Here) -> None:
+def _expect_to_reload(gate: PolicyGate, asker: Person, name: str, here: Here) -> None:
     """Another page commands the children of its robot: it needs the right to command them, too."""
     robot = here.robot(name)
     if robot is None:
@@ -218,12 +218,12 @@ def _expect_to_reload(gate: Gate, asker: Person, name: str, here: Here) -> None:
         _expect(gate, asker, "command", PolicyTarget(child, "robot", kinds))
 
 
-def _expect(gate: Gate, asker: Person, right: str, target: PolicyTarget) -> None:
+def _expect(gate: PolicyGate, asker: Person, right: str, target: PolicyTarget) -> None:
     if not gate.may(asker, right, target).allowed:
         _refuse(gate, asker, right, target)
 
 
-def _refuse(gate: Gate, asker: Person, right: str, target: PolicyTarget) -> NoReturn:
+def _refuse(gate: PolicyGate, asker: Person, right: str, target: PolicyTarget) -> NoReturn:
     reason = gate.may(asker, right, target).reason
     raise Denied(who=asker.name, right=right, target=str(target), reason=reason, ask=gate.ask)
 

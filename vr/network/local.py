@@ -11,7 +11,7 @@ from pathlib import Path
 
 from robotree.files.forks import expect_parent
 from robotree.vr.base.errors import TransportClosed
-from robotree.vr.base.policy import OPEN, Gate
+from robotree.vr.base.policy import OPEN, PolicyGate
 from robotree.vr.base.principal import Credentials
 from robotree.vr.base.system import THIS_SYSTEM, system_of
 from robotree.vr.base.transport import (
@@ -80,7 +80,7 @@ class LocalTransport:
         self.mesh = mesh
         self._system = mesh.place.system
         self._loop, self._thread = asyncio.get_running_loop(), self._system.here()
-        self.gate: Gate = OPEN
+        self.gate: PolicyGate = OPEN
         self._system.owns(self)
         self._turns = LoopTurns()
         news = SampleInbox[Callable[[], object]](self._turns, lambda action: action())

@@ -22,7 +22,7 @@ import msgspec
 
 from robotree.files.opening import read
 from robotree.vr.base.errors import PolicyUnusable, VrError
-from robotree.vr.base.policy import LONGEST, Gate, Policy
+from robotree.vr.base.policy import LONGEST, PolicyGate, Policy
 from robotree.vr.network.realms import state_home
 
 POLICY: Final = "policy.yaml"
@@ -58,7 +58,7 @@ def state_of(realm: str, root: Path | None = None) -> Path:
     return state_home() / realm if root is None else root / f".{realm}.state"
 
 
-class PolicyFile(Gate):
+class PolicyFile(PolicyGate):
     """The policy of one realm, read again when it has changed. May be used in any thread."""
 
     def __init__(self, folder: Path) -> None:

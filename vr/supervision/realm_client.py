@@ -27,7 +27,7 @@ from robotree.vr.base.errors import (
     Unreachable,
     VrError,
 )
-from robotree.vr.base.policy import BY_NAME, REALM, Decision, Gate, Person, PolicyTarget
+from robotree.vr.base.policy import BY_NAME, REALM, Decision, PolicyGate, Person, PolicyTarget
 from robotree.vr.base.presence import Held
 from robotree.vr.base.principal import user_name
 from robotree.vr.base.requests import (
@@ -117,7 +117,7 @@ class RealmClient:
     # -- who may what -----------------------------------------------------------------------------
 
     @property
-    def gate(self) -> Gate:
+    def gate(self) -> PolicyGate:
         """The policy of the realm, as it is now."""
         gate = self._transport.gate
         now = asyncio.get_running_loop().time()

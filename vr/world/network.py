@@ -31,7 +31,7 @@ import msgspec
 
 from robotree.vr.base.errors import TransportClosed
 from robotree.vr.base.pattern import matches
-from robotree.vr.base.policy import OPEN, Gate
+from robotree.vr.base.policy import OPEN, PolicyGate
 from robotree.vr.base.presence import Held, Presence
 from robotree.vr.base.principal import Credentials
 from robotree.vr.base.transport import (
@@ -235,7 +235,7 @@ class MemoryNetwork:
             chance: 0 to 1, for the weather.
         """
         self.weather = Weather()
-        self.gate: Gate = OPEN
+        self.gate: PolicyGate = OPEN
         """The policy of those who come from now on."""
         self.delay, self.lease, self.chance = delay, lease, chance
         self.members: list[MemoryTransport] = []

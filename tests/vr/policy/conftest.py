@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from robotree.vr.base.envelope import Envelope, this_clock
-from robotree.vr.base.policy import Gate
+from robotree.vr.base.policy import PolicyGate
 from robotree.vr.base.policy_reading import read_policy
 from robotree.vr.base.principal import Voucher, user_name
 from robotree.vr.base.requests import AnyRequest, Raised, Reply, decode_reply
@@ -27,7 +27,7 @@ class PoliticalRealm(Realm):
     """A realm with a policy."""
 
     def __init__(self, network: MemoryNetwork) -> None:
-        network.gate = Gate()
+        network.gate = PolicyGate()
         super().__init__(network)
         self.gate = network.gate
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robotree.vr.base.errors import BrokenScript
-from robotree.vr.base.policy import BY_NAME, REALM, RIGHTS, STOP, Gate, Person, Policy, PolicyTarget, fits
+from robotree.vr.base.policy import BY_NAME, REALM, RIGHTS, STOP, PolicyGate, Person, Policy, PolicyTarget, fits
 from robotree.vr.base.policy_reading import read_policy, schema
 from robotree.vr.base.requests import AnyRequest
 from robotree.vr.exchange.authority import ANYBODY, MEMBER, NEEDS
@@ -178,7 +178,7 @@ def test_the_schema_has_each_right_and_refuses_what_reading_refuses() -> None:
 
 
 def test_a_realm_without_a_policy_is_closed_to_nobody() -> None:
-    gate = Gate()
+    gate = PolicyGate()
     assert not gate.closed
     assert all(gate.may(Person("eve"), right.name, PolicyTarget("x")).allowed for right in RIGHTS)
 
