@@ -44,7 +44,7 @@ from robotree.vr.base.requests import (
 )
 from robotree.vr.base.transport import Registration, Transport
 from robotree.vr.bundle import Bundle
-from robotree.vr.bundle.admission import Clearance, PolicyGate, is_own
+from robotree.vr.bundle.admission import Clearance, Gate, is_own
 from robotree.vr.bundle.loader import LIMIT
 from robotree.vr.core.bonds import DEFAULT_TERM
 from robotree.vr.core.machine import LONGEST_DEADLINE, RobotState
@@ -96,7 +96,7 @@ class Host:
         process: Process | None = None,
         only: str = "",
         journal: HostJournal | None = None,
-        gate: PolicyGate | None = None,
+        gate: Gate | None = None,
     ) -> None:
         """Prepare a host.
 
@@ -115,7 +115,7 @@ class Host:
             BadName: the name cannot be one.
         """
         self._journal = journal
-        self._gate = PolicyGate() if gate is None else gate
+        self._gate = Gate() if gate is None else gate
         self.instead_of = ""
         """Name of the host whose robots it has taken over with the journal; empty: they are its own."""
         self._history: HistoryWriter | None = None

@@ -18,7 +18,7 @@ from robotree.vr.agents.standby import AFTER, BEAT, StandBy
 from robotree.vr.base.address import check_name
 from robotree.vr.base.errors import JournalError
 from robotree.vr.base.transport import Transport
-from robotree.vr.bundle.admission import PolicyGate
+from robotree.vr.bundle.admission import Gate
 from robotree.vr.core.bonds import DEFAULT_TERM
 from robotree.vr.core.machine import RobotCore
 from robotree.vr.history.writer import HistoryWriter
@@ -97,7 +97,7 @@ async def run_host(  # noqa: PLR0913 # what people may choose
     keep: Keeping | None = None,
     past: Path | None = None,
     returns: float = RETURNS,
-    gate: PolicyGate | None = None,
+    gate: Gate | None = None,
     ready: Ready = _nobody,
 ) -> None:
     """Be a host in a realm until cancelled; one that runs one robot alone: until that has ended.

@@ -20,7 +20,7 @@ from typing import Final, NamedTuple, NoReturn
 import msgspec
 
 from robotree.vr.base.errors import Denied, NotAllowed
-from robotree.vr.base.policy import BY_NAME, OPEN, STOP, PolicyGate, Person, PolicyTarget
+from robotree.vr.base.policy import BY_NAME, OPEN, STOP, Person, PolicyGate, PolicyTarget
 from robotree.vr.base.principal import ITSELF, Principal, user_name
 from robotree.vr.base.requests import (
     AcquireFence,

@@ -22,7 +22,7 @@ import msgspec
 
 from robotree.files.opening import read
 from robotree.vr.base.errors import PolicyUnusable, VrError
-from robotree.vr.base.policy import LONGEST, PolicyGate, Policy
+from robotree.vr.base.policy import LONGEST, Policy, PolicyGate
 from robotree.vr.network.realms import state_home
 
 POLICY: Final = "policy.yaml"

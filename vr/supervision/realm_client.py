@@ -27,7 +27,7 @@ from robotree.vr.base.errors import (
     Unreachable,
     VrError,
 )
-from robotree.vr.base.policy import BY_NAME, REALM, Decision, PolicyGate, Person, PolicyTarget
+from robotree.vr.base.policy import BY_NAME, REALM, Decision, Person, PolicyGate, PolicyTarget
 from robotree.vr.base.presence import Held
 from robotree.vr.base.principal import user_name
 from robotree.vr.base.requests import (

@@ -11,7 +11,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robotree.vr.base.errors import BrokenScript
-from robotree.vr.base.policy import BY_NAME, REALM, RIGHTS, STOP, PolicyGate, Person, Policy, PolicyTarget, fits
+from robotree.vr.base.policy import (
+    BY_NAME,
+    REALM,
+    RIGHTS,
+    STOP,
+    Person,
+    Policy,
+    PolicyGate,
+    PolicyTarget,
+    fits,
+)
 from robotree.vr.base.policy_reading import read_policy, schema
 from robotree.vr.base.requests import AnyRequest
 from robotree.vr.exchange.authority import ANYBODY, MEMBER, NEEDS
