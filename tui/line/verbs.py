@@ -335,6 +335,40 @@ async def show(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcom
     return Outcome({**plain(robot), "readings": readings}, text)
 
 
+async def may(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
+    """Explain whether a person may do something."""
+    from robotree.vr.base.policy import Person
+
+    right = _right(line.text("VERB"))
+    target = await realm_client.target(right, line.text("TARGET"))
+    gate = realm_client.gate
+    name = line.text("PERSON")
+    asker = Person(name, name.rpartition("@")[2] if "@" in name and gate.site else "")
+    found = gate.may(asker, right, target)
+    words = "may" if found.allowed else "may not"
+    text = f"{name} {words} {right} {target}: {found.reason}"
+    if not found.allowed:
+        text += f"; ask {gate.ask}"
+    data = {
+        "person": name, "right": right, "target": str(target), "kinds": list(target.kinds),
+        "allowed": found.allowed, "line": found.line, "reason": found.reason, "ask": gate.ask,
+        "version": 0 if gate.policy is None else gate.policy.version,
+    }  # fmt: skip
+    return Outcome(data, text)
+
+
+def _right(verb: str) -> str:
+    """Return the right that a verb needs, or that is called so."""
+    from robotree.tui.line.actions import BY_VERB
+    from robotree.vr.base.policy import BY_NAME, STOP
+
+    right = verb if verb in (*BY_NAME, STOP) else BY_VERB[verb].right if verb in BY_VERB else ""
+    if not right:
+        known = ", ".join((*BY_NAME, STOP))
+        raise ValueRefused("VERB", f"{verb!r} needs no right of its own; rights are {known}")
+    return right
+
+
 async def stubs(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """Write the interface of a robot."""
     import asyncio

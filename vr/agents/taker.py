@@ -26,7 +26,6 @@ from robotree.vr.base.errors import (
     CommandInDoubt,
     DirectoryUnusable,
     LeaseError,
-    NotAllowed,
     Stopped,
     TransportError,
     Unreachable,
@@ -51,6 +50,7 @@ from robotree.vr.base.requests import (
 from robotree.vr.base.transport import Registration, Transport
 from robotree.vr.core.machine import RobotState
 from robotree.vr.exchange.asking import ask
+from robotree.vr.exchange.authority import expect_right
 from robotree.vr.orders.book import EXPIRED, SAME_CLOCK, by_age
 from robotree.vr.orders.ledger import Ledger, LedgerEntry
 from robotree.vr.orders.service import DIRECTORIES, ORDER_NEWS
@@ -304,9 +304,8 @@ class OrderTaker:
                 return (
                     f"{order.robot}.{order.command} cannot be ordered any more: its author does not allow it"
                 )
-            self._runtime.authorise(order.principal, self._call(order))
-        except NotAllowed as error:
-            return str(error)
+            here = self._runtime.here
+            expect_right(order.principal, "order", here.target(order.command), here.gate)
         except TransportError:
             raise
         except VrError as error:
@@ -382,6 +381,7 @@ class OrderTaker:
         before = self._ledger.entries[order.key]
         await self._put(LedgerEntry(order, begun=True, witness=witness or runtime.robot.witness))
         ends = runtime.process.runner.now() + order.may_take
+        runtime.ordered = frozenset({order.key})
         try:
             runtime.admit(self._call(order, witness), ends, order.principal, listener=outcome)
         except (LeaseError, Stopped, Busy, Unreachable):  # somebody else was quicker: it is not over

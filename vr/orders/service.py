@@ -23,6 +23,7 @@ from robotree.vr.base.description import RobotDescription
 from robotree.vr.base.envelope import Received
 from robotree.vr.base.errors import VrError
 from robotree.vr.base.order import KnownAgent, Order
+from robotree.vr.base.policy import PolicyTarget
 from robotree.vr.base.presence import Undo
 from robotree.vr.base.principal import Principal
 from robotree.vr.base.requests import (
@@ -54,6 +55,7 @@ from robotree.vr.base.requests import (
 )
 from robotree.vr.base.transport import Registration, Transport
 from robotree.vr.exchange.asking import ask
+from robotree.vr.exchange.authority import Here, expect_right
 from robotree.vr.exchange.claim import claim
 from robotree.vr.exchange.client import RobotClient, ViewClient
 from robotree.vr.exchange.dispatcher import Dispatcher, not_for
@@ -147,7 +149,8 @@ class DirectoryService:
         """
         transport = self._transport
         try:
-            dispatcher = Dispatcher(self.address.name, self._answer, now=self._clock)
+            here = Here("directory", self.address.name, transport.gate)
+            dispatcher = Dispatcher(self.address.name, self._answer, now=self._clock, here=here)
             self._declared.append(await transport.serve(self.address.key, dispatcher.take))
             self._declared.append(await claim(transport, self.address))
             self._declared.append(await transport.subscribe(f"{everyone('robot')}/state", self._state))
@@ -188,13 +191,31 @@ class DirectoryService:
         return answer(received.request, received.principal)
 
     async def _leave(self, request: LeaveOrder, principal: Principal) -> Reply:
-        return await self._acknowledged(self.book.leave(request, principal))
+        order = self.book.leave(request, principal)
+        self._expect(principal, "order", order.robot, order.command)
+        return await self._acknowledged(order)
 
     async def _cancel(self, request: CancelOrder, principal: Principal) -> Reply:
+        order = self.book.order(request.key)
+        if order.who != self.book.owner_of(principal):
+            self._expect(principal, "order", order.robot, order.command)
         return await self._acknowledged(self.book.cancel(request.key, _name_of(principal)))
 
     async def _confirm(self, request: ConfirmOrder, principal: Principal) -> Reply:
+        order = self.book.order(request.key)
+        self._expect(principal, "order", order.robot, order.command)
         return await self._acknowledged(self.book.confirm(request.key, _name_of(principal)))
+
+    def _expect(self, principal: Principal, right: str, robot: str, command: str = "") -> None:
+        """Check a right on a robot that may be away.
+
+        Raises:
+            Denied: the policy does not allow it.
+        """
+        gate = self._transport.gate
+        found = (each for each in self._store.agents.values() if each.name == robot and each.robot)
+        kinds = next((each.robot.kinds for each in found if each.robot), ())
+        expect_right(principal, right, PolicyTarget(robot, "robot", kinds, command, gate.site), gate)
 
     async def _acknowledged(self, order: Order) -> OrderLeft:
         """Keep an order and give it to all others; returns who has it, and who may have another copy.
@@ -248,6 +269,7 @@ class DirectoryService:
         return OrdersFound(now=self._unix(), holds=self.book.holds())
 
     def _release(self, request: ReleaseHolds, principal: Principal) -> Reply:
+        self._expect(principal, "resume", request.robot or "*")
         self._spread_later(self.book.release(request, _name_of(principal)))
         return OrdersFound(now=self._unix(), holds=self.book.holds())
 

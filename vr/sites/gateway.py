@@ -383,8 +383,10 @@ class Gateway:
         assert site.member is not None  # noqa: S101 # it has proved who it is
         stream, member, now = site.stream, site.member, self.now()
         age = ask.age + stream.delay(ask.sent, now)
-        user = member.name if member.kind == "person" else ask.user
-        found = arrived(ask.body, age, Voucher(member.name, user, ask.process), now, known=known)
+        person = member.kind == "person"
+        user = member.name if person else ask.user
+        voucher = Voucher(member.name, user, ask.process, person, member.may)
+        found = arrived(ask.body, age, voucher, now, known=known)
         large = False
 
         def reply(body: bytes | None) -> None:

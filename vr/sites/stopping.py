@@ -15,6 +15,7 @@ from robotree.vr.base.envelope import Received
 from robotree.vr.base.errors import NoSuchRobot, NotConfirmed, VrError
 from robotree.vr.base.requests import Accepted, Done, Reply, SafeStop
 from robotree.vr.core.confirmation import Confirmations
+from robotree.vr.exchange.authority import Here
 from robotree.vr.exchange.dispatcher import Dispatcher, SendReply, not_for
 from robotree.vr.sites.frames import SiteFrame, SiteStopped, StopSite
 from robotree.vr.sites.keys import RealmKeys
@@ -64,7 +65,8 @@ class SiteStops:
         self._orders: dict[str, asyncio.Future[SiteStopped]] = {}
         """What is carried out here, or was, by order."""
         loop = asyncio.get_running_loop()
-        self.dispatcher = Dispatcher(f"gateway {keys.name}", self._answer, now=loop.time)
+        here = Here("gateway", keys.name)  # it only stops, and so may everybody
+        self.dispatcher = Dispatcher(f"gateway {keys.name}", self._answer, now=loop.time, here=here)
 
     # -- from this machine to the sites -----------------------------------------------------------
 
