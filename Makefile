@@ -77,6 +77,7 @@ soak: $(STAMP) $(NODE_READY)  ## the slow tests, one on a fresh Debian testing, 
 	$(BIN)/python -m pytest tests/vr/space
 	$(BIN)/python -m pytest --hypothesis-profile search tests/machines
 	$(BIN)/python -m tests.durability.campaign --seed $(SEED)
+	$(BIN)/python -m tests.laboratory.campaign --seed $(SEED)
 	$(BIN)/python -m tests.soak --seed $(SEED) $(QUICK)
 	$(BIN)/python -m tests.world.many $(SEEDS_FOR) seeds.log
 
