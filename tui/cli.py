@@ -305,6 +305,13 @@ def _demo(line: Line, *, readonly: bool) -> int:
         return _run(
             _demo_sites(line, headless=headless or bool(without), readonly=readonly), on_screen=not headless
         )
+    if line.text("STORY") == demo_companion.AWAY:
+        from robotree.tui.demo_away import away
+
+        apart = headless or bool(without)
+        key = security.wanted(line, security.REALM)
+        work = away(headless=apart, realm=line.text("--realm"), readonly=readonly, key=key)
+        return _run(work, on_screen=not headless)
     over = demo.Wire.of(can=line.flag("--can"), classic=line.flag("--classic"))
     story = demo_companion.STORY if companion else demo_crash.Crash() if crash else demo.CELL
     work = demo.demo(
@@ -408,7 +415,11 @@ async def _supervise(realm: str, *, readonly: bool) -> int:
     from robotree.tui.screen.supervise import supervise
 
     keymap.load()  # one that is wrong is told before anything begins
+    from robotree.tui.line import taken
+    from robotree.tui.line.carrying import Silent
+
     async with joined(realm) as realm_client:
+        await taken.merge(realm_client, Silent())
         return await supervise(realm_client, realm, readonly=readonly)
 
 

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
 NAME = "companion"
 SITES = "sites"
-STORIES = ("", "cell", NAME, SITES)
+AWAY = "away"
+STORIES = ("", "cell", NAME, SITES, AWAY)
 """The demos by name; the cell needs none."""
 ROBOT, SCRIPT, VIEW = "companion", "evening", "flat"
 PEOPLE = {11: "anna", 12: "bela", 13: "cleo"}

@@ -370,6 +370,17 @@ ACTIONS: tuple[Action, ...] = (
         examples=("inbox", "inbox --keep --json"),
     ),
     Action(
+        usage="take NAME … [--as DEVICE]",
+        help="Put what is known of robots onto this machine: without any network `call --queue`, `orders`,"
+        " `order show`, `order cancel`, `show` and `ls` work then, and orders are left at the next contact."
+        " DEVICE: a name of this machine, whose orders have an inbox of their own.",
+        group=COMMAND,
+        right="order",
+        run="take",
+        where=Where.SHELL,
+        examples=("take rover-1 arm-1", "take rover-1 --as notebook"),
+    ),
+    Action(
         usage="cancel NAME",
         help="End the commands of a robot, running and waiting.",
         group=COMMAND,
@@ -508,7 +519,8 @@ ACTIONS: tuple[Action, ...] = (
         " [--delay MS] [--key FILE | --open]",
         help="A whole cell: simulated robots, proxies, lookups, a host, the full screen; --can: over CAN FD."
         " STORY: companion, a flat with visitors instead of the cell; sites, a lever that is closed from"
-        " another site, --delay milliseconds away (150), while the hub between them is killed."
+        " another site, --delay milliseconds away (150), while the hub between them is killed; away, a rover"
+        " that is switched off and takes its orders when it is back."
         " --crash: close the lever, kill the host of its robots meanwhile, and see them go on."
         " Its links are signed with the realm's own key, with --open they are not. --speedup: as for sim.",
         group=PROCESS,
@@ -519,6 +531,7 @@ ACTIONS: tuple[Action, ...] = (
             "demo --crash",
             "demo companion --headless",
             "demo sites --headless --delay 150",
+            "demo away --headless",
             "demo --headless --can --classic",
         ),
     ),

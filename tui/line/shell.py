@@ -15,6 +15,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from robotree.tui import exit_codes
+from robotree.tui.line import taken
 from robotree.tui.line.carrying import Refusal, carry_out
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import Outcome
@@ -161,6 +162,18 @@ async def obey(realm_client: RealmClient, line: Line, console: Console) -> int:
     return exit_codes.code_of(outcome.doubt)
 
 
+def _obeyed_offline(line: Line, realm: str, console: Console) -> bool:
+    """Carry a verb out on what was taken along, where nobody else is; returns whether it was.
+
+    Raises:
+        VrError: it is refused.
+    """
+    outcome = taken.offline(line, realm, console)
+    if outcome is not None:
+        console.outcome(outcome)
+    return outcome is not None
+
+
 async def once(line: Line, realm: str) -> int:
     """Join the realm, do one verb, leave.
 
@@ -174,12 +187,17 @@ async def once(line: Line, realm: str) -> int:
 
     console = Console(as_json=line.flag("--json"))
     if not anybody_met(realm):  # joining would leave an empty folder behind
+        if _obeyed_offline(line, realm, console):
+            return exit_codes.DONE
         console.error(nothing_to_ask(realm))
         return exit_codes.NOBODY
     try:
         async with joined(realm) as realm_client:
             if any(realm_client.directory.present(role) for role in ROLES):
+                await taken.merge(realm_client, console)
                 return await obey(realm_client, line, console)
+        if _obeyed_offline(line, realm, console):
+            return exit_codes.DONE
         console.error(nothing_to_ask(realm))
     except VrError as error:
         console.error(error)

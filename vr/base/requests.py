@@ -458,6 +458,10 @@ class LeaveOrder(_Message, frozen=True, kw_only=True):
     """[s] in which it must begin."""
     may_take: float
     """[s] that it may take then."""
+    ago: float = 0.0
+    """[s] since it was left where there was no network."""
+    device: str = ""
+    """Name of the machine or memory on which it was left; empty: here. It has an inbox of its own."""
 
 
 class CancelOrder(_Message, frozen=True, kw_only=True):
@@ -527,7 +531,8 @@ class TakeAlong(_Message, frozen=True, kw_only=True):
     """Somebody takes robots along, to leave orders where there is no network. Answered by `KnownFound`."""
 
     names: tuple[str, ...]
-    who: str
+    device: str = ""
+    """See `LeaveOrder.device`."""
 
 
 class HoldOrders(_Message, frozen=True, kw_only=True):
@@ -842,6 +847,8 @@ class KnownFound(_Message, frozen=True, kw_only=True):
     now: float
     """[s] since 1970, on the directory's clock, which all times in it have."""
     agents: tuple[KnownAgent, ...] = ()
+    who: str = ""
+    """Whose orders the asker's are, if that was asked."""
 
 
 class RecordsShared(_Message, frozen=True, kw_only=True):

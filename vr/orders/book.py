@@ -133,9 +133,9 @@ class OrderBook:
             identity=agent.identity,
             command=request.command,
             arguments=dict(arguments),
-            who=self.owner_of(principal),
+            who=self.owner_of(principal, request.device),
             principal=msgspec.structs.replace(principal, agent="", process=0),
-            left=now,
+            left=now - max(request.ago, 0.0),
             at=now,
             begin_by=now + request.begin_within,
             may_take=min(max(request.may_take, SHORTEST), LONGEST_COMMAND),
@@ -144,10 +144,11 @@ class OrderBook:
             holders=(self.label,),
         )
 
-    def owner_of(self, principal: Principal) -> str:
+    def owner_of(self, principal: Principal, device: str = "") -> str:
         """Return whose inbox gets the results of what a principal orders: the same at each directory."""
         site = principal.site or self.site
-        return self.owner or (f"{principal.user}@{site}" if site else principal.user)
+        own = f"{principal.user}@{site}" if site else principal.user
+        return self.owner or (f"{own}/{device}" if device else own)
 
     def cancel(self, key: str, by: str) -> Order:
         """Return an order as it is once somebody wants it to end; it is not kept yet.
@@ -210,7 +211,7 @@ class OrderBook:
                     for each in self.store.orders.values()
                     if each.key.startswith(request.key)
                     and request.robot in ("", each.robot)
-                    and (not request.mine or each.who == who)
+                    and (not request.mine or each.who == who or each.who.startswith(f"{who}/"))
                 ),
                 key=by_age,
             )

@@ -197,7 +197,7 @@ class DirectoryService:
 
     async def _cancel(self, request: CancelOrder, principal: Principal) -> Reply:
         order = self.book.order(request.key)
-        if order.who != self.book.owner_of(principal):
+        if order.who.partition("/")[0] != self.book.owner_of(principal):
             self._expect(principal, "order", order.robot, order.command)
         return await self._acknowledged(self.book.cancel(request.key, _name_of(principal)))
 
@@ -258,11 +258,14 @@ class DirectoryService:
             self._write_readings()
         return KnownFound(now=self._unix(), agents=tuple(self.book.known(request)))
 
-    def _take_along(self, request: TakeAlong, _: Principal) -> Reply:
+    def _take_along(self, request: TakeAlong, principal: Principal) -> Reply:
         self._write_readings()
+        who = self.book.owner_of(principal, request.device)
+        for name in request.names:
+            self._expect(principal, "order", name)
         agents = tuple(self.book.robot(name) for name in request.names)
-        self._spread_later(self.book.take_along(request.names, request.who))
-        return KnownFound(now=self._unix(), agents=agents)
+        self._spread_later(self.book.take_along(request.names, who))
+        return KnownFound(now=self._unix(), agents=agents, who=who)
 
     def _hold(self, request: HoldOrders, principal: Principal) -> Reply:
         self._spread_later(self.book.hold(request, _name_of(principal)))

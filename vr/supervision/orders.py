@@ -47,10 +47,8 @@ from robotree.vr.base.requests import (
     OrdersFound,
     ReadKnown,
     ReadOrders,
-    RecordsShared,
     ReleaseHolds,
     Reply,
-    ShareRecords,
     TakeAlong,
     decode_event,
 )
@@ -277,21 +275,45 @@ class OrderDesk:
             )
         return alive[0]
 
-    async def take_along(self, names: Sequence[str], who: str) -> Sequence[KnownAgent]:
+    async def leave_again(self, order: Order, device: str) -> OrderLeft:
+        """Leave an order that was left in a memory without a network, under its key; else as `leave`.
+
+        Args:
+            order: as it is there.
+            device: name of that memory; empty: it has none.
+        """
+        now = self._unix()
+        request = LeaveOrder(
+            key=order.key,
+            robot=order.robot,
+            identity=order.identity,
+            command=order.command,
+            arguments=order.arguments,
+            begin_within=order.begin_by - now,
+            may_take=order.may_take,
+            ago=now - order.left,
+            device=device,
+        )
+        return await self._first(request, OrderLeft, pass_on=(NotRemembered,))
+
+    async def take_along(self, names: Sequence[str], device: str) -> tuple[str, Sequence[KnownAgent]]:
         """Return what is remembered of robots, and have the directories know who takes them along.
+
+        Args:
+            names: of the robots.
+            device: name of the machine that takes them; empty: it has none.
+
+        Returns:
+            Whose orders those are that are left there, and what is remembered.
 
         Raises:
             NoDirectory: none answers.
             NotRemembered: one is not known.
         """
-        request = TakeAlong(names=tuple(names), who=who)
+        request = TakeAlong(names=tuple(names), device=device)
         found = await self._first(request, KnownFound, pass_on=(NotRemembered,))
         by = self._shift(found.now)
-        return [shifted_known(each, by) for each in found.agents]
-
-    async def exchange(self, share: ShareRecords) -> Sequence[RecordsShared]:
-        """Give all directories the records of a memory that was taken along; returns what they have."""
-        return list((await self._all(share, RecordsShared)).values())
+        return found.who, [shifted_known(each, by) for each in found.agents]
 
     # -- stops ------------------------------------------------------------------------------------
 

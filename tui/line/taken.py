@@ -1,0 +1,213 @@
+"""Robots that somebody has taken along: their memory lies in a file, and orders are left there.
+
+The file belongs to one user of one machine. At the next contact with a directory its orders are left there
+under the keys that they have, with the rights of the one who left them; what became of them comes back.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Generator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from robotree.tui.errors import NoPlaceForState
+from robotree.tui.line import ordering, values
+from robotree.tui.line.grammar import Line
+from robotree.tui.line.verbs import CALL_LIMIT, Outcome, Teller, plain
+from robotree.tui.seen import absence, wording
+
+if TYPE_CHECKING:  # help must not wait for the agents
+    from robotree.vr.base.order import Order
+    from robotree.vr.orders.book import OrderBook
+    from robotree.vr.supervision.realm_client import RealmClient
+
+FILE = "taken.db"
+"""In the folder of the realm's state."""
+OWNER = "owner"
+"""File beside it, with whose orders they are."""
+HERE = frozenset({"ls", "show", "orders", "order show", "order cancel", "call"})
+"""Verbs that are carried out on what was taken along where nobody else is."""
+
+
+def folder_of(realm: str) -> Path:
+    """Return the folder of what was taken along; looking makes nothing."""
+    from robotree.tui.processes.state_files import state_home
+
+    return state_home() / realm / "taken"
+
+
+def exists(realm: str) -> bool:
+    """Whether this user has taken robots of a realm along."""
+    return (folder_of(realm) / FILE).exists()
+
+
+@contextlib.contextmanager
+def opened(realm: str, owner: str = "") -> Generator[OrderBook]:
+    """Open what was taken along.
+
+    Args:
+        realm: of the robots.
+        owner: whose orders are left in it; empty: whose they were.
+
+    Raises:
+        NoPlaceForState: its folder cannot be made.
+        DirectoryUnusable: another program uses it at this moment.
+    """
+    from robotree.files import private_folder, replace, text
+    from robotree.tui.processes.state_files import state_file
+    from robotree.vr.orders.book import OrderBook
+    from robotree.vr.orders.store import OrderStore
+
+    folder = folder_of(realm)
+    if state_file(realm, "taken") is None:
+        raise NoPlaceForState
+    private_folder(folder)
+    if owner:
+        replace(folder / OWNER, owner.encode())
+    store = OrderStore(folder / FILE)
+    try:
+        known = owner or text(folder / OWNER, 200)
+        yield OrderBook("taken", store, time.time, owner=known)
+    finally:
+        store.close()
+
+
+async def take(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
+    """Put what is known of robots onto this machine."""
+    names, device = line.many("NAME"), line.text("--as")
+    who, agents = await realm_client.orders.take_along(names, device)
+    now = time.time()
+    for each in agents:
+        for other, when in each.taken_by.items():
+            if other != who:
+                teller.warn(
+                    f"{other} has taken {each.name} along, too, {absence.age(when, now)}: what both order is"
+                    " carried out in the order in which it was left"
+                )
+    with opened(realm_client.realm, who) as book:
+        book.keep(agents=agents)
+    text = f"taken along: {', '.join(names)}; `robotree call --queue`, `orders`, `show` need no network"
+    return Outcome({"taken": list(names), "who": who}, text)
+
+
+async def merge(realm_client: RealmClient, teller: Teller) -> int:
+    """Leave the orders that were left without a network; returns how many were news to the directories."""
+    from robotree.vr.base.errors import OrderError, VrError
+
+    realm, number = realm_client.realm, 0
+    if not realm or not exists(realm) or not await realm_client.orders.met():
+        return 0
+    with opened(realm) as book:
+        book.sweep()
+        known = {each.key: each for each in (await realm_client.orders.board()).orders}
+        for order in list(book.store.orders.values()):
+            try:
+                if order.key in known:
+                    if order.state == "cancelled" and not known[order.key].over:
+                        await realm_client.orders.cancel(order.key)
+                        known = {each.key: each for each in (await realm_client.orders.board()).orders}
+                    book.keep(orders=[known[order.key]])
+                elif order.state == "waiting":
+                    left = await realm_client.orders.leave_again(order, order.who.partition("/")[2])
+                    book.keep(orders=[left.order])
+                    number += 1
+            except OrderError as error:
+                teller.warn(f"order {order.ticket} for {order.robot}: {error}")
+            except VrError as error:
+                teller.warn(str(error))
+    return number
+
+
+def offline(line: Line, realm: str, teller: Teller) -> Outcome | None:
+    """Carry out a verb on what was taken along; None: it needs the realm.
+
+    Raises:
+        VrError: it is refused.
+    """
+    if line.verb not in HERE or not exists(realm) or (line.verb == "call" and not line.flag("--queue")):
+        return None
+    with opened(realm) as book:
+        book.sweep()
+        teller.warn(f"nobody is in realm {realm}; this is what was taken along")
+        outcome: Outcome = _OFFLINE[line.verb](book, line)
+        return outcome
+
+
+def _call(book: OrderBook, line: Line) -> Outcome:
+    from robotree.vr.base.chance import token
+    from robotree.vr.base.principal import principal_of, this_process
+    from robotree.vr.base.requests import LeaveOrder
+
+    robot, command = values.dotted(line.text("ROBOT.COMMAND"), "ROBOT.COMMAND")
+    request = LeaveOrder(
+        key=token(),
+        robot=robot,
+        command=command,
+        arguments=dict(values.assignments(line.many("PARAMETER=VALUE"))),
+        begin_within=ordering.until(line.text("--until")),
+        may_take=values.duration(line.text("--within")) if line.text("--within") else CALL_LIMIT,
+    )
+    order = book.leave(request, principal_of(this_process(), "", ""))
+    book.keep(orders=[order])
+    end = absence.clock(order.begin_by)
+    text = f"order {order.ticket}: {robot}.{command} is left here, to begin by {end}; no directory has it yet"
+    return Outcome({**plain(order), "ticket": order.ticket, "confirmed": [], "unconfirmed": []}, text)
+
+
+def _orders(book: OrderBook, line: Line) -> Outcome:
+    from robotree.vr.base.requests import ReadOrders
+
+    found = book.find(ReadOrders(robot=line.text("NAME"))).orders
+    data = {"orders": [{**plain(each), "ticket": each.ticket, "shown": each.shown} for each in found]}
+    return Outcome({**data, "holds": [], "silent": []}, ordering.table(found))
+
+
+def _one(book: OrderBook, ticket: str) -> Order:
+    from robotree.vr.base.errors import NoSuchOrder, SeveralOrders
+
+    found = [each for each in book.store.orders.values() if each.key.startswith(ticket)]
+    if not found:
+        raise NoSuchOrder(key=ticket)
+    if len(found) > 1:
+        keys = ", ".join(sorted(each.key for each in found)[:5])
+        raise SeveralOrders(key=ticket, count=len(found), keys=keys)
+    return found[0]
+
+
+def _order_show(book: OrderBook, line: Line) -> Outcome:
+    order = _one(book, line.text("TICKET"))
+    return Outcome(plain(order), ordering.portrait(order))
+
+
+def _order_cancel(book: OrderBook, line: Line) -> Outcome:
+    order = book.cancel(_one(book, line.text("TICKET")).key, book.owner)
+    book.keep(orders=[order])
+    return Outcome(
+        plain(order), f"order {order.ticket} is cancelled here; the directories hear of it next time"
+    )
+
+
+def _show(book: OrderBook, line: Line) -> Outcome:
+    known, now = book.robot(line.text("NAME")), time.time()
+    return Outcome(plain(known), ordering.known_portrait(known, now))
+
+
+def _ls(book: OrderBook, _line: Line) -> Outcome:
+    now = time.time()
+    agents = sorted(book.store.agents.values(), key=lambda each: each.name)
+    rows = [("NAME", "KIND", "STATE")]
+    rows += [(each.name, each.robot.kind if each.robot else "-", absence.how(each, now)) for each in agents]
+    data: list[Any] = [{"name": each.name, "state": absence.how(each, now)} for each in agents]
+    return Outcome(data, wording.columns(rows))
+
+
+_OFFLINE: dict[str, Any] = {
+    "call": _call,
+    "orders": _orders,
+    "order show": _order_show,
+    "order cancel": _order_cancel,
+    "show": _show,
+    "ls": _ls,
+}
