@@ -123,8 +123,13 @@ def told_left(left: OrderLeft, teller: Teller) -> Outcome:
         f"order {order.ticket}: {order.robot}.{order.command} is left,"
         f" to begin by {absence.clock(order.begin_by)}; {held}"
     )
-    return Outcome({**plain(order), "ticket": order.ticket, "confirmed": list(left.confirmed),
-                    "unconfirmed": list(left.unconfirmed)}, text)  # fmt: skip
+    data = {**data_of(order), "confirmed": list(left.confirmed), "unconfirmed": list(left.unconfirmed)}
+    return Outcome(data, text)  # fmt: skip
+
+
+def data_of(order: Order) -> dict[str, Any]:
+    """Return an order as plain data."""
+    return {**plain(order), "state": order.state, "shown": order.shown, "ticket": order.ticket}
 
 
 def until(text: str) -> float:
@@ -157,7 +162,7 @@ async def orders(realm_client: RealmClient, line: Line, teller: Teller) -> Outco
     shown = board.orders if line.flag("--all") else [each for each in board.orders if not each.seen]
     holds = [each for each in board.holds if line.text("NAME") in ("", each.robot) or not each.robot]
     data = {
-        "orders": [{**plain(each), "ticket": each.ticket, "shown": each.shown} for each in shown],
+        "orders": [data_of(each) for each in shown],
         "holds": [plain(each) for each in holds],
         "silent": list(board.silent),
     }
@@ -201,7 +206,7 @@ def about(order: Order) -> str:
 async def order_show(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """Show one order."""
     order = await realm_client.orders.order(line.text("TICKET"))
-    return Outcome({**plain(order), "ticket": order.ticket, "shown": order.shown}, portrait(order))
+    return Outcome(data_of(order), portrait(order))
 
 
 def portrait(order: Order) -> str:
@@ -238,14 +243,14 @@ async def order_cancel(realm_client: RealmClient, line: Line, teller: Teller) ->
             f"{names} did not confirm it and may have another copy: if {order.robot} hears of that one"
             f" alone, it is carried out; start {names} again, or stop {order.robot}"
         )
-    data = {**plain(order), "ticket": order.ticket, "unconfirmed": list(left.unconfirmed)}
+    data = {**data_of(order), "unconfirmed": list(left.unconfirmed)}
     return Outcome(data, text)
 
 
 async def order_confirm(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """Answer what a robot asks about an order."""
     left = await realm_client.orders.confirm(line.text("TICKET"))
-    return Outcome(plain(left.order), f"order {left.order.ticket} may begin")
+    return Outcome(data_of(left.order), f"order {left.order.ticket} may begin")
 
 
 async def inbox(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
@@ -254,7 +259,7 @@ async def inbox(realm_client: RealmClient, line: Line, _teller: Teller) -> Outco
     if not line.flag("--keep"):
         await realm_client.orders.mark_seen(found)
     text = "\n".join(result_line(each) for each in found) or "no result waits"
-    return Outcome([{**plain(each), "ticket": each.ticket, "shown": each.shown} for each in found], text)
+    return Outcome([data_of(each) for each in found], text)
 
 
 def result_line(order: Order) -> str:

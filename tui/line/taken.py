@@ -153,14 +153,14 @@ def _call(book: OrderBook, line: Line) -> Outcome:
     book.keep(orders=[order])
     end = absence.clock(order.begin_by)
     text = f"order {order.ticket}: {robot}.{command} is left here, to begin by {end}; no directory has it yet"
-    return Outcome({**plain(order), "ticket": order.ticket, "confirmed": [], "unconfirmed": []}, text)
+    return Outcome({**ordering.data_of(order), "confirmed": [], "unconfirmed": []}, text)
 
 
 def _orders(book: OrderBook, line: Line) -> Outcome:
     from robotree.vr.base.requests import ReadOrders
 
     found = book.find(ReadOrders(robot=line.text("NAME"))).orders
-    data = {"orders": [{**plain(each), "ticket": each.ticket, "shown": each.shown} for each in found]}
+    data = {"orders": [ordering.data_of(each) for each in found]}
     return Outcome({**data, "holds": [], "silent": []}, ordering.table(found))
 
 
@@ -178,7 +178,7 @@ def _one(book: OrderBook, ticket: str) -> Order:
 
 def _order_show(book: OrderBook, line: Line) -> Outcome:
     order = _one(book, line.text("TICKET"))
-    return Outcome(plain(order), ordering.portrait(order))
+    return Outcome(ordering.data_of(order), ordering.portrait(order))
 
 
 def _order_cancel(book: OrderBook, line: Line) -> Outcome:

@@ -92,6 +92,8 @@ class OrderBook:
         self.name, self.store, self.unix, self.owner, self.site = name, store, unix, owner, site
         self.label = f"{name}.{store.id[:4]}"
         """Its name among those that hold an order: sites may have directories of one name."""
+        self._commands: dict[str, tuple[RobotDescription, frozenset[str]]] = {}
+        """Names of the commands of each robot, by identity, as they were looked at last."""
         self.here: Callable[[KnownAgent], bool] = lambda _: False
         """Whether a robot is here now."""
 
@@ -251,10 +253,18 @@ class OrderBook:
             robot = each.robot
             if request.kind and (robot is None or request.kind not in robot.kinds):
                 continue
-            if request.command and (robot is None or robot.command(request.command) is None):
+            if request.command and (
+                robot is None or request.command not in self._names(each.identity, robot)
+            ):
                 continue
             found.append(_brief(each) if request.brief else each)
         return sorted(found, key=lambda each: (each.role, each.name, each.identity))
+
+    def _names(self, identity: str, robot: RobotDescription) -> frozenset[str]:
+        known = self._commands.get(identity)
+        if known is None or known[0] is not robot:
+            known = self._commands[identity] = robot, frozenset(each.name for each in robot.commands)
+        return known[1]
 
     def take_along(self, names: Iterable[str], who: str) -> OrderNews:
         """Take note of who takes robots along.

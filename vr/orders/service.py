@@ -403,7 +403,7 @@ class DirectoryService:
         )
         self._read.pop(identity, None)
         self._spread_later(self.book.keep(agents=[known]))
-        if identity not in self._asked:
+        if identity not in self._asked and robot.online:
             await self._remember(address, robot)
 
     async def _look_at(self, address: Address) -> None:
@@ -440,6 +440,7 @@ class DirectoryService:
             try:
                 value = await client.call(spec.name, {}, deadline=ANSWER_IN, caller=self.address.name)
             except VrError:
+                self._asked.pop(before.identity, None)  # its controller is not there yet: once more later
                 continue
             known = self._latest(self._here.get(address, ""))
             if known is not None:
@@ -456,7 +457,7 @@ class DirectoryService:
     def _state(self, key: str, body: bytes) -> None:
         address = Address.parse(key.rpartition("/")[0])
         known = None if address is None else self._latest(self._here.get(address, ""))
-        if known is None:
+        if address is None or known is None or known.robot is None:
             return
         with contextlib.suppress(VrError):  # of another version
             state = decode_event(body, key=key)
@@ -465,6 +466,8 @@ class DirectoryService:
                 self._read[known.identity] = msgspec.structs.replace(
                     known, readings=_finite(state.readings), read=now, seen=now, online=state.online
                 )
+                if state.online and not known.online and known.identity not in self._asked:
+                    self._do(self._remember(address, known.robot))
 
     def _write_readings(self) -> None:
         read, self._read = self._read, {}

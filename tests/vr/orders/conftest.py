@@ -132,7 +132,8 @@ class Stage:
         await asyncio.sleep(0.1)
 
     async def person(self, name: str = "operator") -> RealmClient:
-        client = RealmClient(self.network.join(name))
+        transport = self.transports[name] = self.network.join(name)
+        client = RealmClient(transport)
         client.orders._unix = self.unix
         await client.start()
         self.clients.append(client)
