@@ -33,6 +33,8 @@ from robotree.vr.base.written import (
 _NAME = re.compile(r"[A-Za-z0-9_-]*\*?[A-Za-z0-9_-]*")
 _ROLE = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}")
 _TOP = ("realm", "version", "ask", "persons", "roles")
+OF_COMMANDS = frozenset({"command", "order"})
+"""Rights that may be given for single commands."""
 _PARTS = ("name", "kind", "command", "site", "role")
 
 
@@ -112,8 +114,10 @@ def _rule(right: Right, thing: Written) -> PolicyRule:
     pattern = word(thing, right.name, thing.mark)
     site, colon, rest = pattern.text.rpartition(":")
     name, dot, command = rest.partition(".")
-    if dot and right.name != "command":
-        raise pattern.mark.error(f"only command takes ROBOT.COMMAND; {right.name} concerns the whole robot")
+    if dot and right.name not in OF_COMMANDS:
+        raise pattern.mark.error(
+            f"only command and order take ROBOT.COMMAND; {right.name} concerns the whole robot"
+        )
     for part, there in ((site, colon), (name, "."), (command, dot)):
         if there:
             _check(part, pattern)
@@ -139,8 +143,10 @@ def _rule_of_parts(right: Right, parts: Entries) -> PolicyRule:
         found[name.text] = tuple(each.text for each in words)
     if not found:
         raise parts.mark.error('{} allows nothing: write "*" for everything')
-    if "command" in found and right.name != "command":
-        raise parts.mark.error(f"only command is about commands; {right.name} concerns the whole robot")
+    if "command" in found and right.name not in OF_COMMANDS:
+        raise parts.mark.error(
+            f"only command and order are about commands; {right.name} concerns the whole robot"
+        )
     for role in found.get("role", ()):
         if role not in right.roles:
             raise parts.mark.error(f"{right.name} concerns {', '.join(right.roles)}, no {role}")
@@ -177,7 +183,7 @@ def schema() -> dict[str, Any]:
     def of(right: Right) -> dict[str, Any]:
         if right.roles == (REALM,):
             return {"type": "boolean", "description": right.help}
-        parts = [part for part in _PARTS if part != "command" or right.name == "command"]
+        parts = [part for part in _PARTS if part != "command" or right.name in OF_COMMANDS]
         mapping = {
             "type": "object",
             "properties": dict.fromkeys(parts, names),
