@@ -202,9 +202,9 @@ def _robots_of(held: Iterable[Held]) -> dict[str, Held]:
 
 def _agents_of(role: Role, held: Iterable[Held]) -> dict[str, Held]:
     """Return the agents of one role, by name."""
-    from robotree.vr.base.address import Address
+    from robotree.vr.base.address import shown_address
 
-    found = ((Address.parse(one.key), one) for one in held)
+    found = ((shown_address(one.key), one) for one in held)
     return {address.name: one for address, one in found if address and address.role == role}
 
 
@@ -397,7 +397,7 @@ async def _logged(realm_client: RealmClient, name: str) -> list[tuple[str, Logge
             if not found:
                 raise
         return sorted(found, key=lambda entry: entry[1].unix)
-    names = [address.name for address in realm_client.directory.present("robot")]
+    names = [address.name for address in realm_client.present("robot")]
     logs = await asyncio.gather(*map(realm_client.read_log, names), return_exceptions=True)
     if faults := [one for one in logs if isinstance(one, BaseException) and not isinstance(one, VrError)]:
         raise faults[0]

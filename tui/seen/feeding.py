@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from robotree.tui.seen import unlisted
 from robotree.tui.seen.store import Store
-from robotree.vr.base.address import Address, Role
+from robotree.vr.base.address import Address, Role, shown_address
 from robotree.vr.base.errors import TransportClosed, VrError
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ class Feed:
         return self._present_as("host", "lookup")
 
     def _present_as(self, *roles: Role) -> set[Address]:
-        return {address for role in roles for address in self.realm_client.directory.present(role)}
+        return {address for role in roles for address in self.realm_client.present(role)}
 
     def _take_state(self, name: str, state: State) -> None:
         shape = self.store.shape
@@ -126,7 +126,7 @@ class Feed:
                 self.store.take_late(self.realm_client.late())
                 hang = self.realm_client.hang()
                 self.store.take_silent(hang, self.clock())
-                answering = self._servers.difference(Address.parse(one.key) for one in hang)
+                answering = self._servers.difference(shown_address(one.key) for one in hang)
                 self.store.take_servers(answering, self.clock(), left=self.realm_client.left)
                 await asyncio.sleep(GLANCE)
 
@@ -143,7 +143,7 @@ class Feed:
         hanging = await self.realm_client.hanging()
         store, now, present = self.store, self.clock(), self._present
         living = {description.address for description in store.descriptions.values()}
-        alive = {*present, *(address for one in hanging if (address := Address.parse(one.key)))}
+        alive = {*present, *(address for one in hanging if (address := shown_address(one.key)))}
         for address in list(store.missed):
             if address in living:
                 store.found(address, now)
@@ -166,8 +166,9 @@ class Feed:
     async def _look(self) -> None:
         try:
             tree = await self.realm_client.tree()
-            hang = {one.key for one in self.realm_client.hang()}  # of these, some have answered before that
-            tree = [robot for robot in tree if robot.address.key not in hang]
+            # of these, some have answered before that
+            hang = {shown_address(one.key) for one in self.realm_client.hang()}
+            tree = [robot for robot in tree if robot.address not in hang]
             self.store.take_descriptions(tree, self.clock())
             await self._take_unlisted(tree)
             await self._tell_of_the_missed()

@@ -15,7 +15,7 @@ from robotree.tui.seen import instruments, status, wording
 from robotree.tui.seen.status import Condition, Status
 from robotree.tui.seen.stopping import StopRound
 from robotree.tui.terminal import one_line
-from robotree.vr.base.address import Address
+from robotree.vr.base.address import Address, shown_address
 from robotree.vr.base.description import Lack, Listing, RobotDescription
 from robotree.vr.base.presence import Held
 from robotree.vr.base.principal import is_person
@@ -271,7 +271,7 @@ class Store:
     def take_silent(self, silent: Iterable[Held], now: float) -> None:
         """Take the agents in processes that hang: log each once, and keep robots among them in the list."""
         for one in silent:
-            address = Address.parse(one.key)
+            address = shown_address(one.key)
             if address is None:
                 continue
             missed = self.missed.pop(address, None)
@@ -282,7 +282,7 @@ class Store:
 
     def take_late(self, late: Iterable[Held]) -> None:
         """Take the agents whose processes are late with their sign of life."""
-        found = frozenset(address.name for one in late if (address := Address.parse(one.key)))
+        found = frozenset(address.name for one in late if (address := shown_address(one.key)))
         if found != self.late:
             self.late = found
             self.revision += 1
@@ -381,7 +381,7 @@ class Store:
 
     def take_processes(self, held: Iterable[Held]) -> None:
         """Take which process holds each robot."""
-        found = ((Address.parse(one.key), one.where) for one in held)
+        found = ((shown_address(one.key), one.where) for one in held)
         self.processes = {one.name: where for one, where in found if one and one.role == "robot"}
 
     def take_hosts(self, hosts: Iterable[str]) -> None:

@@ -21,7 +21,7 @@ import itertools
 import logging
 import math
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, KeysView, Sequence
 from concurrent.futures import Future
 from functools import partial
 from typing import Any, Final
@@ -413,6 +413,13 @@ class Mesh:
         with self._lock:
             if (pattern := self._subscribers.remove(number)) is not None:
                 self._announce_change(Topic.SUBSCRIBES, pattern, there=False)
+
+    def held_elsewhere(self, keys: Collection[str]) -> set[str]:
+        """Return those of these keys under which another process is present and awake."""
+        with self._lock:
+            held = [peer.known[Topic.HOLDS] for peer in self._peers.values() if peer.awake]
+            few = keys if isinstance(keys, KeysView) else set(keys)
+            return {key for one in held for key in (one & few if len(one) < len(few) else few & one)}
 
     def wanted(self) -> set[str]:
         """Return the patterns to which the other processes subscribe."""

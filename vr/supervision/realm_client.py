@@ -10,7 +10,9 @@ import asyncio
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from typing import Any, Literal, TypeVar
 
-from robotree.vr.base.address import Address, Role, check_name, everyone
+import msgspec
+
+from robotree.vr.base.address import Address, Role, check_name, everyone, parted
 from robotree.vr.base.chance import token
 from robotree.vr.base.description import Listing, RobotDescription, Template
 from robotree.vr.base.errors import (
@@ -59,6 +61,7 @@ from robotree.vr.lookup.chronicle import merged
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.network.lean_stop import REASON
 from robotree.vr.supervision.releases import Releases
+from robotree.vr.supervision.showing import shown_agent, shown_held, shown_robot
 from robotree.vr.supervision.stop import EVERYWHERE, OnLate, StopOrder, StopScope
 
 CALLER = "operator"
@@ -85,7 +88,11 @@ _K = TypeVar("_K", EventsRead, EventsVerified)
 
 
 class RealmClient:
-    """Sees and commands all agents of a realm."""
+    """Sees and commands all agents of a realm.
+
+    A name is that of an agent of this machine, else of the only one, or `SITE:NAME`. Where several sites have
+    agents of one name, all are shown with their sites.
+    """
 
     def __init__(self, transport: Transport, realm: str = "") -> None:
         """Prepare; `start` looks around.
@@ -96,6 +103,7 @@ class RealmClient:
         """
         self.realm = realm
         self.directory = Directory(transport)
+        self.places = self.directory.places
         self._transport = transport
         self._releases = Releases(self.directory, transport)
         self._caller = _Caller(transport)
@@ -123,11 +131,18 @@ class RealmClient:
 
     def robots(self) -> Sequence[Listing]:
         """Return the robots that are listed: an enslaved one is not."""
-        return self.directory.find(Template(role="robot"))
+        return self._listings("robot")
 
     def views(self) -> Sequence[Listing]:
         """Return the views."""
-        return self.directory.find(Template(role="view"))
+        return self._listings("view")
+
+    def _listings(self, role: Literal["robot", "view"]) -> Sequence[Listing]:
+        return [shown_agent(one, self.places.shown) for one in self.directory.find(Template(role=role))]
+
+    def present(self, role: Role) -> Sequence[Address]:
+        """Return all agents of a role that are seen alive, listed or not, as people are shown them."""
+        return [self.places.shown(address) for address in self.directory.present(role)]
 
     def inhabited(self) -> bool:
         """Whether any agent runs on this machine, by the machine's own record. Needs no `start`."""
@@ -136,7 +151,8 @@ class RealmClient:
     async def hosts(self) -> Sequence[HostDescribed]:
         """Ask all hosts what they run, by name. One that does not answer is left out."""
         hosts = (HostClient(self._transport, address) for address in self.directory.present("host"))
-        return await _all_that_answer(host.describe(timeout=GLANCE) for host in hosts)
+        described = await _all_that_answer(host.describe(timeout=GLANCE) for host in hosts)
+        return [shown_agent(one, self.places.shown) for one in described]
 
     async def arrival(self, role: Role, name: str, *, within: float) -> None:
         """Wait until an agent is present.
@@ -149,15 +165,17 @@ class RealmClient:
         Raises:
             NoSuchRobot: or NoSuchHost, NoSuchView: it has not come.
         """
-        if not await self._transport.presence.until(everyone(role, name), there=True, within=within):
+        pattern = everyone(role, parted(name)[1])
+        if not await self._transport.presence.until(pattern, there=True, within=within):
             await self.directory.resolve(name, role)
 
     async def spaces(self) -> Sequence[SpaceDescribed]:
         """Ask all spaces how they are. One that does not answer is left out."""
         keys = [address.key for address in self.directory.present("space")]
-        return await _all_that_answer(
+        described = await _all_that_answer(
             ask(self._transport, key, DescribeSpace(), SpaceDescribed, timeout=GLANCE) for key in keys
         )
+        return [shown_agent(one, self.places.shown) for one in described]
 
     async def look_into_space(self, name: str, kind: str = "", *, most: int) -> SpaceDescribed:
         """Ask a space for its oldest entries.
@@ -178,7 +196,10 @@ class RealmClient:
 
     def held(self) -> Sequence[Held]:
         """Return which process holds each agent, as far as this machine knows it."""
-        return [one for one in self._transport.presence.held("*/*/*") if one.key]
+        return self._held_as_shown(one for one in self._transport.presence.held("*/*/*") if one.key)
+
+    def _held_as_shown(self, held: Iterable[Held]) -> Sequence[Held]:
+        return [shown_held(one, self.places.shown) for one in held]
 
     def unnamed(self) -> Sequence[Held]:
         """Return the frozen processes of which nobody here knows what they hold; without a key."""
@@ -190,15 +211,15 @@ class RealmClient:
 
     def hang(self) -> Sequence[Held]:
         """Return the agents whose processes certainly hang by now (`Presence.hangs`)."""
-        return self._transport.presence.hangs("*/*/*")
+        return self._held_as_shown(self._transport.presence.hangs("*/*/*"))
 
     def late(self) -> Sequence[Held]:
         """Return the agents whose processes are late with their sign of life (`Presence.late`)."""
-        return self._transport.presence.late("*/*/*")
+        return self._held_as_shown(self._transport.presence.late("*/*/*"))
 
     async def hanging(self) -> Sequence[Held]:
         """Return the agents whose processes hang, as soon as that is certain of all."""
-        return await self._transport.presence.hanging("*/*/*")
+        return self._held_as_shown(await self._transport.presence.hanging("*/*/*"))
 
     def on_change(self, callback: Callable[[], None]) -> Callable[[], None]:
         """Call back after each change of the lists; returns how to end that."""
@@ -219,7 +240,7 @@ class RealmClient:
 
         def take(address: Address, state: State) -> None:
             self._releases.count(address.key, state.stops)
-            callback(address.name, state)
+            callback(self.places.shown(address).name, state)
 
         registration = await self._subscribe(name, "state", State, take)
         return registration if name is not None else _Watch(registration, self._releases)
@@ -237,7 +258,10 @@ class RealmClient:
             BadName: that cannot be a name.
         """
         return await self._subscribe(
-            name, "log", LogLines, lambda address, heard: callback(address.name, heard.lines)
+            name,
+            "log",
+            LogLines,
+            lambda address, heard: callback(self.places.shown(address).name, heard.lines),
         )
 
     async def _subscribe(
@@ -251,11 +275,23 @@ class RealmClient:
                 event = decode_event(body, key=key)
             except VrError:
                 return  # a robot of another version
-            if address is not None and isinstance(event, kind):
+            if (
+                address is not None
+                and isinstance(event, kind)
+                and (name is None or self._means(name, address))
+            ):
                 take(address, event)
 
-        pattern = everyone("robot", "*" if name is None else check_name(name))
+        pattern = everyone("robot", "*" if name is None else parted(name)[1])
         return await self._transport.subscribe(f"{pattern}/{what}", hear)
+
+    def _means(self, name: str, robot: Address) -> bool:
+        """Whether a name, with or without a site, means this robot: see the class."""
+        site, own = parted(name)[0], self.places.own
+        there = self.places.site_of(robot.key) if own else ""
+        if site:
+            return site == (there or own)
+        return not there or not self.places.at("robot", own, robot.name)
 
     async def read_log(self, name: str) -> Sequence[LoggedLine]:
         """Return the log of a robot, the oldest line first."""
@@ -273,27 +309,36 @@ class RealmClient:
     async def read_events(self, request: ReadEvents) -> Mapping[str, EventsRead]:
         """Ask all hosts what they have kept of a robot or a command; returns the answers by host.
 
-        One that does not answer is left out.
+        One that does not answer is left out. Of a robot only the hosts of its site are asked, where it is
+        known.
         """
-        return dict(await self._of_hosts(request, EventsRead, GLANCE))
+        site, plain = parted(request.robot) if request.robot else ("", "")
+        own = self.places.own
+        if plain and not site and own and (found := self.directory.present("robot", plain)):
+            site = self.places.site_of(self.directory.nearest(found, "robot", plain)[0].key) or own
+        request = msgspec.structs.replace(request, robot=plain)
+        return dict(await self._of_hosts(request, EventsRead, GLANCE, site))
 
     async def verify_events(self) -> Mapping[str, EventsVerified]:
         """Have all hosts examine what they have kept; returns what they found, by host."""
         return dict(await self._of_hosts(VerifyEvents(), EventsVerified, EXAMINATION))
 
     async def _of_hosts(
-        self, request: ReadEvents | VerifyEvents, kind: type[_K], timeout: float
+        self, request: ReadEvents | VerifyEvents, kind: type[_K], timeout: float, site: str = ""
     ) -> Sequence[tuple[str, _K]]:
         async def answer(host: Address) -> tuple[str, _K]:
-            return host.name, await ask(self._transport, host.key, request, kind, timeout=timeout)
+            said = await ask(self._transport, host.key, request, kind, timeout=timeout)
+            return self.places.shown(host).name, said
 
-        return await _all_that_answer(map(answer, self.directory.present("host")))
+        hosts = self.directory.present("host", f"{site}:*" if site else "*")
+        return await _all_that_answer(map(answer, hosts))
 
     # -- what they are ----------------------------------------------------------------------------
 
     async def describe(self, name: str) -> RobotDescription:
         """Ask a robot for its description, enslaved or not."""
-        return self._count(await self._ask(name, lambda robot: robot.describe()))
+        found = await self._ask(name, lambda robot: robot.describe())
+        return shown_robot(self._count(found), self.places.shown)
 
     async def describe_view(self, name: str) -> ViewDescribed:
         """Ask a view for its cameras and readings."""
@@ -304,11 +349,14 @@ class RealmClient:
 
         A robot that vanishes or hangs meanwhile is left out; its children are not.
         """
+        return from_the_top(shown_robot(robot, self.places.shown) for robot in await self._describe_all())
+
+    async def _describe_all(self) -> Sequence[RobotDescription]:
         robots = (
             RobotClient(self._transport, address, patience=GLANCE)
             for address in self.directory.present("robot")
         )
-        return from_the_top(map(self._count, await _all_that_answer(robot.describe() for robot in robots)))
+        return list(map(self._count, await _all_that_answer(robot.describe() for robot in robots)))
 
     async def look(
         self, view: str, *, camera: str = "", width: int = 320, height: int = 180, quality: int = 75
@@ -590,13 +638,16 @@ class RealmClient:
         from robotree.vr.bundle import Bundle
 
         bundle = await asyncio.to_thread(Bundle.read, path, wanted)
-        client = HostClient(self._transport, await self.directory.resolve(robot.host, "host"))
+        site = self.places.site_of(robot.address.key)
+        host = f"{site}:{robot.host}" if site else robot.host
+        client = HostClient(self._transport, await self.directory.resolve(host, "host"))
         return await self._awake(client.reload(bundle, name, now=now, within=within))
 
     async def enslave(self, parent: str, slot: str, child: str) -> RobotDescription:
         """Bind a child to a slot; returns the parent's description."""
         address = await self.directory.resolve(child)
-        return await self._ask(parent, lambda robot: robot.enslave(slot, address))
+        bound = await self._ask(parent, lambda robot: robot.enslave(slot, address))
+        return shown_robot(bound, self.places.shown)
 
     async def release(self, parent: str, slot: str) -> RobotDescription:
         """Release the child in a slot; returns the description of the parent, or of the child if it waits.
@@ -605,14 +656,15 @@ class RealmClient:
             NoSuchRobot: the parent is not there, and no child waits for it in this slot.
         """
         try:
-            return await self._ask(parent, lambda robot: robot.free(slot))
+            freed = await self._ask(parent, lambda robot: robot.free(slot))
+            return shown_robot(freed, self.places.shown)
         except NoSuchRobot:
-            for robot in await self.tree():
-                bond = robot.bond
-                if bond is not None and bond.away and (bond.parent.name, bond.slot) == (parent, slot):
+            for robot in await self._describe_all():
+                bond, meant = robot.bond, (parted(parent)[1], slot)
+                if bond is not None and bond.away and (bond.parent.name, bond.slot) == meant:
                     child = RobotClient(self._transport, robot.address)
                     await child.release(bond.parent, bond.epoch)
-                    return await child.describe()
+                    return shown_robot(await child.describe(), self.places.shown)
             raise
 
     async def delete(self, name: str) -> str:
@@ -646,8 +698,10 @@ class RealmClient:
             raise
 
     async def _hosts(self, name: str) -> Sequence[Address]:
-        """Return the host of a name; without a name all of them."""
-        return [await self.directory.resolve(name, "host")] if name else self.directory.present("host")
+        """Return the host of a name; without a name all of them, those of this machine first."""
+        if name:
+            return [await self.directory.resolve(name, "host")]
+        return sorted(self.directory.present("host"), key=lambda one: (self.places.site_of(one.key), one))
 
 
 class _Caller:

@@ -21,6 +21,7 @@ from robotree.vr.base.requests import (
     Call,
     Cancel,
     Describe,
+    DescribeGateway,
     DescribeHost,
     DescribeSpace,
     DescribeView,
@@ -48,7 +49,7 @@ from tests.vr.recorder import Recorder
 
 ASKS_OR_PROLONGS = {
     Describe, Detach, Petition, Renew, ReadLog, ReadHistory, DescribeHost, Register, Query, Look,
-    DescribeView, RenewEntry, RenewFence, WatchEntries, DescribeSpace,
+    DescribeView, RenewEntry, RenewFence, WatchEntries, DescribeSpace, DescribeGateway,
     ReadEvents, VerifyEvents,
 }  # fmt: skip
 """Requests that are void when their caller no longer waits."""

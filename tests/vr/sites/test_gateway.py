@@ -45,7 +45,9 @@ class SiteOfTest:
             return SiteStopped(0, ["arm-1"], [], [])
 
         self.pipe = MemoryPipe(self.hub)
-        self.gateway = Gateway(self.gate, self.pipe, self.keys, stop_here=stop_here)
+        self.gateway = Gateway(
+            self.gate, self.pipe, self.keys, ground=self.gate.mesh, stop_here=stop_here, version="1.2.3"
+        )
         await self.gateway.open()
 
     async def be_robot(self, reply: Any = None) -> None:
