@@ -29,6 +29,9 @@ PAUSE = 0.4
 GLANCE = 0.2
 """[s] between two looks for processes that are late or hang: the table is asked, not the network."""
 
+WHERE = 1.0
+"""[s] between two questions to the gateway where robots of other sites are."""
+
 PATROL = 5.0
 """[s] at most between two looks at the tree, the hosts and the lookup services, hint or no hint."""
 
@@ -58,6 +61,7 @@ class Feed:
         self._tasks = (
             asyncio.create_task(self._keep_looking(), name="feed of the supervisor"),
             asyncio.create_task(self._keep_glancing(), name="signs of life for the supervisor"),
+            asyncio.create_task(self._keep_asking_where(), name="other sites for the supervisor"),
         )
 
     async def close(self) -> None:
@@ -129,6 +133,13 @@ class Feed:
                 answering = self._servers.difference(shown_address(one.key) for one in hang)
                 self.store.take_servers(answering, self.clock(), left=self.realm_client.left)
                 await asyncio.sleep(GLANCE)
+
+    async def _keep_asking_where(self) -> None:
+        """Show where robots of other sites are, and how old that is. Without a gateway nobody is asked."""
+        with contextlib.suppress(TransportClosed):
+            while True:
+                self.store.take_elsewhere(await self.realm_client.elsewhere(), self.clock())
+                await asyncio.sleep(WHERE)
 
     async def _take_unlisted(self, tree: Sequence[RobotDescription]) -> None:
         """Without a lookup service show what `ls` shows then: who is seen alive says itself what it is."""

@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from math import ceil, isnan
+from typing import TYPE_CHECKING, Literal
 
 from robotree.tui.seen import instruments, status, wording
 from robotree.tui.seen.status import Condition, Status
@@ -20,6 +21,9 @@ from robotree.vr.base.description import Lack, Listing, RobotDescription
 from robotree.vr.base.presence import Held
 from robotree.vr.base.principal import is_person
 from robotree.vr.base.requests import STOPPED, Level, LoggedLine, State
+
+if TYPE_CHECKING:  # help must not wait for the agents
+    from robotree.vr.supervision.realm_client import Elsewhere
 
 SILENCE = 4.0
 """[s] without a state after which a robot counts as silent: states come at least once a second."""
@@ -156,6 +160,10 @@ class Store:
     """Agents that are on no list any more: they hang, have gone or were enslaved, as must be found out."""
     absent: dict[str, Absent] = field(default_factory=dict[str, Absent])
     """Robots by name that hang or have gone, until they are dismissed or back."""
+    elsewhere: Mapping[str, Elsewhere] = field(default_factory=dict[str, "Elsewhere"])
+    """Where robots of other sites are, by name."""
+    elsewhere_at: float = 0.0
+    """[s] when that was known."""
     late: frozenset[str] = frozenset()
     """Robots whose process is late with its sign of life: it may hang, or be slow for a moment."""
     remembered: dict[str, RobotDescription] = field(default_factory=dict[str, RobotDescription])
@@ -286,6 +294,22 @@ class Store:
         if found != self.late:
             self.late = found
             self.revision += 1
+
+    def take_elsewhere(self, elsewhere: Mapping[str, Elsewhere], now: float) -> None:
+        """Take where robots of other sites are, and how old what is known of them is."""
+        self.elsewhere_at = now
+        if elsewhere != self.elsewhere:
+            self.elsewhere = elsewhere
+            self.revision += 1
+
+    def place(self, name: str, now: float) -> str:
+        """Return site and age of a robot of another site: `hall 0.5 s`; empty: it is of this machine."""
+        where = self.elsewhere.get(name)
+        if where is None:
+            return ""
+        way, heard = 0.0 if isnan(where.age) else where.age, self.age(name, now)
+        since = now - self.elsewhere_at if heard is None or where.silent else heard
+        return f"{where.site} {ceil(2 * (way + since)) / 2:g} s"  # steps of half a second do not flicker
 
     @property
     def hanging(self) -> frozenset[Address]:
@@ -575,10 +599,8 @@ class Store:
             return ("hangs", f"HANGS (pid {absent.pid})") if absent.hangs else ("gone", gone)
         if name in self.late:
             return "late", "late"
-        if self._silent(name, now):
-            return "silent", f"silent {status.span(self.age(name, now) or 0.0)}"
-        if name in self._unexplained:
-            return "silent", "does not answer"
+        if silent := self._silent_words(name, now):
+            return "silent", silent
         if self._condition_of(name) is None and name not in self.robots:
             return "gone", LEFT
         return None
@@ -595,7 +617,11 @@ class Store:
         return self.status(name, now) not in {"hangs", "gone"}
 
     def doing(self, name: str, now: float) -> str:
-        """Return how a robot is, in words."""
+        """Return how a robot is, in words; of one of another site with the place, and how old that is."""
+        place, words = self.place(name, now), self._doing(name, now)
+        return f"{words} · {place}" if place else words
+
+    def _doing(self, name: str, now: float) -> str:
         if away := self._away(name, now):
             return away[1]
         condition, heard = self._condition_of(name), self._heard.get(name)
@@ -642,6 +668,15 @@ class Store:
             self.attended = name
             self.forces.clear()
         self._attended = frozenset(self._downwards(name))
+
+    def _silent_words(self, name: str, now: float) -> str:
+        """Return how a robot is that is not heard; empty: it is."""
+        where = self.elsewhere.get(name)
+        if where is not None and where.silent:
+            return f"site {where.site} is silent"
+        if self._silent(name, now):
+            return f"silent {status.span(self.age(name, now) or 0.0)}"
+        return "does not answer" if name in self._unexplained else ""
 
     def _silent(self, name: str, now: float) -> bool:
         age = self.age(name, now)

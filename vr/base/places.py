@@ -9,6 +9,7 @@ Where no gateway runs, all agents are here, and a question costs one look into a
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Final
 
 from robotree.vr.base.address import Address, Role, everyone
@@ -35,6 +36,12 @@ def silent_key(site: str) -> str:
 def place_key(site: str, key: str) -> str:
     """Return the key that says at which site an agent is."""
     return f"{AT}/{site}/{key}"
+
+
+def here_of(presence: Presence, keys: Iterable[str]) -> list[str]:
+    """Return those of the keys whose agents are on this machine."""
+    places = Places(presence)
+    return [key for key in keys if not places.site_of(key)]
 
 
 class _Seen:

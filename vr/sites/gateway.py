@@ -273,7 +273,7 @@ class Gateway:
 
     def _see_wanted(self) -> None:
         wanted = self._mesh.wanted()
-        for pattern in wanted ^ self._wanted:
+        for pattern in sorted(wanted ^ self._wanted):
             for site in self.sites.values():
                 self.send(site, OneNews(Announced.WANTED, pattern, pattern in wanted), Lane.URGENT)
         self._wanted = wanted
@@ -471,7 +471,7 @@ class Gateway:
         for pattern in news.patterns:
             self._want(site, pattern)
         if not news.more:
-            for key in site.keys - site.fresh:
+            for key in sorted(site.keys - site.fresh):
                 self._forget(site, key)
             site.fresh.clear()
 
@@ -625,7 +625,7 @@ class Gateway:
         for pattern in list(site.patterns):
             self._unwant(site, pattern)
         if hide:
-            for key in list(site.keys):
+            for key in sorted(site.keys):
                 self._forget(site, key)
         self._stops.lost(site)
 
@@ -712,7 +712,7 @@ class Gateway:
     def _tell_of_sites(self) -> None:
         """Let the machine know which sites belong to the realm, and which are not heard."""
         known = {site.name: Known(site.name, site.kind, site.ends) for site in self._keys.sites()}
-        for name in self._known.keys() - known.keys():
+        for name in sorted(self._known.keys() - known.keys()):
             self._standing.forget(name)
         self._known = known
         self._mark_silent(self.now())

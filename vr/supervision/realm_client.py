@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
-from typing import Any, Literal, TypeVar
+from math import isnan, nan
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import msgspec
 
@@ -16,6 +17,7 @@ from robotree.vr.base.address import Address, Role, check_name, everyone, parted
 from robotree.vr.base.chance import token
 from robotree.vr.base.description import Listing, RobotDescription, Template
 from robotree.vr.base.errors import (
+    DuplicateName,
     HostReserved,
     NoAnswer,
     NoHost,
@@ -30,9 +32,11 @@ from robotree.vr.base.presence import Held
 from robotree.vr.base.requests import (
     ANSWER_WITHIN,
     Call,
+    DescribeGateway,
     DescribeSpace,
     EventsRead,
     EventsVerified,
+    GatewayDescribed,
     HostDescribed,
     LoggedLine,
     LogLines,
@@ -85,6 +89,22 @@ OnState = Callable[[str, State], None]
 _R = TypeVar("_R")
 _E = TypeVar("_E", State, LogLines)
 _K = TypeVar("_K", EventsRead, EventsVerified)
+
+
+class Elsewhere(NamedTuple):
+    """Where an agent of another site is."""
+
+    site: str
+    age: float
+    """[s] that what is shown of it is old, at least; NaN: the gateway did not say."""
+    silent: bool
+    """Whether its site is not heard now: it may do anything there."""
+
+    @property
+    def words(self) -> str:
+        """The same for people: `hall, 0.2 s ago`."""
+        silent = ", silent" if self.silent else ""
+        return f"{self.site}{silent}" if isnan(self.age) else f"{self.site}{silent}, {self.age:.1f} s ago"
 
 
 class RealmClient:
@@ -193,6 +213,41 @@ class RealmClient:
         address = await self.directory.resolve(name, "space")
         request = DescribeSpace(kind=kind, most=most)
         return await ask(self._transport, address.key, request, SpaceDescribed, timeout=ANSWER_WITHIN)
+
+    async def gateway(self) -> GatewayDescribed | None:
+        """Ask the gateway of this machine how the other sites are; None: none runs here.
+
+        Raises:
+            Hanging: it does not answer.
+            TransportError: it has just ended, or does not answer in time.
+        """
+        presence, pattern = self._transport.presence, everyone("gateway")
+        keys = presence.keys(pattern)
+        if not keys:
+            if presence.held(pattern):
+                await self.directory.expect_awake(pattern)
+            return None
+        return await ask(self._transport, keys[0], DescribeGateway(), GatewayDescribed, timeout=GLANCE)
+
+    async def elsewhere(self) -> Mapping[str, Elsewhere]:
+        """Return where each robot and view of another site is, and how old what is shown of it is.
+
+        By name as it is shown. It costs one question to the gateway of this machine; without one, none.
+        """
+        if not self.places.own:
+            return {}
+        try:
+            described = await self.gateway()
+        except VrError:
+            described = None
+        sites = {} if described is None else {site.name: site for site in described.sites}
+        found: dict[str, Elsewhere] = {}
+        for role in ("robot", "view"):
+            for address in self.directory.present(role):
+                if site := self.places.site_of(address.key):
+                    age = sites[site].age if site in sites else nan
+                    found[self.places.shown(address).name] = Elsewhere(site, age, self.places.silent(site))
+        return found
 
     def held(self) -> Sequence[Held]:
         """Return which process holds each agent, as far as this machine knows it."""
@@ -594,9 +649,12 @@ class RealmClient:
             NoHost: there is none at all.
             HostReserved: this host, or each that there is, runs another robot alone.
             StandsBy: or has no robots until another host is away.
-            AddressError: the name cannot be one, or is taken.
+            AddressError: the name cannot be one, or is taken, here or at a site that is linked: later, sites
+                may turn out to have one name, but nobody chooses that.
         """
         check_name(name)
+        if self.directory.present("robot", name) or self.directory.present("view", name):
+            raise DuplicateName(role="robot", name=name)
         from robotree.vr.bundle import Bundle  # `ls` needs no source
 
         bundle = await asyncio.to_thread(Bundle.read, path, wanted)
