@@ -333,7 +333,9 @@ class Story:
             f"{one}:{role}": process
             for one in SITES
             for role in ("rover", "team")
+            # one that has just come may come after the order to its site
             if (process := self.realm.processes[f"{one}.{role}"]).alive
+            and process.started < self.world.runner.now() - FRESH
         }
 
         async def stop(client: RealmClient) -> None:

@@ -11,7 +11,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from robotree.tui.diagnosis.finding import Finding
+from robotree.tui.diagnosis.finding import Finding, Grade
 from robotree.tui.processes.state_files import KEYS, state_home
 from robotree.vr.base.errors import Hanging, NoKeys, NotAMember, VrError
 from robotree.vr.base.extras import lacks
@@ -145,7 +145,7 @@ def of_site(site: SiteSeen, described: GatewayDescribed, now: float) -> Iterator
         )
     if site.state == "linked" and abs(site.clock) > CLOCK_OFF + site.round_trip:
         ahead = f"{abs(site.clock):.0f} s {'ahead of' if site.clock > 0 else 'behind'} the one here"
-        grade = "bad" if abs(site.clock) > CLOCK_WRONG else "doubt"
+        grade: Grade = "bad" if abs(site.clock) > CLOCK_WRONG else "doubt"
         yield Finding(
             "clock", grade, f"the clock of {who} is {ahead}: certificates are judged by it",
             "set both by NTP; commands and leases do not depend on it",

@@ -13,7 +13,7 @@ from robotree.vr.sites.certificates import MemberKind
 from robotree.vr.sites.site import Site
 
 
-class Known(NamedTuple):
+class RememberedSite(NamedTuple):
     """What this machine remembers of a site."""
 
     name: str
@@ -21,7 +21,7 @@ class Known(NamedTuple):
     ends: float = 0.0
 
 
-def seen(known: Known, site: Site | None, now: float, trouble: tuple[str, str]) -> SiteSeen:
+def seen(known: RememberedSite, site: Site | None, now: float, trouble: tuple[str, str]) -> SiteSeen:
     """Return how a site is.
 
     Args:

@@ -40,7 +40,7 @@ from robotree.vr.base.transport import End, Respond, Transport
 from robotree.vr.exchange.dispatcher import Dispatcher, SendReply, not_for
 from robotree.vr.network.on_loop import LoopTurns
 from robotree.vr.sites.certificates import Certificate
-from robotree.vr.sites.describing import Known, seen
+from robotree.vr.sites.describing import RememberedSite, seen
 from robotree.vr.sites.frames import (
     AboutSite,
     Admitted,
@@ -160,7 +160,7 @@ class Gateway:
         """Certificates that were given of late, by request."""
         self.refused = Counter[str]()
         """What was refused, by reason."""
-        self._known: dict[str, Known] = {}
+        self._known: dict[str, RememberedSite] = {}
         """The sites that the machine was told of."""
         self._looked = self._hinted = self._answered = 0.0
         self._ticked = self._woke = self.now()
@@ -209,7 +209,7 @@ class Gateway:
         trouble = self.reason()
         remedy = f"look at the hub and at the way to {state.where}; it is dialed for ever"
         refused = [name for name, site in self.sites.items() if site.refused]
-        known = {name: Known(name) for name in refused} | self._known
+        known = {name: RememberedSite(name) for name in refused} | self._known
         clause = (
             (self._out, "`robotree realm renew`, or ask the authority") if self._out else (trouble, remedy)
         )
@@ -711,7 +711,7 @@ class Gateway:
 
     def _tell_of_sites(self) -> None:
         """Let the machine know which sites belong to the realm, and which are not heard."""
-        known = {site.name: Known(site.name, site.kind, site.ends) for site in self._keys.sites()}
+        known = {site.name: RememberedSite(site.name, site.kind, site.ends) for site in self._keys.sites()}
         for name in sorted(self._known.keys() - known.keys()):
             self._standing.forget(name)
         self._known = known

@@ -6,11 +6,8 @@ from collections.abc import Callable, Collection
 from typing import Protocol
 
 from robotree.vr.base.presence import Presence
-from robotree.vr.base.principal import Credentials
-from robotree.vr.base.transport import End, OnReply, Respond
-
-TakeFrame = Callable[[bytes, Credentials, bool, Respond, End], None]
-"""Takes a request: see `vr/network/mesh.py`."""
+from robotree.vr.base.transport import OnReply
+from robotree.vr.network.mesh import TakeFrame
 
 
 class Ground(Protocol):

@@ -15,7 +15,8 @@ from collections.abc import Callable
 from robotree.vr.base.address import Address
 from robotree.vr.base.errors import TooManyKeys
 from robotree.vr.base.places import OWN, place_key, silent_key, site_key
-from robotree.vr.sites.ground import Ground, TakeFrame
+from robotree.vr.network.mesh import TakeFrame
+from robotree.vr.sites.ground import Ground
 from robotree.vr.sites.site import Site
 
 _log = logging.getLogger(__name__)

@@ -24,8 +24,11 @@ from robotree.vr.sites.frames import SiteState, StillSo
 PERIOD = 1.0
 """[s] between two sentences about what is still so."""
 
-LEAST = 1200.0
-"""[bytes/s] for the readings of idle robots on the slowest line: 100 robots of 120 bytes, each every 10 s."""
+LEAST = 1000.0
+"""[bytes/s] for the readings of idle robots on the slowest line: of 100 robots each comes every 20 s."""
+
+AROUND = 50
+"""[bytes] that are sent around a state and its key."""
 
 SHARE = 0.1
 """Of the line."""
@@ -95,15 +98,16 @@ class Summaries:
         """
         budget = max(LEAST, SHARE * rate)
         waiting = sorted((sent.at, key) for key, sent in self._sent.items() if sent.waiting)
-        most = max(budget, *(len(self._sent[key].waiting) for _, key in waiting[:1]), 0)
+        most = max(budget, *(_cost(key, self._sent[key]) for _, key in waiting[:1]), 0)
         self._credit = min(most, self._credit + (now - self._filled) * budget)
         self._filled = now
         leaving: list[SiteState | StillSo] = []
         for _, key in waiting:
             sent = self._sent[key]
-            if len(sent.waiting) > self._credit:
+            cost = _cost(key, sent)
+            if cost > self._credit:
                 break
-            self._credit -= len(sent.waiting)
+            self._credit -= cost
             leaving.append(self._send(key, sent, sent.waiting, sent.rest, now))
         if now - self._told >= PERIOD:
             self._told = now
@@ -160,6 +164,11 @@ class Mirrors:
         """Forget the state of a robot that has gone."""
         if (number := self._numbers.pop(f"{agent}/state", None)) is not None:
             self._states.pop(number, None)
+
+
+def _cost(key: str, sent: _Sent) -> int:
+    """Return the bytes of a state that waits."""
+    return len(sent.waiting) + len(key) + AROUND
 
 
 def _sum(body: bytes) -> int:

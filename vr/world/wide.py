@@ -13,7 +13,7 @@ import msgspec
 
 from robotree.vr.base.pattern import matches
 from robotree.vr.base.transport import Incoming, OnReply
-from robotree.vr.sites.ground import TakeFrame
+from robotree.vr.network.mesh import TakeFrame
 from robotree.vr.sites.pipe import LinkState, OnArrival
 from robotree.vr.world.network import Agenda, MemoryTransport
 
