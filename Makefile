@@ -4,6 +4,8 @@ PYTHON ?= python3
 NAMED = $(or $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])'),$(error $(PYTHON) cannot be run))
 VENV := .venv$(if $(filter command,$(origin PYTHON)),-$(NAMED))
 SEED := 1
+# [s] for stories of the World from new seeds; seeds.log keeps where the next night goes on.
+SEEDS_FOR := 1800
 WORKERS := 3
 INTERPRETERS := 3.11 3.12 3.13 3.14
 BIN := $(VENV)/bin
@@ -75,7 +77,9 @@ soak: $(STAMP) $(NODE_READY)  ## the slow tests, one on a fresh Debian testing, 
 	$(BIN)/python -m pytest tests/vr/space
 	$(BIN)/python -m pytest --hypothesis-profile search tests/machines
 	$(BIN)/python -m tests.durability.campaign --seed $(SEED)
+	$(BIN)/python -m tests.laboratory.campaign --seed $(SEED)
 	$(BIN)/python -m tests.soak --seed $(SEED) $(QUICK)
+	$(BIN)/python -m tests.world.many $(SEEDS_FOR) seeds.log
 
 interop: $(STAMP) $(INTEROP)/.ready  ## drive the simulated arm with the real MAVProxy and MAVSDK
 	$(BIN)/python -m pytest -m interop tests/interop

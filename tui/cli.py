@@ -170,7 +170,7 @@ def _start(line: Line, *, readonly: bool) -> int:
                 "check": _author, "new": _author, "info": _look, "doctor": _look, "completion": _complete,
                 "man": _man, "stop": _stop, "save": _save, "apply": _apply, "hub": _realm,
             }  # fmt: skip
-            families = {"realm": _realm, "bundle": _bundle}
+            families = {"realm": _realm, "bundle": _bundle, "policy": _policy}
             family = families.get(verb.partition(" ")[0], _ask)
             return apart.get(verb, family)(line, realm, readonly)
 
@@ -187,6 +187,13 @@ def _bundle(line: Line, realm: str, _readonly: bool) -> int:  # noqa: FBT001 # o
     from robotree.tui import bundles
 
     return bundles.start(line, realm)
+
+
+def _policy(line: Line, realm: str, _readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike
+    """Show, check or set the policy of a realm."""
+    from robotree.tui.sites import policies
+
+    return policies.start(line, realm)
 
 
 def _offline(line: Line) -> bool:

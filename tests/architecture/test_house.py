@@ -32,7 +32,7 @@ WHERE_EXTRAS_ARE_USED = {
     "tui": ("tui/screen/", "tui/seen/cells.py"),
     "scripts": ("vr/scripts/",),
     "wire": ("protocol/dialect/", "protocol/tools/"),
-    "machines": ("vr/sites/",),
+    "machines": ("vr/sites/", "vr/network/signed.py"),
     "postgres": ("vr/space/postgres.py", "vr/journal/postgres.py"),
     "testing": ("vr/world/", "testing/"),
 }

@@ -14,8 +14,8 @@ import pytest
 from robotree.client.joining import joined
 from robotree.tui import exit_codes
 from robotree.tui.processes.crew import Crew, Member
-from robotree.tui.processes.state_files import state_home
 from robotree.vr.journal.segments import HEAD
+from robotree.vr.network.realms import state_home
 from tests.command_line import robotree
 
 pytestmark = pytest.mark.e2e

@@ -105,7 +105,7 @@ CHANGES = {
     *("create", "enslave", "release", "delete", "role", "call", "cancel", "decide", "resume"),
     *("pause", "step", "continue"),
     *("wire replay", "wire inject", "set", "reload", "apply"),
-    *("wire conform", "bundle trust"),
+    *("wire conform", "bundle trust", "policy set"),
     *("realm create", "realm invite", "realm join", "realm revoke", "realm renew"),
 }
 """Verbs of the shell that change robots, or who commands them."""

@@ -67,6 +67,7 @@ def test_only_calm_robots_need_no_word(state: State, share: float | None) -> Non
             *["paused before step 2: arm.hold()"] * 2,
         ),
         (State(busy="move", paused="anna@pts/3"), "paused", *["paused: move"] * 2),
+        (State(away=6.6), "waits", *["its parent is away, 7 s left"] * 2),
         (State(stopped=True, paused="anna@pts/3"), "stopped", "stopped", "STOPPED"),
         (State(stopped=True, abandoned=("defy",)), "stopped", "stopped", "STOPPED"),
         (State(online=False, stopped=True), "offline", "offline", "offline"),

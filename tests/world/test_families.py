@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from tests.world.families import FAMILIES
+from tests.world.many import go_on
 from tests.world.threads import SCENES
 
 MANY = {
@@ -50,3 +53,20 @@ def test_each_family_is_played_by_the_soak() -> None:
 @pytest.mark.parametrize("family", MANY)
 def test_none_of_many_seeds_breaks_a_law(family: str) -> None:
     assert broken(family, range(MANY[family])) == []
+
+
+def test_a_night_goes_on_behind_the_last_seed_and_a_bad_seed_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seeds: list[int] = []
+
+    def play(seed: int) -> tuple[str, list[str]]:
+        seeds.append(seed)
+        return "", ["a law", "another law"] if seed == 4 else []
+
+    for _ in range(2):
+        ticks = iter([0.0, 1.0, 1.5, 2.0])  # three seeds of the only family
+        wrong = go_on({"one": play}, 2.0, tmp_path / "seeds", lambda ticks=ticks: next(ticks))
+    assert seeds == [0, 1, 2, 3, 4, 5]
+    assert wrong == 1
+    assert "one: seed 4: a law\n" in capsys.readouterr().out

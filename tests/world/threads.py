@@ -216,7 +216,8 @@ def _callers(stage: Stage) -> Law:
         def attend(self, key: str, caller: str) -> None: ...
 
     class Loop:
-        def call_soon_threadsafe(self, _watch: object, caller: str) -> None:
+        def call_soon_threadsafe(self, _watch: object, caller: str, *, context: object) -> None:
+            del context
             woken.append(caller)
 
     async def make() -> Callers:

@@ -11,11 +11,10 @@ from robotree.tui import exit_codes
 from robotree.tui.diagnosis import agents, finding, machine, meeting
 from robotree.tui.diagnosis.finding import Finding
 from robotree.tui.line.grammar import Line
-from robotree.tui.processes.state_files import state_home
 from robotree.tui.terminal import answer
 from robotree.tui.wire.security import NOTHING, REALM, REALM_KEY, VARIABLE, examined
 from robotree.vr.base.errors import VrError
-from robotree.vr.network.realms import realm_folder
+from robotree.vr.network.realms import realm_folder, state_home
 
 
 def run(line: Line, realm: str) -> int:

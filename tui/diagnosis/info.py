@@ -13,12 +13,11 @@ import robotree.tui
 from robotree.tui import exit_codes
 from robotree.tui.diagnosis import machine, meeting
 from robotree.tui.processes.realm import READONLY_VARIABLE
-from robotree.tui.processes.state_files import state_home
 from robotree.tui.seen import wording
 from robotree.tui.terminal import answer
 from robotree.tui.wire.security import REALM_KEY, VARIABLE
 from robotree.vr.base.extras import MODULES
-from robotree.vr.network.realms import REALM_VARIABLE, realm_folder
+from robotree.vr.network.realms import REALM_VARIABLE, realm_folder, state_home
 
 _VARIABLES = (
     REALM_VARIABLE, READONLY_VARIABLE, VARIABLE, "XDG_RUNTIME_DIR", "XDG_STATE_HOME", "XDG_CONFIG_HOME",

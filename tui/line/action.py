@@ -78,6 +78,8 @@ class Action(NamedTuple):
     """Options that only a shell takes: with them it goes on until it is interrupted, or leaves the realm."""
     needs: tuple[str, ...] = ()
     """The extras of pyproject.toml without which it cannot begin; see `robotree.vr.base.extras`."""
+    right: str = ""
+    """The right of a policy that it needs (`vr/base/policy.py`); empty: none, or several."""
     examples: tuple[str, ...] = ()
     guide: tuple[str, ...] = ()
     """Modules whose docstrings explain it further: `robotree help VERB` prints them."""

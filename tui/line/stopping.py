@@ -18,12 +18,12 @@ from robotree.tui.line.grammar import Line
 from robotree.tui.line.shell import Console
 from robotree.tui.line.verbs import Outcome, stopped
 from robotree.tui.processes.realm import nothing_to_ask, visited
-from robotree.tui.processes.state_files import KEYS, state_home
+from robotree.tui.processes.state_files import KEYS
 from robotree.tui.terminal import complain, error_data, note
 from robotree.vr.base.chance import token
 from robotree.vr.base.envelope import sitting_at, this_terminal
 from robotree.vr.base.errors import NoSuchRobot, NotConfirmed, RealmUnusable, VrError
-from robotree.vr.network.realms import all_realms, inhabited, realm_folder
+from robotree.vr.network.realms import all_realms, inhabited, realm_folder, state_home
 from robotree.vr.supervision.stop import StopScope
 from robotree.vr.supervision.stop_in_turn import stop_in_turn
 

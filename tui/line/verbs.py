@@ -166,21 +166,21 @@ SHOWN = 200
 def _contents(space: SpaceDescribed) -> Outcome:
     """Return what is in a space."""
     parts = [f"{count} {kind}" for kind, count in sorted(space.counts.items())]
-    told = [f"{space.address.name}: {', '.join(parts) or 'empty'} ({space.durability}, {space.store})"]
+    paragraphs = [f"{space.address.name}: {', '.join(parts) or 'empty'} ({space.durability}, {space.store})"]
     if space.entries:
         rows: list[tuple[str, ...]] = [("ENTRY", "KIND", "LEASE", "KEY", "FIELDS")]
         for entry in space.entries:
             fields = " ".join(f"{name}={value!r}" for name, value in entry.entry.fields.items())
             lease = "held" if entry.held else _lease(entry.term)
             rows.append((str(entry.id), entry.entry.kind, lease, entry.key or "-", fields))
-        told.append(wording.columns(rows))
+        paragraphs.append(wording.columns(rows))
     if space.fences:
         rows = [("FENCE", "EPOCH", "HOLDER", "LEFT")]
         rows += [
             (fence.name, str(fence.epoch), fence.holder or "-", _lease(fence.term)) for fence in space.fences
         ]
-        told.append(wording.columns(rows))
-    return Outcome(plain(space), "\n\n".join(told))
+        paragraphs.append(wording.columns(rows))
+    return Outcome(plain(space), "\n\n".join(paragraphs))
 
 
 def _lease(seconds: float) -> str:
@@ -322,6 +322,40 @@ async def show(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcom
         text += f"\n\nreadings\n{wording.columns(rows)}"
     there = {} if place is None else {"site": place.site, "age": place.age}
     return Outcome({**plain(robot), "readings": readings, **there}, text)
+
+
+async def may(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
+    """Explain whether a person may do something."""
+    from robotree.vr.base.policy import Person
+
+    right = _right(line.text("VERB"))
+    target = await realm_client.target(right, line.text("TARGET"))
+    gate = realm_client.gate
+    name = line.text("PERSON")
+    asker = Person(name, name.rpartition("@")[2] if "@" in name and gate.site else "")
+    found = gate.may(asker, right, target)
+    words = "may" if found.allowed else "may not"
+    text = f"{name} {words} {right} {target}: {found.reason}"
+    if not found.allowed:
+        text += f"; ask {gate.ask}"
+    data = {
+        "person": name, "right": right, "target": str(target), "kinds": list(target.kinds),
+        "allowed": found.allowed, "line": found.line, "reason": found.reason, "ask": gate.ask,
+        "version": 0 if gate.policy is None else gate.policy.version,
+    }  # fmt: skip
+    return Outcome(data, text)
+
+
+def _right(verb: str) -> str:
+    """Return the right that a verb needs, or that is called so."""
+    from robotree.tui.line.actions import BY_VERB
+    from robotree.vr.base.policy import BY_NAME, STOP
+
+    right = verb if verb in (*BY_NAME, STOP) else BY_VERB[verb].right if verb in BY_VERB else ""
+    if not right:
+        known = ", ".join((*BY_NAME, STOP))
+        raise ValueRefused("VERB", f"{verb!r} needs no right of its own; rights are {known}")
+    return right
 
 
 async def stubs(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
@@ -531,8 +565,8 @@ def _are(names: Sequence[str]) -> str:
 def _expect_group(parent: RobotDescription, slot: str) -> None:
     """Refuse several children for a slot that takes one, before the first of them is enslaved."""
     if not any(one.group == slot for one in parent.slots):
-        told = f"{parent.name}.{slot} takes one robot; several go only into a group (Children)"
-        raise ValueRefused("CHILD", told)
+        reason = f"{parent.name}.{slot} takes one robot; several go only into a group (Children)"
+        raise ValueRefused("CHILD", reason)
 
 
 async def release(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
@@ -764,10 +798,12 @@ def stopped(names: Sequence[str]) -> Outcome:
 async def resume(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """Resume after a protective stop."""
     name = line.text("NAME") or None
-    told = await realm_client.resume(name, given=line.given)
+    confirmed = await realm_client.resume(name, given=line.given)
     if name is None:
         away.take_stop_back(realm_client.realm)
-    return Outcome({"resumed": sorted(told)}, f"resumed: {', '.join(sorted(told)) or 'there is no robot'}")
+    return Outcome(
+        {"resumed": sorted(confirmed)}, f"resumed: {', '.join(sorted(confirmed)) or 'there is no robot'}"
+    )
 
 
 # -- scripts and roles -------------------------------------------------------------------------------

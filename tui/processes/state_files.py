@@ -12,6 +12,7 @@ from urllib.parse import quote
 from robotree.files import opened, private_folder
 from robotree.tui.errors import StateInUse
 from robotree.tui.terminal import note
+from robotree.vr.network import realms
 
 DEMOS = "demos"
 """Folder of what demos keep, beside those of the realms."""
@@ -21,6 +22,9 @@ NOWHERE = "none"
 
 KEYS = "keys"
 """Folder of the keys of a realm of several machines, in that of the realm."""
+
+state_home = realms.state_home
+"""Returns the folder of all realms; looking makes nothing."""
 
 CONTROLLERS = "controllers"
 """Folder of what simulated controllers keep, beside those of the realms: a controller belongs to none."""
@@ -137,8 +141,3 @@ def history_files(realm: str, home: Path | None = None) -> dict[tuple[str, str],
             for path in sorted(top.glob(f"{folder}/*/history.db")):
                 found[role, path.parent.name] = path
     return found
-
-
-def state_home() -> Path:
-    """Return the folder of all realms; looking makes nothing."""
-    return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "robotree"

@@ -8,8 +8,9 @@ import msgspec
 
 from robotree import files
 from robotree.tui.processes.programs import program_of
-from robotree.tui.processes.state_files import state_file, state_home
+from robotree.tui.processes.state_files import state_file
 from robotree.tui.realm_file.content import NAMELESS
+from robotree.vr.network.realms import state_home
 
 FILE = "controllers.json"
 """In `$XDG_STATE_HOME/robotree/REALM`."""

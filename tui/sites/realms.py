@@ -11,8 +11,9 @@ from typing import Any
 from robotree.tui import exit_codes
 from robotree.tui.errors import NoPlaceForState, ValueRefused
 from robotree.tui.line.grammar import Line
-from robotree.tui.processes.state_files import KEYS, state_file, state_home
+from robotree.tui.processes.state_files import KEYS, state_file
 from robotree.tui.terminal import answer
+from robotree.vr.network.realms import state_home
 from robotree.vr.sites.certificates import DAY, MemberKind, fingerprint
 from robotree.vr.sites.hub import hub_of
 from robotree.vr.sites.invitations import Hub, read_token, token_of

@@ -214,6 +214,7 @@ class RobotAgent:
                 now=self._process.runner.now,
                 at_once=self._outside.answers,
                 allow=self.runtime.authorise,
+                here=self.runtime.here,
             )
             self._declared.append(await self.transport.serve(self.address.key, dispatcher.take))
             self._declared.append(await self.transport.watch_itself(self._cut_off))

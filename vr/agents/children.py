@@ -123,7 +123,7 @@ class ChildKeeper:
         client = self._client_of(child)
         key = fresh_key()
         try:
-            bond = await self._ask(client, slot, key, returns)
+            bond = await self._ask(client, slot, key, returns, asker)
         except BaseException as error:
             self._runtime.post(on.Unreserve(slot=slot))
             if isinstance(error, TransportError) or not isinstance(error, VrError):
@@ -284,8 +284,11 @@ class ChildKeeper:
 
     # -- asking -----------------------------------------------------------------------------------
 
-    async def _ask(self, client: RobotClient, slot: str, key: str, returns: int | None) -> Bond:
+    async def _ask(
+        self, client: RobotClient, slot: str, key: str, returns: int | None, asker: Principal
+    ) -> Bond:
         lineage, child = self._runtime.look(lambda state: state.lineage), client.address
+        gate = self._runtime.here.gate
         if child.name in lineage:
             raise CycleOfBonds(parent=self._parent.name, child=child.name, lineage=" > ".join(lineage))
         spec = self._spec(slot)
@@ -306,6 +309,7 @@ class ChildKeeper:
             patience=spec.returns,
             waits=self._runtime.process.returns,
             life=self._runtime.process.kept_life,
+            asker=gate.asker(asker) if gate.closed and (asker.person or asker.site) else None,
         )
         sent = _now()
         try:

@@ -48,6 +48,7 @@ from robotree.vr.bundle.admission import Clearance, Gate, is_own
 from robotree.vr.bundle.loader import LIMIT
 from robotree.vr.core.bonds import DEFAULT_TERM
 from robotree.vr.core.machine import LONGEST_DEADLINE, RobotState
+from robotree.vr.exchange.authority import Here, RobotThere
 from robotree.vr.exchange.claim import claim, expect_free, new_address
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.exchange.dispatcher import Dispatcher, not_for
@@ -150,7 +151,10 @@ class Host:
         self._open = True
         try:
             now = asyncio.get_running_loop().time
-            dispatcher = Dispatcher(self.address.name, lambda received, _: self._answer(received), now=now)
+            here = Here("host", self.address.name, self._transport.gate, robot=self._robot_here)
+            dispatcher = Dispatcher(
+                self.address.name, lambda received, _: self._answer(received), now=now, here=here
+            )
             self._declared.append(await self._transport.serve(self.address.key, dispatcher.take))
             self._declared.append(await claim(self._transport, self.address))
         except BaseException:
@@ -448,6 +452,15 @@ class Host:
                 return EventsRead() if isinstance(request, ReadEvents) else EventsVerified()
             case _:
                 raise not_for("host", request)
+
+    def _robot_here(self, name: str) -> RobotThere | None:
+        """Return what a policy wants to know of a robot of this host."""
+        agent = self.agents.get(name)
+        if agent is None:
+            return None
+        bonds = agent.runtime.look(lambda state: state.slots.bonds())
+        children = tuple((bond.child.name, bond.description.kinds) for bond in bonds.values())
+        return RobotThere(agent.robot.kinds(), children)
 
     def page_of(self, name: str) -> str:
         """Return the hash of the page of a robot; empty: it is not here."""

@@ -129,6 +129,7 @@ class Publisher:
         if self._stopped:
             return
         try:
+            self._runtime.keep_to_policy()
             busy = self._show()
         except TransportError:  # the transport is closed
             self.stop()

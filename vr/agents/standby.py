@@ -13,6 +13,7 @@ from robotree.vr.base.envelope import Received
 from robotree.vr.base.errors import StandsBy
 from robotree.vr.base.requests import Create, DescribeHost, History, HostDescribed, ReadHistory, Reply
 from robotree.vr.base.transport import Registration, Transport
+from robotree.vr.exchange.authority import Here
 from robotree.vr.exchange.claim import claim, new_address
 from robotree.vr.exchange.dispatcher import Dispatcher, not_for
 from robotree.vr.journal.store import LogPlace, LogStore, Owner
@@ -87,7 +88,10 @@ class StandBy:
             TransportError: the transport does not work.
         """
         now = asyncio.get_running_loop().time
-        dispatcher = Dispatcher(self.address.name, lambda received, _: self._answer(received), now=now)
+        here = Here("host", self.address.name, self._transport.gate)
+        dispatcher = Dispatcher(
+            self.address.name, lambda received, _: self._answer(received), now=now, here=here
+        )
         try:
             self._declared.append(await self._transport.serve(self.address.key, dispatcher.take))
             self._declared.append(await claim(self._transport, self.address))

@@ -13,6 +13,7 @@ from typing import Protocol
 from robotree.vr.base.description import Listing
 from robotree.vr.base.requests import AnyRequest, DescribeView, Look, Picture, Reply, ViewDescribed
 from robotree.vr.base.transport import Registration, Transport
+from robotree.vr.exchange.authority import Here
 from robotree.vr.exchange.claim import claim, new_address
 from robotree.vr.exchange.dispatcher import Dispatcher, not_for
 from robotree.vr.lookup.registrar import Registrar
@@ -94,7 +95,10 @@ class ViewAgent:
         try:
             now = asyncio.get_running_loop().time
             dispatcher = Dispatcher(
-                self.address.name, lambda received, _: self._answer(received.request), now=now
+                self.address.name,
+                lambda received, _: self._answer(received.request),
+                now=now,
+                here=Here("view", self.address.name, self._transport.gate, lambda: ("View",)),
             )
             self._declared.append(await self._transport.serve(self.address.key, dispatcher.take))
             self._declared.append(await claim(self._transport, self.address))

@@ -25,8 +25,8 @@ from typing import NamedTuple
 
 import msgspec
 
-from robotree.vr.base.errors import Garbled, NoAnswer
-from robotree.vr.base.principal import SCRIPT, Credentials, Principal, principal_of, user_name, vouched
+from robotree.vr.base.errors import Garbled, NoAnswer, NotAllowed
+from robotree.vr.base.principal import SCRIPT, Credentials, Principal, principal_of, vouched
 from robotree.vr.base.requests import (
     AcquireFence,
     AnyRequest,
@@ -153,7 +153,7 @@ def seal(request: AnyRequest, *, now: float, within: float, sender: str = "") ->
     return Sealed(body, now + holds if begins or ends else 0.0)
 
 
-def opened(body: bytes, credentials: Credentials, who: str, now: float) -> Received:
+def opened(body: bytes, credentials: Credentials, who: str, now: float, owner: int | None = None) -> Received:
     """Take a request out of its envelope.
 
     Args:
@@ -161,9 +161,11 @@ def opened(body: bytes, credentials: Credentials, who: str, now: float) -> Recei
         credentials: of the process that has sent it.
         who: is asked, for messages.
         now: [s] on the machine's monotonic clock.
+        owner: number of the user whose gateway is believed, too: the realm's; None: nobody else's.
 
     Raises:
         Garbled: it cannot be read.
+        NotAllowed: it says for whom it asks, and is of no gateway.
         NoAnswer: it has expired: its asker has given up, or is about to.
     """
     try:
@@ -172,7 +174,10 @@ def opened(body: bytes, credentials: Credentials, who: str, now: float) -> Recei
         raise Garbled(key="a caller", detail=str(error)) from None
     asked = envelope.asked if same_clock(envelope.clock) and envelope.asked <= now else now
     principal = principal_of(credentials, envelope.sender, envelope.terminal)
-    if envelope.proof and principal.user == user_name(os.geteuid()):
+    if envelope.proof:
+        if credentials.user not in (os.geteuid(), owner):
+            reason = "only the gateway of the realm's owner speaks for other sites"
+            raise NotAllowed(who=principal.user, what=type(envelope.request).__name__, reason=reason)
         try:
             principal = vouched(envelope.proof, envelope.sender, envelope.terminal)
         except msgspec.MsgspecError as error:
@@ -191,6 +196,11 @@ def sitting_at(terminal: str) -> Generator[None]:
         yield
     finally:
         _here = before
+
+
+def asks_for_a_person() -> bool:
+    """Whether this process asks for a person at the moment; see `sitting_at`."""
+    return _here != ""
 
 
 def this_terminal() -> str:

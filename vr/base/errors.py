@@ -11,6 +11,7 @@ that a caller on the far side of the network catches the same class with the sam
                       CommandInDoubt (EndedInDoubt)
                       Stopped · StillRunning · KeyReused
       LeaseError      LeaseDenied · StaleEpoch · Retracted · CycleOfBonds · NotInControl · NotAllowed
+                      Denied
       BondError       NoSuchSlot · SlotOccupied · SlotHeld · SlotEmpty · GroupFull · WrongKind · DoesNotFit
                       StillBonded · NotVirtual
       TransportError  Unreachable · NoAnswer · NotConfirmed · TransportClosed · Garbled · RealmUnusable
@@ -25,7 +26,7 @@ that a caller on the far side of the network catches the same class with the sam
       SpaceError      NoSpace · SeveralSpaces · SpaceLost · SpaceFull · SpaceUnusable · SpaceDamaged
                       BadEntry · EntryUnfit · KeyTaken · NoSuchEntry · TransactionOver · FenceHeld · FenceLost
       RealmError      NotAMember · InvitationRefused · NoKeys · NoAuthority · KeysExist · NoSuchMember
-                      SiteSilent
+                      SiteSilent · PolicyUnusable
 """
 
 from __future__ import annotations
@@ -498,6 +499,12 @@ class NotAllowed(LeaseError):
     """The asker may not ask for this."""
 
     sentence = "{who} may not ask for {what}: {reason}"
+
+
+class Denied(LeaseError):
+    """The policy of the realm does not allow it."""
+
+    sentence = "{who} may not {right} {target}: {reason}; ask {ask}"
 
 
 # -- bonds -----------------------------------------------------------------------------------------
@@ -1085,3 +1092,9 @@ class SiteSilent(RealmError):
         "site {site} has been silent for {seconds:.1f} s ({reason}); what was asked has not begun, and its "
         "robots go on by themselves"
     )
+
+
+class PolicyUnusable(RealmError):
+    """A policy cannot be used, or cannot take the place of the one in force."""
+
+    sentence = "{path} is not used as the policy: {reason}"

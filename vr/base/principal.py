@@ -43,6 +43,10 @@ class Principal(msgspec.Struct, frozen=True, omit_defaults=True):
     """At which the person sits for whom it is asked; empty: it is asked for no person, but for a robot."""
     site: str = ""
     """The member of the realm from whose machine it was asked; empty: from this one."""
+    member: bool = False
+    """Whether that member is a person, and `user` its name."""
+    roles: tuple[str, ...] = ()
+    """In the key of that member: `realm invite --may`."""
 
     @property
     def person(self) -> str:
@@ -63,6 +67,10 @@ class Voucher(msgspec.Struct, frozen=True, array_like=True):
     """On its machine, as the kernel there says; of a person's machine: that person."""
     process: int
     """Its number there."""
+    member: bool = False
+    """Whether the member is a person."""
+    roles: tuple[str, ...] = ()
+    """In its key."""
 
 
 _voucher = msgspec.msgpack.Decoder(Voucher)
@@ -101,7 +109,9 @@ def vouched(proof: bytes, agent: str, terminal: str) -> Principal:
     voucher = _voucher.decode(proof)
     if terminal and not _TERMINAL.fullmatch(terminal):
         terminal = SCRIPT
-    return Principal(voucher.user, voucher.process, agent, terminal, voucher.site)
+    return Principal(
+        voucher.user, voucher.process, agent, terminal, voucher.site, voucher.member, voucher.roles
+    )
 
 
 @cache

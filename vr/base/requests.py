@@ -19,6 +19,7 @@ from robotree.vr.base.entry import Entry
 from robotree.vr.base.errors import Garbled, VrError
 from robotree.vr.base.history_event import NumberedEvent
 from robotree.vr.base.own_class import OwnClass
+from robotree.vr.base.policy import Person
 from robotree.vr.base.signed_manifest import SignedManifest
 
 ANSWER_WITHIN = 5.0
@@ -136,6 +137,8 @@ class Petition(_Message, frozen=True, kw_only=True):
     """[s] that the child is to wait if the parent's process ends: it keeps a journal and comes back."""
     life: int = 0
     """How often the parent's process was started with that journal; 0: it keeps none."""
+    asker: Person | None = None
+    """The person for whom the parent asks: the policy must allow it to both. None: for none."""
 
 
 class Retract(_Message, frozen=True, kw_only=True):

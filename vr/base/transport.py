@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from typing import Protocol
 
+from robotree.vr.base.policy import PolicyGate
 from robotree.vr.base.presence import Presence
 from robotree.vr.base.principal import Credentials
 
@@ -103,6 +104,9 @@ class Transport(Protocol):
 
     identity: Credentials
     """This process, as the others see it named."""
+
+    gate: PolicyGate
+    """The policy of the realm."""
 
     async def serve(self, key: str, take: TakeRequest) -> Registration:
         """Answer the requests sent to exactly this key. One server per key.

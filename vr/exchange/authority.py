@@ -1,37 +1,153 @@
 """The rights of askers: the one place that decides for every request that comes from another program.
 
-Today the policy is short: everybody of this system's user may ask for everything, so may each member of the
-realm from its own machine, and a parent speaks for itself alone. That a lease belongs to its holder,
+Without a policy everybody of this system's user may ask for everything, so may each member of the realm from
+its own machine. With one (`vr/base/policy.py`) each request needs a right, see `NEEDS`; a new request joins
+with one line there. In both cases a parent speaks for itself alone. That a lease belongs to its holder,
 `GrantedLease.check` decides, together with the change that the request makes.
+
+What a process asks for nobody, neither at a terminal nor in a program of a person, is the work of this
+user's agents: hosts renew bonds, proxies are listed. The policy does not limit the agents of the user to whom
+the asked process belongs; it could not, since that user can change both. Those of other users and other sites
+need rights like persons.
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Mapping
+from typing import Final, NamedTuple, NoReturn
 
-from robotree.vr.base.errors import NotAllowed
-from robotree.vr.base.principal import Principal, user_name
-from robotree.vr.base.requests import AnyRequest, Petition, Release, Renew, Retract
+import msgspec
+
+from robotree.vr.base.errors import Denied, NotAllowed
+from robotree.vr.base.policy import BY_NAME, OPEN, STOP, Person, PolicyGate, PolicyTarget
+from robotree.vr.base.principal import ITSELF, Principal, user_name
+from robotree.vr.base.requests import (
+    AcquireFence,
+    AnyRequest,
+    Call,
+    Cancel,
+    CloseTransaction,
+    Continue,
+    Create,
+    Decide,
+    Delete,
+    Describe,
+    DescribeGateway,
+    DescribeHost,
+    DescribeSpace,
+    DescribeView,
+    Detach,
+    Enslave,
+    EventsRead,
+    FindEntries,
+    Found,
+    Free,
+    GiveUp,
+    History,
+    HostDescribed,
+    Look,
+    OpenTransaction,
+    Pause,
+    Petition,
+    Query,
+    ReadEvents,
+    ReadHistory,
+    ReadLog,
+    Register,
+    Release,
+    Reload,
+    Renew,
+    RenewEntry,
+    RenewFence,
+    Reply,
+    Resume,
+    Retract,
+    RollBack,
+    SafeStop,
+    TakeStep,
+    VerifyEvents,
+    WatchEntries,
+    WriteEntry,
+)
 from robotree.vr.core.machine import RobotState
 
 OF_LEASES = (Petition, Retract, Renew, Release)
 """Requests in the name of a parent: whether they are allowed depends on the state of the robot."""
 
+MEMBER: Final = "member"
+"""Instead of a right: anybody may ask, and the answer has only what the asker may see; only who is named in
+the policy may have anything listed."""
 
-def authorise(principal: Principal, request: AnyRequest, state: RobotState | None) -> None:
+ANYBODY: Final = "anybody"
+"""Instead of a right: it only ends what the asker itself has begun."""
+
+NEEDS: Final[Mapping[type[AnyRequest], str]] = {
+    SafeStop: STOP,
+    Describe: "see", ReadLog: "see", DescribeView: "see", Look: "see", DescribeSpace: "see",
+    WatchEntries: "see",
+    DescribeHost: MEMBER, ReadHistory: MEMBER, ReadEvents: MEMBER, Query: MEMBER, Register: MEMBER,
+    DescribeGateway: MEMBER,
+    VerifyEvents: "see",
+    Call: "command", Detach: "command", Cancel: "command", Decide: "command", Pause: "command",
+    TakeStep: "command", Continue: "command", Enslave: "command", Petition: "command", Renew: "command",
+    WriteEntry: "command", FindEntries: "command", RenewEntry: "command", OpenTransaction: "command",
+    CloseTransaction: "command", AcquireFence: "command", RenewFence: "command",
+    GiveUp: ANYBODY, RollBack: ANYBODY, Retract: ANYBODY,
+    Free: "release", Delete: "release", Release: "release",
+    Resume: "resume",
+    Create: "create", Reload: "create",
+}  # fmt: skip
+"""The right that each request needs."""
+
+
+class RobotThere(NamedTuple):
+    """What a host knows of one of its robots."""
+
+    kinds: tuple[str, ...]
+    children: tuple[tuple[str, tuple[str, ...]], ...]
+    """That it holds: name and kinds."""
+
+
+class Here(NamedTuple):
+    """The agent that is asked."""
+
+    role: str = "robot"
+    name: str = ""
+    gate: PolicyGate = OPEN
+    kinds: Callable[[], tuple[str, ...]] = tuple
+    robot: Callable[[str], RobotThere | None] = lambda _: None
+    """Of a host: its robot of a name."""
+
+    def target(self, command: str = "") -> PolicyTarget:
+        """Return it as a policy names it."""
+        return PolicyTarget(self.name, self.role, self.kinds(), command, self.gate.site)
+
+
+ANYWHERE: Final = Here()
+
+
+def authorise(
+    principal: Principal, request: AnyRequest, state: RobotState | None, here: Here = ANYWHERE
+) -> None:
     """Refuse a request that its principal may not make.
 
     Args:
         principal: who asks.
         request: what is asked.
         state: of the robot that is asked; None: another agent is asked, or it does not matter.
+        here: the agent that is asked, and the policy.
 
     Raises:
         NotAllowed: the principal may not ask for this.
+        Denied: the policy does not allow it.
     """
-    if not principal.site and principal.user != user_name(os.geteuid()):
+    gate = here.gate
+    if not principal.site and principal.user != user_name(os.geteuid()) and not _is_shared(gate):
         reason = f"the processes of this realm belong to {user_name(os.geteuid())}"
         raise NotAllowed(who=principal.person or principal.user, what=type(request).__name__, reason=reason)
+    if (gate.policy is not None or gate.trouble) and not is_own_agent(principal):
+        _keep_to_policy(principal, request, state, here)
     if not isinstance(request, OF_LEASES):
         return
     lease = None if state is None else state.lease.current
@@ -40,3 +156,120 @@ def authorise(principal: Principal, request: AnyRequest, state: RobotState | Non
         reason = f"it speaks for {request.parent.name} and is not {request.parent.name}"
         who = principal.agent or f"process {principal.process}"
         raise NotAllowed(who=who, what=type(request).__name__, reason=reason)
+    if isinstance(request, Petition) and request.asker is not None and gate.closed:
+        _expect(gate, request.asker, "command", here.target())
+
+
+def expect_still(principal: Principal, command: str, here: Here) -> None:
+    """Check that a command may go on whose asker was allowed to have it carried out.
+
+    Args:
+        principal: who has asked for it.
+        command: its name.
+        here: the robot.
+
+    Raises:
+        Denied: the policy of now does not allow it.
+    """
+    if here.gate.closed and principal != ITSELF and not is_own_agent(principal):
+        _expect(here.gate, here.gate.asker(principal), "command", here.target(command))
+
+
+def is_own_agent(principal: Principal) -> bool:
+    """Whether an agent of the user to whom this process belongs asks, for no person."""
+    return not principal.site and not principal.terminal and principal.user == user_name(os.geteuid())
+
+
+def _is_shared(gate: PolicyGate) -> bool:
+    """Whether several users of this machine are in the realm, limited by its policy."""
+    return gate.owner is not None and gate.closed
+
+
+def _keep_to_policy(principal: Principal, request: AnyRequest, state: RobotState | None, here: Here) -> None:
+    gate, asker, right = here.gate, here.gate.asker(principal), NEEDS[type(request)]
+    if right in (STOP, ANYBODY) or _ends_its_own(principal, request, state):
+        return
+    if right == MEMBER:
+        if isinstance(request, Register) and (gate.policy is None or not gate.policy.names(asker)):
+            _refuse(gate, asker, "see", here.target())
+        return
+    if isinstance(request, FindEntries) and not request.take:
+        right = "see"
+    _expect(gate, asker, right, here.target(request.command if isinstance(request, Call) else ""))
+    if isinstance(request, Reload):
+        _expect_to_reload(gate, asker, request.page.name, here)
+
+
+def _ends_its_own(principal: Principal, request: AnyRequest, state: RobotState | None) -> bool:
+    """Whether a request only ends what its principal has begun: a call, or its own lease."""
+    if isinstance(request, Release):
+        return request.parent.key == principal.agent
+    if not isinstance(request, Cancel) or not request.key or state is None:
+        return False
+    call = state.calls.live.get(request.key)
+    return call is not None and call.principal == principal
+
+
+def _expect_to_reload(gate: PolicyGate, asker: Person, name: str, here: Here) -> None:
+    """Another page commands the children of its robot: it needs the right to command them, too."""
+    robot = here.robot(name)
+    if robot is None:
+        return  # there is nothing to reload
+    _expect(gate, asker, "command", PolicyTarget(name, "robot", robot.kinds, "", gate.site))
+    for child, kinds in robot.children:  # it may be at another site: a pattern that names one does not fit
+        _expect(gate, asker, "command", PolicyTarget(child, "robot", kinds))
+
+
+def _expect(gate: PolicyGate, asker: Person, right: str, target: PolicyTarget) -> None:
+    if not gate.may(asker, right, target).allowed:
+        _refuse(gate, asker, right, target)
+
+
+def _refuse(gate: PolicyGate, asker: Person, right: str, target: PolicyTarget) -> NoReturn:
+    reason = gate.may(asker, right, target).reason
+    raise Denied(who=asker.name, right=right, target=str(target), reason=reason, ask=gate.ask)
+
+
+_SEEN = BY_NAME["see"].roles
+
+
+# -- what an answer shows --------------------------------------------------------------------------
+
+
+def shown(reply: Reply, principal: Principal, here: Here) -> Reply:
+    """Return an answer without the robots that its asker may not see."""
+    gate = here.gate
+    if not gate.closed or is_own_agent(principal):
+        return reply
+    asker = gate.asker(principal)
+
+    def sees(name: str, kinds: tuple[str, ...] = (), role: str = "robot") -> bool:
+        known = here.robot(name) if role == "robot" and not kinds else None
+        found = kinds if known is None else known.kinds
+        return gate.may(asker, "see", PolicyTarget(name, role, found, "", gate.site)).allowed
+
+    replace = msgspec.structs.replace
+    match reply:
+        case Found(listings=listings):
+            return replace(
+                reply,
+                listings=tuple(
+                    one
+                    for one in listings
+                    if sees(one[0].address.name, tuple(one[0].kinds), one[0].address.role)
+                ),
+            )
+        case HostDescribed(robots=robots):
+            kept = tuple(one for one in robots if sees(one.name))
+            names = {one.name for one in kept}
+            pages = {name: page for name, page in reply.pages.items() if name in names}
+            abandoned = tuple(one for one in reply.abandoned if one.partition(".")[0] in names)
+            return replace(reply, robots=kept, pages=pages, abandoned=abandoned)
+        case History(lines=lines):
+            return replace(
+                reply, lines=tuple(one for one in lines if any(sees(one.name, (), role) for role in _SEEN))
+            )
+        case EventsRead(events=events):
+            return replace(reply, events=tuple(one for one in events if sees(one.event.robot)))
+        case _:
+            return reply

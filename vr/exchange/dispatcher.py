@@ -16,7 +16,7 @@ from robotree.vr.base.errors import Garbled, VrError
 from robotree.vr.base.principal import Principal
 from robotree.vr.base.requests import AnyRequest, Raised, Reply, encode
 from robotree.vr.base.transport import Incoming, Respond
-from robotree.vr.exchange.authority import authorise
+from robotree.vr.exchange.authority import ANYWHERE, Here, authorise, shown
 
 SendReply = Callable[[Reply], None]
 """Sends one reply; may be called any number of times until the request is answered."""
@@ -45,6 +45,7 @@ class Dispatcher:
         now: Callable[[], float],
         at_once: Mapping[type[AnyRequest], AnswerAtOnce] | None = None,
         allow: Authorise | None = None,
+        here: Here = ANYWHERE,
     ) -> None:
         """Begin.
 
@@ -54,15 +55,20 @@ class Dispatcher:
             now: [s] on the machine's monotonic clock.
             at_once: what answers requests of some classes in the thread that reads them.
             allow: see `authority.authorise`; None: the agent has no state that matters to it.
+            here: the agent, and the policy to which it keeps.
         """
         self._who, self._answer, self._now = who, answer, now
         self._at_once = at_once or {}
-        self._allow = allow or partial(authorise, state=None)
+        self._allow = allow or partial(authorise, state=None, here=here)
+        self._here, self._gate = here, here.gate
 
     def take(self, incoming: Incoming) -> None:
         """Take a request: see `Transport.serve`."""
         try:
-            received = opened(incoming.body, incoming.credentials, self._who, self._now())
+            now = self._now()
+            if now >= self._gate.due:
+                self._gate.refresh(now)
+            received = opened(incoming.body, incoming.credentials, self._who, now, self._gate.owner)
             self._allow(received.principal, received.request)
             answer = self._at_once.get(type(received.request))
             if answer is not None:
@@ -81,18 +87,18 @@ class Dispatcher:
             received.expect_in_time(self._who, self._now())  # it may have waited for its turn
             reply = self._answer(received, send)
             if inspect.isawaitable(reply):
-                return self._finish(reply, send)
+                return self._finish(received.principal, reply, send)
             if reply is not None:
-                send(reply)
+                send(shown(reply, received.principal, self._here))
         except Exception as error:  # noqa: BLE001 # as above
             send(refusal(error, self._who))
         return None
 
-    async def _finish(self, answer: Awaitable[Reply | None], send: SendReply) -> None:
+    async def _finish(self, principal: Principal, answer: Awaitable[Reply | None], send: SendReply) -> None:
         try:
             reply = await answer
             if reply is not None:
-                send(reply)
+                send(shown(reply, principal, self._here))
         except Exception as error:  # noqa: BLE001 # as above
             send(refusal(error, self._who))
 

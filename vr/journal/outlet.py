@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator, Callable, Sequence
 
+from robotree.vr.base.policy import PolicyGate
 from robotree.vr.base.presence import Presence
 from robotree.vr.base.principal import Credentials
 from robotree.vr.base.transport import (
@@ -26,6 +27,7 @@ class Outlet:
         self._transport, self._barrier = transport, barrier
         self.presence: Presence = transport.presence
         self.identity: Credentials = transport.identity
+        self.gate: PolicyGate = transport.gate
 
     async def serve(self, key: str, take: TakeRequest) -> Registration:
         return await self._transport.serve(key, lambda incoming: take(self._guarded(incoming)))

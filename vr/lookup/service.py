@@ -17,6 +17,7 @@ from robotree.vr.base.presence import Undo
 from robotree.vr.base.requests import AnyRequest, Found, History, Query, ReadHistory, Register, Reply, encode
 from robotree.vr.base.transport import Registration, Transport
 from robotree.vr.exchange.asking import ask
+from robotree.vr.exchange.authority import Here
 from robotree.vr.exchange.claim import claim, new_address
 from robotree.vr.exchange.dispatcher import Dispatcher, not_for
 from robotree.vr.lookup.chronicle import Chronicle
@@ -66,7 +67,10 @@ class LookupService:
             self._watches += [transport.presence.watch(everyone(role), self._seen) for role in LISTED_ROLES]
             self._watches.append(self.chronicle.begin())
             dispatcher = Dispatcher(
-                self.address.name, lambda received, _: self._answer(received.request), now=self._clock
+                self.address.name,
+                lambda received, _: self._answer(received.request),
+                now=self._clock,
+                here=Here("lookup", self.address.name, transport.gate),
             )
             self._declared.append(await transport.serve(self.address.key, dispatcher.take))
             await self._fill()

@@ -11,8 +11,9 @@ from pathlib import Path
 
 from robotree.files.forks import expect_parent
 from robotree.vr.base.errors import TransportClosed
+from robotree.vr.base.policy import OPEN, PolicyGate
 from robotree.vr.base.principal import Credentials
-from robotree.vr.base.system import system_of
+from robotree.vr.base.system import THIS_SYSTEM, system_of
 from robotree.vr.base.transport import (
     CutOffHandler,
     End,
@@ -26,6 +27,7 @@ from robotree.vr.base.transport import (
 )
 from robotree.vr.network.mesh import GREETING, Mesh, TakeFrame
 from robotree.vr.network.on_loop import LoopTurns, Replies, SampleInbox, answered
+from robotree.vr.network.policy_file import PolicyFile, state_of
 from robotree.vr.network.rendezvous import Rendezvous, realm_name
 
 WAITING_SAMPLES = 4096
@@ -63,7 +65,11 @@ async def join(
     except BaseException:
         mesh.close()
         raise
-    return LocalTransport(mesh)
+    transport = LocalTransport(mesh)
+    if mesh.place.system is THIS_SYSTEM:
+        transport.gate = PolicyFile(state_of(mesh.place.realm, root))
+        transport.gate.refresh(mesh.place.system.now())
+    return transport
 
 
 class LocalTransport:
@@ -74,6 +80,7 @@ class LocalTransport:
         self.mesh = mesh
         self._system = mesh.place.system
         self._loop, self._thread = asyncio.get_running_loop(), self._system.here()
+        self.gate: PolicyGate = OPEN
         self._system.owns(self)
         self._turns = LoopTurns()
         news = SampleInbox[Callable[[], object]](self._turns, lambda action: action())

@@ -60,6 +60,11 @@ def runtime_directory() -> Path:
     return SHARED.resolve() / f"robotree-{os.geteuid()}"
 
 
+def state_home() -> Path:
+    """Return the folder of what realms keep over a restart of the machine; looking makes nothing."""
+    return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "robotree"
+
+
 def realm_folder(realm: str) -> Path:
     """Return the folder of a realm: where its processes meet already, else the one below `runtime_directory`.
 

@@ -28,9 +28,9 @@ from robotree.vr.author.virtual_robot import VirtualRobot, exposures_of, slot_sp
 from robotree.vr.base.address import Address, everyone
 from robotree.vr.base.arguments import check_arguments
 from robotree.vr.base.description import Arguments, CommandSpec, FieldSpec, offered
-from robotree.vr.base.errors import BadArgument, CommandInDoubt, NoSuchCommand, VrError
+from robotree.vr.base.errors import BadArgument, CommandInDoubt, Denied, NoSuchCommand, VrError
 from robotree.vr.base.principal import ITSELF, Principal, is_person, principal_of
-from robotree.vr.base.requests import ANSWER_WITHIN, AnyRequest, Call, Level, State
+from robotree.vr.base.requests import ANSWER_WITHIN, AnyRequest, Call, Cancel, Level, State
 from robotree.vr.base.transport import Transport
 from robotree.vr.base.units import takes_long
 from robotree.vr.core import events as on
@@ -38,7 +38,7 @@ from robotree.vr.core.bonds import Bond, Lease
 from robotree.vr.core.events import Begin, CoreEffect, CoreEvent, Interrupt, Settled
 from robotree.vr.core.machine import Calls, Lap, RobotCore, RobotState
 from robotree.vr.exchange.asking import TakeReply, send_request
-from robotree.vr.exchange.authority import OF_LEASES, authorise
+from robotree.vr.exchange.authority import OF_LEASES, Here, authorise, expect_still
 from robotree.vr.running.log import Log, waits
 from robotree.vr.running.own_errors import as_itself
 from robotree.vr.running.page_trace import line_at_work
@@ -131,11 +131,12 @@ class RobotRuntime:
         self.address, self.key = core.state.address, core.state.address.key
         self.principal = principal_of(transport.identity, self.key, "")
         """The robot where it asks for something."""
+        self.here = Here("robot", robot.name, transport.gate, self.kinds)
+        self._policy = transport.gate.policy  # to which its commands have kept
         self.isolated = robot.isolated  # its commands always run on workers of their own
         if isinstance(robot, VirtualRobot):
             self._give_state(robot)
-        self.runs: dict[str, Run] = {}
-        """Its calls that have not ended, by key."""
+        self.runs: dict[str, Run] = {}  # its calls that have not ended, by key
         self._interrupted = self._interrupted_calls()
         self.describe_child, self.follow_child = describe_child, follow_child
         self._execute, self._transport, self._obeyed, self._on_effect = execute, transport, obeyed, on_effect
@@ -148,8 +149,7 @@ class RobotRuntime:
         self._bereft: dict[str, dict[Callable[[VrError], None], None]] = {}
         """Those who are told when the child in a slot is gone, by slot, in their order."""
         self._unremind: Callable[[], None] = _nothing
-        self.neighbours = process.robots
-        """The robots in this process."""
+        self.neighbours = process.robots  # the robots in this process
         self.log.know(self.core.state.calls.live)
         self._life = "" if process.life == 1 else f"/{process.life}"
         """Of the process, in the name by which it numbers calls: another life counts from 1 again."""
@@ -272,12 +272,30 @@ class RobotRuntime:
         """Have what is due end."""
         self.post(on.Tick(unix=self._runner.unix()))
 
+    def kinds(self) -> tuple[str, ...]:
+        """Return the kinds of the robot, whichever page it has now."""
+        return self.robot.kinds()
+
     def authorise(self, principal: Principal, request: AnyRequest) -> None:
         """Refuse a request that its principal may not make; see `authority.authorise`."""
-        if isinstance(request, OF_LEASES):
-            self.look(lambda state: authorise(principal, request, state))
+        if isinstance(request, OF_LEASES) or (self.here.gate.closed and isinstance(request, Cancel)):
+            self.look(lambda state: authorise(principal, request, state, self.here))
         else:
-            authorise(principal, request, None)
+            authorise(principal, request, None, self.here)
+
+    def keep_to_policy(self) -> None:
+        """End the commands of those who may not command the robot any more, when the policy has changed."""
+        gate, now = self.here.gate, self._runner.now()
+        if now >= gate.due:
+            gate.refresh(now)
+        if gate.policy is self._policy:
+            return
+        self._policy = gate.policy
+        for key, principal, command in self.look(_askers):
+            try:
+                expect_still(principal, command, self.here)
+            except Denied as denied:
+                self.cancel(key, f"the policy has changed: {denied}")
 
     def look(self, query: Callable[[RobotState], _T]) -> _T:
         """Ask the state something while nothing changes it.
@@ -968,3 +986,8 @@ def _texts_in(value: object) -> Iterator[str]:
 
 def _nothing() -> None:
     """Nothing is planned."""
+
+
+def _askers(state: RobotState) -> list[tuple[str, Principal, str]]:
+    """Return who has asked for each command that runs or waits: key, asker and command."""
+    return [(call.key, call.principal, call.command) for call in state.calls.live.values()]

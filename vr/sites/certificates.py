@@ -19,6 +19,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey,
 
 from robotree.vr.base.address import check_name
 from robotree.vr.base.errors import BadName, NotAMember
+from robotree.vr.base.policy import ABOUT
 
 MemberKind = Literal["person", "site"]
 
@@ -131,6 +132,10 @@ class Authority:
         """
         together = tuple(sorted({*before.serials, *serials}))
         return self._sign(_REVOCATIONS, _encode(Revocations(self.realm, before.number + 1, together)))
+
+    def sign_policy(self, text: bytes) -> bytes:
+        """Return the signature of a policy [64 bytes]; `network/policy_file.py` verifies it."""
+        return self._key.sign(ABOUT + text)
 
     def _sign(self, about: bytes, body: bytes) -> bytes:
         return _encode(Signed(body, self._key.sign(about + body)))

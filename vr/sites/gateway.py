@@ -37,6 +37,7 @@ from robotree.vr.base.requests import (
     encode,
 )
 from robotree.vr.base.transport import End, Respond, Transport
+from robotree.vr.exchange.authority import Here
 from robotree.vr.exchange.dispatcher import Dispatcher, SendReply, not_for
 from robotree.vr.network.on_loop import LoopTurns
 from robotree.vr.sites.certificates import Certificate
@@ -169,7 +170,9 @@ class Gateway:
 
     async def open(self) -> None:
         """Begin: join both networks."""
-        dispatcher = Dispatcher(f"gateway {self._keys.name}", self._answer, now=self.now)
+        dispatcher = Dispatcher(
+            f"gateway {self._keys.name}", self._answer, now=self.now, here=Here("gateway", self._keys.name)
+        )
         self._tell_of_sites()
         await self.transport.serve(self.address.key, dispatcher.take)
         await self.transport.announce(self.address.key)
@@ -516,8 +519,10 @@ class Gateway:
         assert site.member is not None  # noqa: S101 # it has proved who it is
         stream, member, now = site.stream, site.member, self.now()
         age = ask.age + stream.delay(ask.sent, now)
-        user = member.name if member.kind == "person" else ask.user
-        found = arrived(ask.body, age, Voucher(member.name, user, ask.process), now, known=known)
+        person = member.kind == "person"
+        user = member.name if person else ask.user
+        voucher = Voucher(member.name, user, ask.process, person, member.may)
+        found = arrived(ask.body, age, voucher, now, known=known)
         large = False
 
         def reply(body: bytes | None) -> None:

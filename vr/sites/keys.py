@@ -343,6 +343,14 @@ class RealmKeys:
         write(self.folder / _CERTIFICATE, packed)
         return certificate
 
+    def sign_policy(self, text: bytes) -> bytes:
+        """Return the signature of a policy.
+
+        Raises:
+            NoAuthority: only the authority signs one.
+        """
+        return self._authority().sign_policy(text)
+
     # -- inside -----------------------------------------------------------------------------------
 
     def _believe(self, packed: bytes) -> bool:

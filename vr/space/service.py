@@ -50,6 +50,7 @@ from robotree.vr.base.requests import (
     encode,
 )
 from robotree.vr.base.transport import Incoming, Registration, Transport
+from robotree.vr.exchange.authority import Here
 from robotree.vr.exchange.claim import claim, new_address
 from robotree.vr.exchange.dispatcher import Dispatcher, not_for, refusal
 from robotree.vr.space.store import EntryNews, SpaceStore
@@ -176,6 +177,7 @@ class SpaceService:
                 lambda received, _: self._refuse(received.request),
                 now=self._now,
                 at_once=dict.fromkeys(self._answers, self._take),
+                here=Here("space", self.address.name, self._transport.gate),
             )
             self._declared.append(await self._transport.serve(self.address.key, dispatcher.take))
             self._unwatch = self._transport.presence.watch("**", self._seen)

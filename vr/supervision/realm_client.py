@@ -7,15 +7,18 @@ Of those that do not answer it says which process holds them, if that lives (`Ha
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import os
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from math import isnan, nan
 from typing import Any, Literal, NamedTuple, TypeVar
 
 import msgspec
 
-from robotree.vr.base.address import Address, Role, check_name, everyone, parted
+from robotree.vr.base.address import ROLES, Address, Role, check_name, everyone, parted
 from robotree.vr.base.chance import token
 from robotree.vr.base.description import Listing, RobotDescription, Template
+from robotree.vr.base.envelope import asks_for_a_person
 from robotree.vr.base.errors import (
     DuplicateName,
     HostReserved,
@@ -28,7 +31,9 @@ from robotree.vr.base.errors import (
     Unreachable,
     VrError,
 )
+from robotree.vr.base.policy import BY_NAME, REALM, Decision, Person, PolicyGate, PolicyTarget
 from robotree.vr.base.presence import Held
+from robotree.vr.base.principal import user_name
 from robotree.vr.base.requests import (
     ANSWER_WITHIN,
     Call,
@@ -137,6 +142,72 @@ class RealmClient:
         await self._caller.close()
         await self.directory.close()
 
+    # -- who may what -----------------------------------------------------------------------------
+
+    @property
+    def gate(self) -> PolicyGate:
+        """The policy of the realm, as it is now."""
+        gate = self._transport.gate
+        now = asyncio.get_running_loop().time()
+        if now >= gate.due:
+            gate.refresh(now)
+        return gate
+
+    @property
+    def asker(self) -> Person | None:
+        """Who asks here, as a policy names persons; None: nobody who is limited by a policy."""
+        gate = self.gate
+        return gate.user(user_name(os.geteuid())) if gate.closed and asks_for_a_person() else None
+
+    def denial(self, right: str, target: PolicyTarget) -> Decision | None:
+        """Return why the policy denies something to who asks here; None: it does not."""
+        asker = self.asker
+        found = None if asker is None else self.gate.may(asker, right, target)
+        return None if found is None or found.allowed else found
+
+    def hides(self, address: Address | None, kinds: Sequence[str] = ()) -> bool:
+        """Whether who asks here may not see an agent. What is in the way of a stop is named nevertheless."""
+        if address is None or address.role not in BY_NAME["see"].roles:
+            return False
+        site = self.places.site_of(address.key) or self.gate.site
+        kinds = tuple(kinds) or self._kinds(address)
+        target = PolicyTarget(address.plain_name, address.role, kinds, "", site)
+        return self.denial("see", target) is not None
+
+    def _kinds(self, address: Address) -> tuple[str, ...]:
+        """Return the kinds of an agent, as far as a lookup service knows them."""
+        found = self.directory.find(Template())
+        return next((tuple(one.kinds) for one in found if one.address == address), ())
+
+    def _shown(self, held: Sequence[Held]) -> list[Held]:
+        """Leave out what may not be seen, and show the rest as people are shown it."""
+        if self.gate.closed:
+            held = [one for one in held if not one.key or not self.hides(Address.parse(one.key))]
+        return [shown_held(one, self.places.shown) for one in held]
+
+    async def target(self, right: str, words: str) -> PolicyTarget:
+        """Return what somebody means by `ROBOT`, `ROBOT.COMMAND`, `SITE:ROBOT` or the name of a host.
+
+        Args:
+            right: that is asked about.
+            words: as typed.
+        """
+        site, _, path = words.rpartition(":")
+        name, _, command = path.partition(".")
+        roles = BY_NAME[right].roles if right in BY_NAME else ("robot",)
+        if roles == (REALM,):
+            return PolicyTarget("", REALM)
+        meant = f"{site}:{name}" if site else name
+        there = (role for role in ROLES if role in roles and self.directory.present(role, meant))
+        role = next(there, roles[0])
+        kinds: tuple[str, ...] = ("View",) if role == "view" else ()
+        if role == "robot":
+            kinds = next((one.kinds for one in self.robots() if one.name == meant), ())
+            if not kinds and self.directory.present("robot", meant):
+                with contextlib.suppress(VrError):
+                    kinds = (await self.describe(meant)).kinds
+        return PolicyTarget(name, role, tuple(kinds), command, site or self.gate.site)
+
     # -- who is there -----------------------------------------------------------------------------
 
     @property
@@ -151,14 +222,17 @@ class RealmClient:
 
     def robots(self) -> Sequence[Listing]:
         """Return the robots that are listed: an enslaved one is not."""
-        return self._listings("robot")
+        return self._listed("robot")
 
     def views(self) -> Sequence[Listing]:
         """Return the views."""
-        return self._listings("view")
+        return self._listed("view")
 
-    def _listings(self, role: Literal["robot", "view"]) -> Sequence[Listing]:
-        return [shown_agent(one, self.places.shown) for one in self.directory.find(Template(role=role))]
+    def _listed(self, role: Literal["robot", "view"]) -> Sequence[Listing]:
+        found: Sequence[Listing] = self.directory.find(Template(role=role))
+        if self.gate.closed:
+            found = [one for one in found if not self.hides(one.address, one.kinds)]
+        return [shown_agent(one, self.places.shown) for one in found]
 
     def present(self, role: Role) -> Sequence[Address]:
         """Return all agents of a role that are seen alive, listed or not, as people are shown them."""
@@ -251,10 +325,7 @@ class RealmClient:
 
     def held(self) -> Sequence[Held]:
         """Return which process holds each agent, as far as this machine knows it."""
-        return self._held_as_shown(one for one in self._transport.presence.held("*/*/*") if one.key)
-
-    def _held_as_shown(self, held: Iterable[Held]) -> Sequence[Held]:
-        return [shown_held(one, self.places.shown) for one in held]
+        return self._shown([one for one in self._transport.presence.held("*/*/*") if one.key])
 
     def unnamed(self) -> Sequence[Held]:
         """Return the frozen processes of which nobody here knows what they hold; without a key."""
@@ -266,15 +337,15 @@ class RealmClient:
 
     def hang(self) -> Sequence[Held]:
         """Return the agents whose processes certainly hang by now (`Presence.hangs`)."""
-        return self._held_as_shown(self._transport.presence.hangs("*/*/*"))
+        return self._shown(self._transport.presence.hangs("*/*/*"))
 
     def late(self) -> Sequence[Held]:
         """Return the agents whose processes are late with their sign of life (`Presence.late`)."""
-        return self._held_as_shown(self._transport.presence.late("*/*/*"))
+        return self._shown(self._transport.presence.late("*/*/*"))
 
     async def hanging(self) -> Sequence[Held]:
         """Return the agents whose processes hang, as soon as that is certain of all."""
-        return self._held_as_shown(await self._transport.presence.hanging("*/*/*"))
+        return self._shown(await self._transport.presence.hanging("*/*/*"))
 
     def on_change(self, callback: Callable[[], None]) -> Callable[[], None]:
         """Call back after each change of the lists; returns how to end that."""

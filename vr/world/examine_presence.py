@@ -31,12 +31,12 @@ async def samples_reach_whoever_subscribed(join: Join) -> None:
     subscription = await listener.subscribe("robot/*/*/state", lambda key, body: heard.append((key, body)))
     await teller.subscribe("robot/**", lambda key, body: at_home.append((key, body)))
     await settled_subscription(teller, listener)
-    told = [("robot/a/1/state", b"%d" % number) for number in range(100)]
-    for key, body in told:
+    published = [("robot/a/1/state", b"%d" % number) for number in range(100)]
+    for key, body in published:
         teller.publish(key, body)
     teller.publish("robot/a/1/other", b"not asked for")
     await until(lambda: len(heard) >= 100 and len(at_home) >= 101, "samples arrive, own ones too")
-    promise(heard == told, "samples arrive in their order, only those under the pattern")
+    promise(heard == published, "samples arrive in their order, only those under the pattern")
     await subscription.close()
     teller.publish("robot/a/1/state", b"too late")
     await until(lambda: len(at_home) >= 102, "others go on hearing")

@@ -32,6 +32,7 @@ import msgspec
 from robotree.vr.base.errors import TransportClosed
 from robotree.vr.base.pattern import matches
 from robotree.vr.base.places import here_of
+from robotree.vr.base.policy import OPEN, PolicyGate
 from robotree.vr.base.presence import Held, Presence
 from robotree.vr.base.principal import Credentials
 from robotree.vr.base.transport import (
@@ -235,6 +236,8 @@ class MemoryNetwork:
             chance: 0 to 1, for the weather.
         """
         self.weather = Weather()
+        self.gate: PolicyGate = OPEN
+        """The policy of those who come from now on."""
         self.delay, self.lease, self.chance = delay, lease, chance
         self.members: list[MemoryTransport] = []
         self.on_message: OnMessage = _ignore
@@ -467,6 +470,7 @@ class MemoryTransport:
         """Does what has arrived; nothing may be done after it."""
         self.closed = self.paused = False
         self.identity = Credentials(next(network.processes), os.geteuid())
+        self.gate = network.gate
         self.served: dict[str, TakeRequest] = {}
         self.tokens: Counter[str] = Counter()
         """How often it announces each key."""
