@@ -25,6 +25,7 @@ from robotree.vr.base.transport import Transport
 from robotree.vr.history.writer import HistoryWriter
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.network.local import join
+from robotree.vr.orders.ledger import ORDERS, Ledger, OrderMemory, identity_in
 from robotree.vr.running.process import Process
 from robotree.vr.running.runner import runner_of
 
@@ -72,12 +73,19 @@ async def run_proxy(  # noqa: PLR0913 # what a person can say of it
     runner = runner_of(asyncio.get_running_loop())
     history = HistoryWriter(keep, runner.now, runner.unix)
     process: Process = Process(runner, None, history.machine_of)
+    identity = identity_in(keep, robot.kinds()[0])
+    orders = OrderMemory(Ledger(keep / ORDERS), identity)
     history.start()
     try:
-        await _serve(lambda transport: running_proxy(robot, transport, process=process), realm, ready)
+        await _serve(
+            lambda transport: running_proxy(robot, transport, process=process, orders=orders),
+            realm,
+            ready,
+        )
     finally:
         process.close()
         history.close()
+        orders.ledger.close()
 
 
 async def run_view(
@@ -114,7 +122,11 @@ async def _serve(
 
 @asynccontextmanager
 async def running_proxy(
-    robot: RobotProxy, transport: Transport, *, process: Process | None = None
+    robot: RobotProxy,
+    transport: Transport,
+    *,
+    process: Process | None = None,
+    orders: OrderMemory | None = None,
 ) -> AsyncGenerator[RobotAgent]:
     """Run a robot's proxy inside the block.
 
@@ -122,6 +134,7 @@ async def running_proxy(
         robot: the proxy.
         transport: the way to the other agents.
         process: whose threads carry its commands out; None: one of its own.
+        orders: its memory of its orders; None: it takes none.
 
     Yields:
         Its agent.
@@ -132,7 +145,12 @@ async def running_proxy(
     """
     registrar = Registrar(transport)
     agent = RobotAgent(
-        robot, transport, registrar=registrar, obeyed=lambda: _obeyed_epoch(robot), process=process
+        robot,
+        transport,
+        registrar=registrar,
+        obeyed=lambda: _obeyed_epoch(robot),
+        process=process,
+        orders=orders,
     )
     robot.on_change = agent.notify
     async with _running(agent, registrar, robot.run):

@@ -92,12 +92,12 @@ class Arm(RobotProxy):
 
     limits = LIMITS
 
-    @command(effect="repeat")
+    @command(effect="repeat", offline="queue")
     def go_to(self, x: X, y: Y, z: Z, twist: Twist, speed: ToolSpeed = USUAL_SPEED) -> None:
         """Move the gripper to a point, on a line if there is one, and turn it."""
         self.carry_out(GoTo(x=x, y=y, z=z, twist=twist, speed=speed))
 
-    @command(effect="read")
+    @command(effect="read", offline="memory")
     def get_info(self) -> ArmInfo:
         """Tell place, twist, forces on every axis, and what the gripper does."""
         tool = self.news(Tool, since=self.asked_at)
@@ -118,7 +118,7 @@ class Arm(RobotProxy):
             busy=bool(tool.busy),
         )
 
-    @command(effect="repeat")
+    @command(effect="repeat", offline="queue")
     def grip(self, action: Literal["open", "close", "width"], width: Width = OPEN) -> None:
         """Open or close the gripper, or bring it to a width; it stops at what is between the fingers."""
         self.carry_out(Grip(width={"open": OPEN, "close": CLOSED, "width": width}[action]))

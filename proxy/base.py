@@ -105,12 +105,12 @@ class Base(Rover):
     readers = BASE_READERS
     reading_units = BASE_UNITS
 
-    @command(effect="repeat")
+    @command(effect="repeat", offline="queue")
     def drive(self, x: X, y: Y, heading: Heading, speed: BaseSpeed = USUAL_SPEED) -> None:
         """Drive to a place, around what stands in the way, and turn."""
         self.carry_out(Drive(x=x, y=y, heading=heading, speed=speed))
 
-    @command(effect="repeat")
+    @command(effect="repeat", offline="queue")
     def turn(self, heading: Heading) -> None:
         """Turn on the spot."""
         self.carry_out(Turn(heading=heading))
@@ -120,7 +120,7 @@ class Base(Rover):
         """Lean the waist forward."""
         self.carry_out(Lean(angle=angle))
 
-    @command(effect="read")
+    @command(effect="read", offline="memory")
     def get_info(self) -> BaseInfo:
         """Tell place, speed, lean, balance and battery."""
         asked = self.asked_at

@@ -109,12 +109,12 @@ class Head(RobotProxy):
             self.attributes[HEARD] = f"{latest.number} {latest.speaker} {latest.text}"
         return super().readings()
 
-    @command(effect="repeat")
+    @command(effect="repeat", offline="queue")
     def look(self, pan: Pan, tilt: Tilt, rate: Rate = USUAL_RATE) -> None:
         """Turn the head."""
         self.carry_out(LookAt(pan=pan, tilt=tilt, rate=rate))
 
-    @command
+    @command(offline="queue")
     def say(self, text: Annotated[str, "what to say, up to 200 bytes"]) -> None:
         """Say something aloud."""
         size = len(text.encode())
@@ -157,7 +157,7 @@ class Head(RobotProxy):
                     return Sight(x=tags.x[i], y=tags.y[i], z=tags.z[i], age=tags.age[i] / 100.0, seen=True)
         return Sight(x=0.0, y=0.0, z=0.0, age=NEVER, seen=False)
 
-    @command(effect="read")
+    @command(effect="read", offline="memory")
     def get_info(self) -> HeadInfo:
         """Tell how it looks, and what it knows."""
         readings = self.readings()

@@ -91,12 +91,12 @@ class Limb(Arm):
 
     limits = LIMITS
 
-    @command(effect="repeat")
+    @command(effect="repeat", offline="queue")
     def go_to(self, x: X, y: Y, z: Z, twist: Twist, speed: HandSpeed = USUAL_SPEED) -> None:
         """Move the hand to a point, the fingers down, and turn it."""
         self.carry_out(GoTo(x=x, y=y, z=z, twist=twist, speed=speed))
 
-    @command(effect="repeat")
+    @command(effect="repeat", offline="queue")
     def reach(
         self,
         x: X,
@@ -108,7 +108,7 @@ class Limb(Arm):
         """Move the hand to a point before the body, around what is in the way."""
         self.carry_out(Reach(x=x, y=y, z=z, speed=speed, hand=[*POINTING].index(hand)))
 
-    @command(effect="repeat")
+    @command(effect="repeat", offline="queue")
     def posture(self, j1: J1, j2: J2, j3: J3, j4: J4, j5: J5, j6: J6, speed: HandSpeed = USUAL_SPEED) -> None:
         """Bring the six joints to angles; the same angles look the same, mirrored, on both arms."""
         self.carry_out(Posture(j1=j1, j2=j2, j3=j3, j4=j4, j5=j5, j6=j6, speed=speed))

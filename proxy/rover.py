@@ -78,7 +78,7 @@ class Rover(RobotProxy):
 
     limits = LIMITS
 
-    @command
+    @command(offline="queue")
     def move(self, x: Ahead, y: Aside, speed: DriveSpeed = USUAL_SPEED) -> None:
         """Move by a distance from here, without turning."""
         motion = Move(x=x, y=y, speed=speed)
@@ -89,7 +89,7 @@ class Rover(RobotProxy):
 
         self.carry_out(motion, before=stay_inside)
 
-    @command(effect="read")
+    @command(effect="read", offline="memory")
     def get_info(self) -> RoverInfo:
         """Tell place and speed."""
         base = readings_of(self.news(LocalPositionNed, since=self.asked_at))

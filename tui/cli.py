@@ -583,6 +583,18 @@ async def _lookup(line: Line, realm: str, ready: Ready) -> None:
     await run_lookup(line.text("NAME"), realm=realm, ready=ready)
 
 
+async def _directory(line: Line, realm: str, ready: Ready) -> None:
+    from robotree.tui.errors import NoPlaceForState
+    from robotree.tui.processes.state_files import directory_folder, site_of
+    from robotree.vr.orders.run import run_directory
+
+    name = line.text("NAME")
+    folder = directory_folder(realm, name)
+    if folder is None:
+        raise NoPlaceForState
+    await run_directory(name, folder, realm=realm, site=site_of(realm), ready=ready)
+
+
 async def _space(line: Line, realm: str, ready: Ready) -> None:
     from robotree.tui.errors import NoPlaceForState, ValueRefused
     from robotree.tui.processes.state_files import state_file
@@ -615,6 +627,7 @@ AGENTS: dict[str, Callable[[Line, str, Ready], Coroutine[Any, Any, None]]] = {
     "view": _view,
     "host": _host,
     "lookup": _lookup,
+    "directory": _directory,
     "space serve": _space,
     "hub": _hub,
     "gateway": _gateway,

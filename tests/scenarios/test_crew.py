@@ -28,7 +28,8 @@ PRESENT: dict[Role, list[str]] = {
     "robot": ["arm-1", "rover-1"],
     "view": ["cell"],
     "host": ["host-1"],
-    "lookup": ["lookup-1", "lookup-2"],
+    "lookup": ["directory-1", "lookup-1"],
+    "directory": ["directory-1"],
 }
 """Who is in the demo's cell."""
 STARTER = """

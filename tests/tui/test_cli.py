@@ -106,6 +106,7 @@ CHANGES = {
     *("pause", "step", "continue"),
     *("wire replay", "wire inject", "set", "reload", "apply"),
     *("wire conform", "bundle trust", "policy set"),
+    *("order cancel", "order confirm"),
     *("realm create", "realm invite", "realm join", "realm revoke", "realm renew"),
 }
 """Verbs of the shell that change robots, or who commands them."""

@@ -34,7 +34,7 @@ ACTIONS: tuple[Action, ...] = (
         help="Describe a robot: kinds, commands, slots, parent.",
         group=LOOK,
         right="see",
-        run="show",
+        run="show_or_remember",
         where=ANYWHERE,
         key="i",
         about=About.ROBOT,
@@ -303,15 +303,71 @@ ACTIONS: tuple[Action, ...] = (
     ),
     # -- command
     Action(
-        usage="call ROBOT.COMMAND [PARAMETER=VALUE …] [--within TIME] [--detach | --save FILE] [--trace]",
+        usage="call ROBOT.COMMAND [PARAMETER=VALUE …] [--within TIME] [--detach | --queue | --save FILE]"
+        " [--until WHEN] [--trace]",
         help="Have a command carried out: progress on stderr, result on stdout. It ends with this program;"
         " with --detach it goes on by itself. --save: write the picture in its result into a file."
-        " --trace shows the way of a failure through the authors' pages.",
+        " --queue: leave it as an order, which the robot carries out when it is there and free; --until:"
+        " in which time it must begin, 2h or 18:00 (24h). --trace shows the way of a failure through the"
+        " authors' pages.",
         group=COMMAND,
         right="command",
-        run="call",
-        examples=("call lever.close", "call mover.move x=0.4 y=0 z='30 cm' twist='90 deg' --within 30s"),
+        run="call_or_leave",
+        examples=(
+            "call lever.close",
+            "call mover.move x=0.4 y=0 z='30 cm' twist='90 deg' --within 30s",
+            "call rover-1.move x=1 y=0 --queue --until 2h",
+        ),
         alters=True,
+    ),
+    Action(
+        usage="orders [NAME] [--mine] [--all]",
+        help="List what is left for robots that are away or busy, and the results that wait. NAME: for one"
+        " robot. --mine: only yours. --all: those, too, whose results have been taken.",
+        group=COMMAND,
+        right="see",
+        run="orders",
+        where=ANYWHERE,
+        key="A",
+        examples=("orders", "orders rover-1 --mine --json"),
+    ),
+    Action(
+        usage="order show TICKET",
+        help="Show one order: its arguments, its state, who has a copy of it.",
+        group=COMMAND,
+        right="see",
+        run="order_show",
+        where=LINES,
+        examples=("order show 3fa2",),
+    ),
+    Action(
+        usage="order cancel TICKET",
+        help="End an order, also one that its robot carries out; names the directories that have not"
+        " confirmed it.",
+        group=COMMAND,
+        right="order",
+        run="order_cancel",
+        where=LINES,
+        examples=("order cancel 3fa2",),
+        alters=True,
+    ),
+    Action(
+        usage="order confirm TICKET",
+        help="Let an order begin though its robot asks: somebody has commanded it since.",
+        group=COMMAND,
+        right="order",
+        run="order_confirm",
+        where=LINES,
+        examples=("order confirm 3fa2",),
+        alters=True,
+    ),
+    Action(
+        usage="inbox [--keep]",
+        help="Print the results of your orders, and take them out of the inbox; --keep: leave them there.",
+        group=COMMAND,
+        run="inbox",
+        where=LINES,
+        examples=("inbox", "inbox --keep --json"),
     ),
     Action(
         usage="cancel NAME",
@@ -532,6 +588,15 @@ ACTIONS: tuple[Action, ...] = (
         group=PROCESS,
         where=Where.SHELL,
         examples=("lookup lookup-1",),
+    ),
+    Action(
+        usage="directory NAME",
+        help="Run a lookup service with a durable memory: it remembers robots that are away, and keeps orders"
+        " for them and their results. Several share what they have.",
+        group=PROCESS,
+        where=Where.SHELL,
+        examples=("directory directory-1",),
+        guide=("robotree.vr.orders.service",),
     ),
     Action(
         usage="hub --listen ADDRESS [--print-config]",

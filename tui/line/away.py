@@ -36,23 +36,27 @@ def explained(realm: str, error: NoSuchRobot) -> VrError:
     return error
 
 
-def leave_stop(realm: str, confirmed: Collection[str]) -> list[str]:
+def leave_stop(realm: str, confirmed: Collection[str], directories: Collection[str]) -> list[str]:
     """Have robots that did not confirm a stop of everything begin stopped when their hosts are back. Blocks.
+
+    Directories that did not confirm it hold all robots when they are back.
 
     Args:
         realm: that was stopped.
         confirmed: names of the robots that have confirmed it.
+        directories: names of those that have confirmed it.
 
     Returns:
-        A sentence for each host that is concerned.
+        A sentence for each host and directory that is concerned.
 
     Raises:
-        NotConfirmed: the stop cannot be left; names the hosts.
+        NotConfirmed: the stop cannot be left; names the hosts and directories.
     """
-    from robotree.tui.processes.state_files import journal_folders
+    from robotree.tui.processes.state_files import directory_folders, journal_folders
     from robotree.vr.base.errors import NotConfirmed
     from robotree.vr.journal.kept import leave_stop
     from robotree.vr.network.lean_stop import REASON
+    from robotree.vr.orders.run import leave_stop as leave_to_directory
 
     sentences: list[str] = []
     untold: list[list[str]] = []
@@ -66,6 +70,19 @@ def leave_stop(realm: str, confirmed: Collection[str]) -> list[str]:
         else:
             if missed:
                 sentences.append(f"{', '.join(missed)} will be stopped when host {folder.name} is back")
+    for folder in directory_folders(realm):
+        if folder.name in directories:
+            continue
+        try:
+            leave_to_directory(folder, "a stop while it was away")
+        except OSError as error:
+            reason = f"it is away, and {folder} cannot be written: {error.strerror}"
+            untold.append([f"directory {folder.name}", reason])
+        else:
+            sentences.append(
+                f"directory {folder.name} is away: when it is back, it lets no robot begin what was ordered"
+                " before `robotree resume`"
+            )
     if untold:
         advice = ["make room there, or do not start these hosts", "stop again"]
         raise NotConfirmed(order="the protective stop", told=sorted(confirmed), untold=untold, advice=advice)
@@ -78,8 +95,11 @@ def take_stop_back(realm: str) -> None:
     Raises:
         OSError: one cannot be forgotten.
     """
-    from robotree.tui.processes.state_files import journal_folders
+    from robotree.tui.processes.state_files import directory_folders, journal_folders
     from robotree.vr.journal.kept import take_stop_back
+    from robotree.vr.orders.run import STOP
 
     for folder in journal_folders(realm):
         take_stop_back(folder)
+    for folder in directory_folders(realm):
+        (folder / STOP).unlink(missing_ok=True)

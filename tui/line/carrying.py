@@ -6,7 +6,7 @@ import asyncio
 from typing import TYPE_CHECKING, NamedTuple
 
 from robotree.tui.errors import NotForRobots, SupervisorError, sentence
-from robotree.tui.line import away, past, verbs
+from robotree.tui.line import away, ordering, past, verbs
 from robotree.tui.line.actions import BY_VERB
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import Outcome, Run, Teller
@@ -47,7 +47,7 @@ def function_of(verb: str) -> Run:
     name = BY_VERB[verb].run
     if not name:
         raise NotForRobots(verb)
-    run: Run = getattr(verbs, name, None) or getattr(past, name)
+    run: Run = getattr(verbs, name, None) or getattr(past, name, None) or getattr(ordering, name)
     return run
 
 

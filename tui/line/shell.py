@@ -5,8 +5,10 @@ Results go to standard output, progress and errors to standard error, so that pi
 
 from __future__ import annotations
 
+import asyncio
 import json
 import math
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -76,6 +78,11 @@ class Console:
         else:
             note(f"… {'' if share is None else f'{share:.0%} '}{text}".rstrip())
 
+    @property
+    def may_ask(self) -> bool:
+        """Whether a person sits there who can be asked something."""
+        return not self.as_json and sys.stdin.isatty() and sys.stderr.isatty()
+
     def outcome(self, outcome: Outcome) -> None:
         """Print a result on standard output."""
         self.settle()
@@ -116,6 +123,22 @@ class Console:
             self._log()
 
 
+async def _wants_to_order(line: Line, error: Exception) -> bool:
+    """Ask a person once whether a command is left as an order whose robot is away."""
+    from robotree.vr.base.errors import RobotAbsent
+
+    if line.verb != "call" or not isinstance(error, RobotAbsent) or "--queue" not in error.data["advice"]:
+        return False
+    note(f"{error.data['name']} is {error.data['how']}. Type yes to leave this as an order:")
+    loop, typed = asyncio.get_running_loop(), asyncio.Event()
+    loop.add_reader(sys.stdin.fileno(), typed.set)
+    try:
+        await typed.wait()
+    finally:
+        loop.remove_reader(sys.stdin.fileno())
+    return os.read(sys.stdin.fileno(), 64).strip() == b"yes"
+
+
 async def obey(realm_client: RealmClient, line: Line, console: Console) -> int:
     """Carry out one line and print what came of it.
 
@@ -123,6 +146,9 @@ async def obey(realm_client: RealmClient, line: Line, console: Console) -> int:
         The exit code.
     """
     outcome = await carry_out(realm_client, line, console)
+    if isinstance(outcome, Refusal) and console.may_ask and await _wants_to_order(line, outcome.error):
+        ordered = line._replace(values={**line.values, "--queue": True})
+        outcome = await carry_out(realm_client, ordered, console)
     if isinstance(outcome, Refusal):
         console.error(outcome.error)
         if line.flag("--trace"):

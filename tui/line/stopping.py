@@ -16,7 +16,7 @@ from robotree.tui.errors import NothingToAsk, sentence
 from robotree.tui.line import away
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.shell import Console
-from robotree.tui.line.verbs import Outcome, stopped
+from robotree.tui.line.verbs import Outcome, held_away, hold, stopped
 from robotree.tui.processes.realm import nothing_to_ask, visited
 from robotree.tui.processes.state_files import KEYS
 from robotree.tui.terminal import complain, error_data, note
@@ -47,8 +47,8 @@ def stop(line: Line, realm: str, run: Run) -> int:
     console = Console(as_json=line.flag("--json"))
     everywhere, name = line.flag("--everywhere"), line.text("NAME") or None
     folders = all_realms() if everywhere else [realm_folder(realm)]
-    order, answers = line.order or token(), dict[Path, Answer]()
-    work = _stop_all(folders, name, order, console, answers)
+    order, answers, held = line.order or token(), dict[Path, Answer](), dict[Path, Sequence[str]]()
+    work = _stop_all(folders, name, order, console, answers, held)
     try:
         if run(work) == exit_codes.INTERRUPTED:
             note("robotree: the stop has been sent; a robot that has it stays stopped")
@@ -58,11 +58,16 @@ def stop(line: Line, realm: str, run: Run) -> int:
         console.warn(f"the stop asks one process after another, because {_reason(error)}")
         answers = {folder: _in_turn(folder, name, order) for folder in folders}
     if name is None:
-        answers = {folder: _left(folder, answer, console) for folder, answer in answers.items()}
+        answers = {
+            folder: _left(folder, answer, console, held.get(folder, ())) for folder, answer in answers.items()
+        }
     if everywhere:
         return _report_all(answers, console)
     given = answers[folders[0]]
     answer = nothing_to_ask(realm, stopping=True) if given is None else given
+    if isinstance(answer, NoSuchRobot) and held.get(folders[0]) and name:
+        console.outcome(held_away(name))
+        return exit_codes.DONE
     if isinstance(answer, NoSuchRobot):
         answer = away.explained(realm, answer)
     if isinstance(answer, Exception):
@@ -73,20 +78,29 @@ def stop(line: Line, realm: str, run: Run) -> int:
 
 
 async def _stop_all(
-    folders: Sequence[Path], name: str | None, order: str, console: Console, answers: dict[Path, Answer]
+    folders: Sequence[Path],
+    name: str | None,
+    order: str,
+    console: Console,
+    answers: dict[Path, Answer],
+    held: dict[Path, Sequence[str]],
 ) -> int:
-    """Stop the robots of all these realms at once, and note the answers."""
+    """Stop the robots of all these realms at once, and note the answers, and the directories that hold."""
 
     async def stop_one(folder: Path) -> None:
         async with visited(folder) as realm_client:
             try:
                 sites = _sites(folder)
-                inhabited = realm_client.inhabited() or (sites and name is None)
-                answers[folder] = (
-                    await realm_client.stop(name, on_late=console.warn, order=order, scope=StopScope(sites))
-                    if inhabited
-                    else None
-                )
+                if not (realm_client.inhabited() or (sites and name is None)):
+                    answers[folder] = None
+                    return
+                holding = asyncio.ensure_future(hold(realm_client, name or "", console))
+                try:
+                    answers[folder] = await realm_client.stop(
+                        name, on_late=console.warn, order=order, scope=StopScope(sites)
+                    )
+                finally:
+                    held[folder] = await holding
             except VrError as error:
                 answers[folder] = error
 
@@ -94,14 +108,14 @@ async def _stop_all(
     return exit_codes.DONE
 
 
-def _left(folder: Path, answer: Answer, console: Console) -> Answer:
+def _left(folder: Path, answer: Answer, console: Console, held: Sequence[str]) -> Answer:
     """Leave the stop for the robots whose hosts are away or hang; returns the answer, or why that failed."""
     if isinstance(answer, NotConfirmed):
         confirmed: Sequence[str] = answer.data["told"]
     else:
         confirmed = () if answer is None or isinstance(answer, VrError) else answer
     try:
-        for each in away.leave_stop(folder.name, confirmed):
+        for each in away.leave_stop(folder.name, confirmed, held):
             console.warn(each)
     except NotConfirmed as error:
         return answer if isinstance(answer, VrError) else error

@@ -16,8 +16,8 @@ Scalar = float | int | bool | str
 SLOWEST, FASTEST = 0.1, 10.0
 """How fast a simulated world may go, in seconds of it in a second."""
 
-_SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "min": 60.0, "m": 60.0, "h": 3600.0}
-_DURATION = re.compile(r"(\d+(?:\.\d+)?|\.\d+)\s*(ms|min|m|s|h)?")
+_SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "min": 60.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
+_DURATION = re.compile(r"(\d+(?:\.\d+)?|\.\d+)\s*(ms|min|m|s|h|d)?")
 _INTEGER = re.compile(r"[+-]?\d{1,18}")
 _SIZE = re.compile(r"(0*[1-9]\d{0,5})x(0*[1-9]\d{0,5})")
 

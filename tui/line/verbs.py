@@ -17,7 +17,7 @@ from robotree.files import overwrite
 from robotree.tui.errors import BadLine, OldList, SomeHang, SomeSilent, SupervisorError, ValueRefused
 from robotree.tui.line import away, values
 from robotree.tui.line.grammar import Line
-from robotree.tui.seen import forest, status, unlisted, wording
+from robotree.tui.seen import absence, forest, status, unlisted, wording
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -26,6 +26,7 @@ if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.tui.seen.store import Weight
     from robotree.vr.base.address import Role
     from robotree.vr.base.description import FieldSpec, Listing, RobotDescription
+    from robotree.vr.base.order import KnownAgent
     from robotree.vr.base.presence import Held
     from robotree.vr.base.requests import Level, LoggedLine, Reloaded, SpaceDescribed, State
     from robotree.vr.supervision.realm_client import Elsewhere, RealmClient
@@ -83,7 +84,9 @@ Run = Callable[["RealmClient", Line, Teller], Awaitable[Outcome]]
 
 
 async def ls(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
-    """List robots, views, hosts or lookup services."""
+    """List robots, also those that are away where a directory knows them, views, hosts or lookup services."""
+    import time
+
     if line.flag("--lookups"):
         names = sorted(realm_client.services)
         silent = _silent(realm_client, "lookup", names)
@@ -122,6 +125,9 @@ async def ls(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     states = {name: status.text(robot, answering.get, hanging) for name, robot in answering.items()} | unheard
     known = {one.name for one in found}
     found = [*found, *(_unknown(name) for name in hanging if name not in known)]
+    away = await absent_robots(realm_client, {*states, *(one.name for one in found)})
+    states |= {each.name: absence.how(each, time.time()) for each in away}
+    found = [*found, *(_listing_of(each) for each in away)]
     listed = _listed(
         found,
         what,
@@ -132,6 +138,23 @@ async def ls(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     asked = [f"{one.name} asks: {one.asks}" for one in answering.values() if one.asks]
     hint = ["answer with `robotree decide NAME done|again|abort`"] if asked else []
     return listed._replace(text="\n".join([listed.text, *asked, *hint]))
+
+
+def _listing_of(known: KnownAgent) -> Listing:
+    """Return a robot that is away as a lookup service listed it."""
+    from robotree.vr.base.address import Address
+    from robotree.vr.base.description import Listing
+
+    robot = known.robot
+    if robot is None:
+        return _unknown(known.name)
+    return Listing(
+        address=Address("robot", known.name, ""),
+        kinds=robot.kinds,
+        doc=robot.doc,
+        host=robot.host,
+        attributes=robot.attributes,
+    )
 
 
 def _condition(host: Mapping[str, str]) -> str:
@@ -292,13 +315,17 @@ def _listed(
 
 
 async def tree(realm_client: RealmClient, _line: Line, _teller: Teller) -> Outcome:
-    """Show the robots as trees."""
+    """Show the robots as trees; below them those that are away."""
+    import time
+
     hanging, robots = await _hanging(realm_client), await realm_client.tree()
     unheard, incomplete = _unheard(realm_client, {robot.name for robot in robots}, hanging)
     elsewhere = await realm_client.elsewhere()
     roots = forest.forest(robots, hanging, unheard, elsewhere)
     drawn = {name for root in roots for name in forest.names(root)}
     lost = {name: state for name, state in sorted(unheard.items()) if name not in drawn}
+    away = await absent_robots(realm_client, drawn | lost.keys())
+    lost |= {each.name: absence.how(each, time.time()) for each in away}
     rest: list[dict[str, Any]] = [
         {"name": name, "kind": "", "state": state, "children": []} for name, state in lost.items()
     ]
@@ -715,6 +742,23 @@ async def call(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome
     return Outcome(plain(thing), text or f"{robot}.{command} is done")
 
 
+async def absent_robots(realm_client: RealmClient, here: Collection[str]) -> list[KnownAgent]:
+    """Return the robots that are away and that directories remember, by name.
+
+    Args:
+        realm_client: of the realm.
+        here: names of robots that need no memory.
+    """
+    if not realm_client.orders.directories:
+        return []
+    present = {address.name for address in realm_client.directory.present("robot")}
+    return [
+        each
+        for each in await realm_client.orders.known(brief=True)
+        if each.role == "robot" and not each.deleted and each.name not in present and each.name not in here
+    ]
+
+
 async def _saved(thing: Any, path: Path) -> Outcome:
     """Write the picture in a result into a file."""
     import asyncio
@@ -773,21 +817,58 @@ async def decide(realm_client: RealmClient, line: Line, _teller: Teller) -> Outc
 
 
 async def stop(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
-    """Stop one robot, or all, protectively."""
-    from robotree.vr.base.errors import NotConfirmed
+    """Stop one robot, or all, protectively; those that are away begin nothing that was ordered."""
+    import asyncio
+
+    from robotree.vr.base.errors import NoSuchRobot, NotConfirmed
 
     name = line.text("NAME") or None
+    held = asyncio.ensure_future(hold(realm_client, name or "", teller))  # of those that are away, at once
     if name is not None:
-        return stopped(await realm_client.stop(name, on_late=teller.warn))
+        try:
+            return stopped(await realm_client.stop(name, on_late=teller.warn))
+        except NoSuchRobot:
+            if not await held:
+                raise
+            return held_away(name)
+        finally:
+            await held
     try:
         names = await realm_client.stop(None, on_late=teller.warn)
+        await held
     except NotConfirmed as error:
-        for sentence in away.leave_stop(realm_client.realm, error.data["told"]):
+        await held
+        for sentence in away.leave_stop(realm_client.realm, error.data["told"], held.result()):
             teller.warn(sentence)
         raise
-    for sentence in away.leave_stop(realm_client.realm, names):
+    for sentence in away.leave_stop(realm_client.realm, names, held.result()):
         teller.warn(sentence)
     return stopped(names)
+
+
+def held_away(name: str) -> Outcome:
+    """Return the result of a stop of a robot that is away."""
+    text = f"{name} is away: it begins nothing that was ordered before `robotree resume {name}`"
+    return Outcome({"stopped": [], "held": [name]}, text)
+
+
+async def hold(realm_client: RealmClient, name: str, teller: Teller) -> Sequence[str]:
+    """Have the directories keep robots from beginning what was ordered; returns those that do.
+
+    Args:
+        realm_client: of the realm.
+        name: of the robot; empty: all.
+        teller: hears which directories have not confirmed it.
+    """
+    if not await realm_client.orders.met():
+        return ()
+    holding, silent = await realm_client.orders.hold(name)
+    if silent and not name:
+        teller.warn(
+            f"directory {', '.join(silent)} has not confirmed the stop: a robot that is away may begin what"
+            " it finds there; stop again"
+        )
+    return holding
 
 
 def stopped(names: Sequence[str]) -> Outcome:
@@ -796,14 +877,37 @@ def stopped(names: Sequence[str]) -> Outcome:
 
 
 async def resume(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
-    """Resume after a protective stop."""
+    """Resume after a protective stop; what was ordered may begin again."""
+    from robotree.vr.base.errors import NoSuchRobot
+
     name = line.text("NAME") or None
-    confirmed = await realm_client.resume(name, given=line.given)
+    released = await _released(realm_client, line)
+    try:
+        confirmed = await realm_client.resume(name, given=line.given)
+    except NoSuchRobot:
+        if not released:
+            raise
+        return Outcome(
+            {"resumed": [], "released": [name]}, f"{name} is away: what was ordered may begin again"
+        )
     if name is None:
         away.take_stop_back(realm_client.realm)
     return Outcome(
         {"resumed": sorted(confirmed)}, f"resumed: {', '.join(sorted(confirmed)) or 'there is no robot'}"
     )
+
+
+async def _released(realm_client: RealmClient, line: Line) -> bool:
+    """End the holds of robots that are away; returns whether the robot that is named was held."""
+    if not realm_client.orders.directories:
+        return False
+    import time
+
+    name = line.text("NAME")
+    board = await realm_client.orders.board(robot=name)
+    ago = 0.0 if line.given is None else max(0.0, time.monotonic() - line.given)
+    await realm_client.orders.release(name, ago=ago)
+    return any(hold.robot in ("", name) for hold in board.holds)
 
 
 # -- scripts and roles -------------------------------------------------------------------------------

@@ -141,3 +141,31 @@ def history_files(realm: str, home: Path | None = None) -> dict[tuple[str, str],
             for path in sorted(top.glob(f"{folder}/*/history.db")):
                 found[role, path.parent.name] = path
     return found
+
+
+def directory_folder(realm: str, name: str) -> Path | None:
+    """Return the folder with the memory of a directory, which is there then; None: it cannot be made."""
+    path = state_file(realm, "directories")
+    if path is None:
+        return None
+    try:
+        private_folder(path / name)
+    except OSError:
+        return None
+    return path / name
+
+
+def directory_folders(realm: str) -> list[Path]:
+    """Return the folders of the directories of a realm on this machine; looking makes nothing."""
+    tops = (state_home() / DEMOS / realm / state_home().name / realm, state_home() / realm)
+    return sorted(path.parent for top in tops for path in top.glob("directories/*/directory.db"))
+
+
+def site_of(realm: str) -> str:
+    """Return the name of this machine in a realm of several; empty: there is one machine."""
+    folder = state_home() / realm / KEYS
+    if not (folder / "realm.json").exists():
+        return ""
+    from robotree.vr.sites.known import own_name
+
+    return own_name(folder)

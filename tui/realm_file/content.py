@@ -21,6 +21,7 @@ STANDS_BY = "standby-for"
 SECTIONS: Mapping[str, str] = {
     "controllers": "sim",
     "lookups": "lookup",
+    "directories": "directory",
     "hosts": "host",
     "proxies": "proxy",
     "views": "view",

@@ -29,6 +29,7 @@ ROLES: Mapping[str, Role] = {
     "view": "view",
     "host": "host",
     "lookup": "lookup",
+    "directory": "directory",
     "space serve": "space",
 }
 """Role of the agent of a process, by its verb."""

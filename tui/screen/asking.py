@@ -14,6 +14,7 @@ from robotree.tui.screen.pages.enslave import EnslaveDialog, Opening, ReleaseDia
 from robotree.tui.screen.pages.help import help_text
 from robotree.tui.screen.pages.main import PANES, in_front, main_page
 from robotree.tui.screen.pages.new import NewPage
+from robotree.tui.screen.pages.orders import OrdersPage
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.pages.role import RoleDialog
@@ -44,6 +45,8 @@ def _panel(app: OperatorApp, place: Place) -> None:
     elif absent:
         what, key = " hangs" if absent.hangs else "", app.keymap.spelled("dismiss")
         app.tell(f"{name}{what}: {absent.remedy}, or {key} takes it off the list", "warning")
+    elif app.store.is_away(name):
+        app.push_screen(PanelPage(app.store.away[name].robot))
     elif robot is None:
         app.tell(f"{name} has not described itself yet" if name else "no robot is selected", "warning")
     else:
@@ -301,6 +304,10 @@ def _consequence(app: OperatorApp, line: Line) -> str:
             return BY_VERB[line.verb].help
 
 
+def _orders(app: OperatorApp, _place: Place) -> None:
+    app.push_screen(OrdersPage())
+
+
 def _dismiss(app: OperatorApp, place: Place) -> None:
     if app.store.dismiss(place.name):
         app.tell(f"{place.name} is off the list; it is back as soon as it answers")
@@ -363,6 +370,7 @@ ASK: Mapping[str, Ask] = {
     "stop": _stop,
     "resume": _resume,
     "role": _role,
+    "orders": _orders,
     "help": _help,
     "quit": _quit,
     "filter": _line("filter"),

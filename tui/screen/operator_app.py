@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from textual import work
 
-from robotree.tui.line import completion
+from robotree.tui.line import completion, ordering
 from robotree.tui.line.action import Where
 from robotree.tui.line.carrying import Refusal, carry_out
 from robotree.tui.line.grammar import Line
@@ -236,6 +236,11 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         began = self.now()
         try:
             fields: list[FieldSpec] = []
+            if self.store.is_away(robot):
+                left = await self.realm_client.orders.leave(robot, command, arguments, may_take=CALL_LIMIT)
+                self.tell(ordering.told_left(left, self).text, "good", robot)
+                listener.succeeded(None, self.now() - began)
+                return
             value = await self.realm_client.call(
                 robot,
                 command,

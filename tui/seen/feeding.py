@@ -9,11 +9,12 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-from robotree.tui.seen import unlisted
-from robotree.tui.seen.store import Store
+from robotree.tui.seen import absence, unlisted
+from robotree.tui.seen.store import Away, Store
 from robotree.vr.base.address import Address, Role, shown_address
 from robotree.vr.base.errors import TransportClosed, VrError
 
@@ -35,6 +36,9 @@ WHERE = 1.0
 PATROL = 5.0
 """[s] at most between two looks at the tree, the hosts and the lookup services, hint or no hint."""
 
+RESULTS = "`inbox` prints it, the page of the orders shows it"
+"""How a person gets at a result."""
+
 log = logging.getLogger(__name__)
 
 
@@ -47,6 +51,7 @@ class Feed:
         self._hint = asyncio.Event()
         self._watching: Registration | None = None
         self._listening: Registration | None = None
+        self._ordering: Registration | None = None
         self._forget: Callable[[], None] | None = None
         self._tasks: tuple[asyncio.Task[None], ...] = ()
         self._troubles: dict[str, str] = {}
@@ -58,6 +63,7 @@ class Feed:
         self._forget = self.realm_client.on_change(self._take_lists)
         self._watching = await self.realm_client.watch_state(None, self._take_state)
         self._listening = await self.realm_client.watch_log(None, self._take_lines)
+        self._ordering = await self.realm_client.orders.on_change(lambda _: self._hint.set())
         self._tasks = (
             asyncio.create_task(self._keep_looking(), name="feed of the supervisor"),
             asyncio.create_task(self._keep_glancing(), name="signs of life for the supervisor"),
@@ -73,10 +79,10 @@ class Feed:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-        for registration in (self._watching, self._listening):
+        for registration in (self._watching, self._listening, self._ordering):
             if registration:
                 await registration.close()
-        self._watching = self._listening = None
+        self._watching = self._listening = self._ordering = None
 
     def _take_lists(self) -> None:
         now = self.clock()
@@ -93,7 +99,7 @@ class Feed:
 
     @property
     def _servers(self) -> set[Address]:
-        return self._present_as("host", "lookup")
+        return self._present_as("host", "lookup", "directory")
 
     def _present_as(self, *roles: Role) -> set[Address]:
         return {address for role in roles for address in self.realm_client.present(role)}
@@ -174,6 +180,22 @@ class Feed:
                 self.store.tell(f"host {name}: {text}", "error" if trouble else "good", self.clock())
         self._troubles = troubles
 
+    async def _take_away(self) -> None:
+        """Take which robots are away and which results wait, where a directory remembers them."""
+        orders, now = self.realm_client.orders, time.time()
+        if not orders.directories:
+            self.store.take_away({})
+            return
+        present = {address.name for address in self.realm_client.present("robot")}
+        self.store.take_away(
+            {
+                each.name: Away(each.robot, each.readings, absence.how(each, now))
+                for each in await orders.known()
+                if each.robot is not None and not each.deleted and each.name not in present
+            }
+        )
+        self.store.take_results(len(await orders.inbox()), self.clock(), RESULTS)
+
     async def _look(self) -> None:
         try:
             tree = await self.realm_client.tree()
@@ -188,6 +210,7 @@ class Feed:
             self.store.take_hosts([host.address.name for host in hosts if not host.stands_by])
             self._tell_of_trouble({host.address.name: host.trouble for host in hosts})
             self.store.take_services(self.realm_client.services, self.clock(), stale=self.realm_client.stale)
+            await self._take_away()
         except VrError as error:
             self.store.tell(f"cannot see the tree: {error}", "warning", self.clock())
         except Exception:  # the last fence of this task: the supervisor goes on with what it knows

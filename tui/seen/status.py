@@ -21,10 +21,11 @@ Status = Literal[
     "busy",
     "waits",
     "needs",
+    "away",
     "free",
     "enslaved",
 ]
-"""The worst first. `hangs`, `gone` and `late` are found out by others; a robot does not say so itself."""
+"""The worst first. `hangs`, `gone`, `late` and `away` are found out by others; a robot does not say so."""
 
 STATUSES: tuple[Status, ...] = get_args(Status)
 

@@ -43,7 +43,7 @@ LEFT = "has left"
 PROGRESS = "progress"
 """The reading that says how far the running command is."""
 
-OLD: frozenset[Status] = frozenset({"hangs", "gone", "late", "silent", "offline"})
+OLD: frozenset[Status] = frozenset({"hangs", "gone", "late", "silent", "offline", "away"})
 """Statuses in which readings are old."""
 
 Weight = Literal["good", "plain", "warning", "error"]
@@ -106,6 +106,16 @@ class Absent:
 
 
 @dataclass(frozen=True, slots=True)
+class Away:
+    """A robot that is not here and that a directory remembers."""
+
+    robot: RobotDescription
+    readings: Mapping[str, float]
+    words: str
+    """How it is absent: `away since 14:05 (12 min)`."""
+
+
+@dataclass(frozen=True, slots=True)
 class Missed:
     """An agent that is on no list any more; why must be found out."""
 
@@ -164,6 +174,10 @@ class Store:
     """Where robots of other sites are, by name."""
     elsewhere_at: float = 0.0
     """[s] when that was known."""
+    away: dict[str, Away] = field(default_factory=dict[str, Away])
+    """Robots by name that are not here and that directories remember."""
+    results: int = 0
+    """How many results of this person's orders wait."""
     late: frozenset[str] = frozenset()
     """Robots whose process is late with its sign of life: it may hang, or be slow for a moment."""
     remembered: dict[str, RobotDescription] = field(default_factory=dict[str, RobotDescription])
@@ -408,6 +422,25 @@ class Store:
         found = ((shown_address(one.key), one.where) for one in held)
         self.processes = {one.name: where for one, where in found if one and one.role == "robot"}
 
+    def take_away(self, away: Mapping[str, Away]) -> None:
+        """Take which robots are away, as directories remember them."""
+        here = self.descriptions.keys() | self.robots.keys() | self.absent.keys()
+        found = {name: one for name, one in away.items() if name not in here}
+        if found.keys() != self.away.keys():
+            self.family += 1
+        if found != self.away:
+            self.away = found
+            self.revision += 1
+
+    def take_results(self, count: int, now: float, how: str) -> None:
+        """Take how many results wait for this person, and tell of new ones; `how` they are shown."""
+        if count > self.results:
+            what = "the result of an order waits" if count == 1 else f"{count} results of orders wait"
+            self.tell(f"{what}: {how}", "good", now)
+        if count != self.results:
+            self.results = count
+            self.revision += 1
+
     def take_hosts(self, hosts: Iterable[str]) -> None:
         """Take which hosts live."""
         self.hosts = tuple(sorted(hosts))
@@ -535,7 +568,8 @@ class Store:
     @property
     def known(self) -> set[str]:
         """Names of all robots that are there, or were and were not dismissed."""
-        return {*self.descriptions, *self.robots, *self.absent, *self.remembered, *self._unexplained}
+        here = {*self.descriptions, *self.robots, *self.absent, *self.remembered, *self._unexplained}
+        return here.union(self.away)
 
     @property
     def _unexplained(self) -> set[str]:
@@ -590,13 +624,21 @@ class Store:
 
     def described(self, name: str) -> RobotDescription | None:
         """Return how a robot describes itself, or did before it ceased to answer."""
-        return self.descriptions.get(name) or self.remembered.get(name)
+        known = self.descriptions.get(name) or self.remembered.get(name)
+        return known or (self.away[name].robot if name in self.away else None)
 
-    def _away(self, name: str, now: float) -> tuple[Status, str] | None:
+    def is_away(self, name: str) -> bool:
+        """Whether a robot is not here, and a directory remembers it."""
+        here = (self.descriptions, self.robots, self.absent, self.remembered)
+        return name in self.away and not any(name in one for one in here)
+
+    def _away(self, name: str, now: float) -> tuple[Status, str] | None:  # one for each
         """Return why a robot is not as it said last, in one word and in words; None: it is."""
         if absent := self.absent.get(name):
             gone = f"GONE {status.span(now - absent.since)}"
             return ("hangs", f"HANGS (pid {absent.pid})") if absent.hangs else ("gone", gone)
+        if self.is_away(name):
+            return "away", self.away[name].words
         if name in self.late:
             return "late", "late"
         if silent := self._silent_words(name, now):
@@ -614,7 +656,7 @@ class Store:
 
     def answers(self, name: str, now: float) -> bool:
         """Whether a robot is there to be commanded: it neither hangs nor has gone."""
-        return self.status(name, now) not in {"hangs", "gone"}
+        return self.status(name, now) not in {"hangs", "gone", "away"}
 
     def doing(self, name: str, now: float) -> str:
         """Return how a robot is, in words; of one of another site with the place, and how old that is."""
@@ -691,7 +733,10 @@ class Store:
         found: dict[str, float] = {}
         for name_below in self._downwards(name):
             state = self.state(name_below)
-            found = {**(state.readings if state else {}), **found}
+            if state is not None:
+                found = {**state.readings, **found}
+            elif self.is_away(name_below):
+                found = {**self.away[name_below].readings, **found}
         found.pop(PROGRESS, None)
         return found
 
@@ -700,7 +745,7 @@ class Store:
         found: dict[str, str] = {}
         for name_below in self._downwards(name):
             robot, state = self.described(name_below), self.state(name_below)
-            readings = state.readings if state else {}
+            readings = state.readings if state else robot.units if robot else {}
             own = robot.units if robot else {}
             found = {**{key: own.get(key, "") for key in readings}, **found}
         return found

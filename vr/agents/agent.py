@@ -25,6 +25,7 @@ from robotree.vr.agents.pauses import Pauses
 from robotree.vr.agents.publisher import Publisher
 from robotree.vr.agents.shared import Shared
 from robotree.vr.agents.stops import Stops
+from robotree.vr.agents.taker import OrderTaker, say_deleted
 from robotree.vr.author.fitting import misfit
 from robotree.vr.author.robot import Robot
 from robotree.vr.author.virtual_robot import VirtualRobot
@@ -81,6 +82,7 @@ from robotree.vr.core.stop import Stop
 from robotree.vr.exchange.claim import claim, new_address
 from robotree.vr.exchange.dispatcher import Dispatcher, SendReply, not_for
 from robotree.vr.lookup.registrar import Registrar
+from robotree.vr.orders.ledger import OrderMemory
 from robotree.vr.running.activity import execute
 from robotree.vr.running.frame import LONGEST_END
 from robotree.vr.running.process import Process
@@ -114,6 +116,7 @@ class RobotAgent:
         process: Process | None = None,
         shared: Shared | None = None,
         state: RobotState | None = None,
+        orders: OrderMemory | None = None,
     ) -> None:
         """Make the agent, on the event loop; `start` lets it live.
 
@@ -129,6 +132,7 @@ class RobotAgent:
             shared: what it shares with the other agents of its process; None: it is the only one.
             state: what the robot was before its process ended, to go on with: see `take_back` and `go_on`;
                 None: it is a new one.
+            orders: its memory of its orders; None: it takes none.
 
         Raises:
             TypeError: the robot's class declares a command in a way that cannot be called from afar.
@@ -138,7 +142,6 @@ class RobotAgent:
         self.closed = asyncio.Event()
         self.on_gone: Callable[[], None] = _nothing
         """Called when it has ended, before anybody is told."""
-        """Set when it has ended, for whatever reason."""
         self.open = False
         """Whether it takes anything new."""
         self._loop = asyncio.get_running_loop()
@@ -156,7 +159,12 @@ class RobotAgent:
         self._outside = OutsideCalls(
             self.runtime, is_open=lambda: self.open, attend=self._callers.attend, waits=self._restored
         )
+        self._taker = None if orders is None else self._new_taker(orders)
         self._begin_life()
+
+    def _new_taker(self, orders: OrderMemory) -> OrderTaker:
+        self.runtime.identity, ledger = orders.identity or self.address.incarnation, orders.ledger
+        return OrderTaker(self.runtime, self.transport, ledger, unix=self._unix, is_open=lambda: self.open)
 
     @property
     def robot(self) -> Robot:
@@ -187,6 +195,7 @@ class RobotAgent:
 
     def _begin_life(self) -> None:
         """Nothing is declared and nothing watched yet."""
+        self._deleted = False
         self._known_to_parent: tuple[tuple[CommandSpec, ...], str] = ((), "")
         """The commands of which the parent knows."""
         self._declared: list[Registration] = []
@@ -228,6 +237,8 @@ class RobotAgent:
         if not self._restored:
             self.runtime.post(on.Restored())  # a new state has nothing to go on with
         self._publisher.begin()
+        if not self._restored and self._taker is not None:
+            await self._taker.begin()
 
     async def take_back(self) -> None:
         """Hold the children of a restored robot again, as far as they are there."""
@@ -246,6 +257,11 @@ class RobotAgent:
         callers = {caller for _, caller in self.runtime.look(_callers)}
         while not all(map(presence.there, callers)) and self._loop.time() < until:  # noqa: ASYNC110 # a table, which tells nobody
             await asyncio.sleep(0.02)
+
+    async def take_orders(self) -> None:
+        """Have a restored robot that goes on take orders again."""
+        if self._taker is not None:
+            await self._taker.begin()
 
     def go_on(self) -> None:
         """Have a restored robot go on: its parent and callers are looked for, its commands begin again."""
@@ -320,6 +336,11 @@ class RobotAgent:
         self._publisher.withdraw()
         self._end_calls(f"{self.robot.name} is being ended")
         await self._no_calls(grace)
+        if self._taker is not None:
+            await self._taker.close()
+        if self._deleted:
+            identity = self.runtime.identity or f"name:{self.robot.name}"
+            await say_deleted(self.transport, identity, self.address.key)
         if self._children is not None:
             await self._children.close()
         await self._publisher.listed()
@@ -354,6 +375,7 @@ class RobotAgent:
         if lease is not None:
             raise StillBonded(robot=self.robot.name, holder=lease.parent.name, slot=lease.slot)
         self._farewells.append(farewell)
+        self._deleted = True
         self._begin_to_end(LONGEST_END + PARTING)
         await asyncio.shield(self._gone)
 

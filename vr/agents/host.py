@@ -58,6 +58,7 @@ from robotree.vr.journal.kept import stop_left, take_stop_back
 from robotree.vr.journal.records import KeptPage
 from robotree.vr.journal.recovery import KeptRobot, rebase
 from robotree.vr.lookup.registrar import Registrar
+from robotree.vr.orders.ledger import Ledger, OrderMemory
 from robotree.vr.running.heard import speaking
 from robotree.vr.running.process import Process
 from robotree.vr.running.runner import runner_of
@@ -97,6 +98,7 @@ class Host:
         only: str = "",
         journal: HostJournal | None = None,
         gate: Gate | None = None,
+        ledger: Ledger | None = None,
     ) -> None:
         """Prepare a host.
 
@@ -110,11 +112,12 @@ class Host:
             only: name of the one robot that it runs; empty: it runs any number.
             journal: of the process: what is kept of its robots; None: nothing is.
             gate: decides which pages run; None: this user's own alone.
+            ledger: of the process: which orders its robots have begun; None: they take none.
 
         Raises:
             BadName: the name cannot be one.
         """
-        self._journal = journal
+        self._journal, self._ledger = journal, ledger
         self._gate = Gate() if gate is None else gate
         self.instead_of = ""
         """Name of the host whose robots it has taken over with the journal; empty: they are its own."""
@@ -226,6 +229,7 @@ class Host:
         await asyncio.gather(*(agent.meet_callers() for agent in back))
         for agent in back:
             agent.go_on()
+            await agent.take_orders()
 
     async def _made_again(self, kept: KeptRobot) -> RobotAgent | None:
         """Make a robot of the page that was kept, with its state; None: that page cannot be used."""
@@ -264,6 +268,7 @@ class Host:
             process=self._process,
             shared=self._shared,
             state=state,
+            orders=None if self._ledger is None else OrderMemory(self._ledger),
         )
 
     async def create(

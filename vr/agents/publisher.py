@@ -264,6 +264,7 @@ class Publisher:
                 faults=self._hooks.faults,
                 kept=self._kept(state.fields),
                 calls=dict(state.calls.counts),
+                identity=runtime.identity,
                 witness=runtime.robot.witness,
                 doc=self._doc(),
                 **self._identity(),

@@ -29,6 +29,7 @@ from robotree.vr.journal.store import LogPlace, LogStore, own
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.network.local import join
+from robotree.vr.orders.ledger import ORDERS, Ledger
 from robotree.vr.running.heard import listening
 from robotree.vr.running.process import Process
 from robotree.vr.running.runner import Runner, runner_of
@@ -135,16 +136,9 @@ async def run_host(  # noqa: PLR0913 # what people may choose
         transport = transport if journal is None else kept_by(journal, process, transport, returns)
         registrar = Registrar(transport)
         stack.push_async_callback(registrar.close)
-        host = Host(
-            transport,
-            name,
-            registrar=registrar,
-            term=term,
-            process=process,
-            only=only,
-            journal=journal,
-            gate=gate,
-        )
+        ledger = None if journal is None else _ledger_in(past, stack)
+        host = Host(transport, name, registrar=registrar, term=term, process=process, only=only,
+                    journal=journal, gate=gate, ledger=ledger)  # fmt: skip
         host.instead_of, host.log_folder = "" if of == name else of, _folder_of(keep)
         stack.push_async_callback(host.close)
         await _live(host, history, ready, alone=bool(only))
@@ -257,6 +251,13 @@ def _kept_in(
         history.before_writing = journal.barrier
         stack.callback(history.close)
     return journal, history
+
+
+def _ledger_in(folder: Path | None, stack: contextlib.AsyncExitStack) -> Ledger:
+    """Open the memory of a process of its robots' orders; `stack` closes it."""
+    ledger = Ledger(None if folder is None else folder / ORDERS)
+    stack.callback(ledger.close)
+    return ledger
 
 
 def _beating(journal: HostJournal) -> threading.Event:

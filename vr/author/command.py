@@ -19,12 +19,13 @@ import msgspec
 from robotree.vr.author.fields import SET, settings_spec
 from robotree.vr.author.robot import Robot, attributes_of
 from robotree.vr.author.signature import Command, ResumePolicy, Resumption, signature_of
-from robotree.vr.base.description import Effect
+from robotree.vr.base.description import Effect, Offline
 from robotree.vr.base.units import seconds as seconds_of
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 _MARK = "__robotree_effect__"
 _RESUMPTION = "__robotree_resumption__"
+_OFFLINE = "__robotree_offline__"
 _CACHE = "__robotree_commands__"
 _HIDING: tuple[type[Any], ...] = (property, staticmethod, classmethod)
 """Decorators that make something else of a method."""
@@ -34,7 +35,11 @@ _HIDING: tuple[type[Any], ...] = (property, staticmethod, classmethod)
 def command(function: _F, /) -> _F: ...
 @overload
 def command(
-    *, effect: Effect = "once", resume: ResumePolicy = "continue", stale_after: float | str | None = None
+    *,
+    effect: Effect = "once",
+    resume: ResumePolicy = "continue",
+    stale_after: float | str | None = None,
+    offline: Offline = "reject",
 ) -> Callable[[_F], _F]: ...
 def command(
     function: _F | None = None,
@@ -43,6 +48,7 @@ def command(
     effect: Effect = "once",
     resume: ResumePolicy = "continue",
     stale_after: float | str | None = None,
+    offline: Offline = "reject",
 ) -> _F | Callable[[_F], _F]:
     """Make a method callable by others.
 
@@ -52,13 +58,20 @@ def command(
         resume: what it does when its host has crashed in the middle and is back: `continue` at its next
             step, `restart` from its beginning, `ask` a person, or `abort` with `CommandInDoubt`.
         stale_after: [s] or text with a unit: after a longer absence a person is asked.
+        offline: what becomes of it while the robot is away: `reject` refuses it; with `queue` it may be left
+            as an order, which the robot carries out when it is back (docs/orders.md); `memory`, for one that
+            only reads and needs no arguments: directories answer with its last result.
 
     Returns:
         The method, which stays an ordinary method for its own class.
 
     Raises:
-        TypeError: it is no plain method, or there is no such way to resume.
+        TypeError: it is no plain method, there is no such way to resume, or none for the absence.
     """
+    if offline not in get_args(Offline):
+        raise TypeError(f"no offline {offline!r}; write one of {', '.join(get_args(Offline))}")
+    if offline == "memory" and effect != "read":
+        raise TypeError('offline="memory" is for a command that only reads: effect="read"')
     if resume not in get_args(ResumePolicy):
         raise TypeError(f"no resume {resume!r}; write one of {', '.join(get_args(ResumePolicy))}")
     resumption = Resumption(resume, math.inf if stale_after is None else seconds_of(stale_after))
@@ -72,6 +85,7 @@ def command(
             raise TypeError("a command is a method with a name; write it with def instead of lambda")
         setattr(function, _MARK, effect)
         setattr(function, _RESUMPTION, resumption)
+        setattr(function, _OFFLINE, offline)
         return function
 
     return mark if function is None else mark(function)
@@ -113,7 +127,15 @@ def _collect(cls: type[Any]) -> dict[str, Command]:
                 f"{cls.__name__}.{name}: a command cannot have this name; every robot uses it itself"
             )
         resumption = getattr(value, _RESUMPTION, Resumption())
-        found[name] = msgspec.structs.replace(signature_of(value, effect), resumption=resumption)
+        signature = msgspec.structs.replace(signature_of(value, effect), resumption=resumption)
+        offline: Offline = getattr(value, _OFFLINE, "reject")
+        if offline == "memory" and any(each.required for each in signature.spec.parameters):
+            raise TypeError(f'{cls.__name__}.{name}: offline="memory" is for a command without arguments')
+        if offline != "reject":
+            signature = msgspec.structs.replace(
+                signature, spec=msgspec.structs.replace(signature.spec, offline=offline)
+            )
+        found[name] = signature
     spec = settings_spec(cls)
     if spec.parameters:
         if SET in found:

@@ -19,8 +19,8 @@ import msgspec
 
 from robotree.vr.base.errors import BadName
 
-Role = Literal["robot", "view", "host", "lookup", "space", "gateway"]
-ROLES: tuple[Role, ...] = ("robot", "view", "host", "lookup", "space", "gateway")
+Role = Literal["robot", "view", "host", "lookup", "space", "directory", "gateway"]
+ROLES: tuple[Role, ...] = ("robot", "view", "host", "lookup", "space", "directory", "gateway")
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 

@@ -25,6 +25,10 @@ Effect = Literal["read", "repeat", "once"]
 end (go to a point, close). once: adds up (move by, dispense)."""
 
 
+Offline = Literal["reject", "queue", "memory"]
+"""What becomes of a command while its robot is away. reject: it is refused. queue: it may be left as an
+order. memory: it only reads, and directories answer with its last result."""
+
 LINK, OPEN_LINK, SIGNED_LINK = "link", "open", "signed"
 """The attribute of a robot with a controller that shows how its link is guarded, and its values. Open: the
 controller obeys every program that reaches it (docs/security.md)."""
@@ -77,6 +81,7 @@ class CommandSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True,
     """`slot.command` when it is a child's command, exposed; such a command needs the slot filled."""
     beside: bool = False
     """It runs beside a command that moves, as one that reads does, though it changes something: `set`."""
+    offline: Offline = "reject"
     available: bool = True
     """False while the slot it goes through is empty (its parameters are unknown then)."""
 
@@ -227,6 +232,9 @@ class RobotDescription(_Agent, frozen=True, kw_only=True, omit_defaults=True):
     """Where its author keeps its page: a file, and `:Class` where that was named; empty: it has none."""
     kept: dict[str, Any] = {}
     """Its declared state, by name; a value that is too large to show is left out."""
+    identity: str = ""
+    """Which robot it is, for its whole life: two of one name never have the same. Empty: it takes no
+    orders."""
     witness: str = ""
     """The memory of the robot's commands beyond its process, and its beginning: of a proxy its controller,
     in its present life. Empty: nobody."""

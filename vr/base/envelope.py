@@ -32,7 +32,9 @@ from robotree.vr.base.requests import (
     AnyRequest,
     Call,
     Cancel,
+    CancelOrder,
     CloseTransaction,
+    ConfirmOrder,
     Continue,
     Create,
     Decide,
@@ -41,14 +43,20 @@ from robotree.vr.base.requests import (
     FindEntries,
     Free,
     GiveUp,
+    HoldOrders,
+    LeaveOrder,
     OpenTransaction,
     Pause,
     Release,
+    ReleaseHolds,
     Reload,
     Resume,
     Retract,
+    RobotDeleted,
     RollBack,
     SafeStop,
+    TakeAlong,
+    TakeOrder,
     TakeStep,
     WriteEntry,
 )
@@ -61,10 +69,11 @@ BEGINS = (
     *(Call, Decide, Resume, Enslave, Free, Delete, Create, Reload),
     *(Pause, TakeStep, Continue),
     *(WriteEntry, FindEntries, OpenTransaction, CloseTransaction, AcquireFence),
+    *(LeaveOrder, ConfirmOrder, TakeOrder, TakeAlong, ReleaseHolds),
 )
 """Requests that begin something: they must not begin after their asker gave up."""
 
-ENDS = (SafeStop, Cancel, Release, Retract, GiveUp, RollBack)
+ENDS = (SafeStop, Cancel, Release, Retract, GiveUp, RollBack, CancelOrder, HoldOrders, RobotDeleted)
 """Requests that end something: they are carried out however late they come.
 
 All others only ask or prolong. `Detach` is one of these: it lets a motion go on without the one who has begun

@@ -27,6 +27,9 @@ that a caller on the far side of the network catches the same class with the sam
                       BadEntry · EntryUnfit · KeyTaken · NoSuchEntry · TransactionOver · FenceHeld · FenceLost
       RealmError      NotAMember · InvitationRefused · NoKeys · NoAuthority · KeysExist · NoSuchMember
                       SiteSilent · PolicyUnusable
+      OrderError      NoDirectory · NotOrdered · BadEnd · NoSuchOrder · SeveralOrders · OrderOver
+                      NothingToConfirm · SeveralRobots · NotRemembered · DirectoryUnusable
+                      DirectoryDamaged
 """
 
 from __future__ import annotations
@@ -201,6 +204,12 @@ class RobotAway(NoSuchRobot):
         "{name} is away with its host {host}, which wrote last {since} ago, so nothing was done; "
         "`robotree host {host}` brings it back{goes_on}"
     )
+
+
+class RobotAbsent(NoSuchRobot):
+    """It is not here, and a directory remembers it."""
+
+    sentence = "{name} is {how}, so nothing was done; {advice}"
 
 
 class NoSuchHost(AddressError):
@@ -1098,3 +1107,86 @@ class PolicyUnusable(RealmError):
     """A policy cannot be used, or cannot take the place of the one in force."""
 
     sentence = "{path} is not used as the policy: {reason}"
+
+
+# -- orders ----------------------------------------------------------------------------------------
+
+
+class OrderError(VrError):
+    """An order that was not left, or not changed."""
+
+
+class NoDirectory(OrderError):
+    """No directory runs that could keep it."""
+
+    sentence = "no directory answers{detail}; start one with `robotree directory NAME`"
+
+
+class NotRemembered(OrderError):
+    """No directory knows the robot."""
+
+    sentence = (
+        "no robot named {name!r} is running, and no directory remembers one; orders can be left for a robot "
+        "that has been seen once: `robotree ls`"
+    )
+
+
+class SeveralRobots(OrderError):
+    """Several robots that are remembered have this name."""
+
+    sentence = (
+        "{count} robots named {name!r} are remembered, none of them is here: {known}; name one: {example}"
+    )
+
+
+class NotOrdered(OrderError):
+    """The command cannot be left as an order."""
+
+    sentence = "{robot}.{command} cannot be left as an order: {reason}"
+
+
+class BadEnd(OrderError):
+    """An order needs an end."""
+
+    sentence = (
+        "an order must begin within 1 s to 30 days from now, and not within {seconds:.0f} s; give it --until"
+    )
+
+
+class NoSuchOrder(OrderError):
+    """No directory has an order of this key."""
+
+    sentence = "no directory that answers has an order {key}; `robotree orders` lists them"
+
+
+class SeveralOrders(OrderError):
+    """Several keys begin like this."""
+
+    sentence = "{count} orders begin with {key}: {keys}; write more of it"
+
+
+class OrderOver(OrderError):
+    """The order cannot be changed any more."""
+
+    sentence = "order {key} for {robot} is {state}; {advice}"
+
+
+class NothingToConfirm(OrderError):
+    """The robot asks nothing about this order."""
+
+    sentence = "{robot} asks nothing about order {key}, which is {state}"
+
+
+class DirectoryUnusable(OrderError):
+    """The file of a directory cannot be used."""
+
+    sentence = "the memory of the directory, {where}, cannot be used: {reason}"
+
+
+class DirectoryDamaged(OrderError):
+    """The file of a directory is not as it was written."""
+
+    sentence = (
+        "the memory of the directory, {where}, is damaged ({reason}); move it away: the other directories "
+        "give a new one what they have"
+    )

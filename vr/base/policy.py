@@ -68,6 +68,7 @@ RIGHTS: Final = (
         ("robot", "space"),
         "have commands carried out, end them, pause them, and put a robot on top",
     ),
+    Right("order", ("robot",), "leave commands for when it is here and free, and cancel such orders"),
     Right("create", ("host",), "make virtual robots, or give one another page, on this host"),
     Right("release", ("robot",), "release its children, and delete it"),
     Right("migrate", ("robot",), "have it move to another host"),

@@ -18,6 +18,7 @@ from robotree.vr.base.description import CommandSpec, FieldSpec, Listing, RobotD
 from robotree.vr.base.entry import Entry
 from robotree.vr.base.errors import Garbled, VrError
 from robotree.vr.base.history_event import NumberedEvent
+from robotree.vr.base.order import KnownAgent, Order, OrderHold
 from robotree.vr.base.own_class import OwnClass
 from robotree.vr.base.policy import Person
 from robotree.vr.base.signed_manifest import SignedManifest
@@ -416,7 +417,7 @@ class AcquireFence(_Message, frozen=True, kw_only=True):
 
 
 class RenewFence(_Message, frozen=True, kw_only=True):
-    """Hold a name for longer, or let it go. Answered by `FenceGranted`."""
+    """OrderHold a name for longer, or let it go. Answered by `FenceGranted`."""
 
     name: str
     epoch: int
@@ -442,6 +443,134 @@ class DescribeSpace(_Message, frozen=True, kw_only=True):
     kind: str = ""
     most: int = 0
     """How many entries, the oldest first."""
+
+
+# -- asked of a directory --------------------------------------------------------------------------
+
+
+class LeaveOrder(_Message, frozen=True, kw_only=True):
+    """Leave a command for a robot, which takes it when it is there and free. Answered by `OrderLeft`.
+
+    The same key with the same command is left once and answered twice.
+    """
+
+    key: str
+    robot: str
+    """Name of the robot."""
+    identity: str = ""
+    """Which robot of this name; empty: the only one that is known."""
+    command: str
+    arguments: dict[str, Any] = {}
+    begin_within: float
+    """[s] in which it must begin."""
+    may_take: float
+    """[s] that it may take then."""
+
+
+class CancelOrder(_Message, frozen=True, kw_only=True):
+    """End an order, also if its robot has it. Answered by `OrderLeft`."""
+
+    key: str
+
+
+class ConfirmOrder(_Message, frozen=True, kw_only=True):
+    """Answer what a robot asks before it begins an order: it may. Answered by `OrderLeft`."""
+
+    key: str
+
+
+class ReadOrders(_Message, frozen=True, kw_only=True):
+    """Ask for orders, the oldest first. Answered by `OrdersFound`."""
+
+    key: str = ""
+    """Beginning of its key; empty: any."""
+    robot: str = ""
+    """Name of the robot; empty: any."""
+    mine: bool = False
+    """Only those of the asker."""
+
+
+class MarkSeen(_Message, frozen=True, kw_only=True):
+    """The results of these orders have been taken by their owner. Answered by `Done`."""
+
+    keys: tuple[str, ...]
+
+
+class FetchOrders(_Message, frozen=True, kw_only=True):
+    """A robot asks for its orders that are not over, and for what holds it. Answered by `OrdersFound`."""
+
+    identity: str
+
+
+class TakeOrder(_Message, frozen=True, kw_only=True):
+    """A robot is about to begin an order: it has written that down. Answered by `OrdersFound` with the copy.
+
+    A directory in which it is over by then says so and changes nothing: the robot does not begin.
+    """
+
+    key: str
+    identity: str
+
+
+class TellOrders(_Message, frozen=True, kw_only=True):
+    """A robot tells how its orders fare. Answered by `OrdersFound`, with the copies that are further on."""
+
+    orders: tuple[Order, ...]
+    now: float
+    """[s] since 1970, on the sender's clock, which the times in it have."""
+
+
+class ReadKnown(_Message, frozen=True, kw_only=True):
+    """Ask what is remembered of robots and views. Answered by `KnownFound`."""
+
+    name: str = ""
+    kind: str = ""
+    command: str = ""
+    brief: bool = False
+    """Leave out commands, pictures and answers."""
+
+
+class TakeAlong(_Message, frozen=True, kw_only=True):
+    """Somebody takes robots along, to leave orders where there is no network. Answered by `KnownFound`."""
+
+    names: tuple[str, ...]
+    who: str
+
+
+class HoldOrders(_Message, frozen=True, kw_only=True):
+    """Keep robots from beginning what was ordered: a stop of those that are away.
+
+    Answered by `OrdersFound`.
+    """
+
+    id: str
+    robot: str = ""
+    """Name of the robot; empty: all."""
+
+
+class ReleaseHolds(_Message, frozen=True, kw_only=True):
+    """A person lets robots begin again what was ordered. Answered by `OrdersFound`."""
+
+    robot: str = ""
+    """Name of the robot; empty: all."""
+    ago: float = 0.0
+    """[s] since the person gave it: a hold that came later stays."""
+
+
+class RobotDeleted(_Message, frozen=True, kw_only=True):
+    """A robot is deleted and never comes back. Answered by `Done`."""
+
+    identity: str
+
+
+class ShareRecords(_Message, frozen=True, kw_only=True):
+    """A directory gives another one what it has. Answered by `RecordsShared`."""
+
+    now: float
+    """[s] since 1970, on the sender's clock, which all times in it have."""
+    orders: tuple[Order, ...] = ()
+    agents: tuple[KnownAgent, ...] = ()
+    holds: tuple[OrderHold, ...] = ()
 
 
 # -- replies ---------------------------------------------------------------------------------------
@@ -749,6 +878,44 @@ class SpaceDescribed(_Message, frozen=True, kw_only=True):
     fences: tuple[KeptFence, ...] = ()
 
 
+class OrderLeft(_Message, frozen=True, kw_only=True):
+    """An order as it is now, and which directories have it so."""
+
+    order: Order
+    now: float
+    """[s] since 1970, on the directory's clock, which all times in it have."""
+    confirmed: tuple[str, ...] = ()
+    """Names of the directories that have it as it is here."""
+    unconfirmed: tuple[str, ...] = ()
+    """Names of those that may have another copy and did not answer."""
+
+
+class OrdersFound(_Message, frozen=True, kw_only=True):
+    """Orders, the oldest first, and the holds that are in force."""
+
+    now: float
+    """[s] since 1970, on the directory's clock, which all times in it have."""
+    orders: tuple[Order, ...] = ()
+    holds: tuple[OrderHold, ...] = ()
+
+
+class KnownFound(_Message, frozen=True, kw_only=True):
+    """What a directory remembers."""
+
+    now: float
+    """[s] since 1970, on the directory's clock, which all times in it have."""
+    agents: tuple[KnownAgent, ...] = ()
+
+
+class RecordsShared(_Message, frozen=True, kw_only=True):
+    """A directory has taken what another one had; here is what is further on in its own memory."""
+
+    now: float
+    orders: tuple[Order, ...] = ()
+    agents: tuple[KnownAgent, ...] = ()
+    holds: tuple[OrderHold, ...] = ()
+
+
 class Picture(_Message, frozen=True, kw_only=True):
     """One JPEG picture."""
 
@@ -818,6 +985,15 @@ class Unlisted(_Message, frozen=True, kw_only=True):
     revision: int
 
 
+class OrdersChanged(_Message, frozen=True, kw_only=True):
+    """A directory publishes, under its key + `/orders`: something has changed for these robots."""
+
+    identities: tuple[str, ...] = ()
+    """Empty: for all."""
+    results: int = 0
+    """How many results have come."""
+
+
 class LogLines(_Message, frozen=True, kw_only=True):
     """A robot publishes the output of its code, under its key + `/log`."""
 
@@ -861,14 +1037,17 @@ AnyRequest = (
     | OpenTransaction | CloseTransaction | RollBack | AcquireFence | RenewFence | WatchEntries
     | DescribeSpace | DescribeGateway
     | ReadEvents | VerifyEvents
+    | LeaveOrder | CancelOrder | ConfirmOrder | ReadOrders | MarkSeen | FetchOrders | TakeOrder | TellOrders
+    | ReadKnown | TakeAlong | HoldOrders | ReleaseHolds | RobotDeleted | ShareRecords
 )  # fmt: skip
 Reply = (
     Described | Accepted | Progress | Returned | Granted | HostDescribed | Reloaded | Logged | History
     | Registered | Found | Picture | ViewDescribed | Done | Raised | EntryLeased | EntriesFound
     | TransactionOpened | FenceGranted | EntriesCame | SpaceDescribed | EventsRead | EventsVerified
     | GatewayDescribed
+    | OrderLeft | OrdersFound | KnownFound | RecordsShared
 )  # fmt: skip
-Published = LogLines | Listed | Unlisted | State
+Published = LogLines | Listed | Unlisted | State | OrdersChanged
 
 _R = TypeVar("_R")
 _encoder = msgspec.msgpack.Encoder()

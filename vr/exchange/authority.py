@@ -27,7 +27,9 @@ from robotree.vr.base.requests import (
     AnyRequest,
     Call,
     Cancel,
+    CancelOrder,
     CloseTransaction,
+    ConfirmOrder,
     Continue,
     Create,
     Decide,
@@ -40,22 +42,31 @@ from robotree.vr.base.requests import (
     Detach,
     Enslave,
     EventsRead,
+    FetchOrders,
     FindEntries,
     Found,
     Free,
     GiveUp,
     History,
+    HoldOrders,
     HostDescribed,
+    KnownFound,
+    LeaveOrder,
     Look,
+    MarkSeen,
     OpenTransaction,
+    OrdersFound,
     Pause,
     Petition,
     Query,
     ReadEvents,
     ReadHistory,
+    ReadKnown,
     ReadLog,
+    ReadOrders,
     Register,
     Release,
+    ReleaseHolds,
     Reload,
     Renew,
     RenewEntry,
@@ -63,9 +74,14 @@ from robotree.vr.base.requests import (
     Reply,
     Resume,
     Retract,
+    RobotDeleted,
     RollBack,
     SafeStop,
+    ShareRecords,
+    TakeAlong,
+    TakeOrder,
     TakeStep,
+    TellOrders,
     VerifyEvents,
     WatchEntries,
     WriteEntry,
@@ -82,6 +98,9 @@ the policy may have anything listed."""
 ANYBODY: Final = "anybody"
 """Instead of a right: it only ends what the asker itself has begun."""
 
+AGENTS: Final = "agents"
+"""Instead of a right: robots and directories ask it of a directory, no person does."""
+
 NEEDS: Final[Mapping[type[AnyRequest], str]] = {
     SafeStop: STOP,
     Describe: "see", ReadLog: "see", DescribeView: "see", Look: "see", DescribeSpace: "see",
@@ -97,6 +116,9 @@ NEEDS: Final[Mapping[type[AnyRequest], str]] = {
     Free: "release", Delete: "release", Release: "release",
     Resume: "resume",
     Create: "create", Reload: "create",
+    LeaveOrder: MEMBER, CancelOrder: MEMBER, ConfirmOrder: MEMBER, ReadOrders: MEMBER, MarkSeen: MEMBER,
+    ReadKnown: MEMBER, TakeAlong: MEMBER, ReleaseHolds: MEMBER, HoldOrders: STOP,
+    FetchOrders: AGENTS, TakeOrder: AGENTS, TellOrders: AGENTS, RobotDeleted: AGENTS, ShareRecords: AGENTS,
 }  # fmt: skip
 """The right that each request needs."""
 
@@ -160,19 +182,36 @@ def authorise(
         _expect(gate, request.asker, "command", here.target())
 
 
-def expect_still(principal: Principal, command: str, here: Here) -> None:
+def expect_right(principal: Principal, right: str, target: PolicyTarget, gate: PolicyGate) -> None:
+    """Check a right of somebody on an agent of which the asked one only knows.
+
+    Args:
+        principal: who asks, or has asked.
+        right: that is needed.
+        target: the agent.
+        gate: the policy.
+
+    Raises:
+        Denied: the policy does not allow it.
+    """
+    if gate.closed and not is_own_agent(principal):
+        _expect(gate, gate.asker(principal), right, target)
+
+
+def expect_still(principal: Principal, command: str, here: Here, right: str = "command") -> None:
     """Check that a command may go on whose asker was allowed to have it carried out.
 
     Args:
         principal: who has asked for it.
         command: its name.
         here: the robot.
+        right: by which it has begun.
 
     Raises:
         Denied: the policy of now does not allow it.
     """
     if here.gate.closed and principal != ITSELF and not is_own_agent(principal):
-        _expect(here.gate, here.gate.asker(principal), "command", here.target(command))
+        _expect(here.gate, here.gate.asker(principal), right, here.target(command))
 
 
 def is_own_agent(principal: Principal) -> bool:
@@ -187,6 +226,10 @@ def _is_shared(gate: PolicyGate) -> bool:
 
 def _keep_to_policy(principal: Principal, request: AnyRequest, state: RobotState | None, here: Here) -> None:
     gate, asker, right = here.gate, here.gate.asker(principal), NEEDS[type(request)]
+    if right == AGENTS:
+        if principal.terminal:
+            _refuse(gate, asker, "command", here.target())
+        return
     if right in (STOP, ANYBODY) or _ends_its_own(principal, request, state):
         return
     if right == MEMBER:
@@ -236,7 +279,7 @@ _SEEN = BY_NAME["see"].roles
 # -- what an answer shows --------------------------------------------------------------------------
 
 
-def shown(reply: Reply, principal: Principal, here: Here) -> Reply:
+def shown(reply: Reply, principal: Principal, here: Here) -> Reply:  # noqa: PLR0911 # one for each
     """Return an answer without the robots that its asker may not see."""
     gate = here.gate
     if not gate.closed or is_own_agent(principal):
@@ -269,6 +312,15 @@ def shown(reply: Reply, principal: Principal, here: Here) -> Reply:
             return replace(
                 reply, lines=tuple(one for one in lines if any(sees(one.name, (), role) for role in _SEEN))
             )
+        case OrdersFound(orders=orders):
+            return replace(reply, orders=tuple(one for one in orders if sees(one.robot)))
+        case KnownFound(agents=agents):
+            kept_agents = tuple(
+                one
+                for one in agents
+                if sees(one.name, () if one.robot is None else one.robot.kinds, one.role)
+            )
+            return replace(reply, agents=kept_agents)
         case EventsRead(events=events):
             return replace(reply, events=tuple(one for one in events if sees(one.event.robot)))
         case _:

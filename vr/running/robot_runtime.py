@@ -79,6 +79,12 @@ class RobotRuntime:
 
     page: str = ""
     """Where its author keeps its page, for a reload; empty: nobody knows."""
+    identity: str = ""
+    """See `RobotDescription.identity`."""
+    ordered: frozenset[str] = frozenset()
+    """Keys of commands that were left as orders: they go on as long as their askers may order."""
+    on_call: Callable[[Call, bool], None] | None = None
+    """Told of each call that is accepted, and whether it only reads. In any thread; must not block."""
     turned: bool = False
     """Whether accepted calls may have been checked for another page."""
     _coming: tuple[VirtualRobot, Callable[[VrError | list[str] | None], None]] | None = None
@@ -293,7 +299,7 @@ class RobotRuntime:
         self._policy = gate.policy
         for key, principal, command in self.look(_askers):
             try:
-                expect_still(principal, command, self.here)
+                expect_still(principal, command, self.here, "order" if key in self.ordered else "command")
             except Denied as denied:
                 self.cancel(key, f"the policy has changed: {denied}")
 
@@ -603,12 +609,13 @@ class RobotRuntime:
         except (VrError, NotDescribed):
             self.expect_to_command(call.epoch, principal)  # a stranger is told that first
             raise
+        reads = spec.effect == "read" or spec.beside
         self.post(
             on.Invoke(
                 call=call,
                 arguments=arguments,
                 deadline_at=deadline_at,
-                reads=spec.effect == "read" or spec.beside,
+                reads=reads,
                 stops_seen=begun if stops < 0 else stops,
                 alone=call.command in self.robot.one_at_a_time,
                 principal=principal,
@@ -617,6 +624,8 @@ class RobotRuntime:
             turn=turn,
             accepted=accepted,
         )
+        if self.on_call is not None:
+            self.on_call(call, reads)
 
     def cancel(self, key: str, reason: str, *, final: bool = False, principal: Principal = ITSELF) -> None:
         """End a call; the principal is its caller, or the robot itself."""

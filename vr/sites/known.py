@@ -53,3 +53,21 @@ def names_of_sites(folder: Path) -> Sequence[str]:
         return [site.name for site in read_sites(folder)]
     except OSError as error:
         return [f"of an unknown name ({error})"]
+
+
+class _About(msgspec.Struct, frozen=True):
+    """What of realm.json matters here."""
+
+    name: str
+
+
+def own_name(folder: Path) -> str:
+    """Return the name of this machine among the members of the realm; empty: nobody knows it.
+
+    Args:
+        folder: of the realm's keys.
+    """
+    try:
+        return msgspec.json.decode(read(folder / "realm.json", LONGEST), type=_About).name
+    except (OSError, msgspec.MsgspecError):
+        return ""

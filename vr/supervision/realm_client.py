@@ -69,6 +69,7 @@ from robotree.vr.exchange.client import (
 from robotree.vr.lookup.chronicle import merged
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.network.lean_stop import REASON
+from robotree.vr.supervision.orders import OrderDesk
 from robotree.vr.supervision.releases import Releases
 from robotree.vr.supervision.showing import shown_agent, shown_held, shown_robot
 from robotree.vr.supervision.stop import EVERYWHERE, OnLate, StopOrder, StopScope
@@ -132,6 +133,8 @@ class RealmClient:
         self._transport = transport
         self._releases = Releases(self.directory, transport)
         self._caller = _Caller(transport)
+        self.orders = OrderDesk(transport, self._caller.key)
+        """What is left for robots that are away, and what is remembered of them."""
 
     async def start(self) -> None:
         """Begin to look; returns when the lookup services that are there have sent their lists."""

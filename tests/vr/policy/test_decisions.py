@@ -24,7 +24,7 @@ from robotree.vr.base.policy import (
 )
 from robotree.vr.base.policy_reading import read_policy, schema
 from robotree.vr.base.requests import AnyRequest
-from robotree.vr.exchange.authority import ANYBODY, MEMBER, NEEDS
+from robotree.vr.exchange.authority import AGENTS, ANYBODY, MEMBER, NEEDS
 
 GUIDE = (Path(__file__).parents[3] / "docs" / "policy.md").read_text()
 EXAMPLE = re.search(r"```yaml\n(.*?)```", GUIDE, re.DOTALL)
@@ -167,7 +167,7 @@ def test_a_policy_that_cannot_be_used_is_refused_with_its_line(line: str, reason
 
 def test_each_request_needs_a_right_that_there_is() -> None:
     assert set(get_args(AnyRequest)) == set(NEEDS), "a new request has no right: add a line to NEEDS"
-    assert set(NEEDS.values()) <= {*BY_NAME, STOP, MEMBER, ANYBODY}
+    assert set(NEEDS.values()) <= {*BY_NAME, STOP, MEMBER, ANYBODY, AGENTS}
 
 
 def test_the_guide_names_each_right_and_its_example_can_be_used() -> None:

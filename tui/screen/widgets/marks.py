@@ -25,6 +25,7 @@ STATUSES: Mapping[Status, tuple[str, str]] = {
     "busy": ("◐", "accent"),
     "waits": ("◍", "warning"),
     "needs": ("○", "warning"),
+    "away": ("◇", "muted"),
     "free": ("●", "success"),
     "enslaved": ("◆", "primary"),
 }

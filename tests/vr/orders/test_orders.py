@@ -1,0 +1,411 @@
+"""What is left for a robot that is away happens once, when it is back."""
+
+from __future__ import annotations
+
+import asyncio
+
+import msgspec
+import pytest
+
+from robotree.vr.base.address import Address
+from robotree.vr.base.errors import (
+    BadArgument,
+    BadEnd,
+    NoDirectory,
+    NoSuchCommand,
+    NoSuchOrder,
+    NothingToConfirm,
+    NotOrdered,
+    NotRemembered,
+    OrderOver,
+)
+from robotree.vr.exchange.client import RobotClient
+from robotree.vr.orders.ledger import Ledger, LedgerEntry
+from tests.vr.orders.conftest import Rover, Stage
+
+
+async def remembered(stage: Stage, name: str = "r1") -> Ledger:
+    """Have a rover come, be remembered, and be switched off; returns its ledger."""
+    ledger = Ledger(None)
+    agent = await stage.robot(Rover(name), ledger)
+    await stage.until(
+        lambda: all(any(a.name == name for a in s.book.store.agents.values()) for s in stage.services)
+    )
+    await stage.switch_off(agent)
+    return ledger
+
+
+async def test_an_order_is_carried_out_once_when_its_robot_is_back(stage: Stage) -> None:
+    directory = await stage.directory("d1")
+    person = await stage.person()
+    ledger = await remembered(stage)
+    left = await person.orders.leave("r1", "drive", {"x": "50 cm"})
+    assert (left.order.state, left.order.arguments["x"]) == ("waiting", 0.5)
+    rover = Rover("r1")
+    await stage.robot(rover, ledger)
+    key = left.order.key
+    await stage.until(lambda: directory.book.store.orders[key].over)
+    done = directory.book.store.orders[key]
+    assert (done.state, done.value, rover.done) == ("done", 0.5, [key])
+    assert [each.key for each in await person.orders.inbox()] == [key]
+    await person.orders.mark_seen([done])
+    assert not await person.orders.inbox()
+
+
+async def test_orders_begin_in_the_order_in_which_they_were_left(stage: Stage) -> None:
+    await stage.directory("d1")
+    await stage.directory("d2")
+    person, other = await stage.person(), await stage.person("other")
+    ledger = await remembered(stage)
+    keys = [
+        (await who.orders.leave("r1", "drive", {"x": 1.0})).order.key
+        for who in (person, other, person, other)
+    ]
+    rover = Rover("r1")
+    await stage.robot(rover, ledger)
+    await stage.until(lambda: len(rover.done) == 4)
+    assert rover.done == keys
+
+
+async def test_bad_input_is_refused_in_a_sentence_and_nothing_is_kept(stage: Stage) -> None:
+    person = await stage.person()
+    with pytest.raises(NoDirectory, match="start one with `robotree directory"):
+        await person.orders.leave("r1", "drive", {"x": 1.0})
+    directory = await stage.directory("d1")
+    await stage.until(lambda: bool(person.orders.directories))
+    with pytest.raises(NotRemembered, match="no directory remembers one"):
+        await person.orders.leave("r1", "drive", {"x": 1.0})
+    await remembered(stage)
+    with pytest.raises(NoSuchCommand, match="it has: drive"):
+        await person.orders.leave("r1", "fly", {})
+    with pytest.raises(BadArgument, match="x"):
+        await person.orders.leave("r1", "drive", {"x": "3 kg"})
+    with pytest.raises(NotOrdered, match="its author does not allow it"):
+        await person.orders.leave("r1", "jog", {})
+    with pytest.raises(BadEnd, match="--until"):
+        await person.orders.leave("r1", "drive", {"x": 1.0}, begin_within=1e9)
+    with pytest.raises(NoSuchOrder):
+        await person.orders.cancel("beef")
+    assert not directory.book.store.orders
+
+
+async def test_an_order_for_a_robot_that_never_returns_expires(stage: Stage) -> None:
+    directory = await stage.directory("d1")
+    person = await stage.person()
+    ledger = await remembered(stage)
+    left = await person.orders.leave("r1", "drive", {"x": 1.0}, begin_within=30.0)
+    await asyncio.sleep(32)
+    assert directory.book.store.orders[left.order.key].state == "expired"
+    with pytest.raises(OrderOver, match="expired"):
+        await person.orders.cancel(left.order.key)
+    assert "in time" in (await person.orders.inbox())[0].why
+    rover = Rover("r1")
+    await stage.robot(rover, ledger)
+    await asyncio.sleep(8)
+    assert not rover.done
+
+
+async def test_a_directory_that_was_away_learns_everything_and_nothing_is_done_twice(stage: Stage) -> None:
+    first, second = await stage.directory("d1"), await stage.directory("d2")
+    person = await stage.person()
+    ledger = await remembered(stage)
+    left = await person.orders.leave("r1", "drive", {"x": 1.0})
+    assert len(left.confirmed) == 2
+    await stage.kill_directory(second)
+    rover = Rover("r1")
+    await stage.robot(rover, ledger)
+    key = left.order.key
+    await stage.until(lambda: first.book.store.orders[key].state == "done")
+    await stage.kill_directory(first)
+    second = await stage.directory("d2")  # with the old copy alone
+    await stage.until(lambda: second.book.store.orders[key].state == "done")
+    assert rover.done == [key]
+    first = await stage.directory("d1")
+    await stage.until(lambda: first.book.store.orders[key] == second.book.store.orders[key])
+
+
+async def test_what_was_acknowledged_survives_the_death_of_the_directory(stage: Stage) -> None:
+    directory = await stage.directory("d1")
+    person = await stage.person()
+    await remembered(stage)
+    left = await person.orders.leave("r1", "drive", {"x": 1.0})
+    await person.orders.hold("r1")
+    await stage.kill_directory(directory)
+    again = await stage.directory("d1")
+    assert again.book.store.orders[left.order.key].state == "waiting"
+    assert [hold.robot for hold in again.book.holds()] == ["r1"]
+    assert again.address == directory.address
+
+
+async def test_an_order_cancelled_while_its_robot_does_another_one_is_not_carried_out(stage: Stage) -> None:
+    """All directories have confirmed the cancel, and the robot had fetched the order before."""
+    await stage.directory("d1")
+    await stage.directory("d2")
+    person = await stage.person()
+    ledger = await remembered(stage)
+    first = (await person.orders.leave("r1", "drive", {"x": 1.0, "seconds": 5.0})).order.key
+    second = (await person.orders.leave("r1", "drive", {"x": 1.0})).order.key
+    rover = Rover("r1")
+    await stage.robot(rover, ledger)
+    await stage.until(lambda: rover.done == [first])
+    cancelled = await person.orders.cancel(second)
+    assert (cancelled.order.state, cancelled.unconfirmed) == ("cancelled", ())
+    await asyncio.sleep(30)
+    assert rover.done == [first]
+
+
+async def test_a_cancel_names_the_directory_that_did_not_confirm_it(stage: Stage) -> None:
+    await stage.directory("d1")
+    second = await stage.directory("d2")
+    person = await stage.person()
+    ledger = await remembered(stage)
+    key = (await person.orders.leave("r1", "drive", {"x": 1.0})).order.key
+    await stage.kill_directory(second)
+    cancelled = await person.orders.cancel(key[:8])
+    assert [label.partition(".")[0] for label in cancelled.unconfirmed] == ["d2"]
+    await stage.directory("d2")  # it is back with its copy, and hears of the cancel at once
+    rover = Rover("r1")
+    await stage.robot(rover, ledger)
+    await asyncio.sleep(10)
+    assert not rover.done
+
+
+async def test_a_running_order_that_is_cancelled_ends(stage: Stage) -> None:
+    directory = await stage.directory("d1")
+    person = await stage.person()
+    ledger = await remembered(stage)
+    key = (await person.orders.leave("r1", "drive", {"x": 1.0, "seconds": 60.0})).order.key
+    rover = Rover("r1")
+    await stage.robot(rover, ledger)
+    await stage.until(lambda: bool(rover.done))
+    assert (await person.orders.cancel(key)).order.state == "taken"
+    await stage.until(lambda: directory.book.store.orders[key].over, within=10)
+    assert directory.book.store.orders[key].state == "failed"
+    assert "cancelled" in directory.book.store.orders[key].why
+    assert rover.x == 0.0
+
+
+async def test_a_stop_holds_who_is_away_until_a_person_releases_it(stage: Stage) -> None:
+    await stage.directory("d1")
+    person = await stage.person()
+    ledger = await remembered(stage)
+    key = (await person.orders.leave("r1", "drive", {"x": 1.0})).order.key
+    assert await person.orders.hold() == (["d1"], [])
+    rover = Rover("r1")
+    agent = await stage.robot(rover, ledger)
+    await asyncio.sleep(20)
+    assert not rover.done
+    await RobotClient(person._transport, agent.address).resume()  # is not a person's release
+    await asyncio.sleep(20)
+    assert not rover.done
+    await person.orders.release()
+    await stage.until(lambda: rover.done == [key])
+
+
+async def test_the_release_of_one_robot_leaves_the_others_held(stage: Stage) -> None:
+    await stage.directory("d1")
+    person = await stage.person()
+    ledgers = {name: await remembered(stage, name) for name in ("r1", "r2")}
+    for name in ledgers:
+        await person.orders.leave(name, "drive", {"x": 1.0})
+    await person.orders.hold()
+    await person.orders.release("r1")
+    rovers = [Rover("r1"), Rover("r2")]
+    for rover in rovers:
+        await stage.robot(rover, ledgers[rover.name])
+    await stage.until(lambda: bool(rovers[0].done))
+    await asyncio.sleep(20)
+    assert not rovers[1].done
+
+
+async def test_a_robot_that_is_stopped_busy_or_bound_begins_nothing(stage: Stage) -> None:
+    await stage.directory("d1")
+    person = await stage.person()
+    ledger = await remembered(stage)
+    rover = Rover("r1")
+    agent = await stage.robot(rover, ledger)
+    client = RobotClient(person._transport, agent.address)
+    await client.safe_stop("the test")
+    key = (await person.orders.leave("r1", "drive", {"x": 1.0})).order.key
+    await asyncio.sleep(10)
+    assert not rover.done
+    await client.resume()
+    await stage.until(lambda: rover.done == [key])
+
+
+async def test_what_adds_up_is_in_doubt_if_its_robot_was_killed_in_the_middle(stage: Stage) -> None:
+    directory = await stage.directory("d1")
+    person = await stage.person()
+    ledger = await remembered(stage)
+    key = (await person.orders.leave("r1", "drive", {"x": 1.0, "seconds": 60.0})).order.key
+    agent = await stage.robot(Rover("r1"), ledger)
+    await stage.until(lambda: ledger.entries.get(key) is not None and ledger.entries[key].begun)
+    await stage.switch_off(agent)
+    rover = Rover("r1")
+    await stage.robot(rover, ledger)  # `once`, and nobody knows: a person must look
+    await stage.until(lambda: directory.book.store.orders[key].over)
+    assert directory.book.store.orders[key].state == "doubt"
+    assert not rover.done
+
+
+async def test_what_may_be_repeated_begins_again_if_its_robot_was_killed_in_the_middle(stage: Stage) -> None:
+    await stage.directory("d1")
+    person = await stage.person()
+    ledger = await remembered(stage)
+    key = (await person.orders.leave("r1", "go_to", {"x": 1.0, "seconds": 60.0})).order.key
+    agent = await stage.robot(Rover("r1"), ledger)
+    await stage.until(lambda: ledger.entries.get(key) is not None and ledger.entries[key].begun)
+    await stage.switch_off(agent)
+    rover = Rover("r1")
+    await stage.robot(rover, ledger)
+    await stage.until(lambda: rover.x == 1.0, within=100.0)
+    assert rover.done == [key]
+
+
+async def test_a_robot_that_has_lost_its_ledger_repeats_nothing(stage: Stage) -> None:
+    directory = await stage.directory("d1")
+    person = await stage.person()
+    ledger = await remembered(stage)
+    key = (await person.orders.leave("r1", "drive", {"x": 1.0, "seconds": 60.0})).order.key
+    agent = await stage.robot(Rover("r1"), ledger)
+    await stage.until(lambda: directory.book.store.orders[key].state == "taken")
+    await stage.switch_off(agent)
+    rover = Rover("r1")
+    await stage.robot(rover, Ledger(None))
+    await stage.until(lambda: directory.book.store.orders[key].over)
+    assert directory.book.store.orders[key].state == "doubt"
+    assert not rover.done
+
+
+async def test_an_intent_that_no_directory_heard_of_begins_when_one_confirms_it(stage: Stage) -> None:
+    """Killed between the intent and the first move: nothing has begun, so nothing is in doubt."""
+    directory = await stage.directory("d1")
+    person = await stage.person()
+    ledger = await remembered(stage)
+    order = (await person.orders.leave("r1", "drive", {"x": 1.0})).order
+    ledger.put(LedgerEntry(msgspec.structs.replace(order, state="taken")))
+    rover = Rover("r1")
+    await stage.robot(rover, ledger)
+    await stage.until(lambda: directory.book.store.orders[order.key].over)
+    assert (directory.book.store.orders[order.key].state, rover.done) == ("done", [order.key])
+
+
+async def test_two_robots_of_one_name_share_no_order(stage: Stage) -> None:
+    await stage.directory("d1")
+    person = await stage.person()
+    ledger = await remembered(stage)
+    key = (await person.orders.leave("r1", "drive", {"x": 1.0})).order.key
+    other = Rover("r1")
+    agent = await stage.robot(other, Ledger(None), identity="of-another-site")
+    await asyncio.sleep(20)
+    assert not other.done
+    await stage.switch_off(agent)
+    rover = Rover("r1")
+    await stage.robot(rover, ledger)
+    await stage.until(lambda: rover.done == [key])
+
+
+async def test_a_command_that_has_changed_is_refused(stage: Stage) -> None:
+    directory = await stage.directory("d1")
+    person = await stage.person()
+    ledger = await remembered(stage)
+    left = await person.orders.leave("r1", "drive", {"x": 1.0})
+    old = msgspec.structs.replace(left.order, mark="another")
+    directory.book.store.put(orders=[old])
+    rover = Rover("r1")
+    await stage.robot(rover, ledger)
+    await stage.until(lambda: directory.book.store.orders[old.key].over)
+    refused = directory.book.store.orders[old.key]
+    assert (refused.state, rover.done) == ("refused", [])
+    assert "not as it was when it was ordered" in refused.why
+
+
+async def test_a_robot_that_somebody_moved_since_asks_before_it_begins(stage: Stage) -> None:
+    directory = await stage.directory("d1")
+    person = await stage.person()
+    ledger = await remembered(stage)
+    await person.orders.hold("r1")
+    key = (await person.orders.leave("r1", "drive", {"x": 1.0})).order.key
+    rover = Rover("r1")
+    agent = await stage.robot(rover, ledger)
+    client = RobotClient(person._transport, agent.address)
+    await asyncio.sleep(1)
+    await client.call("drive", {"x": 2.0}, caller="anna@desk")
+    await person.orders.release("r1")
+    await stage.until(lambda: bool(directory.book.store.orders[key].asks))
+    await asyncio.sleep(10)
+    assert len(rover.done) == 1
+    await person.orders.confirm(key)
+    await stage.until(lambda: len(rover.done) == 2)
+    await stage.until(lambda: directory.book.store.orders[key].over)
+    with pytest.raises(NothingToConfirm):
+        await person.orders.confirm(key)
+
+
+async def test_clocks_that_differ_by_hours_neither_expire_nor_prolong_an_order(stage: Stage) -> None:
+    directory = await stage.directory("d1")
+    late = await stage.directory("d2", skew=-7200.0)
+    person = await stage.person()
+    ledger = await remembered(stage)
+    left = await person.orders.leave("r1", "drive", {"x": 1.0}, begin_within=600.0)
+    key = left.order.key
+    await stage.until(lambda: key in late.book.store.orders and key in directory.book.store.orders)
+    apart = directory.book.store.orders[key].begin_by - late.book.store.orders[key].begin_by
+    assert abs(apart - 7200.0) < 5.0
+    rover = Rover("r1")
+    await stage.robot(rover, ledger, skew=3600.0)
+    await stage.until(lambda: rover.done == [key])
+
+
+async def test_an_order_that_expires_while_it_runs_goes_on(stage: Stage) -> None:
+    directory = await stage.directory("d1")
+    person = await stage.person()
+    ledger = await remembered(stage)
+    left = await person.orders.leave("r1", "drive", {"x": 1.0, "seconds": 30.0}, begin_within=10.0)
+    await stage.robot(Rover("r1"), ledger)
+    await stage.until(lambda: directory.book.store.orders[left.order.key].over)
+    assert directory.book.store.orders[left.order.key].state == "done"
+
+
+async def test_a_failure_is_told_with_its_reason(stage: Stage) -> None:
+    directory = await stage.directory("d1")
+    person = await stage.person()
+    ledger = await remembered(stage)
+    key = (await person.orders.leave("r1", "fail", {})).order.key
+    await stage.robot(Rover("r1"), ledger)
+    await stage.until(lambda: directory.book.store.orders[key].over)
+    assert directory.book.store.orders[key].state == "failed"
+    assert "over" in directory.book.store.orders[key].why
+
+
+async def test_what_only_reads_is_remembered_where_its_author_allows_it(stage: Stage) -> None:
+    directory = await stage.directory("d1")
+    rover = Rover("r1")
+    rover.x = 3.0
+    agent = await stage.robot(rover)
+    await stage.until(lambda: "r1-for-life" in directory._read)
+    await asyncio.sleep(6)
+    await stage.switch_off(agent)
+    known = await (await stage.person()).orders.robot("r1")
+    assert known is not None
+    assert known.answers["place"][1] == 3.0
+    assert known.readings == {"x": 3.0}
+
+
+async def test_a_robot_that_is_deleted_is_not_away(stage: Stage) -> None:
+    directory = await stage.directory("d1")
+    person = await stage.person()
+    await remembered(stage)
+    key = (await person.orders.leave("r1", "drive", {"x": 1.0})).order.key
+    directory._spread_later(directory.book.deleted("r1-for-life"))
+    known = await person.orders.robot("r1")
+    assert known is not None
+    assert known.deleted
+    assert directory.book.store.orders[key].state == "refused"
+    with pytest.raises(NotOrdered, match="was deleted"):
+        await person.orders.leave("r1", "drive", {"x": 1.0})
+
+
+async def test_a_directory_keeps_its_address_for_life(stage: Stage) -> None:
+    directory = await stage.directory("d1")
+    assert directory.address == Address("directory", "d1", directory._store.id)

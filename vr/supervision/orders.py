@@ -1,0 +1,368 @@
+"""The orders of a realm, as a person or a program uses them: at whichever directories answer.
+
+What two directories say is merged, so an answer is right as soon as one of them knows. All times are on the
+clock of this process.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple, TypeVar
+
+from robotree.vr.base.address import Address, everyone
+from robotree.vr.base.chance import token
+from robotree.vr.base.errors import (
+    NoDirectory,
+    NoSuchOrder,
+    NotRemembered,
+    SeveralOrders,
+    SeveralRobots,
+    TransportError,
+    VrError,
+)
+from robotree.vr.base.order import (
+    KnownAgent,
+    Order,
+    OrderHold,
+    merged,
+    merged_hold,
+    merged_known,
+    shifted,
+    shifted_hold,
+    shifted_known,
+)
+from robotree.vr.base.requests import (
+    AnyRequest,
+    CancelOrder,
+    ConfirmOrder,
+    Done,
+    HoldOrders,
+    KnownFound,
+    LeaveOrder,
+    MarkSeen,
+    OrderLeft,
+    OrdersChanged,
+    OrdersFound,
+    ReadKnown,
+    ReadOrders,
+    RecordsShared,
+    ReleaseHolds,
+    Reply,
+    ShareRecords,
+    TakeAlong,
+    decode_event,
+)
+from robotree.vr.base.transport import Registration, Transport
+from robotree.vr.exchange.asking import ask
+
+WITHIN = 2.5
+"""[s] for a directory to answer: it may wait a second for the others."""
+SAME_CLOCK = 2.0
+"""[s] by which two clocks may differ and still count as one."""
+MEETING = 1.0
+"""[s] in which a directory is heard by a program that has just come."""
+USUAL_END = 86400.0
+"""[s] in which an order must begin if nobody says."""
+PATTERN = everyone("directory")
+"""Presence pattern of all directories."""
+
+_R = TypeVar("_R", bound=Reply)
+
+
+class OrderBoard(NamedTuple):
+    """Orders and holds, as far as directories answer."""
+
+    orders: Sequence[Order]
+    """The oldest first."""
+    holds: Sequence[OrderHold]
+    silent: Sequence[str]
+    """Names of the directories that are there and do not answer."""
+
+
+class OrderDesk:
+    """See the module."""
+
+    def __init__(
+        self, transport: Transport, caller: Callable[[], Any], unix: Callable[[], float] = time.time
+    ) -> None:
+        """Prepare.
+
+        Args:
+            transport: the way to the directories.
+            caller: returns, when awaited, the key under which this program is present.
+            unix: returns the time [s] since 1970.
+        """
+        self._transport, self._caller, self._unix = transport, caller, unix
+
+    @property
+    def directories(self) -> Sequence[str]:
+        """Keys of the directories that are there."""
+        return self._transport.presence.keys(PATTERN)
+
+    async def met(self, within: float = MEETING) -> Sequence[str]:
+        """Return the keys of the directories, as soon as one that the machine knows of has been heard.
+
+        Args:
+            within: [s] to wait for it.
+        """
+        presence = self._transport.presence
+        if not self.directories and presence.held(PATTERN):
+            await presence.until(PATTERN, there=True, within=within)
+        return self.directories
+
+    # -- orders -----------------------------------------------------------------------------------
+
+    async def leave(
+        self,
+        robot: str,
+        command: str,
+        arguments: Mapping[str, Any],
+        *,
+        begin_within: float = USUAL_END,
+        may_take: float = 120.0,
+        identity: str = "",
+        key: str = "",
+    ) -> OrderLeft:
+        """Leave an order; returns it, with the directories that have it.
+
+        Args:
+            robot: its name.
+            command: of it.
+            arguments: numbers in the declared units, or text with units.
+            begin_within: [s] in which it must begin.
+            may_take: [s] that it may take then.
+            identity: which robot of this name; empty: the only one.
+            key: of the order; empty: a new one.
+
+        Raises:
+            NoDirectory: none answers.
+            OrderError: it was refused, by all that know the robot.
+            CommandError: the arguments do not fit, or there is no such command.
+        """
+        request = LeaveOrder(
+            key=key or token(),
+            robot=robot,
+            identity=identity,
+            command=command,
+            arguments=dict(arguments),
+            begin_within=begin_within,
+            may_take=may_take,
+        )
+        return await self._first(request, OrderLeft, pass_on=(NotRemembered,))
+
+    async def cancel(self, ticket: str) -> OrderLeft:
+        """End an order; returns it as it is then, with the directories that have not confirmed that.
+
+        Raises:
+            NoSuchOrder: no directory that answers has it.
+            SeveralOrders: several begin like this.
+            OrderOver: it is over.
+        """
+        order = await self.order(ticket)
+        return await self._first(CancelOrder(key=order.key), OrderLeft, pass_on=(NoSuchOrder,))
+
+    async def confirm(self, ticket: str) -> OrderLeft:
+        """Answer what a robot asks about an order: it may begin.
+
+        Raises:
+            NothingToConfirm: it asks nothing.
+            OrderError: as `cancel`.
+        """
+        order = await self.order(ticket)
+        return await self._first(ConfirmOrder(key=order.key), OrderLeft, pass_on=(NoSuchOrder,))
+
+    async def board(self, *, key: str = "", robot: str = "", mine: bool = False) -> OrderBoard:
+        """Return the orders that match.
+
+        Args:
+            key: beginning of the key; empty: any.
+            robot: name of the robot; empty: any.
+            mine: only those of this user.
+
+        Raises:
+            NoDirectory: none answers.
+        """
+        asked = self.directories
+        answers = await self._all(ReadOrders(key=key, robot=robot, mine=mine), OrdersFound)
+        if not answers:
+            raise NoDirectory(detail="")
+        orders: dict[str, Order] = {}
+        holds: dict[str, OrderHold] = {}
+        for found in answers.values():
+            by = self._shift(found.now)
+            for each in found.orders:
+                order = shifted(each, by)
+                orders[each.key] = merged(orders[each.key], order) if each.key in orders else order
+            for one in found.holds:
+                hold = shifted_hold(one, by)
+                holds[one.id] = merged_hold(holds[one.id], hold) if one.id in holds else hold
+        silent = [_name(each) for each in asked if each not in answers]
+        by_age = sorted(orders.values(), key=lambda each: (each.left, each.key))
+        return OrderBoard(by_age, sorted(holds.values(), key=lambda each: each.at), silent)
+
+    async def order(self, ticket: str) -> Order:
+        """Return the order whose key begins like this.
+
+        Raises:
+            NoSuchOrder: there is none.
+            SeveralOrders: there are several.
+        """
+        found = (await self.board(key=ticket)).orders
+        if not found:
+            raise NoSuchOrder(key=ticket)
+        if len(found) > 1:
+            keys = ", ".join(each.key for each in found[:5])
+            raise SeveralOrders(key=ticket, count=len(found), keys=keys)
+        return found[0]
+
+    async def inbox(self) -> Sequence[Order]:
+        """Return the results that wait for this user, the oldest first."""
+        return [
+            each
+            for each in (await self.board(mine=True)).orders
+            if each.over and not each.seen and each.state != "cancelled"
+        ]
+
+    async def mark_seen(self, orders: Iterable[Order]) -> None:
+        """Take results out of the inbox."""
+        keys = tuple(each.key for each in orders)
+        if keys:
+            await self._all(MarkSeen(keys=keys), Done)
+
+    async def on_change(self, callback: Callable[[OrdersChanged], None]) -> Registration:
+        """Call back whenever orders or holds have changed somewhere."""
+
+        def hear(key: str, body: bytes) -> None:
+            try:
+                event = decode_event(body, key=key)
+            except VrError:
+                return
+            if isinstance(event, OrdersChanged):
+                callback(event)
+
+        return await self._transport.subscribe(f"{PATTERN}/orders", hear)
+
+    # -- what is remembered -----------------------------------------------------------------------
+
+    async def known(
+        self, name: str = "", *, kind: str = "", command: str = "", brief: bool = False
+    ) -> Sequence[KnownAgent]:
+        """Return what the directories remember of robots and views, by name; nothing if none answers."""
+        request = ReadKnown(name=name, kind=kind, command=command, brief=brief)
+        found: dict[str, KnownAgent] = {}
+        for answer in (await self._all(request, KnownFound)).values():
+            by = self._shift(answer.now)
+            for each in answer.agents:
+                agent = shifted_known(each, by)
+                known = found.get(each.identity)
+                found[each.identity] = agent if known is None else merged_known(known, agent)
+        return sorted(found.values(), key=lambda each: (each.role, each.name, each.identity))
+
+    async def robot(self, name: str) -> KnownAgent | None:
+        """Return what is remembered of a robot; None: nothing is.
+
+        Raises:
+            SeveralRobots: several of this name are away.
+        """
+        found = [each for each in await self.known(name) if each.role == "robot"]
+        alive = [each for each in found if not each.deleted]
+        if not alive:
+            return max(found, key=lambda each: each.deleted, default=None)
+        if len(alive) > 1:
+            known = ", ".join(each.identity[:8] for each in alive)
+            raise SeveralRobots(
+                name=name, count=len(alive), known=known, example=f"--robot {alive[0].identity[:8]}"
+            )
+        return alive[0]
+
+    async def take_along(self, names: Sequence[str], who: str) -> Sequence[KnownAgent]:
+        """Return what is remembered of robots, and have the directories know who takes them along.
+
+        Raises:
+            NoDirectory: none answers.
+            NotRemembered: one is not known.
+        """
+        request = TakeAlong(names=tuple(names), who=who)
+        found = await self._first(request, KnownFound, pass_on=(NotRemembered,))
+        by = self._shift(found.now)
+        return [shifted_known(each, by) for each in found.agents]
+
+    async def exchange(self, share: ShareRecords) -> Sequence[RecordsShared]:
+        """Give all directories the records of a memory that was taken along; returns what they have."""
+        return list((await self._all(share, RecordsShared)).values())
+
+    # -- stops ------------------------------------------------------------------------------------
+
+    async def hold(self, robot: str = "") -> tuple[Sequence[str], Sequence[str]]:
+        """Keep robots that are away from beginning what was ordered, until a person releases that.
+
+        Args:
+            robot: its name; empty: all.
+
+        Returns:
+            The names of the directories that hold it, and of those that have not confirmed it.
+        """
+        asked = self.directories
+        answers = await self._all(HoldOrders(id=token(), robot=robot), OrdersFound, urgent=True)
+        return [_name(each) for each in answers], [_name(each) for each in asked if each not in answers]
+
+    async def release(self, robot: str = "", *, ago: float = 0.0) -> Sequence[str]:
+        """Let robots begin again what was ordered; returns the directories that have not confirmed it.
+
+        Args:
+            robot: its name; empty: all.
+            ago: [s] since the person gave it: a hold that came later stays.
+        """
+        asked = self.directories
+        answers = await self._all(ReleaseHolds(robot=robot, ago=ago), OrdersFound, urgent=True)
+        return [_name(each) for each in asked if each not in answers]
+
+    # -- inside -----------------------------------------------------------------------------------
+
+    def _shift(self, now: float) -> float:
+        by = self._unix() - now
+        return by if abs(by) > SAME_CLOCK else 0.0
+
+    async def _all(self, request: AnyRequest, answer: type[_R], *, urgent: bool = False) -> dict[str, _R]:
+        """Ask all directories at once; returns the answers by key. One that refuses counts as silent."""
+        sender = await self._caller()
+
+        async def one(key: str) -> tuple[str, _R] | None:
+            try:
+                return key, await ask(
+                    self._transport, key, request, answer, timeout=WITHIN, sender=sender, urgent=urgent
+                )
+            except VrError:
+                return None
+
+        found = await asyncio.gather(*map(one, self.directories))
+        return dict(each for each in found if each is not None)
+
+    async def _first(
+        self, request: AnyRequest, answer: type[_R], *, pass_on: tuple[type[VrError], ...]
+    ) -> _R:
+        """Ask one directory after the other until one does it.
+
+        Raises:
+            NoDirectory: none answers.
+            VrError: one has refused; of errors in `pass_on` the last one, if all say so.
+        """
+        refusal: VrError | None = None
+        sender, silent = await self._caller(), list[str]()
+        for key in self.directories:
+            try:
+                return await ask(self._transport, key, request, answer, timeout=WITHIN, sender=sender)
+            except pass_on as error:
+                refusal = error
+            except TransportError:
+                silent.append(_name(key))
+        if refusal is not None:
+            raise refusal
+        raise NoDirectory(detail=f" ({', '.join(silent)} did not)" if silent else "")
+
+
+def _name(key: str) -> str:
+    address = Address.parse(key)
+    return key if address is None else address.name
