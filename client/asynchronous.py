@@ -29,7 +29,7 @@ from robotree.vr.author.child import readable
 from robotree.vr.author.fitting import misfit
 from robotree.vr.author.kind import Kind, promises_of
 from robotree.vr.author.readings import Record
-from robotree.vr.base.address import check_name
+from robotree.vr.base.address import parted
 from robotree.vr.base.arguments import named_arguments
 from robotree.vr.base.errors import BadArgument, CommandCancelled, EmptyRealm, NotThisKind, VrError
 from robotree.vr.base.extras import explained
@@ -90,12 +90,13 @@ class AsyncRealm:
         return self.realm_client.realm
 
     def __getitem__(self, robot: str) -> AsyncRobot:
-        """Return the robot of a name, whether it runs at the moment or not.
+        """Return the robot of a name, or of `SITE:NAME`, whether it runs at the moment or not.
 
         Raises:
             BadName: it cannot be a name.
         """
-        return AsyncRobot(self, check_name(robot))
+        parted(robot)
+        return AsyncRobot(self, robot)
 
     async def get(self, robot: str, kind: type[Kind] | None = None) -> AsyncRobot:
         """Return a robot that runs and is of a kind.

@@ -12,7 +12,7 @@ import robotree.vr.network
 import robotree.vr.running
 from robotree.vr.agents import callers
 from robotree.vr.base import presence
-from tests.world import crashes, host, mesh, story, threads, whole
+from tests.world import crashes, host, mesh, sites, story, threads, whole
 
 Played = tuple[str, list[str]]
 """The digest of a trace, and the laws that were broken."""
@@ -60,6 +60,11 @@ def _whole(seed: int, among: tuple[ModuleType, ...] = ()) -> Played:
     return digest, played.judge.broken
 
 
+def _sites(seed: int) -> Played:
+    digest, judge = sites.play(seed)
+    return digest, judge.broken
+
+
 FAMILIES: dict[str, Callable[[int], Played]] = {
     "realm": _realm,
     "mesh": _mesh,
@@ -67,6 +72,7 @@ FAMILIES: dict[str, Callable[[int], Played]] = {
     "disk": _disk,
     "host": _host,
     "host at statements": lambda seed: _host(seed, running()),
+    "sites": _sites,
     "whole": _whole,
     "whole at statements": lambda seed: _whole(seed, (*network(), *running())),
     **{f"threads of {scene}": partial(threads.play, scene) for scene in threads.SCENES},

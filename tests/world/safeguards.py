@@ -10,11 +10,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import robotree.vr.exchange.claim
 import robotree.vr.journal.recovery
 import robotree.vr.journal.segments
 import robotree.vr.network.mesh
 import robotree.vr.network.realms
 import robotree.vr.running.child_call
+import robotree.vr.sites.gateway
+import robotree.vr.world.network
 from robotree.files import opened_own, private_folder
 from robotree.protocol.messages import Goal, GoalCancel, SetMode, Verb
 from robotree.protocol.services.claim_server import ClaimServer
@@ -32,7 +35,7 @@ from robotree.vr.base.envelope import Received
 from robotree.vr.base.errors import DamagedJournal, NotInControl
 from robotree.vr.base.requests import Accepted, Call, Raised, Returned, encode
 from robotree.vr.core import events as on
-from robotree.vr.core.bonds import GrantedLease, HeldLease
+from robotree.vr.core.bonds import GrantedLease, HeldLease, Lease
 from robotree.vr.core.machine import Calls, RobotCore
 from robotree.vr.core.stop import Stop
 from robotree.vr.journal.journal import HostJournal
@@ -46,6 +49,8 @@ from robotree.vr.network.rendezvous import Rendezvous
 from robotree.vr.running.child_call import ChildCall
 from robotree.vr.running.replay import Replay
 from robotree.vr.running.robot_runtime import RobotRuntime
+from robotree.vr.sites.site import Site
+from robotree.vr.sites.stopping import SiteStops
 from robotree.vr.supervision.releases import Releases
 from tests.world import locks
 from tests.world.locks import LOCKS
@@ -187,7 +192,33 @@ def _whatever_it_is(self: Replay, path: str, kind: str, content: Any, number: in
     return _recall(self, path, kind, None if same else content, number)
 
 
+def _asked_just_now(body: bytes, _age: float, *values: Any, **named: Any) -> Any:
+    return _arrived(body, 0.0, *values, **named)
+
+
+def _of_the_name(self: Lease, parent: Any, _principal: Any) -> bool:
+    return self.parent.identity == parent.identity
+
+
+def _wherever(_presence: Any, keys: Any) -> list[str]:
+    return list(keys)
+
+
+_arrived = robotree.vr.sites.gateway.arrived
+
 SAFEGUARDS = {
+    "a request tells another machine its age": (
+        Safeguard(robotree.vr.sites.gateway, "arrived", _asked_just_now),
+    ),
+    "a stop names each site that it has not reached": (Safeguard(SiteStops, "_miss", lambda *_: None),),
+    "a robot of the same name at another site is another robot": (Safeguard(Lease, "of", _of_the_name),),
+    "a name is unique at its site and not beyond": (
+        Safeguard(robotree.vr.exchange.claim, "here_of", _wherever),
+        Safeguard(robotree.vr.world.network, "here_of", _wherever),
+    ),
+    "a site that is silent begins nothing new": (
+        Safeguard(Site, "linked", lambda self, _: bool(self.stream)),
+    ),
     "what is not written does not leave a host": (
         Safeguard(Outlet, "__init__", lambda self, transport, _: _outlet(self, transport, lambda: None)),
     ),

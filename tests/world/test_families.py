@@ -17,6 +17,7 @@ MANY = {
     "disk": 2000,
     "host": 1000,
     "host at statements": 300,
+    "sites": 300,
     "whole": 300,
     "whole at statements": 60,
     **{f"threads of {scene}": 1000 for scene in SCENES},

@@ -29,6 +29,10 @@ CAUGHT = {
     "a child's command ends by the deadline of its parent's": ("realm", 10),
     "a release ends the stops that were known when it was asked for": ("realm", 24),
     "a call that comes twice is carried out once": ("realm", 2),
+    "a request tells another machine its age": ("sites", 10),
+    "a stop names each site that it has not reached": ("sites", 0),
+    "a robot of the same name at another site is another robot": ("sites", 0),
+    "a name is unique at its site and not beyond": ("sites", 0),
     "the end of a connection is seen though it comes with data": ("mesh", 0),
     "a process whose files are gone registers again": ("mesh", 6),
     "a process that hangs counts as silent": ("mesh", 37),
@@ -74,6 +78,7 @@ CAUGHT = {
 }
 """The family and the seed of a story that breaks a law without a safeguard or a lock."""
 ELSEWHERE = {
+    "a site that is silent begins nothing new": "vr/sites/test_gateway.py",
     "what is not written does not leave a host": "vr/journal/test_outlet.py",
     "a log that takes nothing more is removed": "vr/journal/test_host_journal.py",
     "a host whose log can neither be written nor removed ends": "vr/journal/test_host_journal.py",

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from robotree.client.joining import joined
-from robotree.tui.diagnosis import meeting
+from robotree.tui.diagnosis import meeting, sites
 from robotree.tui.diagnosis.finding import Finding
 from robotree.tui.seen import status
 
@@ -28,6 +28,7 @@ async def agents(realm: str, name: str, entries: Sequence[meeting.Entry]) -> lis
         robots = {robot.name: robot for robot in await realm_client.tree()}
         listed = {one.name for one in realm_client.robots()}
         hosts = await realm_client.hosts()
+        elsewhere = await sites.sites(realm_client, realm, name)
     found = [finding for robot in robots.values() for finding in condition(robot)]
     found += standing_by(hosts)
     found += [
@@ -40,7 +41,8 @@ async def agents(realm: str, name: str, entries: Sequence[meeting.Entry]) -> lis
         found.append(
             Finding("robots", "doubt", "no robot answers", "robotree proxy arm arm-1 --connect tcp:HOST:PORT")
         )
-    if name:
+    found += elsewhere
+    if name and not any(finding.check == "robot" for finding in elsewhere):
         found += missed(name, realm, robots, listed, entries)
     return found
 

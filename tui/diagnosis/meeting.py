@@ -119,6 +119,8 @@ def entries(realm: str) -> list[Entry]:
             beat.close()
         keys = place.keys_of(tag)
         holds = tuple(address for address in map(Address.parse, keys or ()) if address is not None)
+        gateways = tuple(one for one in holds if one.role == "gateway")
+        holds = gateways or holds  # it stands for all that is at other sites
         condition = "dead" if not _answers_the_door(place, tag) else _condition(pid, silent)
         damaged = keys is None and condition != "dead"
         found.append(Entry(pid, condition, silent, holds, command_of(pid), damaged))

@@ -14,12 +14,23 @@ from robotree.tui.line.grammar import Line
 
 
 def name(text: str) -> None:
-    """Refuse what no agent can be called.
+    """Refuse what no agent can be called, with the name of its site before it or without.
 
     Raises:
         BadName: it cannot be a name.
     """
-    from robotree.vr.base.address import check_name  # help must not wait for the agents
+    from robotree.vr.base.address import parted  # help must not wait for the agents
+
+    parted(text)
+
+
+def new_name(text: str) -> None:
+    """Refuse what nobody can be called who is made here.
+
+    Raises:
+        BadName: it cannot be a name.
+    """
+    from robotree.vr.base.address import check_name
 
     check_name(text)
 
@@ -56,6 +67,9 @@ CHECKS: Mapping[str, Callable[[str], None]] = {
 }
 """By name of the blank."""
 
+MAKES = frozenset({"create", "host", "lookup", "new", "proxy", "realm invite", "space", "view"})
+"""Verbs that make what NAME names: here, so without a site."""
+
 
 def check(line: Line, options: Mapping[str, str]) -> None:
     """Refuse a line with a value that cannot be meant.
@@ -71,6 +85,7 @@ def check(line: Line, options: Mapping[str, str]) -> None:
     for blank, value in line.values.items():
         kind = options.get(blank[2:], "") if blank.startswith("--") else blank
         if kind in CHECKS and not isinstance(value, bool):
+            judge = new_name if kind == "NAME" and line.verb in MAKES else CHECKS[kind]
             for text in (value,) if isinstance(value, str) else value:
-                CHECKS[kind](text)
+                judge(text)
     values.assignments(line.many("PARAMETER=VALUE"))

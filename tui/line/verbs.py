@@ -29,7 +29,7 @@ if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.order import KnownAgent
     from robotree.vr.base.presence import Held
     from robotree.vr.base.requests import Level, LoggedLine, Reloaded, SpaceDescribed, State
-    from robotree.vr.supervision.realm_client import RealmClient
+    from robotree.vr.supervision.realm_client import Elsewhere, RealmClient
 
 CALL_LIMIT = 120.0
 """[s] that a command may take when the line does not say."""
@@ -118,7 +118,7 @@ async def ls(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     else:
         found = realm_client.views() if what == "view" else realm_client.robots()
     if what == "view":
-        return _listed(found, what, doubt)
+        return _listed(found, what, doubt, elsewhere=await realm_client.elsewhere())
     hanging = await _hanging(realm_client)
     answering = {robot.name: robot for robot in await realm_client.tree()}
     unheard, incomplete = _unheard(realm_client, answering, hanging)
@@ -129,7 +129,11 @@ async def ls(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     states |= {each.name: absence.how(each, time.time()) for each in away}
     found = [*found, *(_listing_of(each) for each in away)]
     listed = _listed(
-        found, what, doubt or incomplete, {one.name: states.get(one.name, MUTE) for one in found}
+        found,
+        what,
+        doubt or incomplete,
+        {one.name: states.get(one.name, MUTE) for one in found},
+        await realm_client.elsewhere(),
     )
     asked = [f"{one.name} asks: {one.asks}" for one in answering.values() if one.asks]
     hint = ["answer with `robotree decide NAME done|again|abort`"] if asked else []
@@ -225,9 +229,9 @@ def _robots_of(held: Iterable[Held]) -> dict[str, Held]:
 
 def _agents_of(role: Role, held: Iterable[Held]) -> dict[str, Held]:
     """Return the agents of one role, by name."""
-    from robotree.vr.base.address import Address
+    from robotree.vr.base.address import shown_address
 
-    found = ((Address.parse(one.key), one) for one in held)
+    found = ((shown_address(one.key), one) for one in held)
     return {address.name: one for address, one in found if address and address.role == role}
 
 
@@ -277,23 +281,31 @@ def _listed(
     what: str,
     doubt: SupervisorError | None,
     states: Mapping[str, str] | None = None,
+    elsewhere: Mapping[str, Elsewhere] | None = None,
 ) -> Outcome:
-    """Return a list; one in doubt says so in each line, for lines are what programs and people cut out."""
-    old = isinstance(doubt, OldList)
+    """Return a list; one in doubt says so in each line, for lines are what programs and people cut out.
+
+    Where agents of other sites are among them, each line says where, and how old it is.
+    """
+    old, elsewhere = isinstance(doubt, OldList), elsewhere or {}
     extra = {"stale": True} if old else {}
     mark = ("stale",) if old else ()
     data: list[dict[str, Any]] = []
     about = ["STATE", "LINK"] if states else []
-    rows = [("NAME", "KIND", *about, "HOST", *(["LISTED"] if old else []), "ABOUT")]
+    places = ["SITE"] if elsewhere else []
+    rows = [("NAME", "KIND", *about, "HOST", *places, *(["LISTED"] if old else []), "ABOUT")]
     for listing in sorted(listings, key=lambda one: one.name):
         state = {"state": states[listing.name], "link": listing.link} if states else {}
-        data.append({**plain(listing), **state, **extra})
+        place = elsewhere.get(listing.name)
+        there = {"site": place.site, "age": place.age, "silent": place.silent} if place else {}
+        data.append({**plain(listing), **state, **there, **extra})
         cells = (value or "-" for value in (*state.values(), listing.host))
         rows.append(
             (
                 listing.name,
                 wording.kind(listing.kind, listing.attributes),
                 *cells,
+                *([place.words if place else "-"] if elsewhere else []),
                 *mark,
                 wording.summary(listing.doc),
             )
@@ -308,7 +320,8 @@ async def tree(realm_client: RealmClient, _line: Line, _teller: Teller) -> Outco
 
     hanging, robots = await _hanging(realm_client), await realm_client.tree()
     unheard, incomplete = _unheard(realm_client, {robot.name for robot in robots}, hanging)
-    roots = forest.forest(robots, hanging, unheard)
+    elsewhere = await realm_client.elsewhere()
+    roots = forest.forest(robots, hanging, unheard, elsewhere)
     drawn = {name for root in roots for name in forest.names(root)}
     lost = {name: state for name, state in sorted(unheard.items()) if name not in drawn}
     away = await absent_robots(realm_client, drawn | lost.keys())
@@ -325,14 +338,17 @@ async def show(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcom
     """Describe one robot, with what it reads now."""
     robot = await realm_client.describe(line.text("NAME"))
     readings = {name: value for name, value in robot.readings.items() if isfinite(value)}
-    text = wording.portrait(robot)
+    text, place = wording.portrait(robot), (await realm_client.elsewhere()).get(robot.name)
+    if place is not None:
+        text += f"\n\nat site {place.words}"
     if readings:
         rows = [
             (f"  {name}", wording.quantity(value, robot.units.get(name, "")))
             for name, value in sorted(readings.items())
         ]
         text += f"\n\nreadings\n{wording.columns(rows)}"
-    return Outcome({**plain(robot), "readings": readings}, text)
+    there = {} if place is None else {"site": place.site, "age": place.age}
+    return Outcome({**plain(robot), "readings": readings, **there}, text)
 
 
 async def may(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
@@ -458,7 +474,7 @@ async def _logged(realm_client: RealmClient, name: str) -> list[tuple[str, Logge
             if not found:
                 raise
         return sorted(found, key=lambda entry: entry[1].unix)
-    names = [address.name for address in realm_client.directory.present("robot")]
+    names = [address.name for address in realm_client.present("robot")]
     logs = await asyncio.gather(*map(realm_client.read_log, names), return_exceptions=True)
     if faults := [one for one in logs if isinstance(one, BaseException) and not isinstance(one, VrError)]:
         raise faults[0]

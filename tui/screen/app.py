@@ -167,7 +167,7 @@ class Supervisor(OperatorApp):
     def _confirm(self, line: Line) -> None:
         """Ask back, unless what the line names is not there."""
         name = line.text("NAME") or line.text("PARENT.SLOT").partition(".")[0]
-        if not name or any(one.name == name for one in self.realm_client.directory.present("robot")):
+        if not name or self.realm_client.directory.present("robot", name):
             asking.confirm_line(self, line)
         else:
             self._confirm_absent(line, name)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from robotree.tui.seen import absence, unlisted
 from robotree.tui.seen.store import Away, Store
-from robotree.vr.base.address import Address, Role
+from robotree.vr.base.address import Address, Role, shown_address
 from robotree.vr.base.errors import TransportClosed, VrError
 
 if TYPE_CHECKING:
@@ -29,6 +29,9 @@ PAUSE = 0.4
 
 GLANCE = 0.2
 """[s] between two looks for processes that are late or hang: the table is asked, not the network."""
+
+WHERE = 1.0
+"""[s] between two questions to the gateway where robots of other sites are."""
 
 PATROL = 5.0
 """[s] at most between two looks at the tree, the hosts and the lookup services, hint or no hint."""
@@ -64,6 +67,7 @@ class Feed:
         self._tasks = (
             asyncio.create_task(self._keep_looking(), name="feed of the supervisor"),
             asyncio.create_task(self._keep_glancing(), name="signs of life for the supervisor"),
+            asyncio.create_task(self._keep_asking_where(), name="other sites for the supervisor"),
         )
 
     async def close(self) -> None:
@@ -98,7 +102,7 @@ class Feed:
         return self._present_as("host", "lookup", "directory")
 
     def _present_as(self, *roles: Role) -> set[Address]:
-        return {address for role in roles for address in self.realm_client.directory.present(role)}
+        return {address for role in roles for address in self.realm_client.present(role)}
 
     def _take_state(self, name: str, state: State) -> None:
         shape = self.store.shape
@@ -132,9 +136,16 @@ class Feed:
                 self.store.take_late(self.realm_client.late())
                 hang = self.realm_client.hang()
                 self.store.take_silent(hang, self.clock())
-                answering = self._servers.difference(Address.parse(one.key) for one in hang)
+                answering = self._servers.difference(shown_address(one.key) for one in hang)
                 self.store.take_servers(answering, self.clock(), left=self.realm_client.left)
                 await asyncio.sleep(GLANCE)
+
+    async def _keep_asking_where(self) -> None:
+        """Show where robots of other sites are, and how old that is. Without a gateway nobody is asked."""
+        with contextlib.suppress(TransportClosed):
+            while True:
+                self.store.take_elsewhere(await self.realm_client.elsewhere(), self.clock())
+                await asyncio.sleep(WHERE)
 
     async def _take_unlisted(self, tree: Sequence[RobotDescription]) -> None:
         """Without a lookup service show what `ls` shows then: who is seen alive says itself what it is."""
@@ -149,7 +160,7 @@ class Feed:
         hanging = await self.realm_client.hanging()
         store, now, present = self.store, self.clock(), self._present
         living = {description.address for description in store.descriptions.values()}
-        alive = {*present, *(address for one in hanging if (address := Address.parse(one.key)))}
+        alive = {*present, *(address for one in hanging if (address := shown_address(one.key)))}
         for address in list(store.missed):
             if address in living:
                 store.found(address, now)
@@ -175,7 +186,7 @@ class Feed:
         if not orders.directories:
             self.store.take_away({})
             return
-        present = {address.name for address in self.realm_client.directory.present("robot")}
+        present = {address.name for address in self.realm_client.present("robot")}
         self.store.take_away(
             {
                 each.name: Away(each.robot, each.readings, absence.how(each, now))
@@ -188,8 +199,9 @@ class Feed:
     async def _look(self) -> None:
         try:
             tree = await self.realm_client.tree()
-            hang = {one.key for one in self.realm_client.hang()}  # of these, some have answered before that
-            tree = [robot for robot in tree if robot.address.key not in hang]
+            # of these, some have answered before that
+            hang = {shown_address(one.key) for one in self.realm_client.hang()}
+            tree = [robot for robot in tree if robot.address not in hang]
             self.store.take_descriptions(tree, self.clock())
             await self._take_unlisted(tree)
             await self._tell_of_the_missed()

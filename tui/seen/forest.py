@@ -10,12 +10,22 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from robotree.tui.seen import status, wording
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.description import RobotDescription, SlotSpec
+    from robotree.vr.supervision.realm_client import Elsewhere
+
+
+class _Seen(NamedTuple):
+    """What `forest` is given."""
+
+    known: Mapping[str, RobotDescription]
+    hanging: Collection[str]
+    unheard: Mapping[str, str]
+    elsewhere: Mapping[str, Elsewhere]
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +38,8 @@ class Branch:
     """None: the slot is empty, or its child does not answer."""
     state: str = ""
     """How the robot is, or the one that was lost there and hangs."""
+    place: Elsewhere | None = None
+    """Where it is, of a robot of another site."""
     branches: tuple[Branch, ...] = ()
 
     @property
@@ -42,6 +54,7 @@ def forest(
     robots: Iterable[RobotDescription],
     hanging: Collection[str] = (),
     unheard: Mapping[str, str] | None = None,
+    elsewhere: Mapping[str, Elsewhere] | None = None,
 ) -> tuple[Branch, ...]:
     """Plant the trees.
 
@@ -49,6 +62,7 @@ def forest(
         robots: all that answered, in any order.
         hanging: names of robots that hang.
         unheard: how robots are that have not answered, by name.
+        elsewhere: where robots of other sites are, by name.
 
     Returns:
         The roots by name: robots that are nobody's child. A robot whose parent is unknown is a root too,
@@ -57,7 +71,8 @@ def forest(
     known = {robot.address.key: robot for robot in sorted(robots, key=lambda one: one.name)}
     children = {slot.child.key for robot in known.values() for slot in robot.slots if slot.child}
     planted: set[str] = set()
-    grow = partial(_grow, known=known, planted=planted, hanging=hanging, unheard=unheard or {})
+    seen = _Seen(known, hanging, unheard or {}, elsewhere or {})
+    grow = partial(_grow, seen=seen, planted=planted)
     roots = [grow(None, robot) for key, robot in known.items() if key not in children]
     # The rest is a circle of parents: a fault, which must be seen.
     roots += [grow(None, robot) for key, robot in known.items() if key not in planted]
@@ -67,24 +82,22 @@ def forest(
 def _grow(
     slot: SlotSpec | None,
     robot: RobotDescription | None,
-    known: Mapping[str, RobotDescription],
+    seen: _Seen,
     planted: set[str],
-    hanging: Collection[str],
-    unheard: Mapping[str, str],
 ) -> Branch:
     if robot is None:
         child = slot.child.name if slot and slot.child else ""
-        lost = f"{slot.was} hangs" if slot and slot.was in hanging else ""
-        return Branch(slot, None, unheard.get(child, "does not answer") if child else lost)
-    state = status.text(robot, hanging=hanging)
+        lost = f"{slot.was} hangs" if slot and slot.was in seen.hanging else ""
+        state = seen.unheard.get(child, "does not answer") if child else lost
+        return Branch(slot, None, state, place=seen.elsewhere.get(child))
+    state, place = status.text(robot, hanging=seen.hanging), seen.elsewhere.get(robot.name)
     if robot.address.key in planted:
-        return Branch(slot, robot, state)
+        return Branch(slot, robot, state, place=place)
     planted.add(robot.address.key)
     inner = [
-        _grow(one, known.get(one.child.key) if one.child else None, known, planted, hanging, unheard)
-        for one in robot.slots
+        _grow(one, seen.known.get(one.child.key) if one.child else None, seen, planted) for one in robot.slots
     ]
-    return Branch(slot, robot, state, tuple(inner))
+    return Branch(slot, robot, state, place, tuple(inner))
 
 
 def drawing(roots: Iterable[Branch]) -> str:
@@ -107,14 +120,18 @@ def label(branch: Branch) -> str:
         shown = "" if status.status_of(branch.robot) in status.CALM else f"  {branch.state}"
         link = f"  {status.UNGUARDED}" if branch.robot.unguarded else ""
         kind = wording.inserted(branch.robot.kind, branch.robot.attributes)
-        return f"{place}{branch.robot.name} {kind}{shown}{link}"
+        return f"{place}{branch.robot.name} {kind}{shown}{link}{_at(branch)}"
     if branch.name:
-        return f"{place}{branch.name} ({branch.state})"
+        return f"{place}{branch.name} ({branch.state}){_at(branch)}"
     if branch.state:
         return f"{place}{branch.state}"
     wants = f"takes {branch.slot.kind}{', optional' if branch.slot.optional else ''}" if branch.slot else ""
     lost = f"; {branch.slot.lost}" if branch.slot and branch.slot.lost else ""
     return f"{place}empty ({wants}{lost})"
+
+
+def _at(branch: Branch) -> str:
+    return f"  [{branch.place.words}]" if branch.place else ""
 
 
 def _lines(branch: Branch, lead: str, below: str) -> Iterable[str]:
@@ -136,6 +153,8 @@ def structure(branch: Branch) -> dict[str, object]:
         facts["simulated"] = simulated == "yes"
     if branch.robot and branch.robot.link:
         facts["link"] = branch.robot.link
+    if branch.place:
+        facts |= {"site": branch.place.site, "age": branch.place.age}
     if branch.slot:
         facts |= {"slot": branch.slot.name, "takes": branch.slot.kind}
     return {**facts, "children": [structure(one) for one in branch.branches]}

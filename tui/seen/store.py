@@ -9,17 +9,21 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from math import ceil, isnan
+from typing import TYPE_CHECKING, Literal
 
 from robotree.tui.seen import instruments, status, wording
 from robotree.tui.seen.status import Condition, Status
 from robotree.tui.seen.stopping import StopRound
 from robotree.tui.terminal import one_line
-from robotree.vr.base.address import Address
+from robotree.vr.base.address import Address, shown_address
 from robotree.vr.base.description import Lack, Listing, RobotDescription
 from robotree.vr.base.presence import Held
 from robotree.vr.base.principal import is_person
 from robotree.vr.base.requests import STOPPED, Level, LoggedLine, State
+
+if TYPE_CHECKING:  # help must not wait for the agents
+    from robotree.vr.supervision.realm_client import Elsewhere
 
 SILENCE = 4.0
 """[s] without a state after which a robot counts as silent: states come at least once a second."""
@@ -166,6 +170,10 @@ class Store:
     """Agents that are on no list any more: they hang, have gone or were enslaved, as must be found out."""
     absent: dict[str, Absent] = field(default_factory=dict[str, Absent])
     """Robots by name that hang or have gone, until they are dismissed or back."""
+    elsewhere: Mapping[str, Elsewhere] = field(default_factory=dict[str, "Elsewhere"])
+    """Where robots of other sites are, by name."""
+    elsewhere_at: float = 0.0
+    """[s] when that was known."""
     away: dict[str, Away] = field(default_factory=dict[str, Away])
     """Robots by name that are not here and that directories remember."""
     results: int = 0
@@ -285,7 +293,7 @@ class Store:
     def take_silent(self, silent: Iterable[Held], now: float) -> None:
         """Take the agents in processes that hang: log each once, and keep robots among them in the list."""
         for one in silent:
-            address = Address.parse(one.key)
+            address = shown_address(one.key)
             if address is None:
                 continue
             missed = self.missed.pop(address, None)
@@ -296,10 +304,26 @@ class Store:
 
     def take_late(self, late: Iterable[Held]) -> None:
         """Take the agents whose processes are late with their sign of life."""
-        found = frozenset(address.name for one in late if (address := Address.parse(one.key)))
+        found = frozenset(address.name for one in late if (address := shown_address(one.key)))
         if found != self.late:
             self.late = found
             self.revision += 1
+
+    def take_elsewhere(self, elsewhere: Mapping[str, Elsewhere], now: float) -> None:
+        """Take where robots of other sites are, and how old what is known of them is."""
+        self.elsewhere_at = now
+        if elsewhere != self.elsewhere:
+            self.elsewhere = elsewhere
+            self.revision += 1
+
+    def place(self, name: str, now: float) -> str:
+        """Return site and age of a robot of another site: `hall 0.5 s`; empty: it is of this machine."""
+        where = self.elsewhere.get(name)
+        if where is None:
+            return ""
+        way, heard = 0.0 if isnan(where.age) else where.age, self.age(name, now)
+        since = now - self.elsewhere_at if heard is None or where.silent else heard
+        return f"{where.site} {ceil(2 * (way + since)) / 2:g} s"  # steps of half a second do not flicker
 
     @property
     def hanging(self) -> frozenset[Address]:
@@ -395,7 +419,7 @@ class Store:
 
     def take_processes(self, held: Iterable[Held]) -> None:
         """Take which process holds each robot."""
-        found = ((Address.parse(one.key), one.where) for one in held)
+        found = ((shown_address(one.key), one.where) for one in held)
         self.processes = {one.name: where for one, where in found if one and one.role == "robot"}
 
     def take_away(self, away: Mapping[str, Away]) -> None:
@@ -608,7 +632,7 @@ class Store:
         here = (self.descriptions, self.robots, self.absent, self.remembered)
         return name in self.away and not any(name in one for one in here)
 
-    def _away(self, name: str, now: float) -> tuple[Status, str] | None:  # noqa: PLR0911 # one for each
+    def _away(self, name: str, now: float) -> tuple[Status, str] | None:  # one for each
         """Return why a robot is not as it said last, in one word and in words; None: it is."""
         if absent := self.absent.get(name):
             gone = f"GONE {status.span(now - absent.since)}"
@@ -617,10 +641,8 @@ class Store:
             return "away", self.away[name].words
         if name in self.late:
             return "late", "late"
-        if self._silent(name, now):
-            return "silent", f"silent {status.span(self.age(name, now) or 0.0)}"
-        if name in self._unexplained:
-            return "silent", "does not answer"
+        if silent := self._silent_words(name, now):
+            return "silent", silent
         if self._condition_of(name) is None and name not in self.robots:
             return "gone", LEFT
         return None
@@ -637,7 +659,11 @@ class Store:
         return self.status(name, now) not in {"hangs", "gone", "away"}
 
     def doing(self, name: str, now: float) -> str:
-        """Return how a robot is, in words."""
+        """Return how a robot is, in words; of one of another site with the place, and how old that is."""
+        place, words = self.place(name, now), self._doing(name, now)
+        return f"{words} · {place}" if place else words
+
+    def _doing(self, name: str, now: float) -> str:
         if away := self._away(name, now):
             return away[1]
         condition, heard = self._condition_of(name), self._heard.get(name)
@@ -684,6 +710,15 @@ class Store:
             self.attended = name
             self.forces.clear()
         self._attended = frozenset(self._downwards(name))
+
+    def _silent_words(self, name: str, now: float) -> str:
+        """Return how a robot is that is not heard; empty: it is."""
+        where = self.elsewhere.get(name)
+        if where is not None and where.silent:
+            return f"site {where.site} is silent"
+        if self._silent(name, now):
+            return f"silent {status.span(self.age(name, now) or 0.0)}"
+        return "does not answer" if name in self._unexplained else ""
 
     def _silent(self, name: str, now: float) -> bool:
         age = self.age(name, now)

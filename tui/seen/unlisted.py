@@ -50,7 +50,7 @@ async def views(realm_client: RealmClient) -> list[Listing]:
     from robotree.vr.base.errors import VrError
 
     found = {view.name: view for view in realm_client.views()}
-    for address in realm_client.directory.present("view"):
+    for address in realm_client.present("view"):
         with contextlib.suppress(VrError):  # it has gone meanwhile
             cameras = (await realm_client.describe_view(address.name)).cameras
             found.setdefault(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import datetime as dt
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
 from robotree.tui import exit_codes
@@ -71,7 +73,14 @@ async def run_gateway(_line: Line, realm: str, ready: Ready) -> None:
             except VrError as error:
                 return came_of(error)
 
-        gateway = Gateway(transport, ZenohPipe(keys.hubs), keys, stop_here=stop_here)
+        gateway = Gateway(
+            transport,
+            ZenohPipe(keys.hubs),
+            keys,
+            ground=transport.mesh,
+            stop_here=stop_here,
+            version=installed_version(),
+        )
         try:
             await gateway.open()
             ready(gateway.address.key)
@@ -81,6 +90,13 @@ async def run_gateway(_line: Line, realm: str, ready: Ready) -> None:
             await realm_client.close()
     finally:
         await transport.close()
+
+
+def installed_version() -> str:
+    """Return the version of robotree; empty: it is not installed."""
+    with suppress(PackageNotFoundError):
+        return version("robotree")
+    return ""
 
 
 def _listening(line: Line) -> tuple[HubAddress, HubCertificate | None]:

@@ -599,7 +599,7 @@ class RobotAgent:
                 raise DoesNotFit(robot=parent, slot=slot, wanted=wanted, child=name, reason=reason)
 
     def _renew(self, request: Renew, asker: Principal) -> Reply:
-        self._expect_only_one(request.parent)
+        self._expect_only_one(request.parent, asker)
         renewal = on.Prolong(
             parent=request.parent,
             epoch=request.epoch,
@@ -628,7 +628,7 @@ class RobotAgent:
 
     def _retract(self, request: Retract, asker: Principal) -> Reply:
         parent = request.parent
-        self._expect_only_one(parent)
+        self._expect_only_one(parent, asker)
         self.runtime.post(
             on.EndLease(
                 parent=parent,
@@ -642,7 +642,7 @@ class RobotAgent:
         return Done()
 
     def _end_lease(self, request: Release | Renew, reason: str, asker: Principal) -> None:
-        self._expect_only_one(request.parent)
+        self._expect_only_one(request.parent, asker)
         self.runtime.post(
             on.EndLease(
                 parent=request.parent,
@@ -653,14 +653,14 @@ class RobotAgent:
             )
         )
 
-    def _expect_only_one(self, parent: Address) -> None:
+    def _expect_only_one(self, parent: Address, asker: Principal) -> None:
         """Refuse another incarnation of the parent while the one that holds the lease is present.
 
         Raises:
             NotInControl: it is.
         """
         lease = self.runtime.lease
-        if lease is None or lease.parent == parent or lease.parent.identity != parent.identity:
+        if lease is None or lease.parent == parent or not lease.of(parent, asker):
             return
         if self.transport.presence.there(lease.parent.key):
             raise NotInControl(robot=self.robot.name, holder=lease.parent.name, slot=lease.slot)

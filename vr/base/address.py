@@ -36,8 +36,24 @@ def check_name(name: str) -> str:
     return name
 
 
+def parted(name: str) -> tuple[str, str]:
+    """Return the site and the name of an agent as people write it: `hall:arm-1`; without a site "".
+
+    Raises:
+        BadName: one of the two cannot be a name.
+    """
+    site, colon, plain = name.rpartition(":")
+    if not _NAME.fullmatch(plain) or (colon and not _NAME.fullmatch(site)):
+        raise BadName(name=name)
+    return site, plain
+
+
 class Address(msgspec.Struct, frozen=True, order=True):
-    """One incarnation of an agent, in any process."""
+    """One incarnation of an agent, in any process.
+
+    Where several sites have agents of one name, people are shown addresses whose names begin with the site,
+    `hall:arm-1` (`shown`). Such an address has the same key.
+    """
 
     role: Role
     name: str
@@ -47,17 +63,37 @@ class Address(msgspec.Struct, frozen=True, order=True):
     @property
     def identity(self) -> str:
         """The agent in all its incarnations: `robot/arm-1`."""
-        return f"{self.role}/{self.name}"
+        return f"{self.role}/{self.plain_name}"
+
+    @property
+    def plain_name(self) -> str:
+        """The name without a site."""
+        return self.name.rpartition(":")[2]
 
     @property
     def key(self) -> str:
         """The key under which it announces its presence and serves its requests."""
-        return f"{self.role}/{self.name}/{self.incarnation}"
+        name = self.name
+        return f"{self.role}/{name.rpartition(':')[2] if ':' in name else name}/{self.incarnation}"
+
+    def shown(self, site: str) -> Address:
+        """Return it as people are shown it where several sites have an agent of its name."""
+        return Address(self.role, f"{site}:{self.plain_name}", self.incarnation)
 
     @classmethod
     def parse(cls, key: str) -> Address | None:
         """Read a key, or return None when it is not an agent's. Keys come from a network: never raises."""
         return _parsed(key)
+
+
+def shown_address(key: str) -> Address | None:
+    """Read a key in which the name may begin with a site, as people are shown it; None: it is no agent's."""
+    role, _, rest = key.partition("/")
+    site, colon, plain = rest.partition(":")
+    if not colon:
+        return _parsed(key)
+    address = _parsed(f"{role}/{plain}")
+    return None if address is None or not _NAME.fullmatch(site) else address.shown(site)
 
 
 @lru_cache(4096)

@@ -4,8 +4,8 @@ Every error is one sentence that says whose fault it is and what to do next, and
 that a caller on the far side of the network catches the same class with the same fields.
 
     VrError
-      AddressError    BadName · DuplicateName · NameInSilence · Hanging · SeveralSites · NoSuchRobot
-                      NoSuchHost · NoHost · HostReserved · NoSuchView
+      AddressError    BadName · DuplicateName · NameInSilence · Hanging · SeveralSites · NoSuchSite
+                      SiteAway · NoSuchRobot · NoSuchHost · NoHost · HostReserved · NoSuchView
       CommandError    NoSuchCommand · NoSettings · BadArgument · CommandFailed (Failed) · CommandCancelled
                       ChildCancelled · ChildTimeout · DeadlineExceeded · Busy · UnderWay
                       CommandInDoubt (EndedInDoubt)
@@ -39,6 +39,8 @@ import string
 from typing import TYPE_CHECKING, Any, ClassVar
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from robotree.vr.base.own_class import OwnClass
 
 
@@ -165,9 +167,27 @@ class Hanging(AddressError):
 class SeveralSites(AddressError):
     """Agents of several other sites have the same name, and none of this machine has it."""
 
+    sentence = "{role} {name} is at {sites}, and none was asked; write {examples}"
+
+
+class NoSuchSite(AddressError):
+    """A name names a site that is none of the realm."""
+
+    sentence = "no site of this realm is called {site!r}; {known}"
+
+    @classmethod
+    def among(cls, site: str, sites: Sequence[str]) -> NoSuchSite:
+        """Return the error for a site that is none of those that are known here."""
+        known = f"the others are {', '.join(sites)}" if sites else "no gateway on this machine knows others"
+        return cls(site=site, known=known)
+
+
+class SiteAway(AddressError):
+    """An agent was named of a site that is not heard: nobody here knows who is there now."""
+
     sentence = (
-        "{count} other sites have a {role} named {name!r}, and none was asked; ask at its site, or delete "
-        "one and make it again under another name"
+        "site {site} is not heard, so nobody here knows {role} {name} now, and nothing was asked; "
+        "`robotree doctor` says why"
     )
 
 

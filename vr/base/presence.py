@@ -83,6 +83,8 @@ class Presence:
         """How many processes that are heard are present under a key, this one included."""
         self._left: dict[str, None] = {}
         """Keys of agents that have taken their leave, the oldest first."""
+        self.revision = 0
+        """How often the table has changed: while it is the same, so is what follows from the table."""
         self._watches = Handlers[PresenceHandler]()
         self._numbers = itertools.count()
         self._closed = False
@@ -217,6 +219,7 @@ class Presence:
                 while len(self._left) > LEAVES:
                     del self._left[next(iter(self._left))]
             if (self._keys.add if there else self._keys.remove)(key):
+                self.revision += 1
                 for tell in self._watches.of(key):
                     self.hand_on(partial(tell, key, there))
 

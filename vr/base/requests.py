@@ -326,6 +326,13 @@ class DescribeView(_Message, frozen=True, kw_only=True):
     """Ask a view for its cameras and readings. Answered by `ViewDescribed`."""
 
 
+# -- asked of a gateway ----------------------------------------------------------------------------
+
+
+class DescribeGateway(_Message, frozen=True, kw_only=True):
+    """Ask a gateway how the other sites are. Answered by `GatewayDescribed`."""
+
+
 # -- asked of a space ------------------------------------------------------------------------------
 
 FOR_EVER = math.inf
@@ -725,6 +732,62 @@ class HostDescribed(_Message, frozen=True, kw_only=True):
     """Name of the host whose robots it has taken over; empty: they are its own."""
 
 
+class SiteSeen(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """Another site, as the gateway of this machine knows it."""
+
+    name: str
+    kind: Literal["person", "site"] = "site"
+    state: Literal["linked", "silent", "away"] = "away"
+    """Silent: it was heard a moment ago, and its agents are still listed. Away: they are not."""
+    heard: float = -1.0
+    """[s] since it was heard last; -1: not since this gateway was started."""
+    way: float = 0.0
+    """[s] of the shortest way there and back of late; 0: not known."""
+    round_trip: float = 0.0
+    """[s] of the latest one, with what waits on the line."""
+    rate: float = 0.0
+    """[bytes/s] that the line carries, at least."""
+    agents: int = 0
+    """How many are present there."""
+    reason: str = ""
+    """Why it is not linked, as a clause; empty: it is."""
+    remedy: str = ""
+    """What a person can do about it."""
+    version: str = ""
+    """Of robotree there; empty: it did not say."""
+    clock: float = 0.0
+    """[s] by which its clock is ahead of the one here."""
+    ends: float = 0.0
+    """[s since 1970] End of its certificate; 0: not known."""
+    hung: tuple[tuple[str, str, str], ...] = ()
+    """Agents there whose process hangs: name, process, and the remedy for a person who is there."""
+
+    @property
+    def age(self) -> float:
+        """[s] that what is shown of its agents is old, at least."""
+        return max(self.heard, 0.0) + self.way / 2
+
+
+class GatewayDescribed(_Message, frozen=True, kw_only=True):
+    """A gateway and the other sites."""
+
+    site: str
+    """The name of this machine's."""
+    realm: str
+    hub: str
+    """Where it dials."""
+    trouble: str = ""
+    """Why no hub is reached, as a clause; empty: one is."""
+    version: str = ""
+    ends: float = 0.0
+    """[s since 1970] End of the own certificate."""
+    out: str = ""
+    """Why this machine is out of the realm, as a sentence; empty: it is in it."""
+    sites: tuple[SiteSeen, ...] = ()
+    refused: dict[str, int] = {}
+    """What was refused, and how often."""
+
+
 class Registered(_Message, frozen=True, kw_only=True):
     """The lease holds for `term` seconds from now on."""
 
@@ -979,7 +1042,7 @@ AnyRequest = (
     | Release | SafeStop | Resume | Enslave | Free | Delete | Create | Reload | ReadLog | ReadHistory
     | DescribeHost | Register | Query | Look | DescribeView | WriteEntry | FindEntries | GiveUp | RenewEntry
     | OpenTransaction | CloseTransaction | RollBack | AcquireFence | RenewFence | WatchEntries
-    | DescribeSpace
+    | DescribeSpace | DescribeGateway
     | ReadEvents | VerifyEvents
     | LeaveOrder | CancelOrder | ConfirmOrder | ReadOrders | MarkSeen | FetchOrders | TakeOrder | TellOrders
     | ReadKnown | TakeAlong | HoldOrders | ReleaseHolds | RobotDeleted | ShareRecords
@@ -988,6 +1051,7 @@ Reply = (
     Described | Accepted | Progress | Returned | Granted | HostDescribed | Reloaded | Logged | History
     | Registered | Found | Picture | ViewDescribed | Done | Raised | EntryLeased | EntriesFound
     | TransactionOpened | FenceGranted | EntriesCame | SpaceDescribed | EventsRead | EventsVerified
+    | GatewayDescribed
     | OrderLeft | OrdersFound | KnownFound | RecordsShared
 )  # fmt: skip
 Published = LogLines | Listed | Unlisted | State | OrdersChanged

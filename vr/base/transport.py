@@ -180,7 +180,7 @@ class Transport(Protocol):
 
         Args:
             key: to be present under.
-            unless: patterns; if somebody is present under one of them, it is not announced.
+            unless: patterns; if somebody of this machine is present under one of them, it is not announced.
 
         Raises:
             Occupied: somebody is.

@@ -92,6 +92,14 @@ class Lease(msgspec.Struct, frozen=True, kw_only=True):
     before: int = -1
     """Epoch that the present process of the parent has named first; -1: it is the one that asked for it."""
 
+    def of(self, parent: Address, principal: Principal) -> bool:
+        """Whether a parent holds it, or is another incarnation of the one that does.
+
+        A robot of the same name at another site is another robot.
+        """
+        another = self.parent.identity == parent.identity and self.principal.site == principal.site
+        return parent == self.parent or another
+
     def under(self, epoch: int, principal: Principal) -> bool:
         """Whether somebody who names this epoch means this lease.
 
@@ -246,7 +254,7 @@ class GrantedLease(msgspec.Struct, kw_only=True):
         while len(self.retracted) > MOST_RETRACTED:
             del self.retracted[next(iter(self.retracted))]
         held = self.current
-        if held is None or (held.parent.identity, held.petition) != (parent.identity, key):
+        if held is None or not held.of(parent, principal) or held.petition != key:
             return None
         self._expect_holder(held, parent, principal)
         return self.end(unix)
@@ -277,7 +285,7 @@ class GrantedLease(msgspec.Struct, kw_only=True):
             CycleOfBonds: the robot has become an ancestor of its parent; the lease should `end`.
         """
         held = self._in_force(now)
-        if held is None or held.parent.identity != parent.identity:
+        if held is None or not held.of(parent, principal):
             raise StaleEpoch(robot=self.robot, epoch=epoch, current=self.epoch)
         self.expect_later(parent, principal, life)
         if not held.under(epoch, held.principal if held.away else principal):
@@ -308,7 +316,7 @@ class GrantedLease(msgspec.Struct, kw_only=True):
             NotInControl: somebody else holds it.
         """
         held = self.current
-        if held is None or held.parent.identity != parent.identity or not held.under(epoch, principal):
+        if held is None or not held.of(parent, principal) or not held.under(epoch, principal):
             return None
         if not (held.away and principal.person):
             self._expect_holder(held, parent, principal)
@@ -398,7 +406,7 @@ class GrantedLease(msgspec.Struct, kw_only=True):
             OldParent: its journal was put back, or is a copy.
         """
         held = self.current or self.silent
-        if held is None or held.parent.identity != parent.identity or principal == held.principal:
+        if held is None or not held.of(parent, principal) or principal == held.principal:
             return
         if 0 < life <= held.life:
             raise OldParent(robot=self.robot, parent=held.parent.name, known=held.life, life=life)

@@ -1,4 +1,7 @@
-"""Names are unique: an agent may have a name that no other has; of two that come at once only one stays.
+"""Names are unique at a site: of two agents that come at once under one name only one stays.
+
+At another site there may be the same name: sites meet after their robots were named, and a robot must come
+back under its name whatever others are called.
 
 Presence decides, not the lookup services, for those are soft and know no enslaved robots
 (docs/decisions/0003). Robots and views have their names in common, since people see them side by side, in one
@@ -12,6 +15,7 @@ import contextlib
 from robotree.vr.base.address import Address, Role, check_name, everyone
 from robotree.vr.base.chance import token
 from robotree.vr.base.errors import DuplicateName, NameInSilence
+from robotree.vr.base.places import here_of
 from robotree.vr.base.transport import Occupied, Registration, Transport
 
 SETTLE = 0.1
@@ -64,8 +68,11 @@ async def expect_free(transport: Transport, address: Address) -> None:
     """
     presence = transport.presence
     for pattern in _patterns(address):
-        for one in await presence.hanging(pattern):
-            if one.key == address.key:  # of a process that was deposed: it ends when it wakes
+        hanging = await presence.hanging(pattern)
+        gateways = {one.where for one in presence.held(everyone("gateway"))} if hanging else set[str]()
+        for one in hanging:
+            # of a process that was deposed, which ends when it wakes, or at another site
+            if one.key == address.key or one.where in gateways:
                 continue
             role = one.key.partition("/")[0]
             raise NameInSilence(role=role, name=address.name, where=one.in_words, remedy=one.remedy)
@@ -88,7 +95,8 @@ async def outlast(transport: Transport, address: Address) -> None:
 
 def _others(transport: Transport, address: Address) -> list[Address]:
     keys = [key for pattern in _patterns(address) for key in transport.presence.keys(pattern)]
-    found = map(Address.parse, keys)
+    here = keys and here_of(transport.presence, keys)
+    found = map(Address.parse, here)
     return [other for other in found if other is not None and other != address]
 
 

@@ -11,7 +11,7 @@ import asyncio
 import logging
 from collections.abc import Callable
 
-from robotree.vr.base.address import Address, Role, check_name, everyone
+from robotree.vr.base.address import Address, Role, everyone, parted
 from robotree.vr.base.description import Listing, Template
 from robotree.vr.base.errors import (
     AddressError,
@@ -19,10 +19,13 @@ from robotree.vr.base.errors import (
     NoSpace,
     NoSuchHost,
     NoSuchRobot,
+    NoSuchSite,
     NoSuchView,
     SeveralSites,
+    SiteAway,
     VrError,
 )
+from robotree.vr.base.places import Places
 from robotree.vr.base.presence import Undo
 from robotree.vr.base.requests import Found, Listed, Query, Unlisted, decode_event
 from robotree.vr.base.transport import Registration, Transport
@@ -56,7 +59,7 @@ class Directory:
 
     def __init__(self, transport: Transport) -> None:
         """Prepare to look."""
-        self._transport = transport
+        self._transport, self.places = transport, Places(transport.presence)
         self._union = Union(lambda address: transport.presence.there(address.key))
         self._followers: dict[str, asyncio.Task[None]] = {}
         self._heard: dict[str, list[Listed | Unlisted]] = {}
@@ -131,43 +134,76 @@ class Directory:
         return end
 
     def present(self, role: Role, name: str = "*") -> tuple[Address, ...]:
-        """Return all agents of a role, or of a name, that are seen alive, listed or not."""
-        found = map(Address.parse, self._transport.presence.keys(everyone(role, name)))
-        return tuple(sorted(address for address in found if address is not None))
+        """Return all agents of a role, or of a name, that are seen alive, listed or not.
+
+        Args:
+            role: of the agents.
+            name: of theirs, or `SITE:NAME`; of several sites all are meant if it has no site.
+        """
+        site, colon, plain = name.rpartition(":")
+        if colon:
+            keys = self.places.at(role, site, plain)
+        else:
+            keys = self._transport.presence.keys(everyone(role, name))
+        return tuple(sorted(address for address in map(Address.parse, keys) if address is not None))
 
     async def resolve(self, name: str, role: Role = "robot") -> Address:
         """Find an agent by its name, also one that is enslaved and therefore not listed.
+
+        Args:
+            name: of the agent, or `SITE:NAME`. Without a site the one of this machine is meant, else the only
+                one that there is.
+            role: of the agent.
 
         Raises:
             BadName: nobody can have this name.
             NoSuchRobot: or NoSuchHost, NoSuchView: no living agent of this role has the name.
             Hanging: one has it whose process does not answer.
             SeveralSites: none of this machine has it, and those of several other sites have.
+            NoSuchSite: the site is none of the realm.
+            SiteAway: it is not heard.
         """
-        check_name(name)  # it becomes part of a pattern
-        if not self.present(role, name):
-            await self.expect_awake(everyone(role, name))  # who is just coming is there afterwards
+        site, plain = parted(name)  # it becomes part of a pattern
+        if not self.present(role, name) and not self._is_elsewhere(site):
+            await self.expect_awake(everyone(role, plain))  # who is just coming is there afterwards
         if not (found := self.present(role, name)):
+            if self._is_elsewhere(site):
+                self._expect_heard(site, role, plain)
             if role == "space":
-                raise NoSpace(name=f"{name!r} ", example=name)
+                raise NoSpace(name=f"{name!r} ", example=plain)
             raise _MISSING.get(role, NoSuchRobot)(name=name)
-        meant = found if len(found) == 1 else self._nearest(found, role, name)
+        meant = found if len(found) == 1 else self.nearest(found, role, plain)
         return next((address for address in meant if address in self._union.listings), meant[0])
 
-    def _nearest(self, found: tuple[Address, ...], role: Role, name: str) -> tuple[Address, ...]:
-        """Return those of this machine: sites that chose the same name before they met both keep it.
+    def _is_elsewhere(self, site: str) -> bool:
+        return bool(site) and site != self.places.own
+
+    def _expect_heard(self, site: str, role: Role, name: str) -> None:
+        """Check that another site is heard.
 
         Raises:
-            SeveralSites: there is none, and several elsewhere.
+            NoSuchSite: there is no such site.
+            SiteAway: it is not heard.
         """
-        presence = self._transport.presence
-        gateways = {one.where for one in presence.held(everyone("gateway"))}
-        held = presence.held(everyone(role, name)) if gateways else []
-        remote = {one.key for one in held if one.where in gateways}
-        here = tuple(address for address in found if address.key not in remote)
-        if not here:
-            raise SeveralSites(role=role, name=name, count=len(found))
-        return here
+        if site not in (sites := self.places.sites()):
+            raise NoSuchSite.among(site, sites)
+        if self.places.silent(site):
+            raise SiteAway(site=site, role=role, name=name)
+
+    def nearest(self, found: tuple[Address, ...], role: Role, name: str) -> tuple[Address, ...]:
+        """Return those of this machine, or of the only site: sites may have chosen the same name.
+
+        Raises:
+            SeveralSites: there is none here, and several elsewhere.
+        """
+        if not self.places.own:
+            return found
+        sites = {address: self.places.site_of(address.key) for address in found}
+        names = sorted(set(sites.values()))
+        if "" in names or len(names) == 1:
+            return tuple(address for address in found if sites[address] == names[0])
+        examples = " or ".join(f"{site}:{name}" for site in names)
+        raise SeveralSites(role=role, name=name, sites=" and at ".join(names), examples=examples)
 
     async def expect_awake(self, pattern: str) -> None:
         """Check that no agent under a pattern is in a process that hangs.

@@ -21,7 +21,7 @@ import itertools
 import logging
 import math
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, KeysView, Sequence
 from concurrent.futures import Future
 from functools import partial
 from typing import Any, Final
@@ -29,6 +29,7 @@ from typing import Any, Final
 from robotree.vr.base.errors import RealmUnusable, TooManyKeys
 from robotree.vr.base.os_files import BOTH_WAYS, ENDED, WRITABLE
 from robotree.vr.base.pattern import Handlers, matches
+from robotree.vr.base.places import here_of
 from robotree.vr.base.presence import Held, Presence
 from robotree.vr.base.principal import Credentials
 from robotree.vr.base.system import THIS_SYSTEM, Files, Socket, System
@@ -341,7 +342,7 @@ class Mesh:
         """Be present under a key; as often as `withdraw` is called later.
 
         Raises:
-            Occupied: somebody else is present under one of the patterns `unless`.
+            Occupied: somebody else of this machine is present under one of the patterns `unless`.
             TooManyKeys: this process announces as many keys as others take.
         """
         with self._lock:
@@ -350,6 +351,7 @@ class Mesh:
         with self._lock:
             found = (other for pattern in unless for other in self.presence.keys(pattern))
             others = [other for other in found if other != key]
+            others = others and here_of(self.presence, others)
             if not others:
                 self._announce_change(Topic.HOLDS, key, there=True)
                 return
@@ -413,6 +415,13 @@ class Mesh:
         with self._lock:
             if (pattern := self._subscribers.remove(number)) is not None:
                 self._announce_change(Topic.SUBSCRIBES, pattern, there=False)
+
+    def held_elsewhere(self, keys: Collection[str]) -> set[str]:
+        """Return those of these keys under which another process is present and awake."""
+        with self._lock:
+            held = [peer.known[Topic.HOLDS] for peer in self._peers.values() if peer.awake]
+            few = keys if isinstance(keys, KeysView) else set(keys)
+            return {key for one in held for key in (one & few if len(one) < len(few) else few & one)}
 
     def wanted(self) -> set[str]:
         """Return the patterns to which the other processes subscribe."""

@@ -94,7 +94,53 @@ class SiteStopped(msgspec.Struct, frozen=True, array_like=True, tag=8):
     advice: list[str]
 
 
-SiteFrame = AllNews | OneNews | SiteAsk | SiteReply | SiteEnd | SiteSample | Revoked | StopSite | SiteStopped
+class SiteState(msgspec.Struct, frozen=True, array_like=True, tag=20):
+    """The state of a robot, as it published it."""
+
+    number: int
+    """By which `StillSo` speaks of this robot."""
+    key: str
+    body: bytes
+
+
+class StillSo(msgspec.Struct, frozen=True, array_like=True, tag=21):
+    """The states that robots have published again, as they were sent."""
+
+    states: list[tuple[int, int]]
+    """Number of the robot, and checksum of the state that is meant."""
+
+
+class AgainStates(msgspec.Struct, frozen=True, array_like=True, tag=22):
+    """The states that the other site lacks."""
+
+    numbers: list[int]
+
+
+class AboutSite(msgspec.Struct, frozen=True, array_like=True, tag=23):
+    """What a gateway says of itself, first of all."""
+
+    version: str
+    wall: float
+    """[s since 1970] its clock, when this left. Only people compare it (`robotree doctor`)."""
+
+
+class Admitted(msgspec.Struct, frozen=True, array_like=True, tag=24):
+    """Certificates of sites that belong to the realm, also of those that nobody has heard yet."""
+
+    certificates: list[bytes]
+
+
+class Hung(msgspec.Struct, frozen=True, array_like=True, tag=25):
+    """The agents of a site whose processes hang there."""
+
+    agents: list[tuple[str, str, str]]
+    """Key, process, and the remedy for a person who is there."""
+
+
+SiteFrame = (
+    AllNews | OneNews | SiteAsk | SiteReply | SiteEnd | SiteSample | Revoked | StopSite | SiteStopped
+    | SiteState | StillSo | AgainStates | AboutSite | Admitted | Hung
+)  # fmt: skip
 
 encode_frame = msgspec.msgpack.Encoder().encode
 _decoder: msgspec.msgpack.Decoder[SiteFrame] = msgspec.msgpack.Decoder(SiteFrame)

@@ -16,29 +16,39 @@ import logging
 import os
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from functools import partial
 from typing import Final
 
 from robotree.vr.base.address import Address
 from robotree.vr.base.chance import token
-from robotree.vr.base.errors import (
-    NoAnswer,
-    NotAMember,
-    SiteSilent,
-    TooManyKeys,
-    VrError,
-)
+from robotree.vr.base.envelope import Received
+from robotree.vr.base.errors import NoAnswer, NotAMember, SiteSilent, VrError
+from robotree.vr.base.places import OWN
 from robotree.vr.base.principal import Credentials, Voucher, user_name
-from robotree.vr.base.requests import Raised, encode
-from robotree.vr.base.transport import End, Respond
-from robotree.vr.network.local import LocalTransport
+from robotree.vr.base.requests import (
+    Accepted,
+    DescribeGateway,
+    GatewayDescribed,
+    Raised,
+    Reply,
+    SafeStop,
+    encode,
+)
+from robotree.vr.base.transport import End, Respond, Transport
+from robotree.vr.exchange.authority import Here
+from robotree.vr.exchange.dispatcher import Dispatcher, SendReply, not_for
 from robotree.vr.network.on_loop import LoopTurns
 from robotree.vr.sites.certificates import Certificate
+from robotree.vr.sites.describing import RememberedSite, seen
 from robotree.vr.sites.frames import (
+    AboutSite,
+    Admitted,
+    AgainStates,
     AllNews,
     Announced,
+    Hung,
     OneNews,
     Revoked,
     SiteAsk,
@@ -46,18 +56,23 @@ from robotree.vr.sites.frames import (
     SiteFrame,
     SiteReply,
     SiteSample,
+    SiteState,
     SiteStopped,
+    StillSo,
     StopSite,
     decode_frame,
     encode_frame,
 )
+from robotree.vr.sites.ground import Ground
 from robotree.vr.sites.handshake import Handshakes
 from robotree.vr.sites.keys import RealmKeys
 from robotree.vr.sites.pipe import GRANTED, Pipe, Topics
 from robotree.vr.sites.sealing import ID_SIZE, Lane
 from robotree.vr.sites.site import ARRIVAL, GONE, Site, SiteExchange
+from robotree.vr.sites.standing import Standing
 from robotree.vr.sites.stopping import SiteStops, StopHere
 from robotree.vr.sites.stream import PIECE, Full, Stream
+from robotree.vr.sites.summary import Mirrors, Summaries, is_state
 from robotree.vr.sites.translating import arrived, leaving, sender_of
 
 TICK: Final = 0.1
@@ -84,7 +99,10 @@ SLEPT: Final = 1.0
 KEYS_AT_ONCE: Final = 200
 """Keys in one frame."""
 
-GREETING, SEALED = b"g", b"s"
+STILL: Final = "still"
+"""Under which a sentence about unchanged states waits: a newer one takes its place."""
+
+GREETING, SEALED, REVOKED = b"g", b"s", b"r"
 """First byte of a message between gateways."""
 
 _log = logging.getLogger(__name__)
@@ -95,12 +113,15 @@ class Gateway:
 
     def __init__(
         self,
-        transport: LocalTransport,
+        transport: Transport,
         pipe: Pipe,
         keys: RealmKeys,
         *,
+        ground: Ground,
         stop_here: StopHere,
         wall: Callable[[], float] = time.time,
+        chance: Callable[[int], bytes] = os.urandom,
+        version: str = "",
     ) -> None:
         """Prepare.
 
@@ -108,32 +129,40 @@ class Gateway:
             transport: the local network.
             pipe: the network between machines.
             keys: of the realm.
+            ground: the local network without an event loop: the mesh of `transport`.
             stop_here: stops the robots of this machine.
             wall: [s since 1970], for certificates.
+            chance: draws so many bytes that nobody can guess.
+            version: of robotree, for people.
 
         Raises:
             NotAMember: the own certificate is not good any more.
         """
-        self.transport, self._mesh, self._pipe, self._keys = transport, transport.mesh, pipe, keys
+        self.transport, self._mesh, self._pipe, self._keys = transport, ground, pipe, keys
         self._wall, self._loop = wall, asyncio.get_running_loop()
         self._turns = LoopTurns()
-        self._handshakes = Handshakes(keys.own, keys.trust, chance=os.urandom)
+        self._handshakes = Handshakes(keys.own, keys.trust, chance=chance)
         self._topics = Topics(keys.realm)
         self.address = Address("gateway", keys.name, token())
         self.sites: dict[str, Site] = {site.name: Site(site.name) for site in keys.sites()}
         self._sessions: dict[bytes, Site] = {}
-        self._where: dict[str, Site] = {}
-        """The site of each remote key that is announced here."""
-        self.local = set[str]()
-        """Keys that are present here and of this machine."""
+        self._standing = Standing(ground, lambda key: partial(self._take, key))
         self._wanted = set[str]()
+        self._hung: list[tuple[str, str, str]] = []
+        """The agents of this machine that hang, as the other sites were told."""
         self._numbers = itertools.count(1)
-        self._own = keys.trust.certificate(keys.own.certificate, wall())
+        self._own, self._version, self._out = (
+            keys.trust.certificate(keys.own.certificate, wall()),
+            version,
+            "",
+        )
         self._stops = SiteStops(self, keys, stop_here)
         self._admitted: dict[bytes, bytes] = {}
         """Certificates that were given of late, by request."""
         self.refused = Counter[str]()
         """What was refused, by reason."""
+        self._known: dict[str, RememberedSite] = {}
+        """The sites that the machine was told of."""
         self._looked = self._hinted = self._answered = 0.0
         self._ticked = self._woke = self.now()
         self._ticking: asyncio.Task[None] | None = None
@@ -141,7 +170,11 @@ class Gateway:
 
     async def open(self) -> None:
         """Begin: join both networks."""
-        await self.transport.serve(self.address.key, self._stops.dispatcher.take)
+        dispatcher = Dispatcher(
+            f"gateway {self._keys.name}", self._answer, now=self.now, here=Here("gateway", self._keys.name)
+        )
+        self._tell_of_sites()
+        await self.transport.serve(self.address.key, dispatcher.take)
         await self.transport.announce(self.address.key)
         self.transport.presence.watch("**", self._changed)
         self._pipe.subscribe(self._topics.to(self._keys.name), self._on_pipe)
@@ -161,6 +194,43 @@ class Gateway:
                 self._end_session(site, "this gateway ends")
             await self._loop.run_in_executor(None, self._pipe.close)
 
+    # -- for the processes of this machine ---------------------------------------------------------
+
+    def _answer(self, received: Received, send: SendReply) -> Reply | Awaitable[Reply]:
+        match received.request:
+            case SafeStop() as stop:
+                send(Accepted(key=stop.order))
+                return self._stops.stop_sites(stop)
+            case DescribeGateway():
+                return self.describe()
+            case _:
+                raise not_for("gateway", received.request)
+
+    def describe(self) -> GatewayDescribed:
+        """Return how the other sites are."""
+        now, state = self.now(), self._pipe.state()
+        trouble = self.reason()
+        remedy = f"look at the hub and at the way to {state.where}; it is dialed for ever"
+        refused = [name for name, site in self.sites.items() if site.refused]
+        known = {name: RememberedSite(name) for name in refused} | self._known
+        clause = (
+            (self._out, "`robotree realm renew`, or ask the authority") if self._out else (trouble, remedy)
+        )
+        return GatewayDescribed(
+            site=self._keys.name,
+            realm=self._keys.realm,
+            hub=state.where,
+            trouble=trouble,
+            version=self._version,
+            ends=self._own.ends,
+            out=self._out,
+            sites=tuple(
+                seen(one, self.sites.get(one.name), now, clause if clause[0] else ("", ""))
+                for one in sorted(known.values())
+            ),
+            refused=dict(self.refused.most_common(8)),
+        )
+
     # -- for the stop -----------------------------------------------------------------------------
 
     def send(self, site: Site, frame: SiteFrame, lane: Lane, *, until: float = float("inf")) -> bool:
@@ -178,7 +248,7 @@ class Gateway:
 
     def is_local(self, key: str) -> bool:
         """Whether a key is of this machine, also if its process hangs."""
-        return key not in self._where
+        return key not in self._standing.where
 
     def now(self) -> float:
         """[s] on this machine's monotonic clock."""
@@ -192,15 +262,21 @@ class Gateway:
     # -- the local side ---------------------------------------------------------------------------
 
     def _changed(self, key: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
-        if key in self._where or key.startswith("gateway/") or there == (key in self.local):
-            return
-        (self.local.add if there else self.local.discard)(key)
+        del there  # what is so now counts: this may be the gateway's own word
+        if not key.startswith(OWN) and self._standing.look(key) is not None:
+            self._tell(key)
+
+    def _tell(self, key: str) -> None:
+        """Tell all sites whether an agent of this machine is there."""
+        there = key in self._standing.local
         for site in self.sites.values():
+            if not there:
+                site.summaries.forget(key)
             self.send(site, OneNews(Announced.PRESENT, key, there), Lane.URGENT)
 
     def _see_wanted(self) -> None:
         wanted = self._mesh.wanted()
-        for pattern in wanted ^ self._wanted:
+        for pattern in sorted(wanted ^ self._wanted):
             for site in self.sites.values():
                 self.send(site, OneNews(Announced.WANTED, pattern, pattern in wanted), Lane.URGENT)
         self._wanted = wanted
@@ -222,7 +298,7 @@ class Gateway:
         self, key: str, body: bytes, sender: Credentials, *, urgent: bool, respond: Respond, end: End
     ) -> None:
         """Pass a request on to the site of its key."""
-        site, now, found = self._where.get(key), self.now(), leaving(body, self.now())
+        site, now, found = self._standing.where.get(key), self.now(), leaving(body, self.now())
         if site is None or site.stream is None or found is None:
             end(None)
             return
@@ -238,9 +314,13 @@ class Gateway:
         self.send(site, ask, lane, until=found.void_at or float("inf"))
 
     def _hear(self, site: Site, key: str, body: bytes) -> None:
-        if site.stream is not None and _agent(key) in self.local:
+        if site.stream is None or _agent(key) not in self._standing.local:
+            return
+        if not is_state(key):
             site.stream.publish(key, encode_frame(SiteSample(key, body)))
-            self._flush_soon()
+        elif (state := site.summaries.take(key, body, self.now())) is not None:
+            site.stream.publish(key, encode_frame(state))
+        self._flush_soon()
 
     # -- the other sites --------------------------------------------------------------------------
 
@@ -262,11 +342,28 @@ class Gateway:
                 self._take_sealed(body[1:])
             elif body[:1] == GREETING:
                 self._take_greeting(body[1:])
+            elif body[:1] == REVOKED and self._keys.take_revocations(body[1:]):
+                self._spread()
         except VrError as error:
+            self._note_refusal(error)
             text = str(error) if len(self.refused) < MOST_STRANGERS else "others"
             self.refused[text] += 1
             if self.refused[text] in {1, 10} or self.refused[text] % 1000 == 0:
                 _log.warning("refused %d times: %s", self.refused[text], error)
+
+    def _note_refusal(self, error: VrError) -> None:
+        """Remember why a site is not linked; one whose certificate was revoked gets the list that says so."""
+        if not isinstance(error, NotAMember):
+            return
+        kind, _, name = str(error.data["who"]).partition(" ")
+        site = self.sites.get(name)
+        if site is None or site.stream is not None or kind not in {"site", "person"}:
+            return
+        site.refused = f"it shows that it is {kind} {name}, and {error.data['reason']}"
+        now = self.now()
+        if self._keys.trust.packed and now - site.answered > GREET_SELDOM:
+            site.answered = now
+            self._pipe.publish(self._topics.to(name), REVOKED + self._keys.trust.packed)
 
     def _take_sealed(self, packet: bytes) -> None:
         site = self._sessions.get(packet[:ID_SIZE])
@@ -289,8 +386,7 @@ class Gateway:
             case SiteReply() | SiteEnd():
                 self._take_answer(site, frame)
             case SiteSample():
-                if _agent(frame.key) in site.keys:
-                    self._mesh.publish(frame.key, frame.body)
+                self._publish(site, frame.key, frame.body)
             case Revoked():
                 if self._keys.take_revocations(frame.packed):
                     self._spread()
@@ -298,6 +394,59 @@ class Gateway:
                 self._stops.carry_out(site, frame)
             case SiteStopped():
                 self._stops.take_answer(site, frame)
+            case _:
+                self._take_what_is_said(site, frame)
+
+    def _take_what_is_said(self, site: Site, frame: SiteFrame) -> None:
+        """Take what a site says of its robots, of itself and of other sites."""
+        match frame:
+            case SiteState() | StillSo() | AgainStates():
+                self._take_states(site, frame)
+            case AboutSite():
+                site.version, site.clock = frame.version[:40], self._clock_of(site, frame)
+            case Admitted():
+                self._take_admitted(frame)
+            case Hung():
+                site.hung = [one for one in frame.agents if one[0] in site.keys or Address.parse(one[0])]
+            case _:
+                pass
+
+    def _publish(self, site: Site, key: str, body: bytes) -> None:
+        if self._standing.where.get(_agent(key)) is site:
+            self._mesh.publish(key, body)
+
+    def _take_states(self, site: Site, frame: SiteState | StillSo | AgainStates) -> None:
+        if site.stream is None:
+            return
+        match frame:
+            case SiteState():
+                if _agent(frame.key) in site.keys and is_state(frame.key):
+                    site.mirrors.take(frame)
+                    self._publish(site, frame.key, frame.body)
+            case StillSo():
+                same, lost = site.mirrors.still(frame)
+                for key, body in same:
+                    self._publish(site, key, body)
+                if lost:
+                    self.send(site, AgainStates(list(lost)), Lane.NORMAL)
+            case AgainStates():
+                for state in site.summaries.again(frame.numbers):
+                    site.stream.publish(state.key, encode_frame(state))
+                self._flush_soon()
+
+    def _clock_of(self, site: Site, about: AboutSite) -> float:
+        """Return by how much a site's clock is ahead [s], to within the time of the way there and back."""
+        way = 0.0 if site.stream is None else site.stream.way / 2
+        return about.wall + way - self._wall()
+
+    def _take_admitted(self, admitted: Admitted) -> None:
+        """Remember sites that the authority has admitted: a stop names them though they were never heard."""
+        for packed in admitted.certificates:
+            with suppress(NotAMember):
+                certificate = self._keys.trust.certificate(packed, self._wall())
+                if certificate.kind == "site" and certificate.name != self._keys.name:
+                    self._keys.remember(certificate)
+        self._tell_of_sites()
 
     def _take_news(self, site: Site, news: AllNews | OneNews) -> None:
         if isinstance(news, AllNews):
@@ -325,34 +474,21 @@ class Gateway:
         for pattern in news.patterns:
             self._want(site, pattern)
         if not news.more:
-            for key in site.keys - site.fresh:
+            for key in sorted(site.keys - site.fresh):
                 self._forget(site, key)
             site.fresh.clear()
 
     def _learn(self, site: Site, key: str) -> None:
-        if key in self._where or key in self.local or key.startswith("gateway/"):
+        if not self._standing.claim(site, key):
             return
-        try:
-            self._mesh.serve(key, partial(self._take, key))
-            self._where[key] = site  # before it is announced: what is remote is never told as local
-            self._mesh.announce(key)
-        except (TooManyKeys, ValueError) as error:
-            self._where.pop(key, None)
-            self._mesh.end_serving(key)
-            _log.warning("%s", error)
-            return
-        site.keys.add(key)
         for since, ask in list(site.early):
             if sender_of(ask.body) == key:
                 site.early.remove((since, ask))
                 self._ask_here(site, ask, known=True)
 
     def _forget(self, site: Site, key: str) -> None:
-        if key in site.keys:
-            site.keys.discard(key)
-            self._mesh.withdraw(key)
-            self._mesh.end_serving(key)
-            self._turns.put(partial(self._where.pop, key, None))  # behind the news that it has gone
+        self._standing.drop(site, key)
+        site.mirrors.forget(key)
 
     def _want(self, site: Site, pattern: str) -> None:
         if pattern not in site.patterns:
@@ -398,7 +534,7 @@ class Gateway:
             frame = SiteEnd(ask.number) if body is None else SiteReply(ask.number, body)
             self.send(site, frame, lane)
 
-        if found is None or ask.key not in self.local:
+        if found is None or ask.key not in self._standing.local:
             reply(None)
         elif found.expired:
             reply(encode(Raised.of(NoAnswer(key=ask.key, seconds=age))))
@@ -442,7 +578,7 @@ class Gateway:
         established = step.established
         if step.answer:
             self._say(step.to, step.answer)
-        if established is not None:
+        if established is not None and established.member.name != self._keys.name:
             self._begin(established.member, Stream(established.sealing, self.now()))
 
     def _knows(self, name: str, session: bytes) -> bool:
@@ -457,22 +593,30 @@ class Gateway:
         site = self.sites.setdefault(member.name, Site(member.name))
         if site.stream is not None:
             self._end_session(site, "its gateway was started again", hide=False)
-        site.member, site.stream, site.tries = member, stream, 0
+        site.member, site.stream, site.tries, site.refused = member, stream, 0, ""
+        site.summaries, site.mirrors = Summaries(self.now()), Mirrors()
         site.fresh.clear()
         self._sessions[stream.session] = site
         self._keys.remember(member)
         _log.warning("site %s is linked", site.name)
-        local, patterns = sorted(self.local), sorted(self._wanted)
+        self.send(site, AboutSite(self._version, self._wall()), Lane.URGENT)
+        local, patterns = sorted(self._standing.local), sorted(self._wanted)
         for begin in range(0, max(len(local), 1), KEYS_AT_ONCE):
             keys, rest = local[begin : begin + KEYS_AT_ONCE], patterns if not begin else []
             self.send(site, AllNews(keys, rest, begin + KEYS_AT_ONCE < len(local)), Lane.URGENT)
         if self._keys.trust.packed:
             self.send(site, Revoked(self._keys.trust.packed), Lane.URGENT)
+        if self._keys.is_authority:
+            self.send(site, Admitted(list(self._keys.admitted())), Lane.NORMAL)
+        if self._hung:
+            self.send(site, Hung(self._hung), Lane.NORMAL)
+        self._tell_of_sites()
 
     def _end_session(self, site: Site, why: str, *, hide: bool = True) -> None:
         stream, site.stream = site.stream, None
         if stream is None:
             return
+        site.was_heard, site.hung = stream.heard, []
         _log.warning("site %s: %s", site.name, why)
         self._sessions.pop(stream.session, None)
         exchanges, site.exchanges = site.exchanges, {}
@@ -486,7 +630,7 @@ class Gateway:
         for pattern in list(site.patterns):
             self._unwant(site, pattern)
         if hide:
-            for key in list(site.keys):
+            for key in sorted(site.keys):
                 self._forget(site, key)
         self._stops.lost(site)
 
@@ -515,6 +659,9 @@ class Gateway:
             while len(self._admitted) >= MOST_STRANGERS:
                 del self._admitted[next(iter(self._admitted))]
             self._admitted[body] = known
+            self._tell_of_sites()
+            for site in self.sites.values():
+                self.send(site, Admitted(list(self._keys.admitted())), Lane.NORMAL)
             _log.warning("a member has joined with invitation %s", number)
         return known
 
@@ -549,6 +696,9 @@ class Gateway:
         self._ticked = now
         self._check_itself()
         self._see_wanted()
+        for key in self._standing.come_here():
+            self._tell(key)
+        self._mark_silent(now)
         for site in list(self.sites.values()):
             self._look_at(site, now)
         if now - self._hinted > HERE:
@@ -556,23 +706,55 @@ class Gateway:
             self._pipe.publish(self._topics.here, self._keys.name.encode())
         if now - self._looked > LOOK:
             self._looked = now
+            self._see_hung()
+            self._tell_of_sites()
             with suppress(NotAMember):
                 before = self._keys.trust.revocations.number
                 if self._keys.take_revocations() or self._keys.trust.revocations.number > before:
                     self._spread()
         self._flush()
 
+    def _tell_of_sites(self) -> None:
+        """Let the machine know which sites belong to the realm, and which are not heard."""
+        known = {site.name: RememberedSite(site.name, site.kind, site.ends) for site in self._keys.sites()}
+        for name in sorted(self._known.keys() - known.keys()):
+            self._standing.forget(name)
+        self._known = known
+        self._mark_silent(self.now())
+
+    def _mark_silent(self, now: float) -> None:
+        for name in self._known:
+            site = self.sites.get(name)
+            self._standing.tell_of(name, silent=site is None or not site.linked(now))
+
+    def _see_hung(self) -> None:
+        """Tell the other sites which agents hang here, and what helps: there they are only absent."""
+        held = (one for one in self._mesh.presence.hangs("*/*/*") if self.is_local(one.key))
+        hung = [(one.key, one.where, one.remedy) for one in held if not one.key.startswith(OWN)][
+            :KEYS_AT_ONCE
+        ]
+        if hung != self._hung:
+            self._hung = hung
+            for site in self.sites.values():
+                self.send(site, Hung(hung), Lane.NORMAL)
+
     def _check_itself(self) -> None:
         """End all sessions when the own certificate is not good any more; say so once."""
         try:
             self._keys.trust.check(self._own, self._wall())
+            self._out = ""
         except NotAMember as error:
+            self._out = str(error)
             if any(site.stream is not None for site in self.sites.values()):
                 _log.warning("this machine is out of the realm: %s", error)
             for site in self.sites.values():
                 self._end_session(site, "this machine is out of the realm")
 
     def _look_at(self, site: Site, now: float) -> None:
+        if site.stream is not None and site.linked(now):
+            for frame in site.summaries.due(now, site.stream.rate):
+                key = frame.key if isinstance(frame, SiteState) else STILL
+                site.stream.publish(key, encode_frame(frame))
         while site.early and now - site.early[0][0] > ARRIVAL:
             self._ask_here(site, site.early.popleft()[1], known=False)
         if site.stream is not None and site.stream.silence(now) > GONE and now - self._woke > SLEPT:

@@ -90,6 +90,8 @@ class Member(msgspec.Struct, frozen=True):
     """[s since 1970]"""
     may: tuple[str, ...] = ()
     revoked: bool = False
+    certificate: str = ""
+    """As it was signed, in hexadecimal; empty: an earlier version has not kept it."""
 
 
 class _Members(msgspec.Struct, frozen=True):
@@ -160,8 +162,10 @@ class RealmKeys:
         """Note that a member was here."""
         site = KnownSite(member.name, member.kind, member.serial, member.ends)
         with self._alone():
-            others = [one for one in self.sites() if one.name != site.name]
-            if site not in self.sites() and len(others) < MOST_SITES:
+            known = self.sites()
+            others = [one for one in known if one.name != site.name]
+            older = any(one.name == site.name and one.serial > site.serial for one in known)
+            if site not in known and not older and len(others) < MOST_SITES:
                 write(self.folder / FILE, _json(sorted([*others, site], key=lambda one: one.name)))
 
     def forget(self, name: str) -> bool:
@@ -246,11 +250,32 @@ class RealmKeys:
             found = admitted(packed, authority, known.invitations, taken, serial=serial, now=now)
             opened_one = known.invitations[found.number]
             ends = now + opened_one.days * DAY
-            member = Member(found.name, found.kind, found.key.hex(), serial, ends, opened_one.may)
+            member = Member(
+                found.name,
+                found.kind,
+                found.key.hex(),
+                serial,
+                ends,
+                opened_one.may,
+                certificate=found.certificate.hex(),
+            )
             rest = {number: one for number, one in known.invitations.items() if number != found.number}
             return _Members((*known.members, member), rest), found.certificate
 
-        return self._change(change)
+        certificate = self._change(change)
+        admitted_one = self.trust.certificate(certificate, now)
+        if admitted_one.kind == "site":  # it counts from now on, heard or not
+            self.remember(admitted_one)
+        return certificate
+
+    def admitted(self) -> Sequence[bytes]:
+        """Return the newest certificate of each site that was admitted and is not revoked.
+
+        Raises:
+            NoAuthority: only the authority knows them.
+        """
+        newest = {one.name: one for one in self.members() if one.kind == "site" and not one.revoked}
+        return [bytes.fromhex(one.certificate) for one in newest.values() if one.certificate]
 
     def revoke(self, name: str) -> Sequence[Member]:
         """End a member's certificates now; returns those that it had.
@@ -293,7 +318,15 @@ class RealmKeys:
             certificate = authority.admit(
                 old.name, old.kind, old.key, serial=serial, now=now, days=days, may=old.may
             )
-            member = Member(old.name, old.kind, old.key.hex(), serial, now + days * DAY, old.may)
+            member = Member(
+                old.name,
+                old.kind,
+                old.key.hex(),
+                serial,
+                now + days * DAY,
+                old.may,
+                certificate=certificate.hex(),
+            )
             return _Members((*known.members, member), known.invitations), certificate
 
         return self._change(change)
@@ -375,7 +408,7 @@ def create(folder: Path, realm: str, name: str, hubs: tuple[Hub, ...], *, now: f
     key, own = Ed25519PrivateKey.generate(), Ed25519PrivateKey.generate()
     authority, public = Authority(realm, key), own.public_key().public_bytes_raw()
     certificate = authority.admit(name, "site", public, serial=1, now=now, days=DAYS)
-    member = Member(name, "site", public.hex(), 1, now + DAYS * DAY)
+    member = Member(name, "site", public.hex(), 1, now + DAYS * DAY, certificate=certificate.hex())
     _settle(folder, _About(realm, authority.public.hex(), name, "site", hubs), own, certificate)
     write(folder / _AUTHORITY, key.private_bytes_raw())
     write(folder / _MEMBERS, _json(_Members((member,))))

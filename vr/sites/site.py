@@ -14,6 +14,7 @@ from robotree.vr.base.transport import End, Respond
 from robotree.vr.sites.certificates import Certificate
 from robotree.vr.sites.frames import SiteAsk
 from robotree.vr.sites.stream import Stream
+from robotree.vr.sites.summary import Mirrors, Summaries
 
 SILENT = 1.6
 """[s] without a sign of life after which a site is silent: it has missed three beats."""
@@ -52,6 +53,18 @@ class Site:
         self.exchanges: dict[int, SiteExchange] = {}
         self.early: deque[tuple[float, SiteAsk]] = deque()
         """Requests whose asker is not known to be present yet, and when they came [s]."""
+        self.summaries, self.mirrors = Summaries(0.0), Mirrors()
+        """The states of robots that go there, and those that come."""
+        self.was_heard = 0.0
+        """[s] When it was heard last, before its session ended; 0: never."""
+        self.refused = ""
+        """Why what it last said of itself was not believed, as a clause; empty: it was."""
+        self.answered = float("-inf")
+        """[s] When that was answered last."""
+        self.version, self.clock = "", 0.0
+        """Of robotree there, and by how much its clock is ahead [s]."""
+        self.hung: list[tuple[str, str, str]] = []
+        """Its agents that hang there: key, process, and the remedy for a person there."""
         self.tried, self.tries = float("-inf"), 0
         """[s] When this side greeted it last, and how often since it was heard."""
 

@@ -11,12 +11,9 @@ import itertools
 from collections.abc import Awaitable, Callable, Sequence
 from typing import Protocol
 
-from robotree.vr.base.envelope import Received
 from robotree.vr.base.errors import NoSuchRobot, NotConfirmed, VrError
-from robotree.vr.base.requests import Accepted, Done, Reply, SafeStop
+from robotree.vr.base.requests import Done, SafeStop
 from robotree.vr.core.confirmation import Confirmations
-from robotree.vr.exchange.authority import Here
-from robotree.vr.exchange.dispatcher import Dispatcher, SendReply, not_for
 from robotree.vr.sites.frames import SiteFrame, SiteStopped, StopSite
 from robotree.vr.sites.keys import RealmKeys
 from robotree.vr.sites.sealing import Lane
@@ -64,19 +61,10 @@ class SiteStops:
         """By number: the site, and its answer."""
         self._orders: dict[str, asyncio.Future[SiteStopped]] = {}
         """What is carried out here, or was, by order."""
-        loop = asyncio.get_running_loop()
-        here = Here("gateway", keys.name)  # it only stops, and so may everybody
-        self.dispatcher = Dispatcher(f"gateway {keys.name}", self._answer, now=loop.time, here=here)
 
     # -- from this machine to the sites -----------------------------------------------------------
 
-    def _answer(self, received: Received, send: SendReply) -> Awaitable[Reply]:
-        if not isinstance(received.request, SafeStop):
-            raise not_for("gateway", received.request)
-        send(Accepted(key=received.request.order))
-        return self._stop_sites(received.request)
-
-    async def _stop_sites(self, stop: SafeStop) -> Done:
+    async def stop_sites(self, stop: SafeStop) -> Done:
         """Stop the robots of all other sites.
 
         Raises:
@@ -104,9 +92,9 @@ class SiteStops:
                 continue
             stopped = future.result()
             for robot in stopped.confirmed:
-                confirmations.confirm(f"{name}:{robot}")
+                confirmations.confirm(_there(name, robot))
             for robot, reason in stopped.missed:
-                confirmations.deny(f"{name}:{robot}", reason)
+                confirmations.deny(_there(name, robot), reason)
             for advice in stopped.advice:
                 confirmations.advise(f"at site {name}: {advice}")
         return Done(confirmed=tuple(confirmations.settle()))
@@ -152,6 +140,11 @@ class SiteStops:
                 self._gateway.send(site, answer, Lane.URGENT)
 
         running.add_done_callback(over)
+
+
+def _there(site: str, robot: str) -> str:
+    """Return a robot's name with its site; where two sites have the name, it has one already."""
+    return robot if ":" in robot else f"{site}:{robot}"
 
 
 def came_of(answer: Sequence[str] | VrError) -> SiteStopped:

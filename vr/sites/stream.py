@@ -152,6 +152,21 @@ class Stream:
         shortest = self._ways.least(now - sent)
         return max(now - sent - shortest, 0.0) + self._round_trips.least(0.0) / 2
 
+    @property
+    def rate(self) -> float:
+        """How many bytes per second the line carries, about: at least, while nothing had to wait."""
+        return self._window / (self._round_trips.least(0.0) + QUEUE)
+
+    @property
+    def way(self) -> float:
+        """[s] that the shortest way there and back took of late; 0: not known yet."""
+        return self._round_trips.least(0.0)
+
+    @property
+    def waits(self) -> int:
+        """[bytes] that wait to leave."""
+        return self._waits
+
     # -- sending
 
     def put(self, lane: Lane, body: bytes, *, until: float = math.inf) -> None:

@@ -10,13 +10,17 @@ import asyncio
 import contextlib
 import os
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
-from typing import Any, Literal, TypeVar
+from math import isnan, nan
+from typing import Any, Literal, NamedTuple, TypeVar
 
-from robotree.vr.base.address import ROLES, Address, Role, check_name, everyone
+import msgspec
+
+from robotree.vr.base.address import ROLES, Address, Role, check_name, everyone, parted
 from robotree.vr.base.chance import token
 from robotree.vr.base.description import Listing, RobotDescription, Template
 from robotree.vr.base.envelope import asks_for_a_person
 from robotree.vr.base.errors import (
+    DuplicateName,
     HostReserved,
     NoAnswer,
     NoHost,
@@ -33,9 +37,11 @@ from robotree.vr.base.principal import user_name
 from robotree.vr.base.requests import (
     ANSWER_WITHIN,
     Call,
+    DescribeGateway,
     DescribeSpace,
     EventsRead,
     EventsVerified,
+    GatewayDescribed,
     HostDescribed,
     LoggedLine,
     LogLines,
@@ -65,6 +71,7 @@ from robotree.vr.lookup.directory import Directory
 from robotree.vr.network.lean_stop import REASON
 from robotree.vr.supervision.orders import OrderDesk
 from robotree.vr.supervision.releases import Releases
+from robotree.vr.supervision.showing import shown_agent, shown_held, shown_robot
 from robotree.vr.supervision.stop import EVERYWHERE, OnLate, StopOrder, StopScope
 
 CALLER = "operator"
@@ -90,8 +97,28 @@ _E = TypeVar("_E", State, LogLines)
 _K = TypeVar("_K", EventsRead, EventsVerified)
 
 
+class Elsewhere(NamedTuple):
+    """Where an agent of another site is."""
+
+    site: str
+    age: float
+    """[s] that what is shown of it is old, at least; NaN: the gateway did not say."""
+    silent: bool
+    """Whether its site is not heard now: it may do anything there."""
+
+    @property
+    def words(self) -> str:
+        """The same for people: `hall, 0.2 s ago`."""
+        silent = ", silent" if self.silent else ""
+        return f"{self.site}{silent}" if isnan(self.age) else f"{self.site}{silent}, {self.age:.1f} s ago"
+
+
 class RealmClient:
-    """Sees and commands all agents of a realm."""
+    """Sees and commands all agents of a realm.
+
+    A name is that of an agent of this machine, else of the only one, or `SITE:NAME`. Where several sites have
+    agents of one name, all are shown with their sites.
+    """
 
     def __init__(self, transport: Transport, realm: str = "") -> None:
         """Prepare; `start` looks around.
@@ -102,6 +129,7 @@ class RealmClient:
         """
         self.realm = realm
         self.directory = Directory(transport)
+        self.places = self.directory.places
         self._transport = transport
         self._releases = Releases(self.directory, transport)
         self._caller = _Caller(transport)
@@ -144,9 +172,9 @@ class RealmClient:
         """Whether who asks here may not see an agent. What is in the way of a stop is named nevertheless."""
         if address is None or address.role not in BY_NAME["see"].roles:
             return False
-        target = PolicyTarget(
-            address.name, address.role, tuple(kinds) or self._kinds(address), "", self.gate.site
-        )
+        site = self.places.site_of(address.key) or self.gate.site
+        kinds = tuple(kinds) or self._kinds(address)
+        target = PolicyTarget(address.plain_name, address.role, kinds, "", site)
         return self.denial("see", target) is not None
 
     def _kinds(self, address: Address) -> tuple[str, ...]:
@@ -155,10 +183,10 @@ class RealmClient:
         return next((tuple(one.kinds) for one in found if one.address == address), ())
 
     def _shown(self, held: Sequence[Held]) -> list[Held]:
-        """Leave out what may not be seen."""
-        if not self.gate.closed:
-            return list(held)
-        return [one for one in held if not one.key or not self.hides(Address.parse(one.key))]
+        """Leave out what may not be seen, and show the rest as people are shown it."""
+        if self.gate.closed:
+            held = [one for one in held if not one.key or not self.hides(Address.parse(one.key))]
+        return [shown_held(one, self.places.shown) for one in held]
 
     async def target(self, right: str, words: str) -> PolicyTarget:
         """Return what somebody means by `ROBOT`, `ROBOT.COMMAND`, `SITE:ROBOT` or the name of a host.
@@ -172,14 +200,15 @@ class RealmClient:
         roles = BY_NAME[right].roles if right in BY_NAME else ("robot",)
         if roles == (REALM,):
             return PolicyTarget("", REALM)
-        there = (role for role in ROLES if role in roles and self.directory.present(role, name))
+        meant = f"{site}:{name}" if site else name
+        there = (role for role in ROLES if role in roles and self.directory.present(role, meant))
         role = next(there, roles[0])
         kinds: tuple[str, ...] = ("View",) if role == "view" else ()
         if role == "robot":
-            kinds = next((one.kinds for one in self.robots() if one.name == name), ())
-            if not kinds and self.directory.present("robot", name):
+            kinds = next((one.kinds for one in self.robots() if one.name == meant), ())
+            if not kinds and self.directory.present("robot", meant):
                 with contextlib.suppress(VrError):
-                    kinds = (await self.describe(name)).kinds
+                    kinds = (await self.describe(meant)).kinds
         return PolicyTarget(name, role, tuple(kinds), command, site or self.gate.site)
 
     # -- who is there -----------------------------------------------------------------------------
@@ -203,8 +232,14 @@ class RealmClient:
         return self._listed("view")
 
     def _listed(self, role: Literal["robot", "view"]) -> Sequence[Listing]:
-        found = self.directory.find(Template(role=role))
-        return [one for one in found if not self.hides(one.address, one.kinds)] if self.gate.closed else found
+        found: Sequence[Listing] = self.directory.find(Template(role=role))
+        if self.gate.closed:
+            found = [one for one in found if not self.hides(one.address, one.kinds)]
+        return [shown_agent(one, self.places.shown) for one in found]
+
+    def present(self, role: Role) -> Sequence[Address]:
+        """Return all agents of a role that are seen alive, listed or not, as people are shown them."""
+        return [self.places.shown(address) for address in self.directory.present(role)]
 
     def inhabited(self) -> bool:
         """Whether any agent runs on this machine, by the machine's own record. Needs no `start`."""
@@ -213,7 +248,8 @@ class RealmClient:
     async def hosts(self) -> Sequence[HostDescribed]:
         """Ask all hosts what they run, by name. One that does not answer is left out."""
         hosts = (HostClient(self._transport, address) for address in self.directory.present("host"))
-        return await _all_that_answer(host.describe(timeout=GLANCE) for host in hosts)
+        described = await _all_that_answer(host.describe(timeout=GLANCE) for host in hosts)
+        return [shown_agent(one, self.places.shown) for one in described]
 
     async def arrival(self, role: Role, name: str, *, within: float) -> None:
         """Wait until an agent is present.
@@ -226,15 +262,17 @@ class RealmClient:
         Raises:
             NoSuchRobot: or NoSuchHost, NoSuchView: it has not come.
         """
-        if not await self._transport.presence.until(everyone(role, name), there=True, within=within):
+        pattern = everyone(role, parted(name)[1])
+        if not await self._transport.presence.until(pattern, there=True, within=within):
             await self.directory.resolve(name, role)
 
     async def spaces(self) -> Sequence[SpaceDescribed]:
         """Ask all spaces how they are. One that does not answer is left out."""
         keys = [address.key for address in self.directory.present("space")]
-        return await _all_that_answer(
+        described = await _all_that_answer(
             ask(self._transport, key, DescribeSpace(), SpaceDescribed, timeout=GLANCE) for key in keys
         )
+        return [shown_agent(one, self.places.shown) for one in described]
 
     async def look_into_space(self, name: str, kind: str = "", *, most: int) -> SpaceDescribed:
         """Ask a space for its oldest entries.
@@ -252,6 +290,41 @@ class RealmClient:
         address = await self.directory.resolve(name, "space")
         request = DescribeSpace(kind=kind, most=most)
         return await ask(self._transport, address.key, request, SpaceDescribed, timeout=ANSWER_WITHIN)
+
+    async def gateway(self) -> GatewayDescribed | None:
+        """Ask the gateway of this machine how the other sites are; None: none runs here.
+
+        Raises:
+            Hanging: it does not answer.
+            TransportError: it has just ended, or does not answer in time.
+        """
+        presence, pattern = self._transport.presence, everyone("gateway")
+        keys = presence.keys(pattern)
+        if not keys:
+            if presence.held(pattern):
+                await self.directory.expect_awake(pattern)
+            return None
+        return await ask(self._transport, keys[0], DescribeGateway(), GatewayDescribed, timeout=GLANCE)
+
+    async def elsewhere(self) -> Mapping[str, Elsewhere]:
+        """Return where each robot and view of another site is, and how old what is shown of it is.
+
+        By name as it is shown. It costs one question to the gateway of this machine; without one, none.
+        """
+        if not self.places.own:
+            return {}
+        try:
+            described = await self.gateway()
+        except VrError:
+            described = None
+        sites = {} if described is None else {site.name: site for site in described.sites}
+        found: dict[str, Elsewhere] = {}
+        for role in ("robot", "view"):
+            for address in self.directory.present(role):
+                if site := self.places.site_of(address.key):
+                    age = sites[site].age if site in sites else nan
+                    found[self.places.shown(address).name] = Elsewhere(site, age, self.places.silent(site))
+        return found
 
     def held(self) -> Sequence[Held]:
         """Return which process holds each agent, as far as this machine knows it."""
@@ -296,7 +369,7 @@ class RealmClient:
 
         def take(address: Address, state: State) -> None:
             self._releases.count(address.key, state.stops)
-            callback(address.name, state)
+            callback(self.places.shown(address).name, state)
 
         registration = await self._subscribe(name, "state", State, take)
         return registration if name is not None else _Watch(registration, self._releases)
@@ -314,7 +387,10 @@ class RealmClient:
             BadName: that cannot be a name.
         """
         return await self._subscribe(
-            name, "log", LogLines, lambda address, heard: callback(address.name, heard.lines)
+            name,
+            "log",
+            LogLines,
+            lambda address, heard: callback(self.places.shown(address).name, heard.lines),
         )
 
     async def _subscribe(
@@ -328,11 +404,23 @@ class RealmClient:
                 event = decode_event(body, key=key)
             except VrError:
                 return  # a robot of another version
-            if address is not None and isinstance(event, kind):
+            if (
+                address is not None
+                and isinstance(event, kind)
+                and (name is None or self._means(name, address))
+            ):
                 take(address, event)
 
-        pattern = everyone("robot", "*" if name is None else check_name(name))
+        pattern = everyone("robot", "*" if name is None else parted(name)[1])
         return await self._transport.subscribe(f"{pattern}/{what}", hear)
+
+    def _means(self, name: str, robot: Address) -> bool:
+        """Whether a name, with or without a site, means this robot: see the class."""
+        site, own = parted(name)[0], self.places.own
+        there = self.places.site_of(robot.key) if own else ""
+        if site:
+            return site == (there or own)
+        return not there or not self.places.at("robot", own, robot.name)
 
     async def read_log(self, name: str) -> Sequence[LoggedLine]:
         """Return the log of a robot, the oldest line first."""
@@ -350,27 +438,36 @@ class RealmClient:
     async def read_events(self, request: ReadEvents) -> Mapping[str, EventsRead]:
         """Ask all hosts what they have kept of a robot or a command; returns the answers by host.
 
-        One that does not answer is left out.
+        One that does not answer is left out. Of a robot only the hosts of its site are asked, where it is
+        known.
         """
-        return dict(await self._of_hosts(request, EventsRead, GLANCE))
+        site, plain = parted(request.robot) if request.robot else ("", "")
+        own = self.places.own
+        if plain and not site and own and (found := self.directory.present("robot", plain)):
+            site = self.places.site_of(self.directory.nearest(found, "robot", plain)[0].key) or own
+        request = msgspec.structs.replace(request, robot=plain)
+        return dict(await self._of_hosts(request, EventsRead, GLANCE, site))
 
     async def verify_events(self) -> Mapping[str, EventsVerified]:
         """Have all hosts examine what they have kept; returns what they found, by host."""
         return dict(await self._of_hosts(VerifyEvents(), EventsVerified, EXAMINATION))
 
     async def _of_hosts(
-        self, request: ReadEvents | VerifyEvents, kind: type[_K], timeout: float
+        self, request: ReadEvents | VerifyEvents, kind: type[_K], timeout: float, site: str = ""
     ) -> Sequence[tuple[str, _K]]:
         async def answer(host: Address) -> tuple[str, _K]:
-            return host.name, await ask(self._transport, host.key, request, kind, timeout=timeout)
+            said = await ask(self._transport, host.key, request, kind, timeout=timeout)
+            return self.places.shown(host).name, said
 
-        return await _all_that_answer(map(answer, self.directory.present("host")))
+        hosts = self.directory.present("host", f"{site}:*" if site else "*")
+        return await _all_that_answer(map(answer, hosts))
 
     # -- what they are ----------------------------------------------------------------------------
 
     async def describe(self, name: str) -> RobotDescription:
         """Ask a robot for its description, enslaved or not."""
-        return self._count(await self._ask(name, lambda robot: robot.describe()))
+        found = await self._ask(name, lambda robot: robot.describe())
+        return shown_robot(self._count(found), self.places.shown)
 
     async def describe_view(self, name: str) -> ViewDescribed:
         """Ask a view for its cameras and readings."""
@@ -381,11 +478,14 @@ class RealmClient:
 
         A robot that vanishes or hangs meanwhile is left out; its children are not.
         """
+        return from_the_top(shown_robot(robot, self.places.shown) for robot in await self._describe_all())
+
+    async def _describe_all(self) -> Sequence[RobotDescription]:
         robots = (
             RobotClient(self._transport, address, patience=GLANCE)
             for address in self.directory.present("robot")
         )
-        return from_the_top(map(self._count, await _all_that_answer(robot.describe() for robot in robots)))
+        return list(map(self._count, await _all_that_answer(robot.describe() for robot in robots)))
 
     async def look(
         self, view: str, *, camera: str = "", width: int = 320, height: int = 180, quality: int = 75
@@ -623,9 +723,12 @@ class RealmClient:
             NoHost: there is none at all.
             HostReserved: this host, or each that there is, runs another robot alone.
             StandsBy: or has no robots until another host is away.
-            AddressError: the name cannot be one, or is taken.
+            AddressError: the name cannot be one, or is taken, here or at a site that is linked: later, sites
+                may turn out to have one name, but nobody chooses that.
         """
         check_name(name)
+        if self.directory.present("robot", name) or self.directory.present("view", name):
+            raise DuplicateName(role="robot", name=name)
         from robotree.vr.bundle import Bundle  # `ls` needs no source
 
         bundle = await asyncio.to_thread(Bundle.read, path, wanted)
@@ -667,13 +770,16 @@ class RealmClient:
         from robotree.vr.bundle import Bundle
 
         bundle = await asyncio.to_thread(Bundle.read, path, wanted)
-        client = HostClient(self._transport, await self.directory.resolve(robot.host, "host"))
+        site = self.places.site_of(robot.address.key)
+        host = f"{site}:{robot.host}" if site else robot.host
+        client = HostClient(self._transport, await self.directory.resolve(host, "host"))
         return await self._awake(client.reload(bundle, name, now=now, within=within))
 
     async def enslave(self, parent: str, slot: str, child: str) -> RobotDescription:
         """Bind a child to a slot; returns the parent's description."""
         address = await self.directory.resolve(child)
-        return await self._ask(parent, lambda robot: robot.enslave(slot, address))
+        bound = await self._ask(parent, lambda robot: robot.enslave(slot, address))
+        return shown_robot(bound, self.places.shown)
 
     async def release(self, parent: str, slot: str) -> RobotDescription:
         """Release the child in a slot; returns the description of the parent, or of the child if it waits.
@@ -682,14 +788,15 @@ class RealmClient:
             NoSuchRobot: the parent is not there, and no child waits for it in this slot.
         """
         try:
-            return await self._ask(parent, lambda robot: robot.free(slot))
+            freed = await self._ask(parent, lambda robot: robot.free(slot))
+            return shown_robot(freed, self.places.shown)
         except NoSuchRobot:
-            for robot in await self.tree():
-                bond = robot.bond
-                if bond is not None and bond.away and (bond.parent.name, bond.slot) == (parent, slot):
+            for robot in await self._describe_all():
+                bond, meant = robot.bond, (parted(parent)[1], slot)
+                if bond is not None and bond.away and (bond.parent.name, bond.slot) == meant:
                     child = RobotClient(self._transport, robot.address)
                     await child.release(bond.parent, bond.epoch)
-                    return await child.describe()
+                    return shown_robot(await child.describe(), self.places.shown)
             raise
 
     async def delete(self, name: str) -> str:
@@ -723,8 +830,10 @@ class RealmClient:
             raise
 
     async def _hosts(self, name: str) -> Sequence[Address]:
-        """Return the host of a name; without a name all of them."""
-        return [await self.directory.resolve(name, "host")] if name else self.directory.present("host")
+        """Return the host of a name; without a name all of them, those of this machine first."""
+        if name:
+            return [await self.directory.resolve(name, "host")]
+        return sorted(self.directory.present("host"), key=lambda one: (self.places.site_of(one.key), one))
 
 
 class _Caller:

@@ -13,7 +13,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Mapping, Sequence
 
-from robotree.vr.base.address import Address, check_name, everyone
+from robotree.vr.base.address import Address, everyone, parted
 from robotree.vr.base.description import RobotDescription
 from robotree.vr.base.envelope import this_clock
 from robotree.vr.base.errors import NoSuchRobot, NotInControl, VrError
@@ -72,7 +72,8 @@ class Releases:
             NoSuchRobot: there is none of this name.
             NotConfirmed: one has not confirmed it, or has been stopped again; it names both sides.
         """
-        pattern = everyone("robot", "*" if name is None else check_name(name))
+        pattern = everyone("robot", "*" if name is None else parted(name)[1])
+        meant = self._meant(name)
         given = asyncio.get_running_loop().time() if given is None else given
         known = dict(self._counts) if self.watches else {}
         # of all, whichever is meant: what is below one is known only when it has answered
@@ -80,15 +81,16 @@ class Releases:
         asked = {
             address: self._begin_to_resume(address, looks, known, given)
             for address in looks
-            if name in {None, address.name}
+            if meant is None or address in meant
         }
         confirmations = Confirmations("the resume")
         try:
             silent = await self._transport.presence.hanging(pattern)
             late = set(self._directory.present("robot", name or "*")) - looks.keys()
             for address in late:
-                confirmations.deny(address.name, UNSEEN)
+                confirmations.deny(self._shown(address), UNSEEN)
             if name is not None and not (asked or late or silent):
+                await self._directory.resolve(name)  # it says why not
                 raise NoSuchRobot(name=name)
             return await self._judge(pattern, confirmations, asked, silent)
         finally:
@@ -97,6 +99,20 @@ class Releases:
             await asyncio.gather(*looks.values(), return_exceptions=True)
 
     # -- inside -----------------------------------------------------------------------------------
+
+    def _meant(self, name: str | None) -> set[Address] | None:
+        """Return the robots of a name: those of this machine, or of the site in it; None: all are meant.
+
+        Raises:
+            SeveralSites: there is none here, and several elsewhere.
+        """
+        if name is None:
+            return None
+        found = self._directory.present("robot", name)
+        return set(found if len(found) < 2 else self._directory.nearest(found, "robot", parted(name)[1]))
+
+    def _shown(self, address: Address) -> str:
+        return self._directory.places.shown(address).name
 
     def _client(self, address: Address) -> RobotClient:
         return RobotClient(self._transport, address, patience=CONFIRM)
@@ -128,12 +144,15 @@ class Releases:
         missed = {one.key: one for one in silent if one.key in failed or Address.parse(one.key) not in asked}
         for key, one in missed.items():
             address = Address.parse(key)
-            confirmations.miss(key if address is None else address.name, f"in {one.in_words}", one.remedy)
+            confirmations.miss(
+                key if address is None else self._shown(address), f"in {one.in_words}", one.remedy
+            )
         # those last who obey only their parent: it may have told them, and then it names them
         for address, answer in sorted(answers.items(), key=lambda each: isinstance(each[1], NotInControl)):
-            above = isinstance(answer, NotInControl) and confirmations.names(address.name)
+            name = self._shown(address)
+            above = isinstance(answer, NotInControl) and confirmations.names(name)
             if address.key not in missed and not above:
-                confirmations.take(address.name, answer)
+                confirmations.take(name, answer)
         return confirmations.settle()
 
 

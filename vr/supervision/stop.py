@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import msgspec
 
-from robotree.vr.base.address import Address, check_name, everyone
-from robotree.vr.base.errors import NoAnswer, NoSuchRobot, NotConfirmed, Unreachable, VrError
+from robotree.vr.base.address import Address, everyone, parted
+from robotree.vr.base.errors import NoAnswer, NoSuchRobot, NoSuchSite, NotConfirmed, Unreachable, VrError
 from robotree.vr.base.presence import Held
 from robotree.vr.base.requests import SafeStop
 from robotree.vr.base.transport import Transport
@@ -99,7 +99,8 @@ class StopOrder:
         Args:
             directory: knows the robots that are seen.
             transport: the way to them.
-            name: of the robot; None: all.
+            name: of the robot, or `SITE:NAME`; None: all. Without a site the one of this machine is meant,
+                and where there is none, all of this name are: a stop asks nobody back.
             reason: for those whose commands it ends.
             on_late: called with the robots that have not answered for a while, each of them once.
             counted: called with how many stops each robot that confirms it has counted.
@@ -109,7 +110,8 @@ class StopOrder:
         Raises:
             BadName: no robot can have this name.
         """
-        self._pattern = everyone("robot", "*" if name is None else check_name(name))
+        self._site, self._plain = ("", "*") if name is None else parted(name)
+        self._pattern = everyone("robot", self._plain)
         self._directory, self._transport, self._name = directory, transport, name
         self._reason, self._on_late, self._counted = reason, on_late, counted
         self._order = order or fresh_key()
@@ -160,15 +162,22 @@ class StopOrder:
         self._unlisted = {one.where: (one, before.get(one.where, new)[1]) for one in held if not one.key}
         if self._unlisted.keys() - before.keys():
             self._leave_for_unlisted()
-        seen = {
-            one for one in self._directory.present("robot", self._name or "*") if one.key not in self._remote
-        }
-        for address in sorted(seen | self._held.keys()):
+        seen = {one for one in self._directory.present("robot", self._plain) if one.key not in self._remote}
+        for address in sorted(self._chosen(seen | self._held.keys())):
             if address not in self._requests:
                 request = self._requests[address] = _StopRequest(address, _now())
                 request.task = asyncio.ensure_future(self._send(request))
         if self._name is not None and self._requests:
             self._unlisted.clear()  # the robot that is meant is found
+
+    def _chosen(self, found: set[Address]) -> set[Address]:
+        """Return of those of a name the one of the site that is meant; see `name` above."""
+        places = self._directory.places
+        if self._name is None or not (places.own or self._site):
+            return found
+        sites = {address: places.site_of(address.key) or places.own for address in found}
+        here = {address for address in found if sites[address] == (self._site or places.own)}
+        return here or (set() if self._site else found)
 
     def _meant(self) -> list[Held]:
         """Return who is to be asked: the robots of this machine, and for the others its gateway, once.
@@ -180,11 +189,14 @@ class StopOrder:
             held = presence.held(self._pattern)
             self._remote = {one.key for one in held if one.key and not self._local(one.key)}
             return [one for one in held if one.key not in self._remote]
-        gateways = [] if self._name else [one for one in presence.held(everyone("gateway")) if one.key]
+        gateways = [one for one in presence.held(everyone("gateway")) if one.key]
         places = {gateway.where for gateway in gateways}
         held = presence.held(self._pattern)
+        here = [one for one in held if one.where not in places]
+        if self._name is not None:  # nobody shall end the gateway because a robot elsewhere does not answer
+            return here
         self._remote = {one.key for one in held if one.key and one.where in places}
-        return [*gateways, *(one for one in held if one.where not in places)]
+        return [*gateways, *here]
 
     async def _send(self, request: _StopRequest) -> None:
         """Ask one robot to stop, until it has answered or its time is over."""
@@ -245,34 +257,65 @@ class StopOrder:
                 and request.waiting
                 and now > request.since + (ASLEEP if held and held.asleep else LATE)
             ):
-                late[address.key] = address.name if held is None else f"{address.name} (in {held.in_words})"
+                name = self._directory.places.shown(address).name
+                late[address.key] = name if held is None else f"{name} (in {held.in_words})"
         late |= {where: where for where, (_, since) in self._unlisted.items() if now > since + LATE}
         if names := [words for key, words in late.items() if key not in self._named]:
             self._named.update(late)
             self._on_late(f"the protective stop goes on, without an answer yet from {', '.join(names)}")
 
     def _verdict(self) -> Sequence[str]:
-        if self._name is not None and not self._requests and not self._unlisted:
-            raise NoSuchRobot(name=self._name)
         confirmations = Confirmations("the protective stop")
+        if self._name is not None and not self._requests and not self._unlisted:
+            self._miss_named(confirmations, self._name)
         for address, request in self._requests.items():
-            held, answer = self._held.get(address), request.answer
             if address.role == "gateway":
-                self._judge_gateway(confirmations, address, held, answer)
-            elif answer is not None and not (held and isinstance(answer, Unreachable)):
-                confirmations.take(address.name, answer)
-            elif request.acknowledged:
-                confirmations.deny(address.name, "it has received the stop and has not confirmed it")
-            elif held is not None:
-                confirmations.miss(address.name, f"in {held.in_words}", held.remedy)
+                self._judge_gateway(confirmations, address, self._held.get(address), request.answer)
             else:
-                confirmations.take(address.name, NoAnswer(key=address.key, seconds=CONFIRM))
+                self._judge(confirmations, request)
         for one, _ in self._unlisted.values():
             confirmations.miss(one.where, one.how, one.remedy)
         if self._name is None and not any(address.role == "gateway" for address in self._requests):
             for site in self._sites:
                 self._miss_site(confirmations, site, "no gateway runs on this machine")
         return confirmations.settle()
+
+    def _judge(self, confirmations: Confirmations, request: _StopRequest) -> None:
+        """Take what a robot has answered. Of two sites' robots of one name neither hides the other."""
+        address, answer = request.address, request.answer
+        held, name = self._held.get(address), self._directory.places.shown(address).name
+        if answer is not None and not (held and isinstance(answer, Unreachable)):
+            confirmations.take(name, answer)
+        elif request.acknowledged:
+            confirmations.deny(name, "it has received the stop and has not confirmed it")
+        elif held is not None:
+            confirmations.miss(name, f"in {held.in_words}", held.remedy)
+        elif site := self._directory.places.site_of(address.key):
+            confirmations.miss(
+                name, f"no answer from site {site}", f"`robotree doctor`, or stop it at {site}"
+            )
+        else:
+            confirmations.take(name, NoAnswer(key=address.key, seconds=CONFIRM))
+
+    def _miss_named(self, confirmations: Confirmations, name: str) -> None:
+        """Nobody has the name here: at sites that are not heard somebody may.
+
+        Raises:
+            NoSuchRobot: all sites are heard, and there is none.
+            NoSuchSite: nor is there the site.
+        """
+        places, sites = self._directory.places, self._directory.places.sites()
+        if self._site and self._site != places.own and self._site not in sites:
+            raise NoSuchSite.among(self._site, sites)
+        away = [site for site in sites if places.silent(site) and self._site in {"", site}]
+        if not away:
+            raise NoSuchRobot(name=name)
+        for site in away:
+            confirmations.miss(
+                f"{site}:{self._plain}",
+                f"site {site} is not heard, and it may be there",
+                f"`robotree doctor` says why, or stop it at {site}",
+            )
 
     def _judge_gateway(
         self,

@@ -31,6 +31,7 @@ import msgspec
 
 from robotree.vr.base.errors import TransportClosed
 from robotree.vr.base.pattern import matches
+from robotree.vr.base.places import here_of
 from robotree.vr.base.policy import OPEN, PolicyGate
 from robotree.vr.base.presence import Held, Presence
 from robotree.vr.base.principal import Credentials
@@ -494,11 +495,19 @@ class MemoryTransport:
 
     async def serve(self, key: str, take: TakeRequest) -> Registration:
         self._check(key)
+        self.begin_serving(key, take)
+        return _Entry(partial(self.end_serving, key))
+
+    def begin_serving(self, key: str, take: TakeRequest) -> None:
+        """Answer the requests to a key.
+
+        Raises:
+            ValueError: this member serves it already.
+        """
         if key in self.served:
             raise ValueError(f"{key} is served already")
         self.served[key] = take
         self._let_know(lambda other: other.learn_server(self, key, there=True))
-        return _Entry(partial(self._end_serving, key))
 
     def request(
         self, key: str, body: bytes, *, timeout: float, urgent: bool = False, void_at: float = 0.0
@@ -619,7 +628,8 @@ class MemoryTransport:
             self._tasks[task] = None
             task.add_done_callback(self._tasks.pop)
 
-    def _end_serving(self, key: str) -> None:
+    def end_serving(self, key: str) -> None:
+        """Answer them no more."""
         if self.served.pop(key, None) is not None:
             self._let_know(lambda other: other.learn_server(self, key, there=False))
 
@@ -640,17 +650,25 @@ class MemoryTransport:
 
     async def subscribe(self, pattern: str, handler: SampleHandler) -> Registration:
         self._check(pattern)
+        return _Entry(partial(self.end_hearing, self.begin_hearing(pattern, handler)))
+
+    def begin_hearing(self, pattern: str, on_sample: SampleHandler) -> int:
+        """Take the samples under a pattern; returns a number for `end_hearing`."""
         number = next(self._numbers)
-        self._subscriptions[number] = (pattern, handler)
+        self._subscriptions[number] = (pattern, on_sample)
+        self._heard.clear()
+        self.network.changed_subscriptions()
+        return number
+
+    def end_hearing(self, number: int) -> None:
+        """Take them no more."""
+        self._subscriptions.pop(number, None)
         self._heard.clear()
         self.network.changed_subscriptions()
 
-        def undo() -> None:
-            self._subscriptions.pop(number, None)
-            self._heard.clear()
-            self.network.changed_subscriptions()
-
-        return _Entry(undo)
+    def patterns(self) -> set[str]:
+        """Return the patterns to which it subscribes."""
+        return {pattern for pattern, _ in self._subscriptions.values()}
 
     def hearing(self, key: str) -> list[int]:
         """Return which subscriptions here concern a key."""
@@ -676,13 +694,22 @@ class MemoryTransport:
 
     async def announce(self, key: str, *, unless: Sequence[str] = ()) -> Registration:
         self._check(key)
-        if others := [other for pattern in unless for other in self.presence.keys(pattern)]:
+        others = [other for pattern in unless for other in self.presence.keys(pattern)]
+        if others := others and here_of(self.presence, others):
             raise Occupied(others)
+        self.be_present(key)
+        return _Entry(lambda: self.unannounce(key))
+
+    def be_present(self, key: str) -> None:
+        """Be present under a key, whoever else is."""
         self.tokens[key] += 1
         if self.tokens[key] == 1:
             self.presence.count(key, there=True)
             self._let_know(lambda other: other.learn_holder(self, key, there=True))
-        return _Entry(lambda: self._unannounce(key))
+
+    def held_by_others(self, key: str) -> bool:
+        """Whether another member that is seen is present under a key."""
+        return any(key in held for _, held in self._known.values())
 
     async def settle(self, within: float) -> None:
         """See `Transport.settle`: what the network delays or loses nobody acknowledges."""
@@ -720,7 +747,8 @@ class MemoryTransport:
         self._cut_off_handlers[number] = handler
         return _Entry(partial(self._cut_off_handlers.pop, number, None))
 
-    def _unannounce(self, key: str) -> None:
+    def unannounce(self, key: str) -> None:
+        """Be present under a key once less."""
         if self.tokens[key] > 1:
             self.tokens[key] -= 1
         elif self.tokens.pop(key, 0):

@@ -21,6 +21,7 @@ from robotree.vr.base.requests import (
     Call,
     Cancel,
     Describe,
+    DescribeGateway,
     DescribeHost,
     DescribeSpace,
     DescribeView,
@@ -54,7 +55,7 @@ from tests.vr.recorder import Recorder
 
 ASKS_OR_PROLONGS = {
     Describe, Detach, Petition, Renew, ReadLog, ReadHistory, DescribeHost, Register, Query, Look,
-    DescribeView, RenewEntry, RenewFence, WatchEntries, DescribeSpace,
+    DescribeView, RenewEntry, RenewFence, WatchEntries, DescribeSpace, DescribeGateway,
     ReadEvents, VerifyEvents,
     ReadOrders, MarkSeen, FetchOrders, TellOrders, ReadKnown, ShareRecords,
 }  # fmt: skip

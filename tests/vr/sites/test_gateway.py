@@ -12,11 +12,22 @@ import pytest
 
 from robotree.vr.base.envelope import seal, sitting_at
 from robotree.vr.base.errors import NoAnswer, SiteSilent
+from robotree.vr.base.places import Places
 from robotree.vr.base.principal import Principal
-from robotree.vr.base.requests import Call, Done, Raised, SafeStop, decode_reply
+from robotree.vr.base.requests import (
+    Call,
+    DescribeGateway,
+    Done,
+    GatewayDescribed,
+    Raised,
+    SafeStop,
+    State,
+    decode_reply,
+    encode,
+)
 from robotree.vr.exchange.dispatcher import Dispatcher
 from robotree.vr.network.local import join
-from robotree.vr.sites.frames import SiteStopped
+from robotree.vr.sites.frames import SiteStopped, StillSo
 from robotree.vr.sites.gateway import Gateway
 from robotree.vr.sites.invitations import read_token, request_to_join, token_of
 from robotree.vr.sites.keys import RealmKeys, create
@@ -45,7 +56,9 @@ class SiteOfTest:
             return SiteStopped(0, ["arm-1"], [], [])
 
         self.pipe = MemoryPipe(self.hub)
-        self.gateway = Gateway(self.gate, self.pipe, self.keys, stop_here=stop_here)
+        self.gateway = Gateway(
+            self.gate, self.pipe, self.keys, ground=self.gate.mesh, stop_here=stop_here, version="1.2.3"
+        )
         await self.gateway.open()
 
     async def be_robot(self, reply: Any = None) -> None:
@@ -281,3 +294,122 @@ async def test_a_stop_goes_to_each_site_once_and_names_the_one_that_is_cut_off(
     refused = await ask(lab, SafeStop(reason="test", order="o2", within=1.0), key=key)
     assert refused.data["told"] == ["hall:arm-1"]
     assert [name for name, _ in refused.data["untold"]] == ["site yard"]
+
+
+async def seen(site: SiteOfTest) -> GatewayDescribed:
+    found = await ask(site, DescribeGateway(), key=site.gateway.address.key)
+    assert isinstance(found, GatewayDescribed)
+    return found
+
+
+async def test_the_gateway_says_how_each_site_is_and_why_one_is_not_heard(
+    sites: list[SiteOfTest], hub: MemoryHub
+) -> None:
+    lab, _, _ = sites
+    found = await seen(lab)
+    assert (found.site, found.trouble, found.out) == ("lab", "", "")
+    hall, _ = found.sites
+    assert (hall.name, hall.state, hall.version, hall.agents) == ("hall", "linked", "1.2.3", 1)
+    assert 0 <= hall.age < 2
+    assert abs(hall.clock) < 1
+    hub.on_way = lambda topic, body: [] if topic.endswith("/to/yard") or b"yard" in body else [body]
+    await until(lambda: lab.gateway.describe().sites[1].state == "silent")
+    assert "has fallen silent" in lab.gateway.describe().sites[1].reason
+    await until(lambda: lab.gateway.describe().sites[1].state == "away")
+    away = lab.gateway.describe().sites[1]
+    assert "the hub is reached, and nothing comes from there" in away.reason
+    assert "site yard" in away.remedy
+    assert away.heard > 6
+    hub.up = False
+    assert "hub memory is not reached: it is cut" in lab.gateway.describe().sites[1].reason
+
+
+async def test_a_robot_that_moves_is_found_at_its_new_site_whichever_news_comes_first(
+    sites: list[SiteOfTest],
+) -> None:
+    lab, hall, yard = sites
+    places = {site.keys.name: Places(site.gate.presence) for site in sites}
+    assert places["lab"].site_of(ROBOT) == "hall"
+    assert places["hall"].site_of(ROBOT) == ""
+    loop = asyncio.get_running_loop()
+    dispatcher = Dispatcher("arm-1", lambda *_: Done(note="at yard"), now=loop.time)
+    await yard.member.serve(ROBOT, dispatcher.take)
+    there = await yard.member.announce(ROBOT)  # while hall has it, too
+    await until(lambda: places["lab"].site_of(ROBOT) == "yard")
+    assert places["yard"].site_of(ROBOT) == "", "it is here"
+    assert (await ask(lab, call())).note == "at yard"
+    await hall.member.close()  # only now hall lets go of it
+    await until(lambda: places["hall"].site_of(ROBOT) == "yard")
+    await asyncio.sleep(0.3)
+    assert lab.member.presence.there(ROBOT)
+    assert (await ask(lab, call("k2"))).note == "at yard"
+    await there.close()
+    await until(lambda: not lab.member.presence.there(ROBOT))
+    assert places["lab"].site_of(ROBOT) == ""
+
+
+async def test_what_is_silent_is_told_to_the_machine_and_what_belongs_to_the_realm(
+    sites: list[SiteOfTest], hub: MemoryHub
+) -> None:
+    lab = sites[0]
+    places = Places(lab.member.presence)
+    assert places.own == "lab"
+    assert places.sites() == ("hall", "yard")
+    assert not places.silent("hall")
+    hub.up = False
+    await until(lambda: places.silent("hall"))
+    assert lab.member.presence.there(ROBOT), "silent is not dead"
+    hub.up = True
+    await until(lambda: not places.silent("hall"))
+
+
+async def test_a_site_that_was_admitted_and_never_heard_is_named_by_a_stop_of_each(
+    sites: list[SiteOfTest],
+) -> None:
+    lab, hall, _ = sites
+    now = time.time()
+    invitation = read_token(token_of(lab.keys.invite("cellar", "site", now=now)), now)
+    packed = request_to_join(invitation, Realm(seed=9).key())
+    lab.pipe.publish(f"robotree/plant/authority/join/{invitation.number}", packed)
+    await until(lambda: "cellar" in [one.name for one in hall.gateway.describe().sites])
+    for site in (lab, hall):
+        refused = await ask(site, SafeStop(order=site.keys.name, within=1.0), key=site.gateway.address.key)
+        assert [name for name, _ in refused.data["untold"]] == ["site cellar"]
+    RealmKeys(lab.keys.folder).revoke("cellar")
+    await until(lambda: "cellar" not in [one.name for one in hall.gateway.describe().sites])
+
+
+async def test_a_site_that_was_revoked_while_it_was_away_is_told_so(
+    sites: list[SiteOfTest], hub: MemoryHub
+) -> None:
+    lab, hall, _ = sites
+    hub.on_way = lambda topic, body: [] if topic.endswith("/to/hall") else [body]
+    await until(lambda: lab.gateway.sites["hall"].stream is None)
+    RealmKeys(lab.keys.folder).revoke("hall")
+    hub.on_way = lambda _topic, body: [body]
+    await until(lambda: "was revoked" in hall.gateway.describe().out)
+    assert not lab.member.presence.there(ROBOT)
+
+
+async def test_states_of_idle_robots_cross_as_one_sentence(sites: list[SiteOfTest]) -> None:
+    lab, hall, _ = sites
+    heard: list[bytes] = []
+    await lab.member.subscribe("robot/*/*/state", lambda _key, body: heard.append(body))
+    body = encode(State(readings={"x": 1.0}))
+    hall.gateway._see_wanted()
+
+    async def publish() -> None:
+        while True:
+            hall.member.publish(f"{ROBOT}/state", body)
+            await asyncio.sleep(0.25)
+
+    publishing = asyncio.create_task(publish())
+    try:
+        await until(lambda: bool(heard))
+        first = hall.gateway.sites["lab"].summaries
+        await until(lambda: len(heard) >= 3)
+        assert set(heard) == {body}
+        assert first is hall.gateway.sites["lab"].summaries
+        assert len(lab.gateway.sites["hall"].mirrors.still(StillSo([(1, 0)]))[1]) == 1
+    finally:
+        publishing.cancel()
