@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import os
 import random
 import signal
@@ -74,7 +75,7 @@ async def campaign(folder: Path, kills: int, seed: int) -> Counter[str]:
                     await asyncio.sleep(chance.uniform(0.0, 1.0))
                     victims = [each for each in crew.members if each.words[0] in {"proxy", "directory"}]
                     victim = chance.choice(sorted(victims, key=lambda each: each.words))
-                    if victim.process.returncode is None:
+                    with contextlib.suppress(ProcessLookupError):  # it is just being started again
                         os.kill(victim.pid, signal.SIGKILL)
                         done += 1
                 states.update((await until_over(realm_client, new)).values())
