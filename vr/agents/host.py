@@ -95,6 +95,11 @@ def _listen(make: Callable[[], VirtualRobot]) -> tuple[VirtualRobot, list[tuple[
 class Host:
     """Makes virtual robots and is their home."""
 
+    apart: RobotsApart | None = None
+    """Its robots in processes of their own; None: it makes none."""
+    isolate: Isolation = "none"
+    """The level of robots for which nobody asks for another one."""
+
     def __init__(  # noqa: PLR0913 # what it stands on, and what people may choose
         self,
         transport: Transport,
@@ -128,10 +133,6 @@ class Host:
         """
         self._journal, self._ledger = journal, ledger
         self._gate = Gate() if gate is None else gate
-        self.apart: RobotsApart | None = None
-        """Its robots in processes of their own; None: it makes none."""
-        self.isolate: Isolation = "none"
-        """The level of robots for which nobody asks for another one."""
         self.instead_of = ""
         """Name of the host whose robots it has taken over with the journal; empty: they are its own."""
         self._history: HistoryWriter | None = None
