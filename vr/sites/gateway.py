@@ -376,7 +376,7 @@ class Gateway:
         silent, forged = not site.linked(self.now()), site.stream.counts[Verdict.FORGED]
         body = site.stream.receive(packet, self.now())
         if site.stream.counts[Verdict.FORGED] > forged:
-            self._refuse(f"what came as from site {site.name} was made or changed by somebody without its keys")
+            self._refuse(f"what came as from site {site.name} was made or changed without its keys")
         if silent and site.linked(self.now()):
             _log.info("site %s is heard again", site.name)
         if body is not None and (frame := decode_frame(body)) is not None:
