@@ -56,6 +56,12 @@ def expect_parent() -> None:
         _end()
 
 
+def be_process() -> None:
+    """Be a process of one's own from now on, in a child that a process without robots has forked for that."""
+    global is_child  # noqa: PLW0603 # it is so once, and for good
+    is_child = False
+
+
 def _end() -> NoReturn:
     told = (
         f"robotree: process {os.getpid()}, forked by a page or a proxy, came back into robotree and ends; "

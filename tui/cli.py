@@ -565,6 +565,7 @@ async def _host(line: Line, realm: str, ready: Ready) -> None:
         keep=None if place is None else Keeping(place, of, after),
         past=history_folder(realm, only) if only else folder,
         gate=gate_of(line, realm),
+        isolate=values.isolation(line.text("--isolate")) or "none",
         ready=ready,
     )
 

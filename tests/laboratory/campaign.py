@@ -30,7 +30,7 @@ from robotree.vr.base.history_event import HistoryEvent
 from robotree.vr.base.requests import ReadEvents
 from robotree.vr.history.file import HistoryFile
 from tests.laboratory.ground import Loopback, best
-from tests.laboratory.laboratory import HUBS, REALM, SITES, Laboratory
+from tests.laboratory.laboratory import HUBS, REALM, ROBOTS, SITES, Laboratory
 
 DELAY, LOSS = 0.04, 0.01
 """[s] one way between a site and a hub, and the share of segments that are lost."""
@@ -40,6 +40,8 @@ SHORTEST, LONGEST = 0.2, 8.0
 """[s] of a fault."""
 PATIENCE = 5.0
 """[s] within which a call of a person must be done."""
+SETTLES = 7.0
+"""[s] after a fault of a host within which its own tree waits for the end of a lease that it has cost."""
 LATE = 0.5
 """[s] beside it: for the clock that starts when the call is made, and for a write that is under way."""
 
@@ -71,6 +73,8 @@ class Result:
     late: list[str] = field(default_factory=list[str])
     """Things that began after who asked was told that they would not."""
     twice: list[str] = field(default_factory=list[str])
+    replayed: int = 0
+    """Things that the code of a page did again, because its host was killed while it did them."""
     works: Counter[str] = field(default_factory=Counter[str])
     """Things that leaves have done, by leaf."""
     gap: float = 0.0
@@ -234,8 +238,15 @@ class Campaign:
             done.setdefault(robot, []).append((int(n), float(unix)))
         for robot, found in done.items():
             result.works[robot] = len(found)
-            counts = Counter(n for n, _ in found)
-            result.twice += [f"{robot} {n}" for n, count in counts.items() if count > 1]
+            site = next(site for site, robots in ROBOTS.items() if robot in robots)
+            first = dict[int, float]()
+            for n, unix in found:
+                if n not in first:
+                    first[n] = unix
+                elif any(begin < unix and first[n] < end for begin, end in self.struck[site]):
+                    result.replayed += 1
+                else:
+                    result.twice.append(f"{robot} {n}")
         for events in histories.values():
             result.stale += stale_in(events)
         self._count_calls(dict(done.get("open-lab", ())))
@@ -256,7 +267,7 @@ class Campaign:
 
     def _gaps(self, site: str, moments: Sequence[float]) -> None:
         for before, after in itertools.pairwise(moments):
-            if any(begin < after and before < end + 1.0 for begin, end in self.struck[site]):
+            if any(begin < after and before < end + SETTLES for begin, end in self.struck[site]):
                 continue
             if after - before > self.result.gap:
                 self.result.gap, self.result.gap_where = after - before, site
@@ -297,6 +308,7 @@ def report(result: Result) -> str:
         "commands of a stale epoch": len(result.stale),
         "begun after who asked had been told that nothing begins": len(result.late),
         "carried out twice": f"{len(result.twice)} of {result.works.total()}",
+        "interrupted by a kill of their own host, and begun anew by it": result.replayed,
         "from the end of a fault until each site saw and reached all others, p50 / max": ends,
         "longest pause of a site's tree, its host not struck": f"{result.gap:.2f} s ({result.gap_where})",
         "the bond across sites was made anew": f"{result.bonds} times",

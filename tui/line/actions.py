@@ -213,10 +213,11 @@ ACTIONS: tuple[Action, ...] = (
     ),
     # -- shape the tree
     Action(
-        usage="create FILE as NAME [on HOST] [PARAMETER=VALUE …] [--own-host] [--watch]",
+        usage="create FILE as NAME [on HOST] [PARAMETER=VALUE …] [--own-host | --isolate LEVEL] [--watch]",
         help="Make a virtual robot from FILE.py or FILE.py:Class, or from a script, FILE.yaml or FILE.clp;"
         " PARAMETER: one of its settings. --own-host: in a process of its own, NAME-host, which"
-        " ends when it is deleted. --watch (in a shell): go on, and reload it each time that the page or what"
+        " ends when it is deleted. --isolate process: in a process that its host makes for it, and that can"
+        " harm nobody else. --watch (in a shell): go on, and reload it each time that the page or what"
         " belongs to it is saved.",
         group=SHAPE,
         right="create",
@@ -229,6 +230,7 @@ ACTIONS: tuple[Action, ...] = (
             "create mine.py:Painter as painter on host-2",
             "create team.py as team speed='20 cm/s'",
             "create team.py as team --own-host",
+            "create foreign.py as guest --isolate process",
             "create team.py as team --watch",
         ),
         shell_options=("--watch",),
@@ -582,7 +584,8 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="host NAME [--only ROBOT | --forget | --standby-for HOST] [--after TIME] [--journal URL]"
-        " [--trust FILE] [--requirements POLICY] [--allow-packages LIST] [--insecure-any-signer]",
+        " [--trust FILE] [--requirements POLICY] [--allow-packages LIST] [--insecure-any-signer]"
+        " [--isolate LEVEL]",
         help="Run virtual robots that are created, and keep them; --only: this one alone, until it ends."
         " --forget: begin without those that were kept, and keep none."
         " --standby-for: wait, and have the robots of HOST when it is away for TIME (3s). --journal: keep"
@@ -590,7 +593,8 @@ ACTIONS: tuple[Action, ...] = (
         " --trust: whose pages it runs beside your own (`help bundle trust`). --requirements: what it does"
         " with pages of others that need packages: refuse (as it does by itself), allowlist, locked;"
         " --allow-packages: names, for the allowlist. --insecure-any-signer: run what anybody has signed, or"
-        " nobody; for a trial alone, and red on the screen.",
+        " nobody; for a trial alone, and red on the screen. --isolate process: each robot in a process of"
+        " its own.",
         group=PROCESS,
         where=Where.SHELL,
         examples=("host host-1", "host host-2 --standby-for host-1 --after 5s"),

@@ -8,8 +8,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable
+from typing import TYPE_CHECKING, Literal
 
 from robotree.tui.errors import ValueRefused
+
+if TYPE_CHECKING:
+    from robotree.vr.base.permissions import Isolation
 
 Scalar = float | int | bool | str
 
@@ -97,6 +101,22 @@ def scalar(text: str) -> Scalar:
     except ValueError:
         return text
     return number if math.isfinite(number) and "_" not in text else text
+
+
+def isolation(text: str) -> Isolation | Literal[""]:
+    """Read a level of isolation; empty: none was given.
+
+    Raises:
+        ValueRefused: there is no such level.
+    """
+    from robotree.vr.base.permissions import LEVELS
+
+    for level in LEVELS:
+        if level == text:
+            return level
+    if text:
+        raise ValueRefused("LEVEL", f"{text!r} is no level of isolation; it is one of: {', '.join(LEVELS)}")
+    return ""
 
 
 def source(text: str) -> tuple[str, str]:

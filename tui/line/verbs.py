@@ -534,7 +534,10 @@ async def create(realm_client: RealmClient, line: Line, teller: Teller) -> Outco
     async with AsyncExitStack() as stack:
         if line.flag("--own-host"):
             host = await stack.enter_async_context(_own_host(realm_client, name, host))
-        robot = await realm_client.create(path, name, host=host, wanted=wanted, settings=settings)
+        isolate = values.isolation(line.text("--isolate"))
+        robot = await realm_client.create(
+            path, name, host=host, wanted=wanted, settings=settings, isolate=isolate
+        )
     made = _did(robot, f"{robot.name} ({robot.kind}) runs" + (f" on {robot.host}" if robot.host else ""))
     if files is not None:
         teller.outcome(made)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from urllib.parse import quote
@@ -115,7 +115,13 @@ def kept_hosts(realm: str) -> frozenset[str]:
 def journal_folders(realm: str) -> list[Path]:
     """Return the folders in which hosts keep robots, also those of a demo; looking makes nothing."""
     tops = (state_home() / DEMOS / realm / state_home().name / realm, state_home() / realm)
-    return sorted({path.parent for top in tops for path in top.glob("hosts/*/*.log")}) if realm else []
+    return sorted({path.parent for top in tops for path in _logs(top)}) if realm else []
+
+
+def _logs(top: Path) -> Iterator[Path]:
+    """Find the logs of hosts, and those of their robots in processes of their own."""
+    for pattern in ("hosts/*/*.log", "hosts/*/apart/*/*.log"):
+        yield from top.glob(pattern)
 
 
 def history_folder(realm: str, robot: str) -> Path | None:

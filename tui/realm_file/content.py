@@ -101,6 +101,8 @@ class RobotEntry(msgspec.Struct, frozen=True, kw_only=True):
     hash: Word | None = None
     """Beginning of the hash of the page and what belongs to it (`Bundle.hash`); None: any page will do."""
     host: Word | None = None
+    isolate: Word | None = None
+    """Level of isolation; None: as its host has it."""
     settings: dict[str, Word] = {}
     role: Word | None = None
     slots: dict[str, tuple[Word, ...]] = {}

@@ -252,6 +252,8 @@ class _Planner:
             values["HOST"] = entry.host.text
         if settings:
             values["PARAMETER=VALUE"] = settings
+        if entry.isolate is not None:
+            values["--isolate"] = entry.isolate.text
         needs = {f"host {name}" for name in hosts}
         self._verb("+", entry.id, Line("create", values), needs, self._keeper(entry.name))
 

@@ -12,6 +12,7 @@ views:
 robots:
   mover:
     page: move_to.py                        # from the folder of this file
+    isolate: process                        # none, process or sandbox; left out: as its host has it
     host: host-1                            # left out: the first that takes it
     settings: {speed: 20 cm/s}
     slots: {arm: arm-1}                     # several children of a group: [rover-1, rover-2]
@@ -38,6 +39,7 @@ from robotree.tui.realm_file.content import (
 from robotree.vr.base import literal
 from robotree.vr.base.address import check_name
 from robotree.vr.base.errors import BadName, BrokenScript
+from robotree.vr.base.permissions import LEVELS
 from robotree.vr.base.written import (
     Entries,
     Items,
@@ -52,7 +54,7 @@ from robotree.vr.base.written import (
     word,
 )
 
-ROBOT_KEYS = ("page", "hash", "host", "settings", "role", "slots")
+ROBOT_KEYS = ("page", "hash", "host", "isolate", "settings", "role", "slots")
 NOUNS = {NAMELESS: "controller", "space serve": "space"}
 """The name of a process whose verb is no noun."""
 KEYS = ("key", *SECTIONS, "robots")
@@ -151,6 +153,9 @@ def _robot(name: Word, given: Written) -> RobotEntry:
     digest = optional("hash")
     if digest is not None and not HASH.fullmatch(digest.text):
         raise digest.mark.error(f"{digest.text!r} is no hash: write 8 to 64 of the digits 0-9 and a-f")
+    isolate = optional("isolate")
+    if isolate is not None and isolate.text not in LEVELS:
+        raise isolate.mark.error(f"{isolate.text!r} is no level of isolation: write {', '.join(LEVELS)}")
     settings = entries(facets.get("settings"), "settings", name.mark)
     slots = entries(facets.get("slots"), "slots", name.mark)
     return RobotEntry(
@@ -159,6 +164,7 @@ def _robot(name: Word, given: Written) -> RobotEntry:
         page=word(facets.get("page"), f"the page of {name.text}", name.mark),
         hash=digest,
         host=optional("host"),
+        isolate=isolate,
         settings={key.text: _setting(thing) for key, thing in settings},
         role=optional("role"),
         slots={slot.text: _children(slot, thing) for slot, thing in slots},

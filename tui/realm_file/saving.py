@@ -169,6 +169,7 @@ class _Saving:
             page=_word(self._near(Path(path)) + (f":{wanted}" if wanted else "")),
             hash=_word(digest[:SHOWN]) if digest else None,
             host=_word(self._there.home_of(robot)),
+            isolate=None if robot.isolation == "none" else _word(robot.isolation),
             settings={
                 setting.name: _word(_written(setting.default))
                 for setting in wording.settings(robot)

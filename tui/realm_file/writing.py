@@ -50,7 +50,8 @@ def _section(section: str, processes: list[ProcessEntry]) -> Iterator[str]:
 
 def _robot(robot: RobotEntry) -> Iterator[str]:
     yield f"  {_text(robot.name)}:"
-    for key, value in (("page", robot.page), ("hash", robot.hash), ("host", robot.host)):
+    facets = (("page", robot.page), ("hash", robot.hash), ("host", robot.host), ("isolate", robot.isolate))
+    for key, value in facets:
         if value is not None:
             yield f"    {key}: {_word(value)}"
     if robot.settings:

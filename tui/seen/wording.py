@@ -205,6 +205,13 @@ def summary(doc: str) -> str:
     return doc.strip().partition("\n")[0]
 
 
+APART = {
+    "process": "in a process of its own, with limits of the kernel",
+    "sandbox": "in a sandbox: a process of its own, which sees no files of people",
+}
+"""The levels of isolation, for people."""
+
+
 def portrait(robot: RobotDescription) -> str:
     """Describe one robot in full."""
     facts = [
@@ -212,6 +219,7 @@ def portrait(robot: RobotDescription) -> str:
         ("kinds", " < ".join(robot.kinds)),
         ("about", summary(robot.doc)),
         ("host", robot.host),
+        ("isolated", APART.get(robot.isolation, "")),
         ("state", status.text(robot)),
         ("stopped", robot.stop_reason),
         ("paused", robot.paused and f"by {robot.paused}"),

@@ -33,6 +33,7 @@ from robotree.vr.base.address import Address
 from robotree.vr.base.description import CommandSpec, RobotDescription
 from robotree.vr.base.envelope import Received
 from robotree.vr.base.errors import (
+    CommandFailed,
     CycleOfBonds,
     DoesNotFit,
     NotInControl,
@@ -62,6 +63,7 @@ from robotree.vr.base.requests import (
     Logged,
     Pause,
     Petition,
+    Raised,
     ReadLog,
     Release,
     Renew,
@@ -263,8 +265,23 @@ class RobotAgent:
         if self._taker is not None:
             await self._taker.begin()
 
-    def go_on(self) -> None:
-        """Have a restored robot go on: its parent and callers are looked for, its commands begin again."""
+    def _abandon(self, reason: str) -> None:
+        """End the commands of a restored robot that ran when its process ended: none of their code runs."""
+        running = self.runtime.look(
+            lambda state: [(call.key, call.command) for call in state.calls.live.values() if call.running]
+        )
+        for key, command in running:
+            error = CommandFailed(robot=self.robot.name, command=command, detail=reason)
+            self.runtime.post(on.Finish(key=key, reply=Raised.of(error)))
+
+    def go_on(self, abandon: str = "") -> None:
+        """Have a restored robot go on: its parent and callers are looked for, its commands begin again.
+
+        Args:
+            abandon: why the commands that ran end instead; empty: they go on.
+        """
+        if abandon:
+            self._abandon(abandon)
         if (lease := self.runtime.lease) is not None:
             self._watch(lease.parent)
             if lease.waits and not self.transport.presence.there(lease.parent.key):

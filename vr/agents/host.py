@@ -23,7 +23,15 @@ from robotree.vr.agents.shared import Shared
 from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.address import Address, check_name
 from robotree.vr.base.envelope import Received
-from robotree.vr.base.errors import DuplicateName, HostReserved, NoSuchRobot, Unreachable, VrError
+from robotree.vr.base.errors import (
+    DuplicateName,
+    HostReserved,
+    NoSuchRobot,
+    NotIsolated,
+    Unreachable,
+    VrError,
+)
+from robotree.vr.base.permissions import LEVELS, Isolation
 from robotree.vr.base.principal import ITSELF, Principal
 from robotree.vr.base.requests import (
     Create,
@@ -53,6 +61,7 @@ from robotree.vr.exchange.claim import claim, expect_free, new_address
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.exchange.dispatcher import Dispatcher, not_for
 from robotree.vr.history.writer import HistoryWriter, answer_of
+from robotree.vr.isolation.apart import KeptApart, RobotApart, RobotsApart, lack_for
 from robotree.vr.journal.journal import HostJournal
 from robotree.vr.journal.kept import stop_left, take_stop_back
 from robotree.vr.journal.records import KeptPage
@@ -85,6 +94,11 @@ def _listen(make: Callable[[], VirtualRobot]) -> tuple[VirtualRobot, list[tuple[
 
 class Host:
     """Makes virtual robots and is their home."""
+
+    apart: RobotsApart | None = None
+    """Its robots in processes of their own; None: it makes none."""
+    isolate: Isolation = "none"
+    """The level of robots for which nobody asks for another one."""
 
     def __init__(  # noqa: PLR0913 # what it stands on, and what people may choose
         self,
@@ -131,7 +145,7 @@ class Host:
         """How the robots run, by name."""
         self._transport, self._registrar, self._term = transport, registrar, term
         self._process = Process(runner_of(asyncio.get_running_loop())) if process is None else process
-        self._shared = Shared(name)
+        self._shared = Shared(name, self._gate.level)
         self._limit, self._only = limit, only
         self._first: asyncio.Future[RobotAgent] = asyncio.get_running_loop().create_future()
         self._coming = self._kept_names()
@@ -151,12 +165,11 @@ class Host:
             DuplicateName: a living host has this name.
             TransportError: the transport does not work.
         """
-        self._open = True
+        self.opens()
         try:
             now = asyncio.get_running_loop().time
-            here = Here("host", self.address.name, self._transport.gate, robot=self._robot_here)
             dispatcher = Dispatcher(
-                self.address.name, lambda received, _: self._answer(received), now=now, here=here
+                self.address.name, lambda received, _: self.answer(received), now=now, here=self.here
             )
             self._declared.append(await self._transport.serve(self.address.key, dispatcher.take))
             self._declared.append(await claim(self._transport, self.address))
@@ -164,13 +177,27 @@ class Host:
             await self.close()
             raise
 
+    @property
+    def here(self) -> Here:
+        """The host, as the rights of askers name it."""
+        return Here("host", self.address.name, self._transport.gate, robot=self._robot_here)
+
+    def opens(self) -> None:
+        """Take robots, though nobody sees this host: it is the inside of a robot apart."""
+        self._open = True
+
     def keeps_history(self, history: HistoryWriter) -> None:
         """Begin to keep what its robots do, and answer who asks for it."""
         self._history, history.page_of = history, self.page_of
         history.start()
 
-    async def close(self) -> None:
-        """End its robots politely, then itself; a journal keeps those that are here now. Twice is once."""
+    async def close(self, *, returns: bool | None = None) -> None:
+        """End its robots politely, then itself; a journal keeps those that are here now. Twice is once.
+
+        Args:
+            returns: whether they go on with their state later; None: with a journal they do.
+        """
+        returns = self._journal is not None if returns is None else returns
         self._open = False
         declared, self._declared = self._declared, []
         for registration in reversed(declared):
@@ -179,7 +206,9 @@ class Host:
         if self._journal is not None:
             await asyncio.gather(*(agent.rest() for agent in agents))
             self._journal.seal()
-        await asyncio.gather(*(agent.close(returns=self._journal is not None) for agent in agents))
+        if self.apart is not None:
+            await self.apart.close(returns=returns)
+        await asyncio.gather(*(agent.close(returns=returns) for agent in agents))
         for watcher in self._watchers:
             watcher.cancel()
         self._loaders.shutdown(wait=False, cancel_futures=True)
@@ -189,11 +218,14 @@ class Host:
         """Return the names of the robots that are to come back: nobody else gets them before."""
         return set() if self._journal is None else {kept.name for kept in self._journal.found.robots}
 
-    async def restore(self) -> None:
+    async def restore(self, *, abandon: str = "") -> None:
         """Have the robots of the journal go on where they were when this host ended.
 
         One whose page cannot be loaded any more, or whose name somebody else has now, is left out, and its
         log says why.
+
+        Args:
+            abandon: why their open commands end before they go on; empty: they go on.
 
         Raises:
             JournalUnusable: the journal cannot be written.
@@ -226,10 +258,16 @@ class Host:
         if self.log_folder is not None:
             journal.barrier()
             take_stop_back(self.log_folder)
+        await self._go_on(back, abandon)
+
+    async def _go_on(self, back: list[RobotAgent], abandon: str) -> None:
+        """Have the robots that are back go on, and those in processes of their own."""
         await asyncio.gather(*(agent.meet_callers() for agent in back))
         for agent in back:
-            agent.go_on()
+            agent.go_on(abandon)
             await agent.take_orders()
+        if self.apart is not None:
+            await self._restore_apart(self.apart)
 
     async def _made_again(self, kept: KeptRobot) -> RobotAgent | None:
         """Make a robot of the page that was kept, with its state; None: that page cannot be used."""
@@ -252,7 +290,8 @@ class Host:
         running = [call.command for call in kept.state.calls.live.values() if call.running]
         goes_on = f"; {', '.join(running)} goes on" if running else ""
         here, before = self.address.name, self.instead_of
-        why = f"{here} has taken over from {before}" if before else f"{here} was started again"
+        started = here if self._shared.isolation == "none" else "its process"
+        why = f"{here} has taken over from {before}" if before else f"{started} was started again"
         agent.runtime.log.say("warning", f"it is back after {self._process.gap:.1f} s: {why}{goes_on}")
         return agent
 
@@ -392,6 +431,57 @@ class Host:
             await self._begin(agent)
         return Reloaded(robot=agent.description(), notes=tuple(notes))
 
+    async def make(self, request: Create, asker: Principal) -> RobotAgent:
+        """Make the robot for which somebody asks; its log names the person."""
+        bundle, settings = _bundle(request), request.settings
+        agent = await self.create(bundle, request.name, settings, origin=request.origin, asker=asker)
+        if person := asker.person:
+            agent.runtime.log.say("info", f"created from {request.path} by {person}")
+        return agent
+
+    async def _created(self, request: Create, asker: Principal) -> Described:
+        """Make a robot where it is to run.
+
+        Raises:
+            NotIsolated: this host cannot.
+        """
+        bundle, clearance = self._admitted(_bundle(request), asker)
+        wanted: Isolation = request.isolate or self.isolate
+        level: Isolation = max((wanted, clearance.isolation), key=LEVELS.index)
+        if level == "none":
+            return Described(robot=(await self.make(request, asker)).description())
+        name = check_name(request.name)
+        lack = lack_for(level)
+        if self.apart is None or lack:
+            raise NotIsolated(host=self.address.name, level=level, lack=lack and f": {lack}")
+        if self._only not in ("", name):
+            raise HostReserved(host=self.address.name, robot=self._only)
+        if name in self._coming or name in self.apart.robots:
+            raise DuplicateName(role="robot", name=name)
+        self._coming.add(name)
+        try:
+            await expect_free(self._transport, Address("robot", name, ""))
+            kept = KeptApart(request, bundle.sender, level, asker)
+            self.clearances[name] = clearance
+            return await self.apart.begin(kept, clearance.permissions, fresh=True)
+        finally:
+            self._coming.discard(name)
+
+    async def _restore_apart(self, apart: RobotsApart) -> None:
+        """Have the robots go on that live in processes of their own; of one that cannot the log says why."""
+
+        async def restore(kept: KeptApart) -> None:
+            name = kept.create.name
+            try:
+                bundle = replace(_bundle(kept.create), sender=kept.sender)
+                clearance = self._gate.admit(bundle, ITSELF, self.address.name)
+                self.clearances[name] = clearance
+                await apart.begin(kept, clearance.permissions, fresh=False)
+            except VrError as error:
+                _log.error("%s is not back: %s", name, error)
+
+        await asyncio.gather(*(restore(kept) for kept in apart.kept()))
+
     async def _begin(self, agent: RobotAgent) -> None:
         """Call the command with which a robot begins by itself."""
         command, name = agent.robot.begins, agent.robot.name
@@ -427,16 +517,19 @@ class Host:
             self.clearances.pop(name, None)
         self._ended = [ended for ended in (*self._ended, agent) if ended.abandoned]
 
-    async def _answer(self, received: Received) -> Reply:
-        request, person = received.request, received.principal.person
+    async def answer(self, received: Received) -> Reply:  # noqa: PLR0911 # one for each request
+        """Answer a request to this host, once it is authorised.
+
+        Raises:
+            VrError: it is refused, or fails.
+        """
+        request = received.request
         match request:
             case Create():
-                bundle, settings = _bundle(request), request.settings
-                asker = received.principal
-                agent = await self.create(bundle, request.name, settings, origin=request.origin, asker=asker)
-                if person:
-                    agent.runtime.log.say("info", f"created from {request.path} by {person}")
-                return Described(robot=agent.description())
+                return await self._created(request, received.principal)
+            case Reload(page=page, within=within) if (apart := self._apart(page.name)) is not None:
+                self._admitted(_bundle(page), received.principal)
+                return await apart.control(request, received.principal, within + 10.0)
             case Reload(page=page, now=now, within=within):
                 return await self.reload(
                     _bundle(page),
@@ -450,6 +543,8 @@ class Host:
                 return History(lines=tuple(self._remembered))
             case DescribeHost():
                 return self.description()
+            case ReadEvents(robot=robot) if (apart := self._apart(robot)) is not None:
+                return await apart.control(request, received.principal, 10.0)
             case ReadEvents() | VerifyEvents() if self._history is not None:
                 ask = partial(answer_of, self._history, request)
                 return await asyncio.get_running_loop().run_in_executor(None, ask)
@@ -467,6 +562,10 @@ class Host:
         children = tuple((bond.child.name, bond.description.kinds) for bond in bonds.values())
         return RobotThere(agent.robot.kinds(), children)
 
+    def _apart(self, name: str) -> RobotApart | None:
+        """Return the robot of this name that lives in a process of its own."""
+        return None if self.apart is None else self.apart.robots.get(name)
+
     def page_of(self, name: str) -> str:
         """Return the hash of the page of a robot; empty: it is not here."""
         return self._pages.get(name, "")
@@ -477,6 +576,10 @@ class Host:
         ended = (*self._ended, *(agent for agent in self.agents.values() if agent.gone))
         abandoned = tuple(f"{agent.robot.name}.{name}" for agent in ended for name in agent.abandoned)
         pages = {robot.name: self._pages.get(robot.name, "") for robot in robots}
+        apart = [] if self.apart is None else [one for one in self.apart.robots.values() if one.address]
+        robots = tuple(sorted((*robots, *(one.address for one in apart if one.address is not None))))
+        pages |= {one.name: one.page for one in apart}
+        abandoned += tuple(f"{one.name}.{command}" for one in apart for command in one.abandoned)
         trouble = "" if self._journal is None else self._journal.trouble
         return HostDescribed(
             address=self.address,

@@ -24,6 +24,7 @@ from robotree.vr.author.fields import StateField
 from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.description import BondSpec, Listing, RobotDescription
 from robotree.vr.base.errors import TransportError, VrError
+from robotree.vr.base.permissions import Isolation
 from robotree.vr.base.presence import Undo
 from robotree.vr.base.requests import LogLines, State, encode
 from robotree.vr.base.transport import Transport
@@ -68,6 +69,7 @@ class Publisher:
         """
         self._runtime, self._hooks, self._transport = runtime, hooks, transport
         self._registrar, self._host = registrar, shared.host
+        self._isolation: Isolation = shared.isolation
         self._address = runtime.address
         self._loop = asyncio.get_running_loop()
         self._shown = 0.0
@@ -261,6 +263,7 @@ class Publisher:
                 readings=readings,
                 units={str(name): str(unit) for name, unit in runtime.robot.reading_units.items()},
                 page=runtime.page,
+                isolation=self._isolation,
                 faults=self._hooks.faults,
                 kept=self._kept(state.fields),
                 calls=dict(state.calls.counts),

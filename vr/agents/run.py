@@ -17,11 +17,14 @@ from robotree.vr.agents.host import Host
 from robotree.vr.agents.standby import AFTER, BEAT, StandBy
 from robotree.vr.base.address import check_name
 from robotree.vr.base.errors import JournalError
+from robotree.vr.base.permissions import Isolation
 from robotree.vr.base.transport import Transport
 from robotree.vr.bundle.admission import Gate
+from robotree.vr.bundle.loader import LIMIT
 from robotree.vr.core.bonds import DEFAULT_TERM
 from robotree.vr.core.machine import RobotCore
 from robotree.vr.history.writer import HistoryWriter
+from robotree.vr.isolation.apart import ApartSetting, RobotsApart
 from robotree.vr.journal.files import FilePlace
 from robotree.vr.journal.journal import HostJournal, explained
 from robotree.vr.journal.outlet import Outlet
@@ -29,6 +32,7 @@ from robotree.vr.journal.store import LogPlace, LogStore, own
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.network.local import join
+from robotree.vr.network.rendezvous import realm_name
 from robotree.vr.orders.ledger import ORDERS, Ledger
 from robotree.vr.running.heard import listening
 from robotree.vr.running.process import Process
@@ -99,6 +103,7 @@ async def run_host(  # noqa: PLR0913 # what people may choose
     past: Path | None = None,
     returns: float = RETURNS,
     gate: Gate | None = None,
+    isolate: Isolation = "none",
     ready: Ready = _nobody,
 ) -> None:
     """Be a host in a realm until cancelled; one that runs one robot alone: until that has ended.
@@ -112,6 +117,7 @@ async def run_host(  # noqa: PLR0913 # what people may choose
         past: folder in which it keeps what they did; None: nobody does.
         returns: [s] that the children of its robots wait for it after a crash.
         gate: decides which pages run; None: this user's own alone.
+        isolate: where its robots run for which nobody asks for another level.
         ready: told the key once robots can be made, and those that were kept are back; or once it stands by.
 
     Raises:
@@ -124,14 +130,9 @@ async def run_host(  # noqa: PLR0913 # what people may choose
     _settle_interpreter()
     async with contextlib.AsyncExitStack() as stack:
         stack.enter_context(listening())
-        runner = runner_of(asyncio.get_running_loop())
-        transport: Transport = await join(realm)
-        stack.push_async_callback(transport.close)
-        log = None
-        if keep is not None:
-            stack.callback(keep.place.close)
-            log, ready = await _taken(keep, transport, name, ready)
-        journal, history = _kept_in(log, past, runner, stack)
+        runner, transport = runner_of(asyncio.get_running_loop()), await _joined(realm, stack)
+        log, ready = await _taken(keep, transport, name, ready, stack)
+        journal, history = kept_in(log, past, runner, stack)
         process: Process = Process(runner, journal, history.machine_of if history else RobotCore)
         transport = transport if journal is None else kept_by(journal, process, transport, returns)
         registrar = Registrar(transport)
@@ -140,8 +141,17 @@ async def run_host(  # noqa: PLR0913 # what people may choose
         host = Host(transport, name, registrar=registrar, term=term, process=process, only=only,
                     journal=journal, gate=gate, ledger=ledger)  # fmt: skip
         host.instead_of, host.log_folder = "" if of == name else of, _folder_of(keep)
+        setting = ApartSetting(name, realm_name(realm), term, returns, LIMIT, host.log_folder)
+        host.apart, host.isolate = RobotsApart(setting, transport), isolate
         stack.push_async_callback(host.close)
         await _live(host, history, ready, alone=bool(only))
+
+
+async def _joined(realm: str | None, stack: contextlib.AsyncExitStack) -> Transport:
+    """Enter a realm, which `stack` leaves."""
+    transport = await join(realm)
+    stack.push_async_callback(transport.close)
+    return transport
 
 
 def _expect_names(name: str, only: str, keep: Keeping | None) -> str:
@@ -192,12 +202,17 @@ def place_of(folder: Path | None, url: str, log: str) -> LogPlace | None:
     return None if folder is None else FilePlace(folder, boot=_boot())
 
 
-async def _taken(keep: Keeping, transport: Transport, name: str, ready: Ready) -> tuple[LogStore, Ready]:
-    """Become the owner of the log, at once or when its owner is away for too long.
+async def _taken(
+    keep: Keeping | None, transport: Transport, name: str, ready: Ready, stack: contextlib.AsyncExitStack
+) -> tuple[LogStore | None, Ready]:
+    """Become the owner of the log, at once or when its owner is away for too long; `stack` closes its place.
 
     Returns:
-        The log; who is still to be told that the host is ready.
+        The log, None without one; who is still to be told that the host is ready.
     """
+    if keep is None:
+        return None, ready
+    stack.callback(keep.place.close)
     with explained(keep.place.where):
         owner = await asyncio.to_thread(keep.place.look)
     others = owner is not None and owner.lives and owner.host != name
@@ -231,7 +246,7 @@ def kept_by(
     return Outlet(transport, journal.barrier)
 
 
-def _kept_in(
+def kept_in(
     log: LogStore | None, past: Path | None, runner: Runner, stack: contextlib.AsyncExitStack
 ) -> tuple[HostJournal | None, HistoryWriter | None]:
     """Read what a host keeps of its robots, and open what it keeps of what they did; `stack` closes both."""

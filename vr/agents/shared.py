@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
+from robotree.vr.base.permissions import Isolation
 from robotree.vr.base.presence import Undo
 
 ROUND = 1.0
@@ -50,11 +51,13 @@ class Rounds:
 class Shared:
     """All that the agents of one process share beside transport, threads and the lookup services' leases."""
 
-    def __init__(self, host: str = "") -> None:
+    def __init__(self, host: str = "", isolation: Isolation = "none") -> None:
         """Make it, on the event loop.
 
         Args:
             host: name of the process, for people; empty: it is that of one robot only.
+            isolation: of the robots in this process.
         """
         self.host = host
+        self.isolation: Isolation = isolation
         self.rounds = Rounds()

@@ -13,6 +13,7 @@ from typing import Any, Literal, NamedTuple
 import msgspec
 
 from robotree.vr.base.address import Address
+from robotree.vr.base.permissions import Isolation
 
 ParameterType = Literal["float", "int", "bool", "str", "choice", "list", "tuple", "dict", "record", "bytes"]
 """Of one value. list: values of one kind; tuple: so and so many; dict: values of one kind by any texts;
@@ -240,6 +241,8 @@ class RobotDescription(_Agent, frozen=True, kw_only=True, omit_defaults=True):
     in its present life. Empty: nobody."""
     asks: str = ""
     """The question of a command to a person before it goes on; empty: none."""
+    isolation: Isolation = "none"
+    """How its code is kept from harming others: see `permissions.Isolation`."""
     calls: dict[str, int] = {}
     """How often each command was called, over all incarnations of this name."""
 

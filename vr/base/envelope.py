@@ -162,6 +162,18 @@ def seal(request: AnyRequest, *, now: float, within: float, sender: str = "") ->
     return Sealed(body, now + holds if begins or ends else 0.0)
 
 
+def read_envelope(body: bytes) -> Envelope:
+    """Read an envelope, whoever it is for.
+
+    Raises:
+        Garbled: it is none.
+    """
+    try:
+        return _decoder.decode(body)
+    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+        raise Garbled(key="a caller", detail=str(error)) from None
+
+
 def opened(body: bytes, credentials: Credentials, who: str, now: float, owner: int | None = None) -> Received:
     """Take a request out of its envelope.
 
@@ -177,10 +189,7 @@ def opened(body: bytes, credentials: Credentials, who: str, now: float, owner: i
         NotAllowed: it says for whom it asks, and is of no gateway.
         NoAnswer: it has expired: its asker has given up, or is about to.
     """
-    try:
-        envelope = _decoder.decode(body)
-    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
-        raise Garbled(key="a caller", detail=str(error)) from None
+    envelope = read_envelope(body)
     asked = envelope.asked if same_clock(envelope.clock) and envelope.asked <= now else now
     principal = principal_of(credentials, envelope.sender, envelope.terminal)
     if envelope.proof:

@@ -5,7 +5,8 @@ that a caller on the far side of the network catches the same class with the sam
 
     VrError
       AddressError    BadName · DuplicateName · NameInSilence · Hanging · SeveralSites · NoSuchSite
-                      SiteAway · NoSuchRobot · NoSuchHost · NoHost · HostReserved · NoSuchView
+                      SiteAway · NoSuchRobot · NoSuchHost · NoHost · HostReserved · NotIsolated
+                      NoSuchView
       CommandError    NoSuchCommand · NoSettings · BadArgument · CommandFailed (Failed) · CommandCancelled
                       ChildCancelled · ChildTimeout · DeadlineExceeded · Busy · UnderWay
                       CommandInDoubt (EndedInDoubt)
@@ -228,6 +229,15 @@ class HostReserved(AddressError):
     """The host runs one robot alone, and another one was to be made there."""
 
     sentence = "host {host!r} runs {robot} alone; start another with `robotree host NAME`, or: --own-host"
+
+
+class NotIsolated(AddressError):
+    """The host makes no processes for robots."""
+
+    sentence = (
+        "host {host!r} cannot keep a robot apart here ({level}{lack}); leave out --isolate, or trust the"
+        " signer of its page with a lower --isolation"
+    )
 
 
 class NoSuchView(AddressError):

@@ -20,6 +20,7 @@ from robotree.vr.base.errors import Garbled, VrError
 from robotree.vr.base.history_event import NumberedEvent
 from robotree.vr.base.order import KnownAgent, Order, OrderHold
 from robotree.vr.base.own_class import OwnClass
+from robotree.vr.base.permissions import Isolation
 from robotree.vr.base.policy import Person
 from robotree.vr.base.signed_manifest import SignedManifest
 
@@ -234,6 +235,8 @@ class Create(_Message, frozen=True, kw_only=True):
     """Where a reload finds the source again, on the author's machine."""
     signed: SignedManifest | None = None
     """What the signer of the page says of it; None: nobody has signed it."""
+    isolate: Isolation | Literal[""] = ""
+    """Where it runs; empty: as the host has it."""
 
 
 class Reload(_Message, frozen=True, kw_only=True):

@@ -58,6 +58,9 @@ OWN = Clearance()
 class Gate:
     """Decides for one host. May be used in any thread."""
 
+    level: Isolation = "none"
+    """How all robots of this process are kept apart."""
+
     def __init__(
         self,
         trust: Path | None = None,

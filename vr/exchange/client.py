@@ -8,9 +8,12 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, Protocol, TypeVar
 
+import msgspec
+
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import Arguments, RobotDescription
 from robotree.vr.base.errors import NoAnswer, Unreachable, VrError
+from robotree.vr.base.permissions import Isolation
 from robotree.vr.base.requests import (
     ANSWER_WITHIN,
     AnyRequest,
@@ -444,7 +447,11 @@ class HostClient:
         return await ask(self._transport, self.address.key, DescribeHost(), HostDescribed, timeout=timeout)
 
     async def create(
-        self, bundle: Source, name: str, settings: Mapping[str, Any] | None = None
+        self,
+        bundle: Source,
+        name: str,
+        settings: Mapping[str, Any] | None = None,
+        isolate: Isolation | Literal[""] = "",
     ) -> RobotDescription:
         """Have a virtual robot made of a source: see `Host.create`.
 
@@ -452,7 +459,7 @@ class HostClient:
             VrError: the refusal of the host.
             TransportError: the host cannot be reached or does not answer.
         """
-        request = _page(bundle, name, settings)
+        request = msgspec.structs.replace(_page(bundle, name, settings), isolate=isolate)
         answer = await ask(self._transport, self.address.key, request, Described, timeout=LOADING)
         return answer.robot
 

@@ -67,7 +67,7 @@ from robotree.vr.sites.ground import Ground
 from robotree.vr.sites.handshake import Handshakes
 from robotree.vr.sites.keys import RealmKeys
 from robotree.vr.sites.pipe import GRANTED, Pipe, Topics
-from robotree.vr.sites.sealing import ID_SIZE, Lane
+from robotree.vr.sites.sealing import ID_SIZE, Lane, Verdict
 from robotree.vr.sites.site import ARRIVAL, GONE, Site, SiteExchange
 from robotree.vr.sites.standing import Standing
 from robotree.vr.sites.stopping import SiteStops, StopHere
@@ -346,10 +346,14 @@ class Gateway:
                 self._spread()
         except VrError as error:
             self._note_refusal(error)
-            text = str(error) if len(self.refused) < MOST_STRANGERS else "others"
-            self.refused[text] += 1
-            if self.refused[text] in {1, 10} or self.refused[text] % 1000 == 0:
-                _log.warning("refused %d times: %s", self.refused[text], error)
+            self._refuse(str(error))
+
+    def _refuse(self, reason: str) -> None:
+        """Count what is refused, and tell of it seldom."""
+        text = reason if len(self.refused) < MOST_STRANGERS else "others"
+        self.refused[text] += 1
+        if self.refused[text] in {1, 10} or self.refused[text] % 1000 == 0:
+            _log.warning("refused %d times: %s", self.refused[text], reason)
 
     def _note_refusal(self, error: VrError) -> None:
         """Remember why a site is not linked; one whose certificate was revoked gets the list that says so."""
@@ -369,8 +373,10 @@ class Gateway:
         site = self._sessions.get(packet[:ID_SIZE])
         if site is None or site.stream is None:
             return
-        silent = not site.linked(self.now())
+        silent, forged = not site.linked(self.now()), site.stream.counts[Verdict.FORGED]
         body = site.stream.receive(packet, self.now())
+        if site.stream.counts[Verdict.FORGED] > forged:
+            self._refuse(f"what came as from site {site.name} was made or changed without its keys")
         if silent and site.linked(self.now()):
             _log.info("site %s is heard again", site.name)
         if body is not None and (frame := decode_frame(body)) is not None:

@@ -31,6 +31,7 @@ from robotree.vr.base.errors import (
     Unreachable,
     VrError,
 )
+from robotree.vr.base.permissions import Isolation
 from robotree.vr.base.policy import BY_NAME, REALM, Decision, Person, PolicyGate, PolicyTarget
 from robotree.vr.base.presence import Held
 from robotree.vr.base.principal import user_name
@@ -706,6 +707,7 @@ class RealmClient:
         host: str = "",
         wanted: str = "",
         settings: Mapping[str, Any] | None = None,
+        isolate: Isolation | Literal[""] = "",
     ) -> RobotDescription:
         """Make a virtual robot from a source file.
 
@@ -715,12 +717,14 @@ class RealmClient:
             host: on which it shall live; empty: the first that takes it.
             wanted: name of the class; empty: the only one in the file.
             settings: values that are not the defaults: numbers in the declared units, or text with units.
+            isolate: where it runs; empty: as the host has it.
 
         Raises:
             BadArgument: a setting cannot have its value, or there is none of this name.
             BundleError: the file cannot be used.
             NoSuchHost: there is no such host.
             NoHost: there is none at all.
+            NotIsolated: the host makes no processes for robots.
             HostReserved: this host, or each that there is, runs another robot alone.
             StandsBy: or has no robots until another host is away.
             AddressError: the name cannot be one, or is taken, here or at a site that is linked: later, sites
@@ -736,7 +740,7 @@ class RealmClient:
         for address in await self._hosts(host):
             client = HostClient(self._transport, address)
             try:
-                return await self._awake(client.create(bundle, name, settings))
+                return await self._awake(client.create(bundle, name, settings, isolate))
             except (HostReserved, StandsBy) as reserved:
                 refusal = reserved
         raise refusal

@@ -36,7 +36,7 @@ class Place:
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.network = folder, MemoryNetwork()
-        self.trust = trusting(folder, signer("anna"))
+        self.trust = trusting(folder, signer("anna", isolation="none"))
         self.gate = Gate(self.trust)
 
     async def start(self) -> None:
@@ -69,7 +69,7 @@ async def place(tmp_path: Path) -> AsyncIterator[Place]:
 
 
 async def test_two_versions_of_a_class_by_two_signers_live_side_by_side(place: Place) -> None:
-    trusting(place.folder, signer("anna"), signer("bob"))
+    trusting(place.folder, signer("anna", isolation="none"), signer("bob", isolation="none"))
     await place.client.create(Bundle(PAGE.format("own"), "guide.py"), "own")
     for who in ("anna", "bob"):
         await place.client.create(of(who, source=PAGE.format(who)), who)
@@ -77,8 +77,8 @@ async def test_two_versions_of_a_class_by_two_signers_live_side_by_side(place: P
         assert await place.greeting(name) == name
     assert place.host.clearances == {
         "own": OWN,
-        "anna": Clearance("anna", NOTHING, "process"),
-        "bob": Clearance("bob", NOTHING, "process"),
+        "anna": Clearance("anna", NOTHING, "none"),
+        "bob": Clearance("bob", NOTHING, "none"),
     }
     pages = place.host.description().pages
     assert len(set(pages.values())) == 3
@@ -108,7 +108,7 @@ async def test_a_signed_robot_comes_back_with_its_host_as_it_was(place: Place) -
     await place.end()
     await place.start()
     assert await place.greeting("guide") == "anna"
-    assert place.host.clearances["guide"] == Clearance("anna", NOTHING, "process")
+    assert place.host.clearances["guide"] == Clearance("anna", NOTHING, "none")
     assert place.host.page_of("guide") == sent.hash
 
 

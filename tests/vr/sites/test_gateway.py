@@ -33,6 +33,7 @@ from robotree.vr.sites.invitations import read_token, request_to_join, token_of
 from robotree.vr.sites.keys import RealmKeys, create
 from robotree.vr.sites.keys import join as join_realm_keys
 from robotree.vr.sites.pipe import MemoryHub, MemoryPipe
+from robotree.vr.sites.sealing import Lane
 from tests.vr.sites.realm import Realm
 from tests.waiting import until
 
@@ -148,6 +149,33 @@ async def test_nobody_speaks_for_a_parent_that_is_not_at_its_site(sites: list[Si
     assert asyncio.get_running_loop().time() - begin > 0.9, "its news might have been on the way"
     await ask(yard, call("k2"), sender="robot/lever/7")
     assert hall.asked[-1][1].agent == "robot/lever/7"
+
+
+async def test_who_is_away_for_a_moment_is_seen_again_though_both_news_come_at_once(
+    sites: list[SiteOfTest], hub: MemoryHub
+) -> None:
+    lab, hall, _ = sites
+    key, stream = "robot/cup/1", hall.gateway.sites["lab"].stream
+    assert stream is not None
+
+    def confirmed() -> bool:
+        """Whether lab has all news."""
+        return not stream._kept[Lane.URGENT]
+
+    for _ in range(3):
+        present = await hall.member.announce(key)
+        await until(lambda: lab.member.presence.there(key))
+        hub.up = False
+        await present.close()
+        await until(lambda: key not in hall.gateway._standing.local)
+        present = await hall.member.announce(key)
+        await until(lambda: key in hall.gateway._standing.local)
+        hub.up = True
+        await until(confirmed)
+        await until(lambda: key in lab.gateway.sites["hall"].keys)
+        await until(lambda: lab.member.presence.there(key))
+        await present.close()
+        await until(lambda: not lab.member.presence.there(key))
 
 
 async def test_what_is_seen_at_three_sites_runs_in_no_circle(sites: list[SiteOfTest], hub: MemoryHub) -> None:

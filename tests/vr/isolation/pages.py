@@ -1,0 +1,85 @@
+"""A page that does its worst."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import socket
+import threading
+from pathlib import Path
+
+from robotree.vr import VirtualRobot, command
+
+
+class Guest(VirtualRobot):
+    """A guest whom nobody knows."""
+
+    @command
+    def add(self, a: int, b: int) -> int:
+        """Add."""
+        return a + b
+
+    @command
+    def crash(self) -> None:
+        """End the process as a fault in a library does."""
+        self._die(signal.SIGSEGV)
+
+    @command
+    def crash_once(self, mark: str) -> str:
+        """Crash the first time, and go on after that."""
+        file = Path(mark)
+        if not file.exists():
+            file.write_text("here")
+            self._die(signal.SIGKILL)
+        return "done"
+
+    @command
+    def hold(self, seconds: int) -> None:
+        """Hold the interpreter."""
+        ctypes.PyDLL(None).sleep(seconds)
+
+    @command
+    def pid(self) -> int:
+        """Return the number of its process."""
+        return os.getpid()
+
+    @command
+    def attempt(self, what: str, where: str = "") -> str:
+        """Try what a guest may not; returns how that went."""
+        try:
+            return str(getattr(self, f"_{what}")(where))
+        except (OSError, MemoryError) as error:
+            return type(error).__name__
+
+    def _die(self, number: signal.Signals) -> None:
+        os.kill(os.getpid(), number)
+        threading.Event().wait()  # any thread may be the one that takes the signal
+
+    def _fork(self, _: str) -> int:
+        return os.fork()
+
+    def _execute(self, _: str) -> int:
+        return os.posix_spawn("/bin/true", ["true"], {})
+
+    def _dial(self, _: str) -> socket.socket:
+        return socket.socket(socket.AF_UNIX)
+
+    def _signal(self, where: str) -> None:
+        os.kill(int(where), 0)
+
+    def _read(self, where: str) -> str:
+        return Path(where).read_text()
+
+    def _write(self, where: str) -> int:
+        return Path(where).write_text("mine")
+
+    def _eat(self, _: str) -> int:
+        return len(bytearray(3_000_000_000))
+
+    def _thread(self, _: str) -> str:
+        said: list[str] = []
+        thread = threading.Thread(target=lambda: said.append("ran"))
+        thread.start()
+        thread.join()
+        return said[0]

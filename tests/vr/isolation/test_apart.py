@@ -1,0 +1,182 @@
+"""Robots in processes of their own: what they do wrong harms nobody else, and a crash is survived.
+
+The processes are real ones, made by the zygote; the host lives in the process of the test.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotree.vr.agents.host import Host
+from robotree.vr.agents.run import kept_by
+from robotree.vr.base.errors import CommandFailed, NotIsolated, VrError
+from robotree.vr.base.requests import ReadEvents
+from robotree.vr.bundle import Bundle
+from robotree.vr.bundle.loader import LIMIT
+from robotree.vr.exchange.client import HostClient, RobotClient
+from robotree.vr.isolation import apart
+from robotree.vr.isolation.apart import ApartSetting, RobotsApart
+from robotree.vr.journal.journal import HostJournal
+from robotree.vr.network.local import LocalTransport, join
+from robotree.vr.running.process import Process
+from robotree.vr.running.runner import runner_of
+from tests.waiting import PATIENCE, until
+
+PAGE = str(Path(__file__).with_name("pages.py"))
+
+
+class Place:
+    """A host in this process, in a realm of this test alone; it may be started again."""
+
+    host: Host
+
+    def __init__(self, folder: Path, root: Path) -> None:
+        self.folder, self.root = folder, root
+
+    async def start(self) -> None:
+        self.transport = await join("test", root=self.root)
+        runner = runner_of(asyncio.get_running_loop())
+        self.journal = HostJournal(self.folder / "h1", runner)
+        process: Process[Any] = Process(runner, self.journal)
+        way = kept_by(self.journal, process, self.transport)
+        self.host = Host(way, "h1", process=process, journal=self.journal)
+        setting = ApartSetting("h1", "test", 5.0, 10.0, LIMIT, self.folder / "h1")
+        self.host.apart = RobotsApart(setting, way)
+        await self.host.start()
+        await self.host.restore()
+
+    async def end(self) -> None:
+        await self.host.close()
+        self.journal.close()
+        await self.transport.close()
+
+    async def create(self, name: str = "guest") -> RobotClient:
+        bundle = await asyncio.to_thread(Bundle.read, PAGE)
+        robot = await HostClient(self.operator, self.host.address).create(bundle, name, None, "process")
+        return RobotClient(self.operator, robot.address)
+
+    operator: LocalTransport
+
+    def pid(self, name: str = "guest") -> int:
+        assert self.host.apart is not None
+        return self.host.apart.robots[name].pid
+
+
+@pytest.fixture
+async def place(tmp_path: Path, place: Path) -> AsyncIterator[Place]:
+    here = Place(tmp_path, place / "robotree")
+    await here.start()
+    here.operator = await join("test", root=here.root)
+    yield here
+    await here.operator.close()
+    await here.end()
+
+
+async def test_a_guest_can_be_called_and_can_do_no_harm(place: Place, tmp_path: Path) -> None:
+    guest = await place.create()
+    secret = tmp_path / "secret"
+    secret.write_text("42")
+    assert await guest.call("add", {"a": 1, "b": 2}) == 3
+    assert await guest.call("pid", {}) == place.pid() != os.getpid()
+    assert await guest.call("attempt", {"what": "thread"}) == "ran"
+    for what, where, refusal in (
+        ("fork", "", "PermissionError"),
+        ("execute", "", "PermissionError"),
+        ("dial", "", "PermissionError"),
+        ("signal", str(os.getpid()), "PermissionError"),
+        ("read", str(secret), "PermissionError"),
+        ("write", str(tmp_path / "new"), "PermissionError"),
+        ("eat", "", "MemoryError"),
+    ):
+        assert await guest.call("attempt", {"what": what, "where": where}) == refusal, what
+    assert not (tmp_path / "new").exists()
+    assert [robot.name for robot in place.host.description().robots] == ["guest"]
+    assert place.host.description().pages["guest"]
+
+
+async def test_a_command_goes_on_after_a_crash_and_ends_after_a_second_one(place: Place) -> None:
+    guest = await place.create()
+    first, mark = place.pid(), place.folder / "h1" / "apart" / "guest" / "mark"
+    assert await guest.call("crash_once", {"mark": str(mark)}) == "done"
+    assert place.pid() != first
+    with pytest.raises(CommandFailed, match="has ended in it twice"):
+        await guest.call("crash", {})
+    assert await guest.call("add", {"a": 1, "b": 1}) == 2
+
+
+async def test_who_holds_the_interpreter_harms_itself_alone(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(apart, "SILENT", 2.0)
+    guest = await place.create()
+    other = await place.create("other")
+    holding = asyncio.ensure_future(guest.call("hold", {"seconds": 600}))
+    assert await other.call("add", {"a": 2, "b": 2}) == 4
+    with pytest.raises(CommandFailed, match="held the interpreter"):
+        async with asyncio.timeout(PATIENCE):
+            await holding
+    assert await guest.call("add", {"a": 1, "b": 1}) == 2
+
+
+async def test_it_is_back_with_its_host_and_gone_when_it_is_deleted(place: Place) -> None:
+    guest = await place.create()
+    pid = place.pid()
+    await place.end()
+    await until(lambda: not _runs(pid))
+    await place.start()
+    assert await guest.call("add", {"a": 3, "b": 4}) == 7
+    events = await place.host.answer(_request(ReadEvents(robot="guest")))
+    assert events.events  # type: ignore[union-attr] # `EventsRead`
+    await guest.delete()
+    await until(lambda: not place.host.description().robots)
+    await until(lambda: not list((place.folder / "h1" / "apart").iterdir()))
+
+
+async def test_it_is_ended_for_good_when_it_forges(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
+    from robotree.vr.isolation import judge
+
+    guest = await place.create()
+    monkeypatch.setitem(judge.ALLOWED, "lookup", ())  # what it does is what no robot does
+    registry = await join("test", root=place.root)
+    try:
+        await registry.announce("lookup/l1/1")  # its registrar asks there
+        await until(lambda: not place.host.description().robots)
+    finally:
+        await registry.close()
+    with pytest.raises(VrError):
+        await guest.call("add", {"a": 1, "b": 1})
+
+
+async def test_a_process_that_cannot_be_is_said_to_who_asks(place: Place, tmp_path: Path) -> None:
+    broken = tmp_path / "broken.py"
+    broken.write_text("raise ValueError('not today')\n")
+    bundle = Bundle.read(broken)
+    client = HostClient(place.operator, place.host.address)
+    with pytest.raises(VrError, match="not today"):
+        await client.create(bundle, "broken", None, "process")
+    assert not place.host.description().robots
+    robots, place.host.apart = place.host.apart, None
+    with pytest.raises(NotIsolated):
+        await client.create(bundle, "broken", None, "process")
+    place.host.apart = robots
+
+
+def _runs(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+
+
+def _request(request: ReadEvents) -> Any:
+    from robotree.vr.base.envelope import Received
+    from robotree.vr.base.principal import principal_of, this_process
+
+    return Received(request, principal_of(this_process(), "", ""), 0.0, 60.0)

@@ -1,0 +1,119 @@
+"""What a robot in a process of its own may ask for, say and hear: of everything else its judge says no."""
+
+from __future__ import annotations
+
+import pytest
+
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import Listing
+from robotree.vr.base.envelope import seal, sitting_at
+from robotree.vr.base.requests import (
+    AnyRequest,
+    Call,
+    Create,
+    Delete,
+    Describe,
+    DescribeHost,
+    Enslave,
+    Petition,
+    Query,
+    Register,
+    Release,
+    Resume,
+    SafeStop,
+)
+from robotree.vr.isolation.judge import Judge, Misbehaved
+
+OWN = Address("robot", "guest", "1")
+OTHER = Address("robot", "arm", "2")
+CALL = Call(key="guest/1", command="move", deadline=1.0)
+
+
+@pytest.fixture
+def judge() -> Judge:
+    judge = Judge("guest")
+    judge.expect_own(OWN.key)
+    return judge
+
+
+def body(request: AnyRequest, sender: str = OWN.key) -> bytes:
+    return seal(request, now=1.0, within=1.0, sender=sender).body
+
+
+def petition(parent: Address) -> Petition:
+    return Petition(parent=parent, slot="arm", kind="Arm", key="k", lineage=(), term=5.0)
+
+
+def test_a_robot_speaks_for_itself(judge: Judge) -> None:
+    judge.expect_asked(OTHER.key, body(CALL))
+    judge.expect_asked(OTHER.key, body(petition(OWN)))
+    judge.expect_asked(OTHER.key, body(SafeStop(reason="it slips")))
+    judge.expect_asked(OTHER.key, body(Describe(), sender=""))
+    judge.expect_asked("lookup/l/1", body(Query(), sender=""))
+    judge.expect_published(f"{OWN.key}/state")
+    judge.expect_subscribed(f"{OTHER.key}/state")
+    assert judge.key == OWN.key
+
+
+@pytest.mark.parametrize(
+    ("key", "request_", "sender"),
+    [
+        pytest.param(OTHER.key, CALL, OTHER.key, id="another robot's name"),
+        pytest.param(OTHER.key, CALL, "", id="nobody's name"),
+        pytest.param(OTHER.key, CALL, "session/anna/1", id="a program's name"),
+        pytest.param(OTHER.key, petition(OTHER), OWN.key, id="another parent"),
+        pytest.param(OTHER.key, Release(parent=OTHER, epoch=1), OWN.key, id="another one's lease"),
+        pytest.param(OTHER.key, Delete(), OWN.key, id="the end of another one"),
+        pytest.param(OTHER.key, Resume(), OWN.key, id="the end of a stop"),
+        pytest.param(OTHER.key, Enslave(slot="arm", child=OWN), OWN.key, id="another one's slot"),
+        pytest.param("host/h1/1", Create(name="x", path="x.py", source=""), OWN.key, id="a new robot"),
+        pytest.param("host/h1/1", DescribeHost(), OWN.key, id="a host"),
+        pytest.param("site/lab/1", CALL, OWN.key, id="a gateway"),
+    ],
+)
+def test_whatever_else_it_asks_for_is_refused(
+    judge: Judge, key: str, request_: AnyRequest, sender: str
+) -> None:
+    with pytest.raises(Misbehaved):
+        judge.expect_asked(key, body(request_, sender))
+
+
+def test_it_is_no_person(judge: Judge) -> None:
+    with sitting_at("pts/3"):
+        forged = seal(CALL, now=1.0, within=1.0, sender=OWN.key.replace("robot/", "program/")).body
+    with pytest.raises(Misbehaved):
+        judge.expect_asked(OTHER.key, forged)
+
+
+def test_what_cannot_be_read_is_refused(judge: Judge) -> None:
+    with pytest.raises(Misbehaved):
+        judge.expect_asked(OTHER.key, b"\xff\x00")
+
+
+def test_it_lists_itself_alone(judge: Judge) -> None:
+    listings = [Listing(address=address, kinds=("Guest",)) for address in (OWN, OTHER)]
+    judge.expect_asked("lookup/l/1", body(Register(holder="h", term=1.0, listings=(listings[0],)), ""))
+    for register in (
+        Register(holder="h", term=1.0, listings=(listings[1],)),
+        Register(holder="h", term=1.0, withdrawn=((OTHER, 1),)),
+    ):
+        with pytest.raises(Misbehaved):
+            judge.expect_asked("lookup/l/1", body(register, ""))
+
+
+@pytest.mark.parametrize("key", [OTHER.key, "host/guest/1", "robot/guest/2", "robot/guest", "nonsense"])
+def test_it_is_nobody_else(judge: Judge, key: str) -> None:
+    with pytest.raises(Misbehaved):
+        judge.expect_own(key)
+
+
+@pytest.mark.parametrize("key", [f"{OTHER.key}/state", f"{OWN.key}2/state", OWN.key, "robot/**"])
+def test_it_publishes_under_its_own_key_alone(judge: Judge, key: str) -> None:
+    with pytest.raises(Misbehaved):
+        judge.expect_published(key)
+
+
+def test_it_hears_no_site_and_no_host(judge: Judge) -> None:
+    for pattern in ("**", "host/*/*/log", "site/lab/1/out"):
+        with pytest.raises(Misbehaved):
+            judge.expect_subscribed(pattern)

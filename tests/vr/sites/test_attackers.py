@@ -1,0 +1,149 @@
+"""Attacks on gateways that run: hubs that drop, delay, repeat and inject, and members who lie."""
+
+from __future__ import annotations
+
+import asyncio
+import random
+import time
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+
+from robotree.vr import Child, VirtualRobot, command
+from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.base.envelope import seal
+from robotree.vr.base.errors import NotInControl, StaleEpoch
+from robotree.vr.base.requests import Call, Done
+from robotree.vr.exchange.client import RobotClient
+from robotree.vr.sites.certificates import MemberKind
+from robotree.vr.sites.frames import SiteAsk
+from robotree.vr.sites.invitations import read_token, request_to_join, token_of
+from robotree.vr.sites.keys import RealmKeys, create
+from robotree.vr.sites.keys import join as join_realm_keys
+from robotree.vr.sites.pipe import MemoryHub
+from robotree.vr.sites.sealing import Lane
+from robotree.vr.world.testing import until
+from tests.vr.sites.realm import Realm
+from tests.vr.sites.test_gateway import ROBOT, SiteOfTest, ask, call
+
+MEMBERS: tuple[tuple[str, MemberKind], ...] = (("hall", "site"), ("yard", "site"), ("anna", "person"))
+
+
+def keys_of_all(place: Path) -> list[RealmKeys]:
+    """The keys of lab, where the realm was made, and of the members."""
+    now = time.time()
+    found = [create(place / "k0" / "keys", "plant", "lab", (), now=now)]
+    for number, (name, kind) in enumerate(MEMBERS, 1):
+        invitation = read_token(token_of(found[0].invite(name, kind, now=now)), now)
+        key = Realm(seed=number).key()
+        certificate = found[0].admit(request_to_join(invitation, key), now)
+        found.append(join_realm_keys(place / f"k{number}" / "keys", invitation, key, certificate, now=now))
+    return found
+
+
+@pytest.fixture
+def hub() -> MemoryHub:
+    return MemoryHub()
+
+
+@pytest.fixture
+async def sites(place: Path, hub: MemoryHub) -> AsyncIterator[dict[str, SiteOfTest]]:
+    """Lab, hall with a robot, yard, and the machine of a person."""
+    found = {
+        keys.name: SiteOfTest(place / f"m-{keys.name}", hub, keys)
+        for keys in await asyncio.to_thread(keys_of_all, place)
+    }
+    for site in found.values():
+        await site.open()
+    await found["hall"].be_robot()
+    await until(
+        lambda: all(site.member.presence.there(ROBOT) for site in found.values()), "all see the robot"
+    )
+    yield found
+    for site in found.values():
+        await site.close()
+
+
+class Arm(VirtualRobot):
+    """Moves."""
+
+    @command
+    def step(self, x: float) -> float:
+        """Move."""
+        return x
+
+
+class Parent(VirtualRobot):
+    """Has an arm."""
+
+    arm = Child("Robot")
+
+
+@pytest.mark.parametrize("seed", range(2))
+async def test_a_hub_that_drops_delays_repeats_and_reorders_has_nothing_done_twice_and_nothing_lost(
+    sites: dict[str, SiteOfTest], hub: MemoryHub, seed: int
+) -> None:
+    chance, held = random.Random(seed), list[bytes]()
+
+    def on_way(topic: str, body: bytes) -> list[bytes]:
+        if "/to/" not in topic:
+            return [body]
+        at = chance.randrange(len(body))
+        changed = body[:at] + bytes([body[at] ^ 1]) + body[at + 1 :]
+        fate = chance.choice(("drop", "hold", "repeat", "reorder", "change", *["carry"] * 5))
+        if fate == "hold":
+            held.append(body)
+        old = [held.pop(chance.randrange(len(held)))] if fate == "reorder" and held else []
+        became = {"drop": [], "hold": [], "repeat": [body, body], "change": [changed, body]}
+        return became.get(fate, [body, *old])
+
+    hub.on_way = on_way
+    answered = list[str]()
+    for number in range(12):
+        if await ask(sites["lab"], call(f"call-{number}"), within=12.0) == Done(note="moved"):
+            answered.append(f"call-{number}")
+    hub.on_way = lambda _topic, body: [body]
+    begun = [request.key for request, _ in sites["hall"].asked]
+    assert len(begun) == len(set(begun)), "nothing twice"
+    assert begun == sorted(begun, key=lambda key: int(key.partition("-")[2])), "and in order"
+    assert set(answered) <= set(begun)
+    assert len(answered) > 6, "most arrive, for what is lost is repeated"
+    stream = sites["hall"].gateway.sites["lab"].stream
+    assert stream is not None
+    told = sites["hall"].gateway.refused
+    assert any("changed" in reason for reason in told), (told, stream.counts)
+
+
+async def test_a_member_that_names_the_parent_of_a_robot_commands_it_under_no_lease(
+    sites: dict[str, SiteOfTest],
+) -> None:
+    lab, hall, yard = sites["lab"], sites["hall"], sites["yard"]
+    arm, parent = RobotAgent(Arm("arm-9"), hall.member), RobotAgent(Parent("boss"), lab.member)
+    await arm.start()
+    await parent.start()
+    try:
+        await until(lambda: lab.member.presence.there(arm.address.key), "the parent sees its child")
+        await until(lambda: yard.member.presence.there(parent.address.key), "all see the parent")
+        await RobotClient(lab.member, parent.address).enslave("arm", arm.address)
+        bond = (await RobotClient(hall.member, arm.address).describe()).bond
+        assert bond is not None
+        for epoch in (0, bond.epoch):
+            forged = Call(key=f"f{epoch}", command="step", arguments={"x": 1.0}, epoch=epoch, deadline=5.0)
+            answer = await ask(yard, forged, key=arm.address.key, sender=parent.address.key)
+            assert isinstance(answer, NotInControl if epoch else StaleEpoch), answer
+    finally:
+        await parent.close()
+        await arm.close()
+
+
+async def test_the_machine_of_a_person_speaks_for_nobody_else(sites: dict[str, SiteOfTest]) -> None:
+    anna, hall = sites["anna"], sites["hall"]
+    assert await ask(anna, call()) == Done(note="moved")
+    assert hall.asked[-1][1].user == "anna", "not who has an account on that machine"
+    to_hall = anna.gateway.sites["hall"]
+    sealed = seal(call("k2"), now=anna.gateway.now(), within=5.0)
+    lie = SiteAsk(77, ROBOT, sealed.body, False, anna.gateway.now(), 0.0, "root", 1)
+    assert anna.gateway.send(to_hall, lie, Lane.NORMAL)
+    await until(lambda: len(hall.asked) == 2, "it has come")
+    assert (hall.asked[-1][1].user, hall.asked[-1][1].site) == ("anna", "anna")

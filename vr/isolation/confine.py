@@ -1,0 +1,285 @@
+"""The limits that the kernel keeps for a robot in a process of its own.
+
+*Resource limits* (setrlimit(2)): memory, descriptors, size of a file, no core dump. *Landlock* (landlock(7)):
+it reads what Python and libraries need, and writes in its own folder only. *seccomp* (seccomp(2)): it starts
+no process, opens no socket, sends no signal to others, traces nobody, and mounts nothing. All three hold for
+each thread and cannot be taken back. A kernel without Landlock leaves that part out, and `confine` says so.
+
+Constants are those of Linux's headers `linux/landlock.h`, `linux/seccomp.h`, `linux/bpf_common.h`,
+`linux/prctl.h`, and the system call tables of x86_64 and of the generic table (aarch64, riscv64).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import platform
+import resource
+import signal
+import struct
+import sys
+import sysconfig
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+MEMORY: Final = 1024 * 1024 * 1024
+"""[bytes] of address space that a robot may take beyond what it has at its start."""
+DESCRIPTORS: Final = 256
+LARGEST_FILE: Final = 256 * 1024 * 1024
+"""[bytes]"""
+
+# linux/prctl.h
+_PR_SET_PDEATHSIG, _PR_SET_SECCOMP, _PR_SET_NO_NEW_PRIVS = 1, 22, 38
+_SECCOMP_MODE_FILTER = 2
+# linux/landlock.h
+_CREATE_RULESET, _ADD_RULE, _RESTRICT_SELF = 444, 445, 446
+_PATH_BENEATH = 1
+_EXECUTE, _WRITE_FILE, _READ_FILE, _READ_DIR = 1, 2, 4, 8
+_READS = _READ_FILE | _READ_DIR
+_OF_FILES = _EXECUTE | _WRITE_FILE | _READ_FILE | 1 << 14 | 1 << 15  # truncate, ioctl on devices
+_RIGHTS_BY_ABI = {1: (1 << 13) - 1, 2: (1 << 14) - 1, 3: (1 << 15) - 1, 4: (1 << 15) - 1, 5: (1 << 16) - 1}
+_SCOPED = 3  # abstract Unix sockets, signals
+_SCOPE_FROM = 6
+"""The first version of Landlock that keeps signals and abstract sockets inside."""
+
+_READABLE = ("/usr", "/lib", "/lib64", "/etc", "/dev/null", "/dev/zero", "/dev/urandom", "/proc/self")
+
+# linux/filter.h, linux/seccomp.h, linux/audit.h
+_LD, _JEQ, _JSET, _RET = 0x20, 0x15, 0x45, 0x06
+_ALLOW, _KILL, _ERRNO = 0x7FFF0000, 0x80000000, 0x00050000
+_EPERM, _ENOSYS = 1, 38
+_NUMBER, _ARCH, _ARG0 = 0, 4, 16
+"""[bytes] from the start of `struct seccomp_data`."""
+_CLONE_THREAD = 0x00010000
+_X32 = 0x40000000
+
+_CALLS = {
+    "x86_64": (
+        0xC000003E,
+        {
+            "socket": 41,
+            "connect": 42,
+            "bind": 49,
+            "listen": 50,
+            "fork": 57,
+            "vfork": 58,
+            "execve": 59,
+            "ptrace": 101,
+            "mount": 165,
+            "umount2": 166,
+            "keyctl": 250,
+            "unshare": 272,
+            "perf_event_open": 298,
+            "open_by_handle_at": 304,
+            "setns": 308,
+            "process_vm_readv": 310,
+            "process_vm_writev": 311,
+            "bpf": 321,
+            "execveat": 322,
+            "userfaultfd": 323,
+            "io_uring_setup": 425,
+            "pidfd_send_signal": 424,
+            "pidfd_open": 434,
+            "pidfd_getfd": 438,
+            "tkill": 200,
+            "prlimit64": 302,
+            "kill": 62,
+            "tgkill": 234,
+            "clone": 56,
+            "clone3": 435,
+        },
+    ),
+    "aarch64": (
+        0xC00000B7,
+        {
+            "socket": 198,
+            "connect": 203,
+            "bind": 200,
+            "listen": 201,
+            "execve": 221,
+            "ptrace": 117,
+            "mount": 40,
+            "umount2": 39,
+            "keyctl": 219,
+            "unshare": 97,
+            "perf_event_open": 241,
+            "open_by_handle_at": 265,
+            "setns": 268,
+            "process_vm_readv": 270,
+            "process_vm_writev": 271,
+            "bpf": 280,
+            "execveat": 281,
+            "userfaultfd": 282,
+            "io_uring_setup": 425,
+            "pidfd_send_signal": 424,
+            "pidfd_open": 434,
+            "pidfd_getfd": 438,
+            "tkill": 130,
+            "prlimit64": 261,
+            "kill": 129,
+            "tgkill": 131,
+            "clone": 220,
+            "clone3": 435,
+        },
+    ),
+}
+"""For each machine: what the kernel calls it (`AUDIT_ARCH_*`), and the numbers of system calls."""
+
+_OF_ITSELF = ("kill", "tgkill", "prlimit64")
+"""Calls that name a process first; allowed for this one."""
+
+
+def end_with_parent(parent: int) -> None:
+    """Have the kernel end this process when its parent ends (prctl(2), PR_SET_PDEATHSIG).
+
+    Args:
+        parent: number of the process that has made this one; if it has gone already, this one ends now.
+    """
+    _libc().prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    if os.getppid() != parent:
+        os._exit(0)
+
+
+def confine(writable: Sequence[str]) -> list[str]:
+    """Set all limits for this process, for good. Only one thread may run.
+
+    Args:
+        writable: folders in which it may write.
+
+    Returns:
+        What this kernel does not limit, as clauses; empty: it limits all.
+
+    Raises:
+        OSError: a limit that this kernel has could not be set.
+    """
+    _limit_resources()
+    libc = _libc()
+    lacks: list[str] = []
+    _check(libc.prctl(_PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0), "no_new_privs")
+    if not _landlock(libc, writable):
+        lacks.append("it reads all that this user may: the kernel has no Landlock")
+    if not _seccomp(libc):
+        lacks.append(f"it may start processes: no filter is known for {platform.machine()}")
+    return lacks
+
+
+def _limit_resources() -> None:
+    size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    for limit, value in (
+        (resource.RLIMIT_AS, size + MEMORY),
+        (resource.RLIMIT_NOFILE, DESCRIPTORS),
+        (resource.RLIMIT_FSIZE, LARGEST_FILE),
+        (resource.RLIMIT_CORE, 0),
+    ):
+        _, most = resource.getrlimit(limit)
+        wanted = value if most == resource.RLIM_INFINITY else min(value, most)
+        resource.setrlimit(limit, (wanted, wanted))
+
+
+def _libc() -> ctypes.CDLL:
+    return ctypes.CDLL(None, use_errno=True)
+
+
+def _check(code: int, what: str) -> int:
+    if code < 0:
+        number = ctypes.get_errno()
+        raise OSError(number, f"{what}: {os.strerror(number)}")
+    return code
+
+
+def needed() -> set[str]:
+    """Return the paths that Python, its libraries and robotree need to read."""
+    package = Path(__file__).resolve().parents[2]
+    paths = {sys.prefix, sys.base_prefix, sys.exec_prefix, str(package)}
+    paths |= {path for path in sys.path if path}
+    paths |= {sysconfig.get_paths()[name] for name in ("stdlib", "platstdlib", "purelib", "platlib")}
+    return paths
+
+
+def _landlock(libc: ctypes.CDLL, writable: Sequence[str]) -> bool:
+    """Limit which files are read and written; returns whether the kernel can do that."""
+    version = libc.syscall(_CREATE_RULESET, None, ctypes.c_size_t(0), 1)
+    if version < 1:
+        return False
+    rights = _RIGHTS_BY_ABI[min(version, max(_RIGHTS_BY_ABI))]
+    scoped = _SCOPED if version >= _SCOPE_FROM else 0
+    asked = struct.pack("<QQQ", rights, 0, scoped)[: 24 if version >= _SCOPE_FROM else 8]
+    rules = _check(libc.syscall(_CREATE_RULESET, asked, ctypes.c_size_t(len(asked)), 0), "Landlock")
+    try:
+        for path in {*_READABLE, *needed()}:
+            _allow(libc, rules, path, _READS)
+        for path in writable:
+            _allow(libc, rules, path, rights & ~_EXECUTE)
+        _allow(libc, rules, "/dev/null", rights & (_READ_FILE | _WRITE_FILE))
+        _check(libc.syscall(_RESTRICT_SELF, rules, 0), "Landlock")
+    finally:
+        os.close(rules)
+    return True
+
+
+def _allow(libc: ctypes.CDLL, rules: int, path: str, rights: int) -> None:
+    try:
+        place = os.open(path, os.O_PATH | os.O_CLOEXEC)
+    except OSError:
+        return  # nothing is there, so there is nothing to allow
+    try:
+        if not os.path.isdir(path):  # noqa: PTH112 # it may be part of a zip file
+            rights &= _OF_FILES
+        rule = struct.pack("<Qi", rights, place)
+        _check(libc.syscall(_ADD_RULE, rules, _PATH_BENEATH, rule, 0), f"Landlock for {path}")
+    finally:
+        os.close(place)
+
+
+def _seccomp(libc: ctypes.CDLL) -> bool:
+    """Filter system calls; returns whether their numbers are known for this machine."""
+    known = _CALLS.get(platform.machine())
+    if known is None:
+        return False
+    program = filter_for(*known, own=os.getpid())
+    instructions = ctypes.create_string_buffer(program, len(program))
+    head = struct.pack("@HP", len(program) // 8, ctypes.addressof(instructions))
+    _check(libc.prctl(_PR_SET_SECCOMP, _SECCOMP_MODE_FILTER, head, 0, 0), "seccomp")
+    return True
+
+
+def filter_for(machine: int, calls: dict[str, int], own: int) -> bytes:
+    """Return the filter as a program of the kernel's packet filter (bpf(4), seccomp(2)). Pure.
+
+    Args:
+        machine: as the kernel names it, `AUDIT_ARCH_*`.
+        calls: the numbers of the system calls that are refused, or limited.
+        own: number of the process that is limited.
+    """
+    code: list[tuple[int, int, int, int]] = [
+        (_LD, 0, 0, _ARCH),
+        (_JEQ, 1, 0, machine),
+        (_RET, 0, 0, _KILL),
+        (_LD, 0, 0, _NUMBER),
+        (_JSET, 0, 1, _X32),
+        (_RET, 0, 0, _ERRNO | _ENOSYS),
+    ]
+    # the C library makes threads by clone(2), whose flags can be seen, where clone3(2) is unknown
+    code += [(_JEQ, 0, 1, calls["clone3"]), (_RET, 0, 0, _ERRNO | _ENOSYS)]
+    code += [
+        (_JEQ, 0, 4, calls["clone"]),
+        (_LD, 0, 0, _ARG0),
+        (_JSET, 0, 1, _CLONE_THREAD),
+        (_RET, 0, 0, _ALLOW),
+        (_RET, 0, 0, _ERRNO | _EPERM),
+    ]
+    for name in _OF_ITSELF:
+        code += [
+            (_JEQ, 0, 5, calls[name]),
+            (_LD, 0, 0, _ARG0),
+            (_JEQ, 1, 0, own),
+            (_JEQ, 0, 1, 0 if name == "prlimit64" else own),
+            (_RET, 0, 0, _ALLOW),
+            (_RET, 0, 0, _ERRNO | _EPERM),
+        ]
+    for name, number in calls.items():
+        if name not in ("clone", "clone3", *_OF_ITSELF):
+            code += [(_JEQ, 0, 1, number), (_RET, 0, 0, _ERRNO | _EPERM)]
+    code.append((_RET, 0, 0, _ALLOW))
+    return b"".join(struct.pack("<HBBI", *each) for each in code)
