@@ -159,6 +159,20 @@ def test_a_command_goes_there_and_the_log_there_names_who_asked(plant: Plant) ->
     assert "@lab" in lines, lines
 
 
+def test_a_robot_is_shown_with_its_site_and_age_and_the_doctor_knows_the_way(plant: Plant) -> None:
+    lab, hall = plant.lab, plant.hall
+    (row,) = [row for row in lab.say("ls") if row["address"]["name"] == "r1"]
+    assert row["site"] == "hall"
+    assert 0 <= row["age"] < 60
+    assert lab.say("show", "hall:r1")["site"] == "hall"
+    lab.say("call", "hall:r1.move", "x=0.05", "y=0")
+    assert hall.say("show", "hall:r1")["address"]["name"] == "r1", "where it is at home, too"
+    assert lab.say("show", "cellar:r1", code=REFUSED)["error"] == "NoSuchSite"
+    checks = lab.say("doctor", "hall:r1")["checks"]
+    assert any(one["check"] == "sites" and "site hall is linked" in one["result"] for one in checks), checks
+    assert any("is at site hall and answers in" in one["result"] for one in checks), checks
+
+
 def test_a_virtual_robot_here_commands_a_robot_there(plant: Plant) -> None:
     lab, hall = plant.lab, plant.hall
     lab.say("create", str(EXAMPLES / "move_square.py"), "as", "square")

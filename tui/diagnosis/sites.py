@@ -15,6 +15,7 @@ from robotree.tui.diagnosis.finding import Finding, Grade
 from robotree.tui.processes.state_files import KEYS, state_home
 from robotree.vr.base.errors import Hanging, NoKeys, NotAMember, VrError
 from robotree.vr.base.extras import lacks
+from robotree.vr.core.bonds import DEFAULT_TERM
 from robotree.vr.sites.known import names_of_sites
 
 if TYPE_CHECKING:
@@ -26,8 +27,9 @@ SOON = 14 * DAY
 """[s] before the end of a certificate from which on it is named."""
 CLOCK_OFF, CLOCK_WRONG = 5.0, 300.0
 """[s] by which two clocks differ so that people are misled, and so that certificates are refused."""
-FAR = 2.5
-"""[s] of the way there and back: a lease of 5 s is renewed each third of it, and bears no more."""
+BEARS = DEFAULT_TERM * 2 / 3
+"""[s] of the way there and back that a lease bears: it is renewed after a third of its term, and counts from
+when that was asked for (`HeldLease`)."""
 AGAIN = "robotree --realm {realm} gateway"
 
 
@@ -126,14 +128,14 @@ def of_site(site: SiteSeen, described: GatewayDescribed, now: float) -> Iterator
     """Say how one site is."""
     who = f"{site.kind} {site.name}"
     if site.state == "linked":
-        way = f"{site.way * 1000:.0f} ms there and back"
+        way = f"{site.way * 1000:.0f} ms there and back, of which a bond bears {BEARS * 1000:.0f}"
         yield Finding("sites", "good", f"{who} is linked: {site.agents} agents, {way}")
     else:
         since = "has not been heard since this gateway began"
         heard = since if site.heard < 0 else f"was heard {site.heard:.1f} s ago"
         remedy = "" if site.reason in {described.out, described.trouble} else site.remedy
         yield Finding("sites", "bad", f"{who} is {site.state}, it {heard}: {site.reason}", remedy)
-    if site.way > FAR:
+    if site.way > 0.75 * BEARS:
         yield Finding(
             "sites", "doubt", f"the way to {who} and back takes {site.way:.1f} s: bonds across it end",
             "command robots there from a robot that lives there",
