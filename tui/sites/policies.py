@@ -18,7 +18,7 @@ from robotree.vr.base.errors import Denied, PolicyUnusable
 from robotree.vr.base.policy import LONGEST, REALM, Policy, PolicyTarget, fits
 from robotree.vr.base.policy_reading import read_policy, schema
 from robotree.vr.base.principal import user_name
-from robotree.vr.network.policy_file import KEYS, POLICY, SIGNED, PolicyFile, member_of, state_of
+from robotree.vr.network.policy_file import KEYS, POLICY, SIGNED, PolicyFile, member_of, put, state_of
 from robotree.vr.network.realms import realm_folder, robots_in
 
 
@@ -161,19 +161,3 @@ def _signed(folder: Path, text: str) -> str:
     from robotree.vr.sites.keys import RealmKeys
 
     return f"{text}{SIGNED}{RealmKeys(folder / KEYS).sign_policy(text.encode()).hex()}\n"
-
-
-def put(place: Path, data: bytes, mode: int = 0o600) -> None:
-    """Replace a file whole.
-
-    Raises:
-        OSError: it cannot be written.
-    """
-    new = place.with_name(f".{place.name}.new")
-    file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC, mode)
-    with os.fdopen(file, "wb") as stream:
-        stream.write(data)
-        stream.flush()
-        os.fchmod(stream.fileno(), mode)
-        os.fsync(stream.fileno())
-    new.replace(place)

@@ -12,6 +12,7 @@ from robotree.tui import exit_codes
 from robotree.tui.errors import NoPlaceForState, ValueRefused
 from robotree.tui.line.grammar import Line
 from robotree.tui.processes.state_files import KEYS, state_file
+from robotree.tui.sites.policies import expect_to_administrate
 from robotree.tui.terminal import answer
 from robotree.vr.network.realms import state_home
 from robotree.vr.sites.certificates import DAY, MemberKind, fingerprint
@@ -32,6 +33,8 @@ def start(line: Line, realm: str) -> int:
         "renew": _renew,
         "export": _export,
     }
+    if line.verb in {"realm invite", "realm revoke"}:
+        expect_to_administrate(realm)
     return verbs[line.verb.removeprefix("realm ")](line, realm)
 
 

@@ -220,6 +220,10 @@ class Policy:
         held = {each.role for name in names for each in self.persons.get(name, ())} | set(roles)
         return right == STOP or any(rule.fits(target) for rule in self._rules(held, right))
 
+    def asks_for_kinds(self, right: str) -> bool:
+        """Whether any line for a right is about kinds."""
+        return any(rule.kinds for rules in self.roles.values() for rule in rules if rule.right == right)
+
     def names(self, asker: Person) -> bool:
         """Whether any line concerns somebody; all others are guests."""
         return any(self.roles.get(each.role) for each in self.roles_of(asker))
@@ -298,6 +302,19 @@ class PolicyGate:
     is in the realm."""
     due: float = float("inf")
     """[s] on the monotonic clock: when `refresh` has to look again."""
+
+    data: bytes = b""
+    """The file in force, with its signature; empty: there is none."""
+
+    def offer(self, data: bytes) -> bool:
+        """Put a file in force that another site has sent; returns whether it is newer, and now in force.
+
+        Raises:
+            VrError: it cannot be used.
+            OSError: it cannot be kept.
+        """
+        del data
+        return False
 
     def refresh(self, now: float) -> None:
         """Read the policy anew if that is due and it has changed [now in s]."""

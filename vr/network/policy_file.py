@@ -100,7 +100,8 @@ class PolicyFile(PolicyGate):
         member = member_of(self._keys)
         if found.st_uid not in (os.geteuid(), self.owner) or not stat.S_ISREG(found.st_mode):
             raise PolicyUnusable(path=str(self.path), reason=f"it belongs to user {found.st_uid}")
-        policy = checked(read(self.path, LONGEST), str(self.path), member)
+        data = read(self.path, LONGEST)
+        policy = checked(data, str(self.path), member)
         if member is not None:
             self.site, self.person = member.name, member.kind == "person"
             self.roles = own_roles(self._keys)
@@ -108,7 +109,15 @@ class PolicyFile(PolicyGate):
         if before is not None and policy.version <= before.version and policy.text != before.text:
             reason = f"its version {policy.version} is not newer than {before.version}, which is in force"
             raise PolicyUnusable(path=str(self.path), reason=reason)
-        self.policy, self.trouble = policy, ""
+        self.policy, self.data, self.trouble = policy, data, ""
+
+    def offer(self, data: bytes) -> bool:
+        policy = checked(data, "the policy of another site", member_of(self._keys))
+        if self.policy is not None and policy.version <= self.policy.version:
+            return False
+        put(self.path, data)
+        self.refresh(self.due)
+        return True
 
     def _trouble(self, reason: str) -> None:
         self._say(reason)
@@ -175,3 +184,24 @@ def checked(data: bytes, path: str, member: OwnMember | None) -> Policy:
     if policy.realm != member.realm:
         raise PolicyUnusable(path=path, reason=f"it is that of realm {policy.realm}")
     return policy
+
+
+def put(place: Path, data: bytes, mode: int = 0o600) -> None:
+    """Replace a file whole; it is on the disk when this returns.
+
+    Args:
+        place: of the file.
+        data: its content.
+        mode: who may read it.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    new = place.with_name(f".{place.name}.new")
+    file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC, mode)
+    with os.fdopen(file, "wb") as stream:
+        stream.write(data)
+        stream.flush()
+        os.fchmod(stream.fileno(), mode)
+        os.fsync(stream.fileno())
+    new.replace(place)

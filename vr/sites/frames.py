@@ -137,9 +137,16 @@ class Hung(msgspec.Struct, frozen=True, array_like=True, tag=25):
     """Key, process, and the remedy for a person who is there."""
 
 
+class SitePolicy(msgspec.Struct, frozen=True, array_like=True, tag=9):
+    """The policy in force, as the authority has signed it."""
+
+    data: bytes
+
+
 SiteFrame = (
     AllNews | OneNews | SiteAsk | SiteReply | SiteEnd | SiteSample | Revoked | StopSite | SiteStopped
     | SiteState | StillSo | AgainStates | AboutSite | Admitted | Hung
+    | SitePolicy
 )  # fmt: skip
 
 encode_frame = msgspec.msgpack.Encoder().encode

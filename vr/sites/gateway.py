@@ -54,6 +54,7 @@ from robotree.vr.sites.frames import (
     SiteAsk,
     SiteEnd,
     SiteFrame,
+    SitePolicy,
     SiteReply,
     SiteSample,
     SiteState,
@@ -68,6 +69,7 @@ from robotree.vr.sites.handshake import Handshakes
 from robotree.vr.sites.keys import RealmKeys
 from robotree.vr.sites.pipe import GRANTED, Pipe, Topics
 from robotree.vr.sites.sealing import ID_SIZE, Lane, Verdict
+from robotree.vr.sites.showing import Showing
 from robotree.vr.sites.site import ARRIVAL, GONE, Site, SiteExchange
 from robotree.vr.sites.standing import Standing
 from robotree.vr.sites.stopping import SiteStops, StopHere
@@ -157,6 +159,7 @@ class Gateway:
             "",
         )
         self._stops = SiteStops(self, keys, stop_here)
+        self._showing = Showing(self, transport)
         self._admitted: dict[bytes, bytes] = {}
         """Certificates that were given of late, by request."""
         self.refused = Counter[str]()
@@ -250,6 +253,11 @@ class Gateway:
         """Whether a key is of this machine, also if its process hangs."""
         return key not in self._standing.where
 
+    @property
+    def local(self) -> set[str]:
+        """The keys that are present here and of this machine."""
+        return self._standing.local
+
     def now(self) -> float:
         """[s] on this machine's monotonic clock."""
         return self._loop.time()
@@ -272,7 +280,7 @@ class Gateway:
         for site in self.sites.values():
             if not there:
                 site.summaries.forget(key)
-            self.send(site, OneNews(Announced.PRESENT, key, there), Lane.URGENT)
+            self._showing.tell(site, key, there=there)
 
     def _see_wanted(self) -> None:
         wanted = self._mesh.wanted()
@@ -307,6 +315,7 @@ class Gateway:
             error = SiteSilent(site=site.name, seconds=site.silence(now), reason=reason)
             end(encode(Raised.of(error)))
             return
+        self._showing.introduce(site, sender_of(body))
         number = next(self._numbers)
         site.exchanges[number] = SiteExchange(key, respond, end, found.void_at)
         ask = SiteAsk(number, key, body, urgent, now, found.age, user_name(sender.user), sender.process)
@@ -315,6 +324,8 @@ class Gateway:
 
     def _hear(self, site: Site, key: str, body: bytes) -> None:
         if site.stream is None or _agent(key) not in self._standing.local:
+            return
+        if not self._showing.sees_sample(site, key, body):
             return
         if not is_state(key):
             site.stream.publish(key, encode_frame(SiteSample(key, body)))
@@ -414,6 +425,8 @@ class Gateway:
                 self._take_admitted(frame)
             case Hung():
                 site.hung = [one for one in frame.agents if one[0] in site.keys or Address.parse(one[0])]
+            case SitePolicy():
+                self._showing.take_policy(frame.data)
             case _:
                 pass
 
@@ -606,7 +619,7 @@ class Gateway:
         self._keys.remember(member)
         _log.warning("site %s is linked", site.name)
         self.send(site, AboutSite(self._version, self._wall()), Lane.URGENT)
-        local, patterns = sorted(self._standing.local), sorted(self._wanted)
+        local, patterns = self._showing.begin(site), sorted(self._wanted)
         for begin in range(0, max(len(local), 1), KEYS_AT_ONCE):
             keys, rest = local[begin : begin + KEYS_AT_ONCE], patterns if not begin else []
             self.send(site, AllNews(keys, rest, begin + KEYS_AT_ONCE < len(local)), Lane.URGENT)
@@ -616,6 +629,7 @@ class Gateway:
             self.send(site, Admitted(list(self._keys.admitted())), Lane.NORMAL)
         if self._hung:
             self.send(site, Hung(self._hung), Lane.NORMAL)
+        self._showing.send_policy(site)
         self._tell_of_sites()
 
     def _end_session(self, site: Site, why: str, *, hide: bool = True) -> None:
@@ -712,6 +726,7 @@ class Gateway:
             self._pipe.publish(self._topics.here, self._keys.name.encode())
         if now - self._looked > LOOK:
             self._looked = now
+            self._showing.look()
             self._see_hung()
             self._tell_of_sites()
             with suppress(NotAMember):

@@ -46,6 +46,10 @@ class Site:
         self.stream: Stream | None = None
         self.keys = set[str]()
         """Under which its agents are present; announced here."""
+        self.told = set[str]()
+        """Keys of this machine of which it knows: see `Showing`."""
+        self.introduced = set[str]()
+        """Those of them that have asked there."""
         self.fresh = set[str]()
         """Of these: what it has said since the session began, while it goes on to say."""
         self.patterns: dict[str, Callable[[], None]] = {}

@@ -10,12 +10,16 @@ from typing import Any
 
 import pytest
 
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import RobotDescription
 from robotree.vr.base.envelope import seal, sitting_at
 from robotree.vr.base.errors import NoAnswer, SiteSilent
 from robotree.vr.base.places import Places
 from robotree.vr.base.principal import Principal
 from robotree.vr.base.requests import (
     Call,
+    Describe,
+    Described,
     DescribeGateway,
     Done,
     GatewayDescribed,
@@ -25,8 +29,10 @@ from robotree.vr.base.requests import (
     decode_reply,
     encode,
 )
+from robotree.vr.exchange.authority import Here
 from robotree.vr.exchange.dispatcher import Dispatcher
 from robotree.vr.network.local import join
+from robotree.vr.network.policy_file import PolicyFile
 from robotree.vr.sites.frames import SiteStopped, StillSo
 from robotree.vr.sites.gateway import Gateway
 from robotree.vr.sites.invitations import read_token, request_to_join, token_of
@@ -51,6 +57,8 @@ class SiteOfTest:
         self.place.mkdir(mode=0o700, exist_ok=True)
         self.gate = await join("test", root=self.place)
         self.member = await join("test", root=self.place)
+        self.gate.gate = PolicyFile(self.keys.folder.parent)
+        self.member.gate = PolicyFile(self.keys.folder.parent)
 
         async def stop_here(order: str, reason: str) -> SiteStopped:
             self.asked.append((SafeStop(order=order, reason=reason), Principal()))
@@ -67,10 +75,14 @@ class SiteOfTest:
         loop = asyncio.get_running_loop()
 
         def answer(received: Any, _: Any) -> Any:
+            if isinstance(received.request, Describe):
+                address = Address("robot", "arm-1", "1")
+                return Described(robot=RobotDescription(address=address, kinds=("Arm", "Robot")))
             self.asked.append((received.request, received.principal))
             return reply or Done(note="moved")
 
-        dispatcher = Dispatcher("arm-1", answer, now=loop.time)
+        here = Here("robot", "arm-1", self.member.gate, lambda: ("Arm", "Robot"))
+        dispatcher = Dispatcher("arm-1", answer, now=loop.time, here=here)
         await self.member.serve(ROBOT, dispatcher.take)
         await self.member.announce(ROBOT)
 

@@ -1,0 +1,165 @@
+"""What the people of another site may see of this machine, and the policy on its way between sites.
+
+Each robot refuses who may not ask it (`vr/exchange/authority.py`). What nobody asks for, names that are
+announced and states that are published, the gateway keeps back: a site gets what anybody there may see. Who
+asks a robot of another site is announced there, seen or not: a parent must be, for its lease.
+
+A line about a kind needs the kind of a robot, which its name does not tell: the gateway asks the robot, once.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from typing import Protocol
+
+from robotree.vr.base.address import Address
+from robotree.vr.base.errors import VrError
+from robotree.vr.base.policy import BY_NAME, Policy, PolicyTarget
+from robotree.vr.base.requests import ANSWER_WITHIN, Describe, Described, Listed, decode_event
+from robotree.vr.base.transport import Transport
+from robotree.vr.exchange.asking import ask
+from robotree.vr.sites.frames import Announced, OneNews, SiteFrame, SitePolicy
+from robotree.vr.sites.sealing import Lane
+from robotree.vr.sites.site import Site
+
+_log = logging.getLogger(__name__)
+
+
+class ToSites(Protocol):
+    """What it needs of the gateway."""
+
+    sites: dict[str, Site]
+    local: set[str]
+
+    def send(self, site: Site, frame: SiteFrame, lane: Lane, *, until: float = ...) -> bool:
+        """Send a frame to a site; returns whether there is a session with it."""
+        ...
+
+    def now(self) -> float:
+        """[s] on this machine's monotonic clock."""
+        ...
+
+
+class Showing:
+    """See the module. On the event loop."""
+
+    def __init__(self, gateway: ToSites, transport: Transport) -> None:
+        """Take the ways to the sites and to the agents of this machine."""
+        self._gateway, self._transport, self._gate = gateway, transport, transport.gate
+        self._policy: Policy | None = self._gate.policy
+        self._kinds: dict[str, tuple[str, ...]] = {}
+        """Of the robots that were asked, by key."""
+        self._asking: dict[str, asyncio.Task[None]] = {}
+
+    # -- the policy -------------------------------------------------------------------------------
+
+    def look(self) -> None:
+        """See whether another policy is in force, and hand it on. Often."""
+        now = self._gateway.now()
+        if now >= self._gate.due:
+            self._gate.refresh(now)
+        if self._gate.policy is not self._policy:
+            self._policy = self._gate.policy
+            for site in self._gateway.sites.values():
+                self.send_policy(site)
+                self._show_anew(site)
+
+    def send_policy(self, site: Site) -> None:
+        """Tell a site which policy is in force here."""
+        if self._gate.data:
+            self._gateway.send(site, SitePolicy(self._gate.data), Lane.URGENT)
+
+    def take_policy(self, data: bytes) -> None:
+        """Put a policy in force that another site has sent, if it is newer and signed."""
+        try:
+            newer = self._gate.offer(data)
+        except (VrError, OSError) as error:
+            _log.warning("a policy of another site is not used: %s", error)
+            return
+        if newer:
+            self.look()
+
+    # -- who is there -----------------------------------------------------------------------------
+
+    def begin(self, site: Site) -> list[str]:
+        """Return the keys of this machine that a site is told when a session begins."""
+        site.introduced.clear()
+        site.told = {key for key in self._gateway.local if self._sees(site, key)}
+        return sorted(site.told)
+
+    def tell(self, site: Site, key: str, *, there: bool) -> None:
+        """Tell a site that an agent of this machine has come or gone, if it may know it."""
+        if not there:
+            self._kinds.pop(key, None)
+            site.introduced.discard(key)
+        if there != (key in site.told) and (not there or self._sees(site, key)):
+            self._announce(site, key, there=there)
+
+    def introduce(self, site: Site, sender: str) -> None:
+        """Tell a site of who asks there."""
+        if self._policy is not None and sender in self._gateway.local:
+            site.introduced.add(sender)
+            if sender not in site.told:
+                self._announce(site, sender, there=True)
+
+    def sees_sample(self, site: Site, key: str, body: bytes) -> bool:
+        """Whether a site may hear what is published under a key."""
+        if self._policy is None:
+            return True
+        address = Address.parse("/".join(key.split("/", 3)[:3]))
+        if address is None or address.role != "lookup":
+            return address is None or self._sees(site, address.key)
+        try:
+            news = decode_event(body, key=key)
+        except VrError:
+            return False
+        if not isinstance(news, Listed):
+            return True
+        return self._allowed(site, news.listing.address, tuple(news.listing.kinds))
+
+    def _announce(self, site: Site, key: str, *, there: bool) -> None:
+        if self._gateway.send(site, OneNews(Announced.PRESENT, key, there), Lane.URGENT):
+            (site.told.add if there else site.told.discard)(key)
+
+    def _show_anew(self, site: Site) -> None:
+        """Another policy is in force: tell what may be seen now, and take back what may not."""
+        for key in sorted(self._gateway.local - site.introduced):
+            if (there := self._sees(site, key)) != (key in site.told):
+                self._announce(site, key, there=there)
+
+    def _sees(self, site: Site, key: str) -> bool:
+        if self._policy is None:
+            return True
+        address = Address.parse(key)
+        if address is None or address.role not in BY_NAME["see"].roles or address.role == "host":
+            return True
+        return self._allowed(site, address, self._kinds_of(address))
+
+    def _allowed(self, site: Site, address: Address, kinds: tuple[str, ...]) -> bool:
+        policy, member = self._policy, site.member
+        if policy is None:
+            return True
+        target = PolicyTarget(address.name, address.role, kinds, "", self._gate.site)
+        return policy.may_anybody_of(site.name, "see", target, () if member is None else member.may)
+
+    def _kinds_of(self, address: Address) -> tuple[str, ...]:
+        """Return the kinds of an agent; none, if they are not known yet: then they will be."""
+        key, policy = address.key, self._policy
+        if policy is None or address.role != "robot" or not policy.asks_for_kinds("see"):
+            return ()
+        if key not in self._kinds and key not in self._asking:
+            self._asking[key] = asyncio.ensure_future(self._learn(key))
+        return self._kinds.get(key, ())
+
+    async def _learn(self, key: str) -> None:
+        try:
+            found = await ask(self._transport, key, Describe(), Described, timeout=ANSWER_WITHIN)
+            self._kinds[key] = found.robot.kinds
+        except VrError:
+            return  # it is asked again at the next look at it
+        finally:
+            self._asking.pop(key, None)
+        for site in self._gateway.sites.values():
+            if key in self._gateway.local and self._sees(site, key):
+                self.tell(site, key, there=True)
