@@ -26,7 +26,7 @@ from robotree.vr.sites.site import Site
 _log = logging.getLogger(__name__)
 
 
-class ToSites(Protocol):
+class WithSites(Protocol):
     """What it needs of the gateway."""
 
     sites: dict[str, Site]
@@ -44,7 +44,7 @@ class ToSites(Protocol):
 class Showing:
     """See the module. On the event loop."""
 
-    def __init__(self, gateway: ToSites, transport: Transport) -> None:
+    def __init__(self, gateway: WithSites, transport: Transport) -> None:
         """Take the ways to the sites and to the agents of this machine."""
         self._gateway, self._transport, self._gate = gateway, transport, transport.gate
         self._policy: Policy | None = self._gate.policy

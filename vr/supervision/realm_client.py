@@ -20,6 +20,7 @@ from robotree.vr.base.chance import token
 from robotree.vr.base.description import Listing, RobotDescription, Template
 from robotree.vr.base.envelope import asks_for_a_person
 from robotree.vr.base.errors import (
+    Denied,
     DuplicateName,
     HostReserved,
     NoAnswer,
@@ -168,6 +169,16 @@ class RealmClient:
         asker = self.asker
         found = None if asker is None else self.gate.may(asker, right, target)
         return None if found is None or found.allowed else found
+
+    def refusal(self, right: str, name: str, kinds: Sequence[str], command: str = "") -> str:
+        """Return why the policy denies something to who asks here, as a sentence; empty: it does not."""
+        target = PolicyTarget(name, "robot", tuple(kinds), command, self.gate.site)
+        found, asker = self.denial(right, target), self.asker
+        if found is None or asker is None:
+            return ""
+        return str(
+            Denied(who=asker.name, right=right, target=str(target), reason=found.reason, ask=self.gate.ask)
+        )
 
     def hides(self, address: Address | None, kinds: Sequence[str] = ()) -> bool:
         """Whether who asks here may not see an agent. What is in the way of a stop is named nevertheless."""

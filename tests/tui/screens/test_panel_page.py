@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -21,7 +22,10 @@ from robotree.tui.screen.widgets.field_row import FieldRow
 from robotree.tui.screen.widgets.readings import Readings
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.vr import Robot, command
-from robotree.vr.base.principal import principal_of, this_process
+from robotree.vr.base.envelope import sitting_at
+from robotree.vr.base.policy import PolicyGate
+from robotree.vr.base.policy_reading import read_policy
+from robotree.vr.base.principal import principal_of, this_process, user_name
 from tests.tui.screens.rows import row
 
 if TYPE_CHECKING:
@@ -84,6 +88,26 @@ async def test_the_form_shows_unit_range_default_and_present_value(realm: Realm,
         await operator.sees("-0.8 … 0.8 m · now 0.35", "° · now 0", "m/s · default 0.1", "Move the gripper")
         assert row(form, "x").text == "0.35", "sent as it stands, it moves nothing"
         assert row(form, "speed").text == "0.1"
+
+
+async def test_a_command_that_the_policy_denies_is_marked_and_says_why(
+    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gate, me = PolicyGate(), user_name(os.geteuid())
+    gate.policy = read_policy(
+        f"realm: test\nversion: 1\npersons: {{'{me}': some}}\n"
+        "roles: {some: {see: '*', command: arm-1.grip}}"
+    )
+    monkeypatch.setattr(realm.realm_client._transport, "gate", gate)
+    with sitting_at("pts/3"):
+        async with panel(realm, operate, "arm-1", "go_to") as (operator, page, form):
+            await operator.sees(
+                "go_to ✗", "may not command arm-1.go_to: line 4 allows command only of", "ask who"
+            )
+            assert form.query_one("#run", Button).disabled
+            form.send()
+            assert not form.running
+            assert not (await choose(operator, page, "grip")).query_one("#run", Button).disabled
 
 
 async def test_readings_have_the_same_units_on_every_page(realm: Realm, operate: Operate) -> None:

@@ -75,8 +75,13 @@ class PanelPage(Page):
 
     def _option(self, index: int) -> Option:
         command = self.robot.commands[index]
-        muted = tint(self.app, "muted")
-        return Option(Text(command.name, "bold" if command.available else muted), id=_form_id(index))
+        muted, denied = tint(self.app, "muted"), bool(self._denied(command.name))
+        style = "bold" if command.available and not denied else muted
+        return Option(Text(command.name + " ✗" * denied, style), id=_form_id(index))
+
+    def _denied(self, command: str) -> str:
+        """Return why the policy denies a command to who sits here, as a sentence; empty: it does not."""
+        return self.app.realm_client.refusal("command", self.robot.name, self.robot.kinds, command)
 
     def on_mount(self) -> None:
         """Open the first form."""
@@ -128,7 +133,7 @@ class PanelPage(Page):
             spec = self.robot.commands[at]
             form = CommandForm(self.robot.name, spec, self._readings)
             form.id = wanted
-            form.answers = self._answers
+            form.answers, form.denied = self._answers, self._denied(spec.name)
             form.display = False  # until all of it is there
             form.border_title = Text(wording.signature(command_as_shown(spec)))
             await forms.mount(form)

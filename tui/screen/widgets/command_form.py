@@ -52,6 +52,8 @@ class CommandForm(Form, Part, VerticalScroll):
         self._readings = dict(readings)
         self.answers = True
         """The robot is there to be commanded."""
+        self.denied = ""
+        """Why the policy denies it, as a sentence; empty: it does not."""
         self._began = self._turned = 0.0
         """[s] When the command was sent, and when its turn came, on the clock of events."""
         self._came_from: Widget | None = None
@@ -85,7 +87,9 @@ class CommandForm(Form, Part, VerticalScroll):
         self._enable()
         self.query_one("#progress").display = False
         self._draw_line()
-        if not self.spec.available:
+        if self.denied:
+            self._say("✗", "warning", self.denied)
+        elif not self.spec.available:
             slot = self.spec.through.partition(".")[0]
             self._say(
                 "!",
@@ -101,7 +105,7 @@ class CommandForm(Form, Part, VerticalScroll):
         rows = list(self.query(FieldRow))
         if rows:
             rows[0].focus_entry()
-        elif self.spec.available:
+        elif self.spec.available and not self.denied:
             self._say("·", "muted", f"{self.app.keymap.spelled('panel.run')} runs it, or the button")
 
     @on(FieldRow.Onward)
@@ -182,7 +186,7 @@ class CommandForm(Form, Part, VerticalScroll):
         if not self.answers:
             self.app.tell(f"{self.robot} does not answer: {self.spec.name} was not sent", "warning")
             return
-        if not self.spec.available:  # the form shows the remedy
+        if self.denied or not self.spec.available:  # the form shows why, and the remedy
             return
         rows = {row.spec.name: row for row in self.query(FieldRow)}
         read = entry.read(self.spec, self.texts)
@@ -272,7 +276,7 @@ class CommandForm(Form, Part, VerticalScroll):
         self._enable()
 
     def _enable(self) -> None:
-        usable = self.spec.available and self.answers
+        usable = self.spec.available and self.answers and not self.denied
         self.query_one("#run", Button).disabled = self.running or not usable
         self.query_one("#cancel", Button).disabled = not self.running
         if self.running and self.has_focus_within:
