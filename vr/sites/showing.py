@@ -30,7 +30,11 @@ class WithSites(Protocol):
     """What it needs of the gateway."""
 
     sites: dict[str, Site]
-    local: set[str]
+
+    @property
+    def local(self) -> set[str]:
+        """The keys that are present here and of this machine."""
+        ...
 
     def send(self, site: Site, frame: SiteFrame, lane: Lane, *, until: float = ...) -> bool:
         """Send a frame to a site; returns whether there is a session with it."""
