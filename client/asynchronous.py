@@ -200,6 +200,10 @@ class AsyncRealm:
         """Have a virtual robot go on with its page as it is in the file now, or with another page."""
         return await self.realm_client.reload(robot, str(page), now=now)
 
+    async def migrate(self, robot: str, host: str) -> str:
+        """Have a virtual robot go on in another host; returns a sentence for people."""
+        return await self.realm_client.migrate(robot, host)
+
     async def enslave(self, slot: str, child: str) -> None:
         """Bind a child to a slot, `mover.arm`."""
         parent, _, name = slot.partition(".")

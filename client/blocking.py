@@ -231,6 +231,10 @@ class Realm:
         """Have a virtual robot go on with its page as it is in the file now, or with another page."""
         return self.wait_for(self.behind.reload(robot, page, now=now))
 
+    def migrate(self, robot: str, host: str) -> str:
+        """Have a virtual robot go on in another host; returns a sentence for people."""
+        return self.wait_for(self.behind.migrate(robot, host))
+
     def enslave(self, slot: str, child: str) -> None:
         """Bind a child to a slot, `mover.arm`."""
         self.wait_for(self.behind.enslave(slot, child))

@@ -24,6 +24,7 @@ from typing import Any
 
 from robotree.vr.agents import run
 from robotree.vr.agents.host import Host
+from robotree.vr.agents.moving import Moves
 from robotree.vr.author.together import Group
 from robotree.vr.core import events as on
 from robotree.vr.journal import segments
@@ -38,6 +39,8 @@ ROOM = int(os.environ.get("ROOM", "-1"))
 """Frames for which there is room on the disk; -1: any number."""
 WORD = os.environ.get("WORD", "act").encode()
 """Of the calls around which the moments of the transport are."""
+HANGS = "HANGS" in os.environ
+"""Whether it is stopped at that place, and not killed."""
 KEEPS = "FORGET" not in os.environ
 WITHOUT = os.environ.get("WITHOUT", "")
 FIRST = not FOLDER.exists()
@@ -58,7 +61,7 @@ class Countdown:
             self._left -= 1
             if self._left == 0:
                 before()
-                os.kill(os.getpid(), signal.SIGKILL)
+                os.kill(os.getpid(), signal.SIGSTOP if HANGS else signal.SIGKILL)
 
 
 countdown = Countdown()
@@ -160,6 +163,7 @@ def prepare() -> None:
     async def enter(realm: str | None) -> Any:
         return Door(await join(realm))
 
+    Moves.moment = staticmethod(lambda place: countdown.here(f"move {place}"))
     run.join = enter  # type: ignore[assignment]
     run.HostJournal = Journal  # type: ignore[misc]
 

@@ -192,8 +192,8 @@ class Door:
         self._transport.publish(*values)
         self._moment("after send")
 
-    async def serve(self, key: str, take: Any) -> Any:
-        return await self._transport.serve(key, lambda incoming: take(self._watched(incoming)))
+    async def serve(self, key: str, take: Any, *, rank: int = 0) -> Any:
+        return await self._transport.serve(key, lambda incoming: take(self._watched(incoming)), rank=rank)
 
     def _watched(self, incoming: Any) -> Any:
         def at_moments(send: Callable[..., None]) -> Callable[..., None]:

@@ -290,6 +290,27 @@ ACTIONS: tuple[Action, ...] = (
         alters=True,
     ),
     Action(
+        usage="migrate NAME to HOST",
+        help="Have a virtual robot go on in another host: its commands go on there at their next step, and"
+        " its children, its parent and its callers stay.",
+        group=SHAPE,
+        run="migrate",
+        where=ANYWHERE,
+        key="h",
+        about=About.ROBOT,
+        examples=("migrate tour to host-2",),
+        alters=True,
+    ),
+    Action(
+        usage="drain HOST [--end]",
+        help="Have all robots of a host go on in the other hosts, those that carry something out first;"
+        " --end: then end the host.",
+        group=SHAPE,
+        run="drain",
+        examples=("drain host-1", "drain host-1 --end"),
+        alters=True,
+    ),
+    Action(
         usage="delete NAME",
         help="End a virtual robot; its children are released first.",
         group=SHAPE,

@@ -612,6 +612,36 @@ async def delete(realm_client: RealmClient, line: Line, _teller: Teller) -> Outc
     return Outcome({"deleted": line.text("NAME")} | ({"left": left} if left else {}), text)
 
 
+async def migrate(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
+    """Have a virtual robot go on in another host."""
+    name, host = line.text("NAME"), line.text("HOST")
+    note = await realm_client.migrate(name, host)
+    return Outcome({"migrated": name, "host": host}, note)
+
+
+async def drain(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
+    """Have all robots of a host go on elsewhere; with `--end` the host ends then."""
+    host, ends = line.text("HOST"), line.flag("--end")
+    process = _process_of(realm_client, host) if ends else 0
+    moved = await realm_client.drain(host, lambda text: teller.progress(nan, text))
+    text = f"{host} is empty: {', '.join(moved)} moved" if moved else f"{host} had no robots"
+    if ends:
+        from robotree.tui.processes.programs import end_process
+
+        await end_process(process)
+        text += "; it has ended"
+    return Outcome({"drained": host, "moved": moved, "ended": ends}, text)
+
+
+def _process_of(realm_client: RealmClient, host: str) -> int:
+    """Return the number of the process that a host is, on this machine."""
+    held = realm_client.holding("host", host)
+    number = held.partition("process ")[2].partition(" ")[0]
+    if not number.isdigit():
+        raise ValueRefused("HOST", f"{host} is no process of this machine; end it where it runs")
+    return int(number)
+
+
 async def reload(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
     """Have a virtual robot go on with another page; with `--watch`, again at each save."""
     path, wanted = values.source(line.text("FILE")) if line.text("FILE") else ("", "")

@@ -6,7 +6,11 @@ true also of an agent that hangs, and nothing has to be published for it.
 
 from __future__ import annotations
 
+import asyncio
+import os
+import signal
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,6 +18,8 @@ from robotree.vr.base.address import Address
 from robotree.vr.network.living import alive
 from robotree.vr.network.realms import keys_of, members, places, process_of, realm_folder
 
+ENDING = 5.0
+"""[s] in which a process that was asked to end is gone."""
 KEY_VARIABLE = "ROBOTREE_KEY"
 LONGEST = 1 << 20
 """[bytes] of a command line or an environment that are read."""
@@ -68,3 +74,25 @@ def _behind_the_name(line: Sequence[str]) -> tuple[str, ...]:
         if word == "robotree.tui" or Path(word).name == "robotree":
             return tuple(one for one in line[number + 1 :] if one != "--tether")
     return ()
+
+
+async def end_process(pid: int) -> None:
+    """Ask a process to end, and wait until it has.
+
+    Raises:
+        TimeoutError: it has not.
+        OSError: it cannot be asked.
+    """
+    program = program_of(pid)
+    if program is None or not program.words:
+        return
+    with suppress(ProcessLookupError):  # it has ended by itself, as the own host of a robot does
+        process, over, loop = os.pidfd_open(pid), asyncio.Event(), asyncio.get_running_loop()
+        loop.add_reader(process, over.set)  # readable when it has ended
+        try:
+            signal.pidfd_send_signal(process, signal.SIGTERM)
+            async with asyncio.timeout(ENDING):
+                await over.wait()
+        finally:
+            loop.remove_reader(process)
+            os.close(process)

@@ -7,10 +7,7 @@ kept, so hosts are started first, and what is still to be done then is planned a
 from __future__ import annotations
 
 import asyncio
-import os
-import signal
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
 from typing import TYPE_CHECKING, Literal, Protocol
 
 import msgspec
@@ -19,7 +16,7 @@ from msgspec import structs
 from robotree.tui.errors import SupervisorError, sentence
 from robotree.tui.line.carrying import Refusal, Silent, carry_out
 from robotree.tui.line.grammar import Line
-from robotree.tui.processes.programs import KEY_VARIABLE, program_of
+from robotree.tui.processes.programs import KEY_VARIABLE, end_process
 from robotree.tui.realm_file.content import CONTROLLER, KEYWORDS, NAMELESS, ProcessEntry, RealmFile, placed
 from robotree.tui.realm_file.controllers import Controller
 from robotree.tui.realm_file.plan import Page, Plan, Step, plan
@@ -30,8 +27,8 @@ if TYPE_CHECKING:
     from robotree.vr.base.address import Role
     from robotree.vr.supervision.realm_client import RealmClient
 
-ARRIVAL, ENDING = 10.0, 5.0
-"""[s] in which a process that is ready is seen, and in which one that was asked to end is gone."""
+ARRIVAL = 10.0
+"""[s] in which a process that is ready is seen."""
 
 
 class Starter(Protocol):
@@ -162,7 +159,7 @@ class _Work:
             if step.entry is not None:
                 await self._start(step.entry)
             elif step.process:
-                await _end(step.process)
+                await end_process(step.process)
             elif step.line is not None:
                 return await self._carry_out(step.line)
         except (SupervisorError, VrError, OSError, TimeoutError) as error:
@@ -187,25 +184,3 @@ class _Work:
         if entry.verb != NAMELESS:
             role: Role = ROLES[entry.verb]
             await self._realm_client.arrival(role, entry.name, within=ARRIVAL)
-
-
-async def _end(pid: int) -> None:
-    """Ask a process to end, and wait until it has.
-
-    Raises:
-        TimeoutError: it has not.
-        OSError: it cannot be asked.
-    """
-    program = program_of(pid)
-    if program is None or not program.words:
-        return
-    with suppress(ProcessLookupError):  # it has ended by itself, as the own host of a robot does
-        process, over, loop = os.pidfd_open(pid), asyncio.Event(), asyncio.get_running_loop()
-        loop.add_reader(process, over.set)  # readable when it has ended
-        try:
-            signal.pidfd_send_signal(process, signal.SIGTERM)
-            async with asyncio.timeout(ENDING):
-                await over.wait()
-        finally:
-            loop.remove_reader(process)
-            os.close(process)

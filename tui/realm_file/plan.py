@@ -231,11 +231,12 @@ class _Planner:
             self._against.append(_again(runs, "end its process"))
             return
         else:
+            moves = {f"migrate {entry.name}"}
             if entry.host is not None and entry.host.text not in {robot.host, self._there.home_of(robot)}:
-                runs = f"{entry.name} runs on {robot.host}, and the file says {entry.host.text}"
-                self._against.append(_again(runs, f"`robotree delete {entry.name}`"))
+                line = Line("migrate", {"NAME": entry.name, "HOST": entry.host.text})
+                self._verb("~", f"migrate {entry.name}", line, {f"host {entry.host.text}"})
             if self._there.pages.get(entry.name) != page.hash:
-                self._verb("~", entry.id, Line("reload", {"NAME": entry.name, "FILE": page.path}))
+                self._verb("~", entry.id, Line("reload", {"NAME": entry.name, "FILE": page.path}), moves)
             self._settings(entry, robot)
         role = page.role or ("" if entry.role is None else entry.role.text)
         if role and (robot is None or robot.attributes.get("role") != role):

@@ -12,6 +12,7 @@ from robotree.tui.screen.operator_app import OperatorApp
 from robotree.tui.screen.pages.dialogs import Confirm, Reading
 from robotree.tui.screen.pages.enslave import EnslaveDialog, Opening, ReleaseDialog, openings
 from robotree.tui.screen.pages.help import help_text
+from robotree.tui.screen.pages.host import HostDialog
 from robotree.tui.screen.pages.main import PANES, in_front, main_page
 from robotree.tui.screen.pages.new import NewPage
 from robotree.tui.screen.pages.orders import OrdersPage
@@ -340,6 +341,24 @@ def _role(app: OperatorApp, place: Place) -> None:
     )
 
 
+def _migrate(app: OperatorApp, place: Place) -> None:
+    robot = app.store.descriptions.get(place.name)
+    others = [name for name in app.store.hosts if robot is not None and name != robot.host]
+    if robot is None:
+        app.tell("no robot is selected", "warning")
+    elif not robot.host:
+        app.tell(f"{place.name} is a proxy, and stays where its controller is", "warning")
+    elif not others:
+        app.tell("there is no other host; `robotree host NAME` starts one", "warning")
+    else:
+
+        def answered(line: Line | None) -> None:
+            if line:
+                app.perform(line)
+
+        app.push_screen(HostDialog(place.name, robot.host, others), answered)
+
+
 def _line(kind: Kind) -> Ask:
     def ask(app: OperatorApp, _place: Place) -> None:
         front = app.screen
@@ -356,6 +375,7 @@ ASK: Mapping[str, Ask] = {
     "panel": _panel,
     "create": _create,
     "set": _set,
+    "migrate": _migrate,
     "reload": _about_robot("reload"),
     "enslave": _enslave,
     "release": _release,

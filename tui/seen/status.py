@@ -17,6 +17,7 @@ Status = Literal[
     "offline",
     "stopped",
     "abandoned",
+    "moving",
     "paused",
     "busy",
     "waits",
@@ -87,6 +88,16 @@ class Condition(Protocol):
         ...
 
     @property
+    def on_way(self) -> str:
+        """Name of the host to which it is moving; empty: it is not."""
+        ...
+
+    @property
+    def in_doubt(self) -> bool:
+        """Whether it is not known if it has arrived there."""
+        ...
+
+    @property
     def away(self) -> float | None:
         """[s] that it still waits for a parent whose process has ended; None: it does not."""
         ...
@@ -103,6 +114,7 @@ def status_of(robot: Condition, lacks: Sequence[Lack] = ()) -> Status:
         ("offline", not robot.online),
         ("stopped", robot.stopped),
         ("abandoned", robot.abandoned),
+        ("moving", robot.on_way),
         ("paused", robot.paused),
         ("busy", robot.busy),
         ("waits", robot.away is not None),
@@ -159,6 +171,13 @@ def needs(lacks: Sequence[Lack]) -> str:
     return "; ".join([*hang, *([f"needs {empty}"] if empty else [])])
 
 
+def way(robot: Condition) -> str:
+    """Write where a robot is on its way: `on its way h1 → h2`."""
+    host: str = getattr(robot, "host", "")
+    told = f"on its way {host} → {robot.on_way}" if host else f"on its way to {robot.on_way}"
+    return f"{told}, in doubt: nobody acts for it until {robot.on_way} answers" if robot.in_doubt else told
+
+
 def span(seconds: float) -> str:
     """Write how long something takes or how old it is: `12 s`, `3 min`, `2 h`."""
     if seconds < LONG:
@@ -167,7 +186,7 @@ def span(seconds: float) -> str:
     return f"{minutes:.0f} min" if minutes < LONG else f"{minutes / 60:.0f} h"
 
 
-def doing(
+def doing(  # noqa: PLR0911 # one for each
     robot: Condition,
     share: float | None = None,
     *,
@@ -187,6 +206,8 @@ def doing(
     match status_of(robot, lacks):
         case "abandoned":
             return f"ABANDONED: {', '.join(robot.abandoned)} still runs"
+        case "moving":
+            return way(robot)
         case "paused":
             return f"paused before {robot.held}" if robot.held else f"paused: {robot.busy or 'idle'}"
         case "busy":

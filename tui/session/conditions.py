@@ -7,6 +7,7 @@
     expect mover.arm empty
     expect mover idle                          no command runs or waits
     expect mover paused                        its commands wait before each step
+    expect mover on host-2                     it lives there
     expect reading cell.lever_angle > 0.75     a view's or a robot's reading
     expect result.z >= 0.29                    of the last `call`; `result` alone for a single value
     expect result.points[0].x > 0.1            of what lies in it
@@ -118,7 +119,7 @@ def condition(text: str) -> Condition:
             return reader(found)
     raise ValueRefused(
         "expect",
-        f"{text!r} is no condition; use NAME listed|gone|idle, NAME enslaved by PARENT.SLOT, "
+        f"{text!r} is no condition; use NAME listed|gone|idle, NAME on HOST, NAME enslaved by PARENT.SLOT, "
         "PARENT.SLOT empty|holds CHILD, reading NAME.READING > NUMBER, result > VALUE, refused or done",
     )
 
@@ -165,6 +166,20 @@ def _paused(found: re.Match[str]) -> Condition:
         if robot is None:
             return Verdict(holds=False, seen=f"{name} does not answer")
         return Verdict(bool(robot.paused), status.words(robot))
+
+    return Condition(found[0], judge, robots=(name,))
+
+
+@_form(rf"{_NAME}\s+on\s+{_NAME}")
+def _on_host(found: re.Match[str]) -> Condition:
+    name, host = found.groups()
+
+    def judge(scene: Scene) -> Verdict:
+        robot = scene.robots.get(name)
+        if robot is None:
+            return Verdict(holds=False, seen=f"{name} does not answer")
+        seen = status.way(robot) if robot.on_way else f"on {robot.host or 'no host'}"
+        return Verdict(robot.host == host and not robot.on_way, seen)
 
     return Condition(found[0], judge, robots=(name,))
 

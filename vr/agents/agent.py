@@ -31,7 +31,7 @@ from robotree.vr.author.robot import Robot
 from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import CommandSpec, RobotDescription
-from robotree.vr.base.envelope import Received
+from robotree.vr.base.envelope import Received, opened
 from robotree.vr.base.errors import (
     CommandFailed,
     CycleOfBonds,
@@ -74,19 +74,21 @@ from robotree.vr.base.requests import (
     State,
     TakeStep,
     decode_event,
+    encode,
 )
-from robotree.vr.base.transport import Registration, Transport
+from robotree.vr.base.transport import Incoming, Registration, Transport
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import DEFAULT_TERM, GrantedLease, Slots
 from robotree.vr.core.events import CoreEffect, LeaseChanged, LeaseEnded
 from robotree.vr.core.machine import Calls, RobotState
 from robotree.vr.core.stop import Stop
-from robotree.vr.exchange.claim import claim, new_address
+from robotree.vr.exchange.claim import SETTLE, claim, new_address
 from robotree.vr.exchange.dispatcher import Dispatcher, SendReply, not_for
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.orders.ledger import OrderMemory
 from robotree.vr.running.activity import execute
 from robotree.vr.running.frame import LONGEST_END
+from robotree.vr.running.ice import Ice
 from robotree.vr.running.process import Process
 from robotree.vr.running.robot_runtime import NotDescribed, OnDescribed, RobotRuntime
 from robotree.vr.running.runner import runner_of
@@ -96,6 +98,9 @@ PARTING = 0.5
 
 _AT_THE_END = (Describe, Release, SafeStop, Delete)
 """Requests that it answers also while it ends."""
+
+_ON_WAY = (Describe, ReadLog, Renew)
+"""Requests that it answers also while it is on its way to another host; all others are held."""
 
 _TAKE_TIME = (SafeStop, Resume, Enslave, Free, Delete, TakeStep)
 """Requests whose answers wait for something."""
@@ -142,8 +147,11 @@ class RobotAgent:
         self.transport = transport
         self.address = new_address("robot", robot.name) if state is None else state.address
         self.closed = asyncio.Event()
+        """Set when it has ended, for whatever reason."""
         self.on_gone: Callable[[], None] = _nothing
         """Called when it has ended, before anybody is told."""
+        self.on_stop: Callable[[str, str], None] = _ignore
+        """Told of each protective stop when it comes: its reason, and the order that it is part of."""
         self.open = False
         """Whether it takes anything new."""
         self._loop = asyncio.get_running_loop()
@@ -227,9 +235,15 @@ class RobotAgent:
                 allow=self.runtime.authorise,
                 here=self.runtime.here,
             )
-            self._declared.append(await self.transport.serve(self.address.key, dispatcher.take))
+            self._dispatcher = dispatcher
+            rank = self.runtime.look(lambda state: state.moves)
+            self._declared.append(await self.transport.serve(self.address.key, self._take, rank=rank))
             self._declared.append(await self.transport.watch_itself(self._cut_off))
-            self._presence = await claim(self.transport, self.address)
+            if self.runtime.came:  # it has its name already, in the host that it leaves
+                self._presence = await self.transport.announce(self.address.key)
+                await self.transport.settle(SETTLE)
+            else:
+                self._presence = await claim(self.transport, self.address)
         except BaseException:
             self.open = False
             await self._withdraw()
@@ -242,14 +256,59 @@ class RobotAgent:
         if not self._restored and self._taker is not None:
             await self._taker.begin()
 
+    def _take(self, incoming: Incoming) -> None:
+        """Take a request; while the robot is on its way, most of them are held. In the thread that reads."""
+        ice = self.runtime.ice
+        if ice is None or not ice.closed or self._passes(ice, incoming):
+            self._dispatcher.take(incoming)
+            return
+        if not ice.hold(partial(self._take, incoming), incoming.pass_on):
+            self._dispatcher.take(incoming)
+
+    def _passes(self, ice: Ice, incoming: Incoming) -> bool:
+        """Whether a request is answered though the robot is on its way; a stop goes to its children."""
+        if ice.over:
+            return not ice.moved
+        try:
+            request = opened(
+                incoming.body, incoming.credentials, self.robot.name, self._process.runner.now()
+            ).request
+        except VrError:
+            return True  # it is refused
+        if isinstance(request, SafeStop):
+            incoming.reply(encode(Accepted(key=request.order)))
+            self._on_loop(partial(self.on_stop, request.reason or "protective stop", request.order))
+        return isinstance(request, _ON_WAY)
+
+    async def leave(self) -> None:
+        """Be here no longer: the robot goes on in another process, which serves and is present already."""
+        self.open = False
+        self._unwatch_parent()
+        self._callers.close()
+        self._publisher.withdraw()
+        self._publisher.stop()
+        if self._children is not None:
+            self._children.leave()
+        self.runtime.leave()
+        await self._withdraw()
+        if not self._gone.done():
+            self._gone.set_result(None)
+        self._close_process()
+        self.closed.set()
+
+    @property
+    def children(self) -> ChildKeeper | None:
+        """Its side of the bonds with its children; None: it can have none."""
+        return self._children
+
     async def take_back(self) -> None:
         """Hold the children of a restored robot again, as far as they are there."""
         if self._children is not None:
             await self._children.take_back()
 
-    def stop(self, reason: str) -> None:
-        """Obey a protective stop that was ordered before the robot was back."""
-        self.runtime.post(on.StopAsked(reason=reason))
+    def stop(self, reason: str, order: str = "") -> None:
+        """Obey a protective stop that was ordered before the robot was back, or here."""
+        self.runtime.post(on.StopAsked(reason=reason, order=order))
         self.runtime.changed()
         self.runtime.log.say("warning", f"{STOPPED}{reason}")
 
@@ -507,6 +566,7 @@ class RobotAgent:
     async def _reply_later(self, request: AnyRequest, asker: Principal, send: SendReply) -> Reply | None:
         match request:
             case SafeStop():
+                self.on_stop(request.reason or "protective stop", request.order)
                 send(Accepted(key=request.order))  # the asker must know at once that it has reached us
                 if asker.person:
                     request = msgspec.structs.replace(request, reason=f"{asker.person}'s protective stop")
@@ -622,6 +682,8 @@ class RobotAgent:
             epoch=request.epoch,
             lineage=request.lineage,
             life=request.life,
+            heir=request.heir,
+            proof=request.proof,
             unix=self._unix(),
             principal=asker,
             is_there=self.transport.presence.there(request.parent.key),
@@ -804,3 +866,7 @@ def _new_state(robot: Robot, address: Address, host: str, lease: GrantedLease) -
 
 def _nothing() -> None:
     """Nothing is declared."""
+
+
+def _ignore(_: str, __: str) -> None:
+    """Nobody moves it."""

@@ -31,13 +31,14 @@ from robotree.vr.base.errors import (
 )
 from robotree.vr.base.presence import Undo
 from robotree.vr.base.principal import ITSELF, Principal
-from robotree.vr.base.requests import Granted, Petition, Raised, Renew, Reply, Resume
+from robotree.vr.base.requests import ANSWER_WITHIN, Granted, Petition, Raised, Renew, Reply, Resume
 from robotree.vr.base.transport import Transport
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import DEFAULT_TERM, FRESH, RETURN, Bond, HeldLease
 from robotree.vr.core.confirmation import HOPELESS, LEAST, Budget, Confirmations
+from robotree.vr.core.heirs import proof_of, seal_of
 from robotree.vr.core.machine import RobotState
-from robotree.vr.exchange.asking import fresh_key
+from robotree.vr.exchange.asking import ask, fresh_key
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.running.robot_runtime import RobotRuntime
 
@@ -45,6 +46,8 @@ FAREWELL = 2.0
 """[s] for a child to confirm its release; after that its lease runs out by itself."""
 RECEIPT = 2.0
 """[s] for a child to confirm that a petition is taken back, before the message is repeated."""
+ENTRUSTED_WITHIN = 3.0
+"""[s] for a child to confirm that it knows by what it knows the next process of its parent."""
 RETRY = 0.2
 """[s] before that message is repeated to a child that cannot be reached."""
 REUNION = 2.0
@@ -79,6 +82,11 @@ class ChildKeeper:
         self._returning: dict[str, asyncio.Task[None]] = {}
         """Those that bind a lost child again, by slot."""
         self._closed = self._keeps = False
+        self._entrusted = ""
+        """The secret of a move under way, from which the children have what they know the next process by."""
+        secret, bonds = self._runtime.look(lambda state: (state.secret, state.slots.copied()))
+        self._unproven = {bond.child.key for bond in bonds.values()} if secret else set[str]()
+        """Children that have not heard yet that this process has the robot now."""
         self._anew = set(self._bonds())
         """Slots whose child may come back as another incarnation: those that a restored robot had, until the
         child is heard. It may have been restarted with its parent."""
@@ -358,7 +366,7 @@ class ChildKeeper:
     def renew(self, effect: on.RenewLease) -> None:
         """Ask a child to prolong its lease, and hand on what it answers. In any thread."""
         slot, child, epoch = effect.slot, effect.child, effect.epoch
-        answered = False
+        answered, key = False, child.key
 
         def lose(reason: str) -> None:
             self._runtime.post(on.Lose(slot=slot, child=child, epoch=epoch, reason=reason))
@@ -372,6 +380,7 @@ class ChildKeeper:
                 return
             answered = True
             if isinstance(reply, Granted):
+                self._unproven.discard(key)
                 self._renewed(effect, reply)
                 return
             error = reply.revive() if isinstance(reply, Raised) else reply
@@ -380,8 +389,14 @@ class ChildKeeper:
             elif not isinstance(error, TransportError):  # of these the next one may get through
                 _log.warning("%s: renewal for %s: %s", self._parent.name, slot, error)
 
-        renewal = self._runtime.look(partial(_renewal, epoch, self._runtime.process.kept_life))
+        renewal = self._renewal(epoch, key)
         self._runtime.ask(child.key, renewal, take, now=effect.sent, within=self._term, urgent=True)
+
+    def _renewal(self, epoch: int, child: str) -> Renew:
+        """Return the request of a parent for the lease of a child, as it is now."""
+        heir = seal_of(proof_of(self._entrusted, child))
+        life = self._runtime.process.kept_life
+        return self._runtime.look(partial(_renewal, epoch, life, heir, child, child in self._unproven))
 
     def _renewed(self, effect: on.RenewLease, granted: Granted) -> None:
         self._runtime.post(
@@ -418,6 +433,66 @@ class ChildKeeper:
             on.ChildDescribed(slot=slot, child=bond.child, epoch=bond.lease.epoch, description=description)
         )
         return description
+
+    # -- moving -----------------------------------------------------------------------------------
+
+    def moves_with(self, secret: str) -> None:
+        """Have children told by what they know the next process of the robot; empty: it does not move."""
+        self._entrusted = secret
+
+    async def entrust(self, secret: str) -> frozenset[tuple[str, str]]:
+        """Tell each child by what it knows the next process of the robot; returns slots and keys.
+
+        Raises:
+            VrError: a child does not answer, or is on its way itself.
+        """
+        self._entrusted = secret
+
+        async def tell(slot: str, bond: Bond) -> tuple[str, str]:
+            key, sent = bond.child.key, _now()
+            granted = await ask(
+                self._transport,
+                key,
+                self._renewal(bond.lease.epoch, key),
+                Granted,
+                timeout=ENTRUSTED_WITHIN,
+                urgent=True,
+                sender=self._runtime.key,
+            )
+            effect = on.RenewLease(slot=slot, child=bond.child, epoch=bond.lease.epoch, sent=sent)
+            self._unproven.discard(key)
+            self._renewed(effect, granted)
+            return slot, key
+
+        told = await asyncio.gather(*(tell(slot, bond) for slot, bond in self._bonds().items()))
+        return frozenset(told)
+
+    def renew_all(self) -> None:
+        """Ask all children to prolong their leases now: the core does not while the robot is on its way."""
+        for slot, bond in self._bonds().items():
+            self.renew(on.RenewLease(slot=slot, child=bond.child, epoch=bond.lease.epoch, sent=_now()))
+
+    def stop_all(self, reason: str, order: str) -> None:
+        """Pass a stop on to all children; nobody waits for their answers."""
+
+        async def stop(slot: str) -> None:
+            budget = Budget(ANSWER_WITHIN, depth=0, round_trips=0.0)
+            with contextlib.suppress(VrError):
+                await self.safe_stop(slot, reason, order, budget)
+
+        for slot in self._bonds():
+            task = asyncio.ensure_future(stop(slot))
+            self._retracting[task] = None
+            task.add_done_callback(self._retracting.pop)
+
+    def leave(self) -> None:
+        """Watch nobody any more: another process keeps the children."""
+        self._closed = True
+        for task in self._returning.values():
+            task.cancel()
+        for unwatch in self._watching.values():
+            unwatch()
+        self._watching.clear()
 
     # -- orders -----------------------------------------------------------------------------------
 
@@ -504,8 +579,7 @@ class ChildKeeper:
         return [bond for bond in self._bonds().values() if VirtualRobot.__name__ in bond.description.kinds]
 
 
-def _renewal(epoch: int, life: int, parent: RobotState) -> Renew:
-    """Return the request of a parent for a lease, as it is now."""
+def _renewal(epoch: int, life: int, heir: str, child: str, proves: bool, parent: RobotState) -> Renew:  # noqa: FBT001
     pause = parent.pause
     return Renew(
         parent=parent.address,
@@ -514,6 +588,8 @@ def _renewal(epoch: int, life: int, parent: RobotState) -> Renew:
         paused=pause.in_force,
         pauses=pause.changes,
         life=life,
+        heir=heir,
+        proof=proof_of(parent.secret, child) if proves else "",
     )
 
 

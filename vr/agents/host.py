@@ -19,35 +19,43 @@ from typing import Any
 from msgspec.structs import replace
 
 from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.agents.moving import Moves
 from robotree.vr.agents.shared import Shared
 from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.address import Address, check_name
 from robotree.vr.base.envelope import Received
 from robotree.vr.base.errors import (
+    CannotMove,
     DuplicateName,
     HostReserved,
     NoSuchRobot,
     NotIsolated,
+    OnItsWay,
     Unreachable,
     VrError,
 )
 from robotree.vr.base.permissions import LEVELS, Isolation
 from robotree.vr.base.principal import ITSELF, Principal
 from robotree.vr.base.requests import (
+    AskMove,
     Create,
     Described,
     DescribeHost,
+    Drain,
     EventsRead,
     EventsVerified,
     History,
     HostDescribed,
     Level,
+    Migrate,
+    PrepareMove,
     ReadEvents,
     ReadHistory,
     Reload,
     Reloaded,
     Remembered,
     Reply,
+    TakeRobot,
     VerifyEvents,
 )
 from robotree.vr.base.transport import Registration, Transport
@@ -59,7 +67,7 @@ from robotree.vr.core.machine import LONGEST_DEADLINE, RobotState
 from robotree.vr.exchange.authority import Here, RobotThere
 from robotree.vr.exchange.claim import claim, expect_free, new_address
 from robotree.vr.exchange.client import RobotClient
-from robotree.vr.exchange.dispatcher import Dispatcher, not_for
+from robotree.vr.exchange.dispatcher import Dispatcher, SendReply, not_for
 from robotree.vr.history.writer import HistoryWriter, answer_of
 from robotree.vr.isolation.apart import KeptApart, RobotApart, RobotsApart, lack_for
 from robotree.vr.journal.journal import HostJournal
@@ -155,8 +163,11 @@ class Host:
         self.log_folder: Path | None = None
         """Where others leave a stop for its robots while it is away; None: nowhere."""
         self._watchers: dict[asyncio.Task[None], None] = {}
+        self._loop = asyncio.get_running_loop()
         self._loaders = ThreadPoolExecutor(AT_ONCE, thread_name_prefix="loader")
         self._open = False
+        self.moves = Moves(self, transport, self._process, journal)
+        """Of its robots, to other hosts, and of others to this one."""
 
     async def start(self) -> None:
         """Serve, then be there.
@@ -168,9 +179,7 @@ class Host:
         self.opens()
         try:
             now = asyncio.get_running_loop().time
-            dispatcher = Dispatcher(
-                self.address.name, lambda received, _: self.answer(received), now=now, here=self.here
-            )
+            dispatcher = Dispatcher(self.address.name, self.answer, now=now, here=self.here)
             self._declared.append(await self._transport.serve(self.address.key, dispatcher.take))
             self._declared.append(await claim(self._transport, self.address))
         except BaseException:
@@ -199,12 +208,13 @@ class Host:
         """
         returns = self._journal is not None if returns is None else returns
         self._open = False
+        self.moves.close()
         declared, self._declared = self._declared, []
         for registration in reversed(declared):
             await registration.close()
         agents = list(self.agents.values())
         if self._journal is not None:
-            await asyncio.gather(*(agent.rest() for agent in agents))
+            await asyncio.gather(*(agent.rest() for agent in agents if not agent.runtime.is_on_way))
             self._journal.seal()
         if self.apart is not None:
             await self.apart.close(returns=returns)
@@ -240,16 +250,11 @@ class Host:
         made = [(kept, agent) for kept in robots if (agent := await self._made_again(kept)) is not None]
         for kept, agent in made:
             journal.made(kept.key, kept.name, kept.page, agent.runtime.look)
+            if kept.out is not None:
+                agent.runtime.freeze(closed=True)
+                journal.still_out(kept.key, kept.out)
         journal.begin()
-        back: list[RobotAgent] = []
-        for kept, agent in made:
-            try:
-                await self._settle(agent)
-            except VrError as error:
-                journal.gone(kept.key)
-                _log.error("%s is not back: %s", kept.name, error)
-            else:
-                back.append(agent)
+        back = await self._settled(made)
         self._coming -= self._kept_names()
         await asyncio.gather(*(agent.take_back() for agent in back))
         if reason:
@@ -269,10 +274,27 @@ class Host:
         if self.apart is not None:
             await self._restore_apart(self.apart)
 
+    async def _settled(self, made: list[tuple[KeptRobot, RobotAgent]]) -> list[RobotAgent]:
+        """Have robots that were kept be present; returns those that go on, the others may be elsewhere."""
+        back: list[RobotAgent] = []
+        for kept, agent in made:
+            try:
+                await self._settle(agent)
+            except VrError as error:
+                if self._journal is not None:
+                    self._journal.gone(kept.key)
+                _log.error("%s is not back: %s", kept.name, error)
+            else:
+                if kept.out is None:
+                    back.append(agent)
+                else:
+                    self.moves.find_out(agent, kept.out)
+        return back
+
     async def _made_again(self, kept: KeptRobot) -> RobotAgent | None:
         """Make a robot of the page that was kept, with its state; None: that page cannot be used."""
         page = kept.page
-        bundle = Bundle(page.source, page.path, page.wanted, page.files, page.signed, page.sender)
+        bundle = _kept_bundle(page)
         make = partial(bundle.create, kept.name, limit=self._limit)
         loop = asyncio.get_running_loop()
         try:
@@ -309,6 +331,61 @@ class Host:
             state=state,
             orders=None if self._ledger is None else OrderMemory(self._ledger),
         )
+
+    # -- what `Moves` needs -------------------------------------------------------------------------
+
+    async def load(self, page: KeptPage, name: str, asker: Principal) -> tuple[VirtualRobot, Clearance]:
+        """Make a robot of a page that another host has sent.
+
+        Raises:
+            BundleError: it cannot be used here.
+        """
+        bundle, clearance = self._admitted(_kept_bundle(page), asker)
+        make = partial(bundle.create, name, limit=self._limit)
+        loop = asyncio.get_running_loop()
+        robot, _ = await loop.run_in_executor(self._loaders, partial(_listen, make))
+        return robot, clearance
+
+    async def settle_in(
+        self, robot: VirtualRobot, clearance: Clearance, state: RobotState, page: KeptPage
+    ) -> RobotAgent:
+        """Have a robot that has come from another host serve and be present; it does not go on yet."""
+        agent = self._new_agent(robot, clearance, state)
+        runtime, name = agent.runtime, robot.name
+        runtime.came, runtime.page = True, page.origin
+        self._pages[name] = _kept_bundle(page).hash
+        if self._journal is not None:
+            self._journal.looks(agent.address.key, runtime.look)
+        running = [call.command for call in state.calls.live.values() if call.running]
+        goes_on = f"; {', '.join(running)} goes on" if running else ""
+        runtime.log.say("info", f"it has come to {self.address.name}{goes_on}")
+        await self._enter(agent)
+        return agent
+
+    def reserve(self, name: str) -> None:
+        """Give a name to nobody else.
+
+        Raises:
+            DuplicateName: somebody has it.
+            HostReserved: the host runs another robot alone.
+        """
+        if self._only not in ("", name):
+            raise HostReserved(host=self.address.name, robot=self._only)
+        if name in self._coming or name in self.agents:
+            raise DuplicateName(role="robot", name=name)
+        self._coming.add(name)
+
+    def release(self, name: str) -> None:
+        """Give it again."""
+        self._coming.discard(name)
+
+    def forget(self, agent: RobotAgent) -> None:
+        """Have a robot no longer that has left; its log goes on in the other host."""
+        name = agent.robot.name
+        if self.agents.get(name) is agent:
+            del self.agents[name]
+            self._pages.pop(name, None)
+            self.clearances.pop(name, None)
 
     async def create(
         self,
@@ -414,6 +491,8 @@ class Host:
         agent = self.agents.get(name)
         if agent is None or not isinstance(agent.robot, VirtualRobot):
             raise NoSuchRobot(name=name)
+        if name in self.moves.leaving:
+            raise OnItsWay(robot=name)
         bundle, clearance = self._admitted(bundle, asker)
         loop = asyncio.get_running_loop()
         load = partial(bundle.again, agent.robot, limit=self._limit)
@@ -493,6 +572,11 @@ class Host:
                 _log.warning("%s does not begin by itself: %s", name, error)
 
     async def _settle(self, agent: RobotAgent) -> None:
+        await self._enter(agent)
+        await agent.listed()
+
+    async def _enter(self, agent: RobotAgent) -> None:
+        agent.runtime.on_move = partial(self._move_itself, agent.robot.name)
         await agent.start()
         self.agents[agent.robot.name] = agent
         if self._journal is not None:
@@ -505,7 +589,20 @@ class Host:
         if not self._open:  # the host has ended meanwhile
             await agent.close()
             raise Unreachable(key=self.address.key)
-        await agent.listed()
+
+    def _move_itself(self, name: str, host: str, done: Callable[[VrError | None], None]) -> None:
+        """Have a robot move that wants it itself. From any thread."""
+
+        async def move() -> None:
+            try:
+                await self.moves.migrate(name, host, name)
+            except VrError as error:
+                done(error)
+            else:
+                done(None)
+
+        with contextlib.suppress(RuntimeError):  # the loop is closed: the process ends
+            self._loop.call_soon_threadsafe(lambda: self.moves.keep(move()))
 
     async def _watch(self, agent: RobotAgent) -> None:
         await agent.closed.wait()
@@ -517,13 +614,15 @@ class Host:
             self.clearances.pop(name, None)
         self._ended = [ended for ended in (*self._ended, agent) if ended.abandoned]
 
-    async def answer(self, received: Received) -> Reply:  # noqa: PLR0911 # one for each request
-        """Answer a request to this host, once it is authorised.
+    async def answer(  # noqa: C901, PLR0911 # one for each request
+        self, received: Received, send: SendReply = lambda _: None
+    ) -> Reply:
+        """Answer a request to this host, once it is authorised; `send` sends replies before the last one.
 
         Raises:
             VrError: it is refused, or fails.
         """
-        request = received.request
+        request, person = received.request, received.principal.person
         match request:
             case Create():
                 return await self._created(request, received.principal)
@@ -543,6 +642,15 @@ class Host:
                 return History(lines=tuple(self._remembered))
             case DescribeHost():
                 return self.description()
+            case Migrate(robot=robot, host=host) if self._apart(robot) is not None:
+                reason = "it lives in a process of its own (`--isolate`), which stays"
+                raise CannotMove(robot=robot, host=host, reason=reason)
+            case Migrate(robot=robot, host=host):
+                return await self.moves.migrate(robot, host, person)
+            case Drain():
+                return await self.moves.drain(send)
+            case PrepareMove() | TakeRobot() | AskMove():
+                return await self.moves.answer(request, received.principal)
             case ReadEvents(robot=robot) if (apart := self._apart(robot)) is not None:
                 return await apart.control(request, received.principal, 10.0)
             case ReadEvents() | VerifyEvents() if self._history is not None:
@@ -588,12 +696,19 @@ class Host:
             pages=pages,
             trouble=trouble,
             instead_of=self.instead_of,
+            keeps=self._journal is not None,
+            alone=self._only,
+            on_way={name: departure.target for name, departure in self.moves.leaving.items()},
         )
 
 
 def _page(bundle: Bundle, origin: str) -> KeptPage:
     files, signed, sender = dict(bundle.files), bundle.signed, bundle.sender
     return KeptPage(bundle.source, bundle.path, bundle.wanted, files, origin, signed, sender)
+
+
+def _kept_bundle(page: KeptPage) -> Bundle:
+    return Bundle(page.source, page.path, page.wanted, page.files, page.signed, page.sender)
 
 
 def _bundle(page: Create) -> Bundle:

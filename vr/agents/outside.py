@@ -23,16 +23,18 @@ from robotree.vr.base.requests import (
     Cancel,
     Detach,
     Done,
+    Moved,
     Progress,
     Raised,
     Returned,
     encode,
 )
-from robotree.vr.base.transport import End, Incoming, Respond
+from robotree.vr.base.transport import ELSEWHERE, End, Incoming, Respond
 from robotree.vr.core import events as on
 from robotree.vr.core.events import CoreEvent
 from robotree.vr.core.machine import LONGEST_DEADLINE
 from robotree.vr.exchange.dispatcher import AnswerAtOnce, refusal
+from robotree.vr.running.ice import Frozen
 from robotree.vr.running.robot_runtime import NotDescribed, RobotRuntime
 from robotree.vr.running.serial_worker import SerialWorker
 
@@ -85,6 +87,17 @@ class OutsideCaller:
         self._tell()
         self.over = True
         self._end(encode(reply))
+
+    def go_elsewhere(self) -> None:
+        """Have the caller ask where the robot goes on now."""
+        if self.over:
+            return
+        self.over = True
+        if self._accepted:
+            self._respond(encode(Moved()))
+            self._end(None)
+        else:
+            self._end(ELSEWHERE)
 
     def _tell(self) -> None:
         pending, self._pending = self._pending, []
@@ -159,7 +172,7 @@ class OutsideCalls:
         if not self._waits or not self._has_to_wait(partial(admit, runtime.stops)):
             work()
 
-    def _admit(
+    def _admit(  # noqa: C901 # the ways in which a call can begin or not
         self,
         call: Call,
         principal: Principal,
@@ -195,6 +208,10 @@ class OutsideCalls:
                     self._refuse(error, end)
 
             runtime.describe_child(unknown, described)
+        except Frozen as frozen:
+            again = partial(self._admit, call, principal, respond, end, deadline_at, attended_by, stops)
+            if not frozen.ice.hold(again, partial(end, ELSEWHERE)):
+                again()
         except Exception as error:  # noqa: BLE001 # the asker gets an answer, whatever happens
             self._refuse(error, end)
         else:

@@ -41,6 +41,9 @@ one."""
 PAUSE = 0.1
 """[s] for which lines of a log are collected."""
 
+REVISIONS = 1 << 20
+"""Revisions of its listing for each stay of a robot in a host: those of a later stay are higher."""
+
 SHOWN = 1000
 """[bytes] of one value of declared state, encoded, that a description shows."""
 
@@ -304,6 +307,7 @@ class Publisher:
         return Listing(
             commands=tuple(spec.name for spec in specs if spec.available),
             doc=self._doc().partition("\n")[0],
+            revision=self._runtime.look(lambda state: state.moves) * REVISIONS,
             **self._identity(),
         )
 
@@ -322,6 +326,8 @@ class Publisher:
             "abandoned": tuple(calls.abandoned.values()),
             "paused": state.pause.in_force,
             "held": self._runtime.held_step(),
+            "on_way": self._runtime.on_way,
+            "in_doubt": self._runtime.in_doubt,
             "asks": next((call.doubt for call in calls.live.values() if call.doubt), ""),
         }
 

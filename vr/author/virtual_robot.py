@@ -10,6 +10,7 @@ from typing import Any, Self, cast
 import msgspec
 
 from robotree.vr.author.child import Child, Children, Exposed, Slotted
+from robotree.vr.author.context import running
 from robotree.vr.author.fields import Kept, declare
 from robotree.vr.author.robot import HOOKS, OPTIONS, Robot, attributes_of, expect_hooks
 from robotree.vr.author.space import Space
@@ -98,6 +99,19 @@ class VirtualRobot(Robot):
                 f"keep the value under another name, such as self._{name}"
             )
         super().__setattr__(name, value)
+
+    def move_to(self, host: str) -> None:
+        """Go on in another host: what follows is carried out there, with the same state and children.
+
+        Nothing happens if it is there already.
+
+        Args:
+            host: its name, as `robotree ls --hosts` shows it.
+
+        Raises:
+            CannotMove: it stays where it is; the error says why.
+        """
+        running().move_to(host)
 
     @property
     def space(self) -> Space:

@@ -243,6 +243,10 @@ class RobotDescription(_Agent, frozen=True, kw_only=True, omit_defaults=True):
     """The question of a command to a person before it goes on; empty: none."""
     isolation: Isolation = "none"
     """How its code is kept from harming others: see `permissions.Isolation`."""
+    on_way: str = ""
+    """Name of the host to which it is moving; empty: it is not."""
+    in_doubt: bool = False
+    """Whether it is not known at the moment if it has arrived there."""
     calls: dict[str, int] = {}
     """How often each command was called, over all incarnations of this name."""
 

@@ -39,12 +39,14 @@ from robotree.vr.base.requests import (
     Create,
     Decide,
     Delete,
+    Drain,
     Enslave,
     FindEntries,
     Free,
     GiveUp,
     HoldOrders,
     LeaveOrder,
+    Migrate,
     OpenTransaction,
     Pause,
     Release,
@@ -67,7 +69,7 @@ and longer than it takes to see that a process hangs, so that an asker who gives
 
 BEGINS = (
     *(Call, Decide, Resume, Enslave, Free, Delete, Create, Reload),
-    *(Pause, TakeStep, Continue),
+    *(Pause, TakeStep, Continue, Migrate, Drain),
     *(WriteEntry, FindEntries, OpenTransaction, CloseTransaction, AcquireFence),
     *(LeaveOrder, ConfirmOrder, TakeOrder, TakeAlong, ReleaseHolds),
 )

@@ -6,7 +6,7 @@ that a caller on the far side of the network catches the same class with the sam
     VrError
       AddressError    BadName · DuplicateName · NameInSilence · Hanging · SeveralSites · NoSuchSite
                       SiteAway · NoSuchRobot · NoSuchHost · NoHost · HostReserved · NotIsolated
-                      NoSuchView
+                      CannotMove · NotDrained · NoSuchView
       CommandError    NoSuchCommand · NoSettings · BadArgument · CommandFailed (Failed) · CommandCancelled
                       ChildCancelled · ChildTimeout · DeadlineExceeded · Busy · UnderWay
                       CommandInDoubt (EndedInDoubt)
@@ -15,8 +15,8 @@ that a caller on the far side of the network catches the same class with the sam
                       Denied
       BondError       NoSuchSlot · SlotOccupied · SlotHeld · SlotEmpty · GroupFull · WrongKind · DoesNotFit
                       StillBonded · NotVirtual
-      TransportError  Unreachable · NoAnswer · NotConfirmed · TransportClosed · Garbled · RealmUnusable
-                      EmptyRealm · NetworkUnusable
+      TransportError  Unreachable · OnItsWay · NoAnswer · NotConfirmed · TransportClosed · Garbled
+                      RealmUnusable · EmptyRealm · NetworkUnusable
       BundleError     NoSuchFile · BrokenSource · OtherKind · NoPage · ReloadWaits
                       NoVirtualRobot · SeveralVirtualRobots · BrokenScript
                       BadBundle · NotSigned · UnknownSigner · RevokedSigner · ExcessPermission
@@ -223,6 +223,18 @@ class NoHost(AddressError):
     """No host runs at all."""
 
     sentence = "no host is running; start one with `robotree host NAME`"
+
+
+class CannotMove(AddressError):
+    """A robot stays where it is."""
+
+    sentence = "{robot} does not move to {host}: {reason}"
+
+
+class NotDrained(AddressError):
+    """Not all robots of a host have moved."""
+
+    sentence = "{host} still has robots: {reasons}"
 
 
 class HostReserved(AddressError):
@@ -610,6 +622,12 @@ class Unreachable(TransportError):
     """Nobody answers at this address, or the answerer died before it acknowledged."""
 
     sentence = "nobody answers at {key}; it has ended or cannot be reached"
+
+
+class OnItsWay(TransportError):
+    """A robot is moving to another host at the moment."""
+
+    sentence = "{robot} is on its way to another host; ask again in a moment"
 
 
 class NoAnswer(TransportError):

@@ -162,6 +162,10 @@ class Renew(_Message, frozen=True, kw_only=True):
     """How often that has changed: a renewal that comes late changes nothing."""
     life: int = 0
     """How often the parent's process was started with its journal; 0: it keeps none."""
+    heir: str = ""
+    """The parent is about to move: its next process proves itself by what has this hash. Empty: it is not."""
+    proof: str = ""
+    """That proof; empty: it has not moved."""
 
 
 class Release(_Message, frozen=True, kw_only=True):
@@ -248,6 +252,68 @@ class Reload(_Message, frozen=True, kw_only=True):
     """Cancel the command that is running, instead of waiting for its end."""
     within: float = 10.0
     """[s] for the command that is running to end."""
+
+
+class Migrate(_Message, frozen=True, kw_only=True):
+    """Asked of a host: have one of its robots go on in another host. Answered by `Accepted` and `Done`."""
+
+    robot: str
+    """Its name."""
+    host: str
+    """Name of the other host."""
+
+
+class Drain(_Message, frozen=True, kw_only=True):
+    """Asked of a host: have all its robots go on in other hosts, one after the other.
+
+    Answered by `Accepted`, a `Progress` for each that has moved, and `Done` with their names.
+    """
+
+
+class PrepareMove(_Message, frozen=True, kw_only=True):
+    """Asked of the host to which a robot is to move: load its page. Answered by `MoveReady`."""
+
+    transfer: str
+    """Unique for ever."""
+    robot: Address
+    page: Create
+    """As for a new robot; its settings do not matter."""
+    sender: str = ""
+    """Who has sent the page unsigned, if that was not the user of the hosts."""
+
+
+class TakeRobot(_Message, frozen=True, kw_only=True):
+    """The robot itself, for the host that is ready for it. Answered by `MoveDecided`."""
+
+    transfer: str
+    robot: Address
+    state: bytes
+    """`core.machine.encode_state`"""
+    now: float
+    """[s] on the monotonic clock of the host that it leaves."""
+    unix: float
+    """[s] since 1970, at the same moment."""
+    clock: str
+    """Name of that clock: see `envelope.this_clock`."""
+    stopped: str = ""
+    """Reason of a protective stop that came while it was on its way; empty: none did."""
+    order: str = ""
+    """Of that stop: see `SafeStop.order`."""
+
+
+class AskMove(_Message, frozen=True, kw_only=True):
+    """Asked of the host to which a robot may have moved: has it? Answered by `MoveDecided`.
+
+    What is answered is true for ever: a host that says no has written before that it never takes it.
+    """
+
+    transfer: str
+    robot: Address
+    log: str
+    """Name of the log that has the answer."""
+    stopped: str = ""
+    """See `TakeRobot`; so is the next."""
+    order: str = ""
 
 
 class DescribeHost(_Message, frozen=True, kw_only=True):
@@ -600,6 +666,24 @@ class Accepted(_Message, frozen=True, kw_only=True):
     not come back."""
 
 
+class Moved(_Message, frozen=True, kw_only=True):
+    """The robot goes on in another process: who has called it asks there again, under the same key."""
+
+
+class MoveReady(_Message, frozen=True, kw_only=True):
+    """The page of the robot is loaded, and there is room."""
+
+    log: str
+    """Name of the log in which the host writes what it takes."""
+
+
+class MoveDecided(_Message, frozen=True, kw_only=True):
+    """Where the robot is."""
+
+    taken: bool
+    """Whether it has moved; else it never does under this transfer."""
+
+
 class Progress(_Message, frozen=True, kw_only=True):
     """How far the command is."""
 
@@ -733,6 +817,12 @@ class HostDescribed(_Message, frozen=True, kw_only=True):
     """Name of the host whose robots it takes when that is away; empty: it does not stand by."""
     instead_of: str = ""
     """Name of the host whose robots it has taken over; empty: they are its own."""
+    keeps: bool = False
+    """Whether it has a journal: only then robots move from it and to it."""
+    alone: str = ""
+    """Name of the one robot that it runs; empty: it runs any number."""
+    on_way: dict[str, str] = {}
+    """The hosts to which its robots are moving, by the robot's name."""
 
 
 class SiteSeen(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -1038,6 +1128,10 @@ class State(_Message, frozen=True, kw_only=True):
     """The step before which it waits then: `step 3: arm.go_to(x=0.3)`; empty: before none."""
     asks: str = ""
     """The question of a command to a person before it goes on; empty: none."""
+    on_way: str = ""
+    """Name of the host to which it is moving; empty: it is not."""
+    in_doubt: bool = False
+    """Whether it is not known at the moment if it has arrived there: nobody acts for it meanwhile."""
 
 
 AnyRequest = (
@@ -1045,7 +1139,7 @@ AnyRequest = (
     | Release | SafeStop | Resume | Enslave | Free | Delete | Create | Reload | ReadLog | ReadHistory
     | DescribeHost | Register | Query | Look | DescribeView | WriteEntry | FindEntries | GiveUp | RenewEntry
     | OpenTransaction | CloseTransaction | RollBack | AcquireFence | RenewFence | WatchEntries
-    | DescribeSpace | DescribeGateway
+    | DescribeSpace | DescribeGateway | Migrate | Drain | PrepareMove | TakeRobot | AskMove
     | ReadEvents | VerifyEvents
     | LeaveOrder | CancelOrder | ConfirmOrder | ReadOrders | MarkSeen | FetchOrders | TakeOrder | TellOrders
     | ReadKnown | TakeAlong | HoldOrders | ReleaseHolds | RobotDeleted | ShareRecords
@@ -1056,6 +1150,7 @@ Reply = (
     | TransactionOpened | FenceGranted | EntriesCame | SpaceDescribed | EventsRead | EventsVerified
     | GatewayDescribed
     | OrderLeft | OrdersFound | KnownFound | RecordsShared
+    | Moved | MoveReady | MoveDecided
 )  # fmt: skip
 Published = LogLines | Listed | Unlisted | State | OrdersChanged
 

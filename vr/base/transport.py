@@ -13,7 +13,7 @@ for one chunk, `**` for many.
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
-from typing import Protocol
+from typing import Final, Protocol
 
 from robotree.vr.base.policy import PolicyGate
 from robotree.vr.base.presence import Presence
@@ -28,6 +28,10 @@ An exception in it is logged and ends the reply."""
 
 End = Callable[[bytes | None], None]
 """Ends the replies to a request, with one more or with None."""
+
+
+ELSEWHERE: Final = bytes([0xC1])  # a byte that MessagePack never uses: no reply begins with it
+"""Instead of a last reply: somebody else serves the key from now on, and the transport asks there again."""
 
 
 class Incoming:
@@ -54,6 +58,10 @@ class Incoming:
         """
         self.body, self.credentials, self.reply, self.end = body, credentials, reply, end
         self._on_loop = on_loop
+
+    def pass_on(self) -> None:
+        """Have it asked again of who serves the key now; where nobody does, its replies end without one."""
+        self.end(ELSEWHERE)
 
     def answer_on_loop(self, handler: RequestHandler) -> None:
         """Have it answered on the event loop, after everything there that is more urgent."""
@@ -108,12 +116,14 @@ class Transport(Protocol):
     gate: PolicyGate
     """The policy of the realm."""
 
-    async def serve(self, key: str, take: TakeRequest) -> Registration:
-        """Answer the requests sent to exactly this key. One server per key.
+    async def serve(self, key: str, take: TakeRequest, *, rank: int = 0) -> Registration:
+        """Answer the requests sent to exactly this key. One server per key and process.
 
         Args:
             key: of the server.
             take: takes each request in the thread that reads it; see `on_loop`.
+            rank: of several processes that serve the key, the one with the highest is asked; of equal ones
+                the latest. It grows with each move of an agent.
         """
         ...
 

@@ -48,6 +48,7 @@ from robotree.vr.base.errors import (
     StaleEpoch,
 )
 from robotree.vr.base.principal import ITSELF, Principal
+from robotree.vr.core.heirs import seal_of
 
 DEFAULT_TERM = 5.0
 """[s] Long enough for a link of 1 s each way, short enough that a tree heals while people watch."""
@@ -89,6 +90,9 @@ class Lease(msgspec.Struct, frozen=True, kw_only=True):
     """Number of the last stop that came while the parent was away, which it has not heard; 0: none."""
     life: int = 0
     """How often its holder was started with its journal; 0: it keeps none."""
+    heir: str = ""
+    """Its parent may go on in another process, which shows what has this hash (`heirs.seal_of`); empty: it
+    does not."""
     before: int = -1
     """Epoch that the present process of the parent has named first; -1: it is the one that asked for it."""
 
@@ -259,7 +263,7 @@ class GrantedLease(msgspec.Struct, kw_only=True):
         self._expect_holder(held, parent, principal)
         return self.end(unix)
 
-    def renew(
+    def renew(  # noqa: PLR0913 # what a renewal says
         self,
         parent: Address,
         epoch: int,
@@ -270,8 +274,13 @@ class GrantedLease(msgspec.Struct, kw_only=True):
         principal: Principal = ITSELF,
         life: int = 0,
         is_there: bool = True,
+        heir: str = "",
+        proof: str = "",
     ) -> Lease:
         """Prolong the lease by the term first granted.
+
+        A parent that moves to another process says so before (`heir`), and its next process proves that it is
+        the one meant (`proof`), whether the one before is still there or not.
 
         The parent may be another incarnation than the one that asked for it, which holds the lease then. It
         may also be another process: then the epoch grows, so that the process before, which may only have
@@ -287,19 +296,22 @@ class GrantedLease(msgspec.Struct, kw_only=True):
         held = self._in_force(now)
         if held is None or not held.of(parent, principal):
             raise StaleEpoch(robot=self.robot, epoch=epoch, current=self.epoch)
-        self.expect_later(parent, principal, life)
-        if not held.under(epoch, held.principal if held.away else principal):
-            raise StaleEpoch(robot=self.robot, epoch=epoch, current=self.epoch)
-        heir = self._expect_holder(held, parent, principal)
+        inherits = bool(held.heir) and principal != held.principal and seal_of(proof) == held.heir
+        if not inherits:
+            self.expect_later(parent, principal, life)
+            if not held.under(epoch, held.principal if held.away else principal):
+                raise StaleEpoch(robot=self.robot, epoch=epoch, current=self.epoch)
+        heirs = inherits or self._expect_holder(held, parent, principal)
         self._refuse_cycle(parent, lineage)
-        if heir:
+        if heirs:
             self.epoch = self._next_epoch(unix)
         self.current = msgspec.structs.replace(
             held,
             life=life,
             parent=parent,
             epoch=self.epoch,
-            before=epoch if heir else held.before,  # it may be killed, too, before it has noted the new one
+            heir="" if inherits else heir,
+            before=epoch if heirs else held.before,  # it may be killed, too, before it has noted the new one
             expires=now + self.term_granted,
             lineage=lineage,
             principal=principal,

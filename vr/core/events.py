@@ -22,7 +22,7 @@ class StepResult(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     kind: str
     """`call`, `tell`, `sleep`, `wait`, `look`, `reading`, `until`, `group`, `result`, `field`,
-    `cleanup`, `end`, `space`."""
+    `cleanup`, `end`, `space`, `move`."""
     content: Any = None
     """Its content, which differs from another step's: of a call its slot, command and arguments."""
     value: Any = None
@@ -206,6 +206,10 @@ class Prolong(_Event, frozen=True, kw_only=True):
     """How often that has changed."""
     life: int = 0
     """How often the parent's process was started with its journal; 0: it keeps none."""
+    heir: str = ""
+    """See `bonds.Lease.heir`."""
+    proof: str = ""
+    """Shown by the process in which the parent goes on after a move: see `heirs.proof_of`."""
     is_there: bool = True
     """Whether it is present; else its process has ended since it asked, and its next one is its heir."""
     unix: float = 0.0

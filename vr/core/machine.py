@@ -303,6 +303,10 @@ class RobotState(msgspec.Struct, kw_only=True):
     pause: PauseState = msgspec.field(default_factory=PauseState)
     fields: dict[str, Any] = {}
     """Its settings and what its page has declared as state: plain values by name."""
+    moves: int = 0
+    """How often it has moved to another host: the host where it is has the highest number."""
+    secret: str = ""
+    """Of its last move: by this its children know that it is the same robot; see `heirs`."""
 
     @property
     def lineage(self) -> tuple[str, ...]:
@@ -663,6 +667,8 @@ class RobotCore:
             principal=event.principal,
             life=event.life,
             is_there=event.is_there,
+            heir=event.heir,
+            proof=event.proof,
         )
         changed = (
             before is None or before.away or (before.parent, before.lineage) != (lease.parent, lease.lineage)

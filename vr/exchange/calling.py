@@ -23,6 +23,7 @@ from robotree.vr.base.requests import (
     Accepted,
     Call,
     Cancel,
+    Moved,
     Progress,
     Raised,
     Reply,
@@ -57,13 +58,13 @@ class CallOutcome:
     ) -> None:
         """Nothing is known yet."""
         self.call, self.robot, self._on_progress, self._on_fields = call, robot, on_progress, on_fields
-        self.accepted = self.over = self.away = False
+        self.accepted = self.over = self.away = self.moved = False
         self.returns = 0.0
         """[s] in which the robot comes back if its process ends; 0: it does not."""
         self._value: Any = None
         self._error: VrError | None = None
 
-    def take(self, reply: Reply | None) -> None:
+    def take(self, reply: Reply | None) -> None:  # noqa: C901 # one for each reply
         """Take one reply; None: there are no more."""
         if self.over:
             return
@@ -82,6 +83,10 @@ class CallOutcome:
                 error = raised.revive()
                 error.entered = self.accepted
                 self.fail(error)
+            case Moved():
+                self.moved = True
+            case None if self.moved:
+                self.away = True
             case None:
                 self._lose_contact()
             case other:
@@ -112,7 +117,7 @@ class CallOutcome:
             ends: [s] when it must be done, on the clock of `now`.
             now: [s]
         """
-        self.away = False
+        self.away = self.moved = False
         return replace(self.call, deadline=ends - now)
 
     def give_up(self) -> None:
@@ -193,7 +198,7 @@ def _await_return(transport: Transport, outcome: CallOutcome) -> bool:
     """Wait until a robot is back whose process has ended, as long as it said; returns whether it is."""
     presence, key = transport.presence, outcome.robot.key
     began = time.monotonic()
-    while presence.there(key) and time.monotonic() < began + NEWS:
+    while not outcome.moved and presence.there(key) and time.monotonic() < began + NEWS:
         time.sleep(LOOK_AGAIN)
     while not presence.there(key) and time.monotonic() < began + outcome.returns:
         time.sleep(LOOK_AGAIN)

@@ -28,6 +28,7 @@ from robotree.vr.base.requests import (
     DescribeHost,
     DescribeView,
     Done,
+    Drain,
     Enslave,
     Free,
     Granted,
@@ -36,9 +37,12 @@ from robotree.vr.base.requests import (
     Logged,
     LoggedLine,
     Look,
+    Migrate,
     Pause,
     Petition,
     Picture,
+    Progress,
+    Raised,
     ReadHistory,
     ReadLog,
     Release,
@@ -61,6 +65,10 @@ DEFAULT_DEADLINE = 60.0
 """[s] for a command when the caller names none."""
 LOADING = 20.0
 """[s] for a robot to be made: twice the loader's limit, for source and constructor, and the way."""
+MOVING = 60.0
+"""[s] for a robot to move: its page is loaded there, and it may have to come to a wait."""
+DRAINING = 600.0
+"""[s] for all robots of a host."""
 RELOADING = 10.0
 """[s] for a running command to end before a page is reloaded."""
 
@@ -175,7 +183,8 @@ class RobotClient:
             await self._take_replies(call, outcome, sender)
             if outcome.away:
                 presence, key = self._transport.presence, self.address.key
-                await presence.until(key, there=False, within=NEWS)
+                if not outcome.moved:
+                    await presence.until(key, there=False, within=NEWS)
                 if await presence.until(key, there=True, within=outcome.returns):
                     call = outcome.again(ends, loop.time())
                 else:
@@ -462,6 +471,41 @@ class HostClient:
         request = msgspec.structs.replace(_page(bundle, name, settings), isolate=isolate)
         answer = await ask(self._transport, self.address.key, request, Described, timeout=LOADING)
         return answer.robot
+
+    async def migrate(self, name: str, host: str) -> str:
+        """Have one of its robots go on in another host; returns a sentence for people.
+
+        Raises:
+            VrError: the robot stays where it is.
+            TransportError: the host cannot be reached or does not answer.
+        """
+        request = Migrate(robot=name, host=host)
+        return (await ask(self._transport, self.address.key, request, Done, timeout=MOVING)).note
+
+    async def drain(self, on_move: Callable[[str], object]) -> list[str]:
+        """Have all its robots go on in other hosts; returns their names.
+
+        Args:
+            on_move: told of each that has moved, as a sentence.
+
+        Raises:
+            NotDrained: some have not; the error says why.
+            TransportError: the host cannot be reached or does not answer.
+        """
+        replies = ReplyStream(
+            self._transport, self.address.key, Drain(), within=ANSWER_WITHIN, timeout=DRAINING
+        )
+        async for reply in replies:
+            match reply:
+                case Progress(text=text):
+                    on_move(text)
+                case Done(confirmed=moved):
+                    return list(moved)
+                case Raised():
+                    raise reply.revive()
+                case _:
+                    pass
+        raise Unreachable(key=self.address.key)
 
     async def reload(
         self, bundle: Source, name: str, *, now: bool = False, within: float = RELOADING

@@ -22,19 +22,27 @@ from functools import partial
 from pathlib import Path
 from typing import Protocol
 
+import msgspec
+
 from robotree.vr.base.errors import CopiedJournal, JournalError, JournalUnusable
 from robotree.vr.core.events import CoreEvent
 from robotree.vr.core.machine import RobotCore, RobotState
+from robotree.vr.core.transfer import Destination
 from robotree.vr.journal.records import (
     VERSION,
     Began,
+    CameHere,
     Deleted,
     Happened,
     KeptPage,
     LogRecord,
     Made,
+    MovedBack,
+    MovedOut,
+    NeverTaken,
     PageOffered,
     StateKept,
+    Transfers,
     Whole,
     encoder,
 )
@@ -141,6 +149,10 @@ class HostJournal:
         self._made: dict[str, Made] = {}
         self._looks: dict[str, LookAtState] = {}
         self._offers: dict[str, KeptPage] = {}
+        self._outs: dict[str, MovedOut] = {}
+        """The robots that are on their way to other hosts, by key."""
+        self.destination = Destination(self.found.taken, self.found.never)
+        """What became of the robots that were to come here."""
         self._sealed, self._unfit, self._retry_at = False, "", 0.0
         self.suspended = ""
         """Why nothing is kept at the moment; empty: all is."""
@@ -197,6 +209,11 @@ class HostJournal:
         return self._segments.where
 
     @property
+    def name(self) -> str:
+        """Name of the log, wherever its host runs."""
+        return self._host
+
+    @property
     def size(self) -> int:
         """[bytes] of the newest file."""
         return self._segments.size
@@ -230,6 +247,10 @@ class HostJournal:
                 look(partial(self._enter, made.robot))
             if made.key in self._offers:
                 self._put(PageOffered(made.robot, self._offers[made.key]))
+            if made.key in self._outs:
+                self._put(msgspec.structs.replace(self._outs[made.key], robot=made.robot))
+        if self.destination.taken or self.destination.never:
+            self._put(Transfers(tuple(self.destination.taken), tuple(self.destination.never)))
         self._put(Whole())
         self._flush()
         self._segments.sync()
@@ -289,9 +310,47 @@ class HostJournal:
             before = self._made[key]
             self._made[key] = Made(before.robot, key, before.name, page)
 
+    def out(self, key: str, transfer: str, host: str, log: str, secret: str) -> None:
+        """Take note that a robot is on its way to another host; see `MovedOut`."""
+        number = self._numbers.get(key)
+        if number is not None:
+            self._outs[key] = MovedOut(number, transfer, host, log, secret)
+            self._put(self._outs[key])
+
+    def still_out(self, key: str, out: MovedOut) -> None:
+        """Carry over from an earlier life that a robot is on its way."""
+        self._outs[key] = out
+
+    def back(self, key: str) -> None:
+        """Take note that a robot has not moved."""
+        number = self._numbers.get(key)
+        if self._outs.pop(key, None) is not None and number is not None:
+            self._put(MovedBack(number))
+
+    def arrived(self, key: str, name: str, page: KeptPage, transfer: str, state: RobotState) -> None:
+        """Take in a robot that comes from another host; its events count from now on."""
+        self._last_number += 1
+        made = Made(self._last_number, key, name, page)
+        self._made[key], self._numbers[key] = made, made.robot
+        self._looks[key] = lambda take: take(state)
+        self._put(CameHere(made.robot, key, name, page, transfer, state, self._clocks.now()))
+
+    def looks(self, key: str, look: LookAtState) -> None:
+        """Take who hands the state of a robot on that has come."""
+        self._looks[key] = look
+
+    def never(self, transfer: str) -> None:
+        """Take note that a robot that was to come never does under this transfer."""
+        self._put(NeverTaken(transfer))
+
+    def page_of(self, key: str) -> KeptPage | None:
+        """Return the page of a robot; None: it is not here."""
+        return None if key not in self._made else self._made[key].page
+
     def gone(self, key: str) -> None:
-        """Take note that a robot was deleted."""
+        """Take note that a robot was deleted, or has moved."""
         number = self._numbers.pop(key, None)
+        self._outs.pop(key, None)
         self._made.pop(key, None)
         self._looks.pop(key, None)
         if number is not None:

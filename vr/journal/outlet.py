@@ -29,8 +29,8 @@ class Outlet:
         self.identity: Credentials = transport.identity
         self.gate: PolicyGate = transport.gate
 
-    async def serve(self, key: str, take: TakeRequest) -> Registration:
-        return await self._transport.serve(key, lambda incoming: take(self._guarded(incoming)))
+    async def serve(self, key: str, take: TakeRequest, *, rank: int = 0) -> Registration:
+        return await self._transport.serve(key, lambda incoming: take(self._guarded(incoming)), rank=rank)
 
     def _guarded(self, incoming: Incoming) -> Incoming:
         barrier = self._barrier

@@ -87,11 +87,59 @@ class Deleted(_LogRecord, frozen=True):
     robot: int
 
 
+class MovedOut(_LogRecord, frozen=True):
+    """A robot is on its way to another host; who has it is not known here until `MovedBack` or `Deleted`."""
+
+    robot: int
+    transfer: str
+    host: str
+    """Name of the other host."""
+    log: str
+    """Name of the log in which that host writes what it takes."""
+    secret: str
+    """See `core.heirs`."""
+
+
+class MovedBack(_LogRecord, frozen=True):
+    """It has not moved, and never will under that transfer."""
+
+    robot: int
+
+
+class CameHere(_LogRecord, frozen=True):
+    """A robot has come from another host: the one record that decides that it is here."""
+
+    robot: int
+    key: str
+    name: str
+    page: KeptPage
+    transfer: str
+    state: RobotState
+    now: float
+    """[s] on the monotonic clock, when it came."""
+
+
+class NeverTaken(_LogRecord, frozen=True):
+    """A robot that was to come never does under this transfer; written before anybody is told."""
+
+    transfer: str
+
+
+class Transfers(_LogRecord, frozen=True):
+    """What became of the robots that were to come, carried over from an older segment."""
+
+    taken: tuple[str, ...]
+    never: tuple[str, ...]
+
+
 class Whole(_LogRecord, frozen=True):
     """This segment has the state of all robots: what is older is not needed any more."""
 
 
-LogRecord = Began | Made | PageOffered | StateKept | Happened | Deleted | Whole
+LogRecord = (
+    Began | Made | PageOffered | StateKept | Happened | Deleted | Whole
+    | MovedOut | MovedBack | CameHere | NeverTaken | Transfers
+)  # fmt: skip
 
 encoder = msgspec.msgpack.Encoder(enc_hook=to_plain)
 decoder: msgspec.msgpack.Decoder[list[LogRecord]] = msgspec.msgpack.Decoder(list[LogRecord])

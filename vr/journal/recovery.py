@@ -13,13 +13,18 @@ from robotree.vr.core.machine import RobotCore, RobotState, shift
 from robotree.vr.journal.records import (
     VERSION,
     Began,
+    CameHere,
     Deleted,
     Happened,
     KeptPage,
     LogRecord,
     Made,
+    MovedBack,
+    MovedOut,
+    NeverTaken,
     PageOffered,
     StateKept,
+    Transfers,
     Whole,
     decoder,
 )
@@ -32,6 +37,8 @@ class KeptRobot:
         """Begin with what it was made of."""
         self.key, self.name, self.page = made.key, made.name, made.page
         self.offered: KeptPage | None = None
+        self.out: MovedOut | None = None
+        """Set: it is on its way to another host, and it is not known here whether it has arrived."""
         self.machine: RobotCore | None = None
         """None: its state does not stand in the log yet."""
 
@@ -63,6 +70,10 @@ class Recovered:
         """By key of their addresses."""
         self._keys: dict[int, str] = {}
         """By the numbers of the present segment."""
+        self.taken: dict[str, None] = {}
+        """The transfers under which robots have come, the oldest first; so is the next."""
+        self.never: dict[str, None] = {}
+        """Those under which none ever comes."""
         self.began: Began | None = None
         """The beginning of the newest segment; None: there is none."""
         self.records = 0
@@ -105,11 +116,32 @@ class Recovered:
                     self._handle(robot, robot.machine, record, path)
             case Began() | Made() | Whole():
                 self._take_segment(record, path)
+            case MovedOut() | MovedBack() | CameHere() | NeverTaken() | Transfers():
+                self._take_move(record)
             case Deleted(robot=number):
                 self._robots.pop(self._keys.pop(number, ""), None)
             case StateKept(robot=number) | PageOffered(robot=number):
                 if robot := self._robot(number):
                     robot.take(record, self._machine_of)
+
+    def _take_move(self, record: MovedOut | MovedBack | CameHere | NeverTaken | Transfers) -> None:
+        """Take what is written when robots move between hosts."""
+        match record:
+            case MovedOut(robot=number) | MovedBack(robot=number):
+                if (robot := self._robot(number)) is not None:
+                    robot.out = record if isinstance(record, MovedOut) else None
+            case CameHere(
+                robot=number, key=key, name=name, page=page, state=state, transfer=transfer, now=now
+            ):
+                self.latest = max(self.latest, now)
+                self._keys[number] = key
+                robot = self._robots[key] = KeptRobot(Made(number, key, name, page))
+                robot.machine = self._machine_of(state)
+                self.taken[transfer] = None
+            case NeverTaken(transfer=transfer):
+                self.never[transfer] = None
+            case Transfers(taken=taken, never=never):
+                self.taken, self.never = dict.fromkeys(taken), dict.fromkeys(never)
 
     def _take_segment(self, record: Began | Made | Whole, path: str) -> None:
         """Take what a segment begins with: which robots there are."""
@@ -180,6 +212,28 @@ def rebase(states: Sequence[RobotState], by: float, now: float) -> None:
             held.confirmed = held.last_asked = now if bond.child in here else now - held.term / 2
             if bond.returns and bond.child not in here:  # its host may be starting, too
                 held.confirmed = now + bond.returns - held.term
+
+
+def welcome(state: RobotState, by: float, now: float, term: float) -> None:
+    """Make the state of a robot that comes from another host fit the present moment.
+
+    No time has passed for its bonds: who commands it renews its lease here, and its children are asked at
+    once. The time that the way took counts against the deadlines of its commands.
+
+    Args:
+        state: of the robot.
+        by: [s] by which moments are later on the present clock.
+        now: [s] on that clock.
+        term: [s] for its parent to be heard, if that is more than the term of the lease.
+    """
+    shift(state, by)
+    _forget_questions(state)
+    lease = state.lease
+    if lease.current is not None:
+        expires = max(lease.current.expires, now + max(lease.term_granted, term))
+        lease.current = msgspec.structs.replace(lease.current, expires=expires)
+    for bond in state.slots.bonds().values():
+        bond.lease.confirmed = bond.lease.last_asked = now - bond.lease.term / 2
 
 
 def _forget_questions(state: RobotState) -> None:

@@ -20,7 +20,7 @@ from robotree.vr.base.principal import Credentials
 from robotree.vr.base.system import THIS_SYSTEM, Socket, System
 from robotree.vr.network.refusals import RefusalKind
 
-VERSION = 2
+VERSION = 3
 """Of these frames. Two processes whose versions differ do not talk; `robotree doctor` names them."""
 
 LONGEST_FRAME = 64 << 20
@@ -78,6 +78,8 @@ class Hello(msgspec.Struct, frozen=True, array_like=True, tag=0):
     channel: Channel
     known: Annotated[Known, msgspec.Meta(max_length=len(Topic))]
     """All that it lets others know; empty on the bulk channel."""
+    ranks: Annotated[dict[Key, int], msgspec.Meta(max_length=MOST_KEYS)] = {}
+    """Of the keys that it serves, where that is not 0: see `Transport.serve`."""
 
 
 class News(msgspec.Struct, frozen=True, array_like=True, tag=1):
@@ -86,6 +88,8 @@ class News(msgspec.Struct, frozen=True, array_like=True, tag=1):
     topic: Topic
     key: Key
     there: bool
+    rank: int = 0
+    """Of a key that it serves: see `Transport.serve`."""
 
 
 class AskFrame(msgspec.Struct, frozen=True, array_like=True, tag=2):
@@ -110,6 +114,8 @@ class EndFrame(msgspec.Struct, frozen=True, array_like=True, tag=4):
     number: int
     last: bytes | None
     """One more reply."""
+    elsewhere: bool = False
+    """Whether somebody else serves the key from now on, who is to be asked."""
 
 
 class Sample(msgspec.Struct, frozen=True, array_like=True, tag=5):

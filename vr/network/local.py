@@ -15,6 +15,7 @@ from robotree.vr.base.policy import OPEN, PolicyGate
 from robotree.vr.base.principal import Credentials
 from robotree.vr.base.system import THIS_SYSTEM, system_of
 from robotree.vr.base.transport import (
+    ELSEWHERE,
     CutOffHandler,
     End,
     Incoming,
@@ -102,7 +103,7 @@ class LocalTransport:
         """The realm's name."""
         return self.mesh.place.realm
 
-    async def serve(self, key: str, take: TakeRequest) -> Registration:
+    async def serve(self, key: str, take: TakeRequest, *, rank: int = 0) -> Registration:
         self._check(key)
 
         def take_frame(  # an `TakeFrame`
@@ -119,7 +120,7 @@ class LocalTransport:
 
             take(Incoming(body, sender, respond, end, on_loop))
 
-        self.mesh.serve(key, take_frame)
+        self.mesh.serve(key, take_frame, rank=rank)
         self._served[key] = take_frame
 
         def undo() -> None:
@@ -153,6 +154,9 @@ class LocalTransport:
         else:  # of this process
 
             def end(last: bytes | None) -> None:
+                if last is ELSEWHERE:
+                    self.mesh.ask(key, body, void_at=void_at, urgent=urgent, on_reply=on_reply)
+                    return
                 if last is not None:
                     on_reply(last)
                 on_reply(None)

@@ -33,7 +33,7 @@ from robotree.vr.base.places import here_of
 from robotree.vr.base.presence import Held, Presence
 from robotree.vr.base.principal import Credentials
 from robotree.vr.base.system import THIS_SYSTEM, Files, Socket, System
-from robotree.vr.base.transport import End, Occupied, OnReply, Respond
+from robotree.vr.base.transport import ELSEWHERE, End, Occupied, OnReply, Respond
 from robotree.vr.network.door import Door
 from robotree.vr.network.link import (
     LONGEST_KEY,
@@ -120,10 +120,10 @@ _log = logging.getLogger(__name__)
 class _Exchange:
     """A request that another process has yet to answer."""
 
-    __slots__ = ("on_reply", "void_at")
+    __slots__ = ("ask", "on_reply", "urgent", "void_at")
 
-    def __init__(self, on_reply: OnReply, void_at: float) -> None:
-        self.on_reply = on_reply
+    def __init__(self, ask: AskFrame, on_reply: OnReply, void_at: float, *, urgent: bool) -> None:
+        self.ask, self.on_reply, self.urgent = ask, on_reply, urgent
         self.void_at = void_at
         """[s] until when the other process may begin with it if it hangs and wakes; 0: it has answered."""
 
@@ -139,6 +139,8 @@ class _Peer:
         self.greeted: set[Channel] = set()
         """The channels on which its greeting has come."""
         self.known: dict[Topic, set[str]] = {topic: set() for topic in Topic}
+        self.ranks: dict[str, int] = {}
+        """Of the keys that it serves, where that is not 0."""
         self.beat: Beat | None = None
         self.since = self.last_sign = now
         """[s] Since when it is known, and the last sign of life."""
@@ -187,6 +189,8 @@ class Mesh:
         self._known: dict[Topic, Counter[str]] = {topic: Counter() for topic in Topic}
         """The announcements of this process to the others."""
         self._servers: dict[str, TakeFrame] = {}
+        self._ranks: dict[str, int] = {}
+        """Of the keys that this process serves, where that is not 0."""
         self._subscribers = Handlers[OnSample]()
         self._watchers_of_itself: dict[int, Callable[[str], None]] = {}
         self._cut_off = False
@@ -318,8 +322,8 @@ class Mesh:
 
     # -- what others can ask and see
 
-    def serve(self, key: str, answer: TakeFrame) -> None:
-        """TakeFrame the requests to a key.
+    def serve(self, key: str, answer: TakeFrame, *, rank: int = 0) -> None:
+        """TakeFrame the requests to a key; `rank` as in `Transport.serve`.
 
         Raises:
             ValueError: this process serves it already.
@@ -330,12 +334,15 @@ class Mesh:
                 raise ValueError(f"{key} is served already")
             self._check_room(Topic.SERVES, key)
             self._servers[key] = answer
+            if rank:
+                self._ranks[key] = rank
             self._announce_change(Topic.SERVES, key, there=True)
 
     def end_serving(self, key: str) -> None:
         """TakeFrame no more requests to a key."""
         with self._lock:
             if self._servers.pop(key, None) is not None:
+                self._ranks.pop(key, None)
                 self._announce_change(Topic.SERVES, key, there=False)
 
     def announce(self, key: str, *, unless: Sequence[str] = ()) -> None:
@@ -573,11 +580,12 @@ class Mesh:
         self, peer: _Peer, key: str, body: bytes, *, void_at: float, urgent: bool, on_reply: OnReply
     ) -> None:
         number = next(self._numbers)
-        packed = pack(AskFrame(number, key, body))
+        asked = AskFrame(number, key, body)
+        packed = pack(asked)
         with self._lock:
             lives = self._peers.get(peer.tag) is peer
             if lives:
-                peer.exchanges[number] = _Exchange(on_reply, void_at)
+                peer.exchanges[number] = _Exchange(asked, on_reply, void_at, urgent=urgent)
         if not lives:
             on_reply(None)
             return
@@ -687,7 +695,8 @@ class Mesh:
             self._sockets.add(link.socket, link)
         urgent = link.channel is Channel.URGENT
         known = {topic: list(keys.elements()) for topic, keys in self._known.items()} if urgent else {}
-        link.send(pack(Hello(VERSION, self.place.tag, link.channel, known)))
+        ranks = self._ranks if urgent else {}
+        link.send(pack(Hello(VERSION, self.place.tag, link.channel, known, ranks)))
 
     def _take_greeting(self, link: PeerLink, hello: Hello) -> None:
         """The greeting of a process has come."""
@@ -712,7 +721,7 @@ class Mesh:
                 for key in peer.known[topic] - said:
                     self._learn(peer, News(topic, key, there=False))
                 for key in said:
-                    self._learn(peer, News(topic, key, there=True))
+                    self._learn(peer, News(topic, key, there=True, rank=hello.ranks.get(key, 0)))
         if peer.met:
             self._show(peer)
         self._check_complete()
@@ -789,7 +798,9 @@ class Mesh:
             peer.awake = True
             self._listeners.clear()
             for key in peer.known[Topic.SERVES]:
-                self._where.setdefault(key, peer)  # what another one serves meanwhile is that one's
+                other = self._where.get(key)  # what another one serves meanwhile is that one's
+                if other is None or _rank(peer, key) > _rank(other, key):
+                    self._where[key] = peer
             for key in sorted(peer.known[Topic.HOLDS]):
                 self.presence.count(key, there=True)
 
@@ -836,6 +847,7 @@ class Mesh:
         keys = peer.known[news.topic]
         if (news.key in keys) == news.there:
             return
+        self._note_rank(peer, news)
         if news.there:
             self._check_greed(peer, 1)
         (keys.add if news.there else keys.discard)(news.key)
@@ -847,16 +859,27 @@ class Mesh:
         elif news.topic is Topic.HOLDS:
             self.presence.count(news.key, there=news.there, left=not news.there)
         elif news.there:
-            self._where[news.key] = peer
+            other = self._where.get(news.key)
+            if other is None or _rank(peer, news.key) >= _rank(other, news.key):
+                self._where[news.key] = peer
         elif self._where.get(news.key) is peer:
             self._find_server(news.key)
+
+    @staticmethod
+    def _note_rank(peer: _Peer, news: News) -> None:
+        if news.topic is Topic.SERVES:
+            peer.ranks.pop(news.key, None)
+            if news.rank and news.there:
+                peer.ranks[news.key] = news.rank
 
     def _find_server(self, key: str) -> None:
         """Ask another process for a key from now on, if one serves it. Under the lock."""
         self._where.pop(key, None)
         for peer in self._peers.values():
             if peer.awake and key in peer.known[Topic.SERVES]:
-                self._where[key] = peer
+                other = self._where.get(key)
+                if other is None or _rank(peer, key) >= _rank(other, key):
+                    self._where[key] = peer
 
     def _count_keys(self, peer: _Peer, more: int) -> None:
         """Count how many keys a process announces. Under the lock."""
@@ -881,7 +904,7 @@ class Mesh:
             del keys[key]
         if bool(before) == (key in keys):
             return
-        self._say_to_all(News(topic, key, there))
+        self._say_to_all(News(topic, key, there, self._ranks.get(key, 0) if topic is Topic.SERVES else 0))
         if topic is Topic.HOLDS:
             self.presence.count(key, there=there, left=not there)
 
@@ -971,8 +994,35 @@ class Mesh:
             exchange.on_reply(reply.body)
 
     def _take_end(self, link: PeerLink, end: EndFrame) -> None:
-        if (peer := self._peers.get(link.member)) is not None:
+        if (peer := self._peers.get(link.member)) is None:
+            return
+        if end.elsewhere:
+            self._ask_elsewhere(peer, end.number)
+        else:
             self._end_exchange(peer, end.number, end.last)
+
+    def _ask_elsewhere(self, peer: _Peer, number: int) -> None:
+        """Ask who serves a key now that another process serves no longer; nobody may."""
+        exchange = peer.exchanges.pop(number, None)
+        if exchange is None:
+            return
+        ask, urgent, on_reply = exchange.ask, exchange.urgent, exchange.on_reply
+        with self._lock:
+            own, other = self._servers.get(ask.key), self._where.get(ask.key)
+        if own is not None:
+
+            def end(last: bytes | None) -> None:
+                if last is not None and last is not ELSEWHERE:
+                    on_reply(last)
+                on_reply(None)
+
+            me = Credentials(self._system.pid(), self._system.user())
+            own(ask.body, me, urgent, on_reply, end)
+        elif other is not None and other is not peer:
+            void_at = exchange.void_at
+            self._ask_peer(other, ask.key, ask.body, void_at=void_at, urgent=urgent, on_reply=on_reply)
+        else:
+            on_reply(None)
 
     def _take_sample(self, _: PeerLink, sample: Sample) -> None:
         with self._lock:
@@ -1004,10 +1054,11 @@ class Mesh:
             self._say(link, pack(ReplyFrame(number, body)))
 
         def end(last: bytes | None) -> None:
-            self._say(link, pack(EndFrame(number, last)))
+            elsewhere = last is ELSEWHERE
+            self._say(link, pack(EndFrame(number, None if elsewhere else last, elsewhere)))
 
-        if answer is None:
-            end(None)
+        if answer is None:  # another process may serve it: it has left this one in the meantime
+            end(ELSEWHERE)
         else:
             try:
                 answer(ask.body, link.far_end, link.channel is Channel.URGENT, respond, end)
@@ -1140,6 +1191,10 @@ class Mesh:
             end.close()
         self._sockets.close()
         self._ended_all.set_result(None)
+
+
+def _rank(peer: _Peer, key: str) -> int:
+    return peer.ranks.get(key, 0)
 
 
 def held_by(process: int, keys: Iterable[str], system: Files = THIS_SYSTEM) -> list[Held]:

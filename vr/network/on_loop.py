@@ -19,7 +19,15 @@ from typing import Generic, Self, TypeVar
 
 from robotree.vr.base.errors import NoAnswer, TransportClosed, Unreachable, VrError
 from robotree.vr.base.principal import Credentials
-from robotree.vr.base.transport import End, Incoming, OnReply, RequestHandler, Respond, TakeRequest
+from robotree.vr.base.transport import (
+    ELSEWHERE,
+    End,
+    Incoming,
+    OnReply,
+    RequestHandler,
+    Respond,
+    TakeRequest,
+)
 
 SHARE = 32
 """Things that are not urgent done in one go; then the loop's own tasks have a turn."""
@@ -253,7 +261,7 @@ def handled(take: TakeRequest, sender: Credentials) -> RequestHandler:
                 loop.call_soon_threadsafe(action, context=Context())
 
         def end(last: bytes | None) -> None:
-            if last is not None:
+            if last is not None and last is not ELSEWHERE:
                 soon(partial(respond, last))
             soon(over.set)
 

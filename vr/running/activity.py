@@ -19,6 +19,7 @@ from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.arguments import check_arguments
 from robotree.vr.base.description import Arguments
 from robotree.vr.base.errors import (
+    CannotMove,
     CommandCancelled,
     CommandFailed,
     CommandInDoubt,
@@ -33,6 +34,7 @@ from robotree.vr.running.catching import at_work
 from robotree.vr.running.child_call import CallManner, ChildCall, call_child
 from robotree.vr.running.feed import Feeds, NoReadingYet
 from robotree.vr.running.frame import Abandoned, Branch, Frame
+from robotree.vr.running.ice import GoneOn
 from robotree.vr.running.outcome import raised
 from robotree.vr.running.page_trace import begin_of
 from robotree.vr.running.process import Worker
@@ -164,6 +166,35 @@ class CommandActivity(Frame):
         return value
 
     @_from_author
+    def move_to(self, host: str) -> None:
+        """Go on in another host; what follows is carried out there."""
+        path, runtime = self.step(), self.runtime
+        step = self.recalled(path, "move", host)
+        if step is not None:
+            if step.value:
+                raise CannotMove(robot=runtime.name, host=host, reason=step.value)
+            return
+        reason = ""
+        if runtime.look(lambda state: state.home) != f"host {host}":
+            self.hold(path, "move", host)
+            outcome: list[VrError | None] = []
+
+            def done(error: VrError | None) -> None:
+                outcome.append(error)
+                self.wake()
+
+            if runtime.on_move is None:
+                outcome.append(CannotMove(robot=runtime.name, host=host, reason="its process is no host"))
+            else:
+                runtime.on_move(host, done)
+            self.wait(lambda: bool(outcome))
+            if (error := outcome[0]) is not None:
+                reason = str(error.data.get("reason", error))
+        self.keep_step(path, on.StepResult("move", host, reason))
+        if reason:
+            raise CannotMove(robot=runtime.name, host=host, reason=reason)
+
+    @_from_author
     def checkpoint(self) -> None:
         """Need the steps of this round no more: interrupted, the command goes on from here."""
         if self.commander is not None:
@@ -235,6 +266,8 @@ class CommandActivity(Frame):
     def resume(self) -> None:
         """Have the page look how the world is after a crash, before the first new step."""
         process = self.runtime.process
+        if self.runtime.came:  # it has only moved: nothing has happened that it does not know
+            return
         part = self.part(f"r{process.life}", self.worker)
         part.replay = None
         _, error = part.carry_out(partial(self.runtime.robot.on_resume, process.gap))
@@ -251,7 +284,7 @@ class CommandActivity(Frame):
             return
         worker.disarm()
         try:
-            if worker.dead:
+            if worker.dead or self.runtime.has_left:
                 self.expect_to_go_on()
             change()
         finally:
@@ -535,6 +568,8 @@ class CommandActivity(Frame):
         """
         if self.worker.dead:
             raise Abandoned
+        if self.runtime.has_left:
+            raise GoneOn
         if self.final and (cause := self.cause) is not None:
             reason = f"{cause.data.get('reason', cause)}; after that no clean-up may move anything"
             raise CommandCancelled(robot=self.runtime.name, command=self.context.command, reason=reason)
@@ -580,6 +615,8 @@ def execute(runtime: RobotRuntime, key: str, run: Run, worker: Worker) -> None:
     value, error = activity.carry_out(work)
     run.interrupt = None
     activity.over = True  # from now on a thread that works for it reaches no child
+    if runtime.has_left:  # it goes on elsewhere
+        return
     if activity.started or activity.guests or activity.opened is not None:
         activity.end()
     if isinstance(robot, VirtualRobot) and not worker.dead:
@@ -616,6 +653,8 @@ def _resumed(
     activity: CommandActivity, command: Command | None, work: Callable[[], Any]
 ) -> Callable[[], Any]:
     """Return what carries out a call whose process has ended in the middle."""
+    if activity.runtime.came:  # it has moved, and was not interrupted
+        return partial(_again, activity, work)
     if refusal := _cannot_go_on(activity, command):
         return partial(_refuse, refusal)
     policy = _policy(activity, command)

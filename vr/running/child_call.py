@@ -40,6 +40,7 @@ from robotree.vr.base.requests import (
     Call,
     Cancel,
     Detach,
+    Moved,
     Progress,
     Raised,
     Reply,
@@ -49,6 +50,7 @@ from robotree.vr.core import events as on
 from robotree.vr.running import doubt
 from robotree.vr.running.catching import catches
 from robotree.vr.running.frame import Frame
+from robotree.vr.running.ice import Frozen
 from robotree.vr.running.page_trace import page_line
 from robotree.vr.running.process import Worker
 from robotree.vr.running.replay import Intent
@@ -138,6 +140,10 @@ class ChildCall(Started):
     """The child, if it lives in this process."""
     _sent: Call | None = None
     """The call, if a child in another process was asked."""
+    _given: Call | None = None
+    """The call, if a child in this process was given it."""
+    _follows: bool = False
+    """Whether the child goes on in another process, where it can be asked at once."""
     _ends: float = math.inf
     """[s] when the child must have ended it."""
     _leave: tuple[Callable[[], object], ...] = ()
@@ -279,6 +285,7 @@ class ChildCall(Started):
         if not call.oneway:
             self._neighbour = child
         turn = nested and not child.isolated and self.frame.depth < DEEPEST
+        self._given = call
         while True:
             try:
                 child.admit(
@@ -290,6 +297,13 @@ class ChildCall(Started):
                 )
             except NotDescribed as unknown:
                 self._describe(child, unknown)
+            except Frozen as frozen:
+                ice = frozen.ice
+                ice.when_over(self.frame.worker.wake)
+                self.frame.wait(lambda ice=ice: ice.over)  # type: ignore[misc]
+                if ice.moved:
+                    self._go_elsewhere(deadline_at)
+                    return
             else:
                 break
         self.accepted = True
@@ -314,6 +328,32 @@ class ChildCall(Started):
             raise error
 
     # -- to a child in another process ------------------------------------------------------------
+
+    def go_elsewhere(self) -> None:
+        """Take note that the child goes on in another process: ask it there, under the same key."""
+        if self.reply is not None or self.frame.runtime.put_off(self.go_elsewhere):
+            return
+        self.frame.worker.process.work(lambda _: self._go_elsewhere(self.frame.deadline_at))
+
+    def _go_elsewhere(self, deadline_at: float) -> None:
+        """Ask a child that was in this process where it is now. May wait for the disk."""
+        given, runtime, now = self._given, self.frame.runtime, self.frame.worker.now()
+        self._neighbour = None
+        if given is None or self.reply is not None or not self._may_settle:
+            return
+        if self.limit is not None:
+            deadline_at = min(deadline_at, now + self.limit.seconds)
+        try:
+            epoch = runtime.child_in(self.slot)[1]
+            self._note_begin()
+        except VrError as error:
+            self.fail(error)
+            return
+        source, number, lowest, closed = runtime.number(self.slot, epoch)
+        self._leave += (closed,)
+        left = deadline_at - now
+        again = replace(given, epoch=epoch, deadline=left, source=source, number=number, lowest=lowest)
+        self.ask(again, now)
 
     def _note_begin(self) -> None:
         """Keep whom a command was given that adds up: another life of that child must not get it again.
@@ -362,6 +402,9 @@ class ChildCall(Started):
         if reply is None:
             self._lose_contact()
             return
+        if isinstance(reply, Moved):
+            self._follows = True
+            return
         if isinstance(reply, (Returned, Raised)):
             self.settle(reply)
         elif isinstance(reply, Progress):
@@ -376,7 +419,9 @@ class ChildCall(Started):
                 self.frame.worker.wake()
 
     def _lose_contact(self) -> None:
-        """There are no more replies: the child's process has ended."""
+        """There are no more replies: the child's process has ended, or the child has left it."""
+        if self.frame.runtime.put_off(self._lose_contact):
+            return
         if self.reply is not None or not self._may_settle:
             return
         if self.accepted and (self._awaited or (self._sent is not None and self._sent.oneway)):
@@ -384,7 +429,8 @@ class ChildCall(Started):
         if self._comes_back():
             self.accept_by = math.inf
             process = self.frame.worker.process
-            process.at(process.runner.now() + ABSENCE, self._ask_again)
+            absence, self._follows = 0.0 if self._follows else ABSENCE, False
+            process.at(process.runner.now() + absence, self._ask_again)
         elif self.accepted or self._may_have_begun():
             detail = "it ended in the middle; look where the robot stands before you go on"
             self.fail(CommandInDoubt(robot=self.child.name, command=self.command, detail=detail))
@@ -409,7 +455,7 @@ class ChildCall(Started):
     def _ask_again(self) -> None:
         """Ask the child once more under the same key when it is back: it goes on, or tells how it ended."""
         runtime, sent, now = self.frame.runtime, self._sent, self.frame.worker.process.runner.now()
-        if self.reply is not None or sent is None or not self._may_settle:
+        if self.reply is not None or sent is None or not self._may_settle or runtime.put_off(self._ask_again):
             return
         if runtime.is_there(self.child.key):
             self.accept_by = math.inf if self.accepted else now + ANSWER_WITHIN
@@ -526,7 +572,7 @@ class ChildCall(Started):
             self._unlimit()
 
     def _be_late(self) -> None:
-        if self.reply is None:
+        if self.reply is None and not self.frame.runtime.put_off(self._be_late):
             self.withdraw(f"its caller gave it {self._limit_text}")
             self.fail(self._late())
 
@@ -613,6 +659,8 @@ class ChildCall(Started):
 
     def withdraw(self, reason: str) -> None:
         """Tell the child that nobody wants the call any more, and why."""
+        if self.frame.runtime.has_left:  # the caller goes on elsewhere, and wants it
+            return
         if self._neighbour is not None:
             with contextlib.suppress(LeaseError):  # it has just ended
                 self._neighbour.cancel(self._called, reason, principal=self.frame.runtime.principal)
@@ -622,6 +670,8 @@ class ChildCall(Started):
 
     def let_go(self) -> None:
         """Have the child go on when the command that called it has ended."""
+        if self.frame.runtime.has_left:
+            return
         if self._neighbour is not None:
             with contextlib.suppress(LeaseError):  # as above
                 self._neighbour.detach(self._called, principal=self.frame.runtime.principal)

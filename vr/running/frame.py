@@ -24,6 +24,7 @@ from robotree.vr.author.context import Activity, CommandContext, enter
 from robotree.vr.author.together import Group, Started
 from robotree.vr.base.errors import CommandCancelled, CommandFailed, VrError
 from robotree.vr.core import events as on
+from robotree.vr.running.ice import GoneOn
 from robotree.vr.running.interruptible import Interrupted
 from robotree.vr.running.page_trace import page_line
 from robotree.vr.running.process import Worker
@@ -81,6 +82,8 @@ class Frame:
     """The frame for which this one waits, on the same worker."""
     depth: int = 0
     """How many frames its worker carries out up to this one; 0: its code is not at work."""
+    parked: bool = False
+    """Whether it stands still: see `stand`."""
 
     def __init__(
         self, runtime: RobotRuntime, run: Run, context: CommandContext, worker: Worker, call_key: str = ""
@@ -208,6 +211,7 @@ class Frame:
         else:
             self.depth = 1
         worker.top = self
+        self.runtime.frames.add(self)
         while True:
             try:
                 if outcome is None:
@@ -229,7 +233,37 @@ class Frame:
         worker.top, self.depth = below, 0
         if self.below is not None:
             self.below.above = None
+        self.runtime.frame_ended(self)
         return outcome
+
+    # -- while its robot is about to leave ---------------------------------------------------------
+
+    @property
+    def waits_above(self) -> bool:
+        """Whether it waits for another frame on its worker."""
+        return self.above is not None
+
+    def rouse(self) -> None:
+        """See `ice.AtWork`."""
+        self.worker.waiter.wake()
+
+    def stand(self) -> None:
+        """Wait while the robot is about to leave.
+
+        Raises:
+            GoneOn: it has left.
+        """
+        ice = self.runtime.ice
+        if ice is None:
+            return
+        self.parked = True
+        try:
+            while not (ice.over or self.worker.dead):
+                self.worker.waiter.wait(None)
+        finally:
+            self.parked = False
+        if ice.moved:
+            raise self._once_more(GoneOn())
 
     def leave_author(self) -> Worker:
         """Come from the author's code into ours.
@@ -357,13 +391,19 @@ class Frame:
         """
         worker = self.worker
         end = worker.now() + max(timeout, 0.0)
-        while not condition():
+        while self._stands() or not condition():
             self.expect_to_go_on()
             now = worker.now()
             if now >= end:
                 return False
             worker.waiter.wait(min(end, self.deadline_at) - now)
         return True
+
+    def _stands(self) -> bool:
+        """Wait while the robot is about to leave; False."""
+        if self.runtime.ice is not None:
+            self.stand()
+        return False
 
     def expect_to_go_on(self) -> None:
         """Raise what ends it, if it is to end.
@@ -375,6 +415,8 @@ class Frame:
         """
         if self.worker.dead:
             raise self._once_more(Abandoned())
+        if self.runtime.has_left:
+            raise self._once_more(GoneOn())
         replay = self.replay
         if replay is not None and replay.active and self.dropped is None and not self._ended_before(replay):
             return

@@ -39,6 +39,14 @@ else:
     R = TypeVar("R")
 
 
+class Standing(Protocol):
+    """A frame."""
+
+    def stand(self) -> None:
+        """Wait while its robot is about to leave; see `ice.py`."""
+        ...
+
+
 class Worker:
     """One pooled thread."""
 
@@ -77,8 +85,10 @@ class Worker:
 
     # -- interruptions ----------------------------------------------------------------------------
 
-    def arm(self, frame: object) -> None:
+    def arm(self, frame: Standing) -> None:
         """The author's code of a frame is at work from now on."""
+        if self.process.still:
+            frame.stand()
         self._armed = frame
 
     def disarm(self) -> None:
@@ -168,6 +178,8 @@ class Process(Generic[R]):
         self.on_raise: Callable[[str, BaseException], None] = lambda _robot, _error: None
         """Told what the commands of each robot raise, as it was raised: over the wire go only words."""
         self.closed = False
+        self.still = 0
+        """How many robots of it are about to leave, or have left code behind that has not ended."""
         self._idle: list[Worker] = []
         self._lent: dict[int, Worker] = {}
         """The workers of threads that are not workers' own, by thread: see `carry_out`."""

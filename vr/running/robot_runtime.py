@@ -11,6 +11,7 @@ import inspect
 import logging
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import copy
 from functools import partial
 from types import FrameType
 from typing import Any, TypeVar, cast
@@ -28,9 +29,9 @@ from robotree.vr.author.virtual_robot import VirtualRobot, exposures_of, slot_sp
 from robotree.vr.base.address import Address, everyone
 from robotree.vr.base.arguments import check_arguments
 from robotree.vr.base.description import Arguments, CommandSpec, FieldSpec, offered
-from robotree.vr.base.errors import BadArgument, CommandInDoubt, Denied, NoSuchCommand, VrError
+from robotree.vr.base.errors import BadArgument, CommandInDoubt, Denied, NoSuchCommand, OnItsWay, VrError
 from robotree.vr.base.principal import ITSELF, Principal, is_person, principal_of
-from robotree.vr.base.requests import ANSWER_WITHIN, AnyRequest, Call, Cancel, Level, State
+from robotree.vr.base.requests import ANSWER_WITHIN, AnyRequest, Call, Cancel, Level, Reply, State
 from robotree.vr.base.transport import Transport
 from robotree.vr.base.units import takes_long
 from robotree.vr.core import events as on
@@ -39,6 +40,7 @@ from robotree.vr.core.events import Begin, CoreEffect, CoreEvent, Interrupt, Set
 from robotree.vr.core.machine import Calls, Lap, RobotCore, RobotState
 from robotree.vr.exchange.asking import TakeReply, send_request
 from robotree.vr.exchange.authority import OF_LEASES, Here, authorise, expect_still
+from robotree.vr.running.ice import AtWork, Frozen, Ice
 from robotree.vr.running.log import Log, waits
 from robotree.vr.running.own_errors import as_itself
 from robotree.vr.running.page_trace import line_at_work
@@ -93,12 +95,24 @@ class RobotRuntime:
     """[s] when the watchdog looks next."""
     has_news: bool = True
     """Whether something has changed that others may see; set back by what publishes it."""
+    on_move: Callable[[str, Callable[[VrError | None], None]], None] | None = None
+    """Has it move to a host; told why it does not, or None: it is there. None: its process is no host."""
     _last_obeyed: int = -1
     _written: int = 0
     """The number that the journal returned for the last event."""
 
     _looks: bool = False
     """Whether people whose commands wait are told of it again in a moment."""
+    ice: Ice | None = None
+    """Set while it is about to leave, and after it has left; see `ice.py`."""
+    _cleared: bool = False
+    """Whether nothing of its code is left here after it has left."""
+    on_way: str = ""
+    """Name of the host to which it is moving; empty: it is not."""
+    in_doubt: bool = False
+    """Whether it is not known if it has arrived there."""
+    came: bool = False
+    """Whether it has come from another host, where its commands have begun: they go on in any case."""
     _at_work = ("", 0)
     """The call that runs and how many wait, as it was last published."""
 
@@ -142,6 +156,7 @@ class RobotRuntime:
         self.isolated = robot.isolated  # its commands always run on workers of their own
         if isinstance(robot, VirtualRobot):
             self._give_state(robot)
+        self.frames = set[AtWork]()  # its code that is at work
         self.runs: dict[str, Run] = {}  # its calls that have not ended, by key
         self._interrupted = self._interrupted_calls()
         self.describe_child, self.follow_child = describe_child, follow_child
@@ -157,8 +172,7 @@ class RobotRuntime:
         self._unremind: Callable[[], None] = _nothing
         self.neighbours = process.robots  # the robots in this process
         self.log.know(self.core.state.calls.live)
-        self._life = "" if process.life == 1 else f"/{process.life}"
-        """Of the process, in the name by which it numbers calls: another life counts from 1 again."""
+        self._life = _life_of(process, core.state.moves)
         self.paused = core.state.pause.in_force != ""  # then commands look before each step: see `may_pass`
         self._held: dict[str, HeldStep] = {}  # those before which commands wait, by key, the oldest first
         self._ledgers: dict[str, _Ledger] = {}  # the numbered calls of each distant child: parent/slot/epoch
@@ -191,6 +205,8 @@ class RobotRuntime:
             forks.expect_parent()
         now, refusal = self._runner.now(), None
         with self._lock:
+            if (ice := self.ice) is not None and ice.closed:
+                return self._post_on_way(ice, event, now)
             effects: list[CoreEffect] = []
             if self.core.due <= now and not isinstance(event, on.Tick):
                 effects = self._handle(on.Tick(unix=self._runner.unix()), now)
@@ -221,6 +237,159 @@ class RobotRuntime:
         if refusal is not None:
             raise refusal
         return effects
+
+    def _post_on_way(self, ice: Ice, event: CoreEvent, now: float) -> list[CoreEffect]:
+        """Take an event while the robot is on its way, or has left: only leases are kept. Under the lock.
+
+        Raises:
+            Frozen: it is a call, which is to wait.
+            OnItsWay: it would change who commands the robot.
+        """
+        if isinstance(event, on.Invoke):
+            raise Frozen(ice)
+        if isinstance(event, on.Prolong):
+            lease = self.core.state.lease.current
+            if (
+                ice.moved
+                or lease is None
+                or event.proof
+                or (event.principal, event.heir)
+                != (
+                    lease.principal,
+                    lease.heir,
+                )
+            ):
+                raise OnItsWay(robot=self.name)
+            return self.core.handle(event, now)
+        if ice.moved:
+            return []
+        if isinstance(event, on.Renewed):
+            self.core.handle(event, now)
+        elif not isinstance(event, on.Tick):
+            ice.deferred.append(event)
+        return []
+
+    # -- leaving ----------------------------------------------------------------------------------
+
+    @property
+    def reloads(self) -> bool:
+        """Whether another page waits for its turn."""
+        return self._coming is not None
+
+    def is_as_made(self, name: str, value: object) -> bool:
+        """Whether an ordinary attribute of its page is what the constructor has made of it."""
+        made = self._as_made.get(name)
+        return made is not None and made[0] is value and (made[1] is None or made[1] == value)
+
+    @property
+    def has_left(self) -> bool:
+        """Whether it goes on in another process."""
+        return self.ice is not None and self.ice.moved
+
+    @property
+    def is_on_way(self) -> bool:
+        """Whether its core takes nothing at the moment: it may be elsewhere already."""
+        return self.ice is not None and self.ice.closed
+
+    def put_off(self, work: Callable[[], object]) -> bool:
+        """Do something only if the robot goes on here, if it is on its way; False: it is not."""
+        with self._lock:
+            ice = self.ice
+            if ice is None or not ice.closed:
+                return False
+            if not ice.moved:
+                ice.deferred.append(work)
+            return True
+
+    def freeze(self, *, closed: bool = False) -> None:
+        """Have its code come to a stand; `closed`: it has none, and the core takes nothing from now on."""
+        with self._lock:
+            self.ice = Ice(self._runner)
+            self.ice.closed = closed
+            self.process.still += 1
+        for frame in tuple(self.frames):
+            frame.rouse()
+
+    @property
+    def is_still(self) -> bool:
+        """Whether all its code stands."""
+        return all(frame.parked or frame.waits_above for frame in tuple(self.frames))
+
+    def close(self) -> bool:
+        """Take nothing more; returns whether all code stands, else nothing has changed."""
+        with self._lock:
+            if self.ice is None or not self.is_still:
+                return False
+            self.ice.closed = True
+            return True
+
+    def thaw(self) -> None:
+        """Go on here."""
+        with self._lock:
+            ice, self.ice = self.ice, None
+            self.process.still -= 1
+        if ice is None:
+            return
+        for put_off in ice.deferred:
+            if callable(put_off):
+                put_off()
+                continue
+            try:
+                self.post(put_off)
+            except VrError as error:
+                _log.warning("%s: %s", self.name, error)
+        ice.melt(moved=False)
+        for frame in tuple(self.frames):
+            frame.rouse()
+        self._reminder = math.inf
+        self.pass_time()
+
+    def leave(self) -> None:
+        """It goes on elsewhere: its code here ends, and who waits for it asks there."""
+        ice = self.ice
+        assert ice is not None  # noqa: S101 # it was frozen before
+        self._unremind()
+        self.neighbours.pop(self.address, None)
+        ice.melt(moved=True)
+        for put_off in ice.deferred:
+            if isinstance(put_off, on.CancelAsked) and put_off.principal.agent:
+                self._cancel_elsewhere(put_off)
+        for run in tuple(self.runs.values()):
+            for listener in run.listeners:
+                listener.go_elsewhere()
+        for frame in tuple(self.frames):
+            frame.rouse()
+        with self._lock:
+            self._release_still()
+
+    def _cancel_elsewhere(self, order: on.CancelAsked) -> None:
+        """Hand on what a robot of this process wants to end."""
+        epoch = self.look(lambda state: None if state.lease.current is None else state.lease.epoch)
+        cancel = Cancel(key=order.key, epoch=epoch, reason=order.reason)
+        now, sender = self._runner.now(), order.principal.agent
+        send_request(
+            self._transport,
+            self.key,
+            cancel,
+            _ignore,
+            now=now,
+            within=ANSWER_WITHIN,
+            sender=sender,
+            urgent=True,
+        )
+
+    def frame_ended(self, frame: AtWork) -> None:
+        """Take note that code of it has ended. From any thread."""
+        self.frames.discard(frame)
+        if self.ice is not None:
+            with self._lock:
+                self._release_still()
+
+    def _release_still(self) -> None:
+        """Look after code of robots that have left no longer, if none is left of this one. Under the lock."""
+        if self.has_left and not self.frames and not self._cleared:
+            self._cleared = True
+            self.process.still -= 1
 
     def reload(self, robot: VirtualRobot, done: Callable[[VrError | list[str] | None], None]) -> None:
         """Go on with another page as soon as no command that moves is running.
@@ -273,6 +442,7 @@ class RobotRuntime:
         """Let a robot's page see the state of the core, whichever that is at the moment."""
         robot.slots_now = lambda: self.core.state.slots
         robot.field_values.live(lambda: self.core.state.fields, self._keep)
+        self._as_made = {name: (value, _copied(value)) for name, value in vars(robot).items()}
 
     def pass_time(self) -> None:
         """Have what is due end."""
@@ -347,9 +517,12 @@ class RobotRuntime:
 
     def keep_step(self, key: str, path: str, step: on.StepResult) -> None:
         """Keep what a step of a running command gave. From any thread."""
-        now = self._runner.now()
+        now, event = self._runner.now(), on.StepTaken(key=key, path=path, step=step)
         with self._lock:
-            self._handle(on.StepTaken(key=key, path=path, step=step), now)
+            if (ice := self.ice) is not None and ice.closed:
+                self._post_on_way(ice, event, now)
+            else:
+                self._handle(event, now)
 
     def keep_fields(self, values: dict[str, Any]) -> None:
         """Keep what code wrote before its process ended, where it was not written down."""
@@ -453,7 +626,8 @@ class RobotRuntime:
 
         Commands that have begun since the robot is open are no part of them: they run already.
         """
-        self.post(on.Restored(calls=self._interrupted, gap=self.process.gap))
+        gap = 0.0 if self.came else self.process.gap
+        self.post(on.Restored(calls=self._interrupted, gap=gap))
 
     def _remind_at(self, due: float) -> None:
         """Have the watchdog look when something is due, if that is earlier than it will look.
@@ -467,6 +641,8 @@ class RobotRuntime:
 
     def _remind(self) -> None:
         self._reminder = math.inf
+        if self.ice is not None and self.ice.closed:
+            return
         if self.core.due <= self._runner.now():
             self.pass_time()
         self._remind_at(self.core.due)
@@ -991,6 +1167,21 @@ def _texts_in(value: object) -> Iterator[str]:
     elif isinstance(value, Sequence):
         for part in cast("Sequence[object]", value):
             yield from _texts_in(part)
+
+
+def _life_of(process: Process[RobotRuntime], moves: int) -> str:
+    """Return a part of the name by which calls are numbered: each process, and each stay, counts from 1."""
+    return "" if process.life == 1 and not moves else f"/{process.life}.{moves}"
+
+
+def _copied(value: object) -> object:
+    """Return a copy of what a page can change in place; None of everything else."""
+    plain = (list, dict, set, bytearray)
+    return copy(cast("object", value)) if isinstance(value, plain) else None
+
+
+def _ignore(_: Reply | None) -> None:
+    """Take a reply that does not matter."""
 
 
 def _nothing() -> None:

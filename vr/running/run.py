@@ -32,6 +32,10 @@ class Listener(Protocol):
         """Take how it ended."""
         ...
 
+    def go_elsewhere(self) -> None:
+        """Take note that the robot goes on in another process, where the call is to be asked again."""
+        ...
+
 
 class HeldStep(NamedTuple):
     """A step before which a command of a paused robot waits."""

@@ -790,6 +790,42 @@ class RealmClient:
         client = HostClient(self._transport, await self.directory.resolve(host, "host"))
         return await self._awake(client.reload(bundle, name, now=now, within=within))
 
+    async def migrate(self, name: str, host: str) -> str:
+        """Have a virtual robot go on in another host; returns what the hosts say, as a sentence.
+
+        Args:
+            name: of the robot.
+            host: name of the other host.
+
+        Raises:
+            CannotMove: it stays where it is; the error says why.
+            NoSuchHost: there is no such host.
+        """
+        robot = await self.describe(name)
+        if not robot.host:
+            raise NotVirtual(robot=name, what="move; a proxy stays where its controller is")
+        await self.directory.resolve(host, "host")
+        client = HostClient(self._transport, await self.directory.resolve(robot.host, "host"))
+        return await self._awake(client.migrate(name, host))
+
+    async def drain(self, host: str, on_move: Callable[[str], object] = lambda _: None) -> list[str]:
+        """Have all robots of a host go on in others; returns their names.
+
+        Args:
+            host: its name.
+            on_move: told of each robot that has moved, as a sentence.
+
+        Raises:
+            NotDrained: some have not moved; the error says why.
+        """
+        client = HostClient(self._transport, await self.directory.resolve(host, "host"))
+        return await self._awake(client.drain(on_move))
+
+    def holding(self, role: Role, name: str) -> str:
+        """Return which process has an agent, in words: `process 4711`; empty: none is known."""
+        held = self._transport.presence.held(everyone(role, name))
+        return held[0].where if held else ""
+
     async def enslave(self, parent: str, slot: str, child: str) -> RobotDescription:
         """Bind a child to a slot; returns the parent's description."""
         address = await self.directory.resolve(child)

@@ -36,6 +36,7 @@ from robotree.vr.base.policy import OPEN, PolicyGate
 from robotree.vr.base.presence import Held, Presence
 from robotree.vr.base.principal import Credentials
 from robotree.vr.base.transport import (
+    ELSEWHERE,
     CutOffHandler,
     End,
     Incoming,
@@ -431,13 +432,15 @@ class _Entry:
 class _Exchange:
     """A request whose replies somebody waits for."""
 
-    __slots__ = ("asker", "on_reply", "server", "void_at")
+    __slots__ = ("asked", "asker", "on_reply", "server", "void_at")
 
     def __init__(
         self, asker: MemoryTransport, server: MemoryTransport, on_reply: OnReply, void_at: float
     ) -> None:
         self.asker, self.server = asker, server
         self.on_reply: OnReply | None = on_reply
+        self.asked: tuple[str, bytes, float, bool] = ("", b"", 0.0, False)
+        """Key and body, `void_at` and `urgent` as it was asked."""
         self.void_at = void_at
         """[s] until when the server may begin with it; 0: it has answered."""
 
@@ -472,6 +475,8 @@ class MemoryTransport:
         self.identity = Credentials(next(network.processes), os.geteuid())
         self.gate = network.gate
         self.served: dict[str, TakeRequest] = {}
+        self.ranks: dict[str, int] = {}
+        """Of each key that it serves, or has served: see `Transport.serve`."""
         self.tokens: Counter[str] = Counter()
         """How often it announces each key."""
         self.exchanges: dict[MemoryTransport, dict[_Exchange, None]] = {}
@@ -493,7 +498,7 @@ class MemoryTransport:
 
     # -- requests ---------------------------------------------------------------------------------
 
-    async def serve(self, key: str, take: TakeRequest) -> Registration:
+    async def serve(self, key: str, take: TakeRequest, *, rank: int = 0) -> Registration:
         self._check(key)
         self.begin_serving(key, take)
         return _Entry(partial(self.end_serving, key))
@@ -507,6 +512,7 @@ class MemoryTransport:
         if key in self.served:
             raise ValueError(f"{key} is served already")
         self.served[key] = take
+        self.ranks[key] = rank
         self._let_know(lambda other: other.learn_server(self, key, there=True))
 
     def request(
@@ -554,6 +560,7 @@ class MemoryTransport:
             network.agenda.at(network.agenda.now(), lambda: on_reply(None))
             return
         exchange = _Exchange(self, server, on_reply, 0.0 if void_at == math.inf else void_at)
+        exchange.asked = key, body, void_at, urgent
         channel = URGENT if urgent else BULK
         arrive = partial(server.asked, self, exchange, key, body, channel)
         if server is self:
@@ -606,16 +613,32 @@ class MemoryTransport:
 
         take = self.served.get(key)
         if take is None:
-            end(None)
+            end(ELSEWHERE)
         else:
             network.agenda.outside()
             take(Incoming(body, asker.identity, respond, end, on_loop))
 
     def ended(self, server: MemoryTransport, exchange: _Exchange, last: bytes | None) -> None:
         """Take the end of the replies, and the last of them."""
+        if last is ELSEWHERE:
+            self._ask_elsewhere(server, exchange)
+            return
         if last is not None:
             self.replied(server, exchange, last)
         exchange.end()
+
+    def _ask_elsewhere(self, server: MemoryTransport, exchange: _Exchange) -> None:
+        """Ask who serves a key now that another one serves no longer; nobody may."""
+        key, body, void_at, urgent = exchange.asked
+        other = self if key in self.served else self._where.get(key)
+        on_reply, exchange.on_reply = exchange.on_reply, None
+        exchange.end()
+        if on_reply is None:
+            return
+        if other is None or other is server:
+            on_reply(None)
+        else:
+            self._ask(key, body, void_at, on_reply, urgent=urgent)
 
     def replied(self, server: MemoryTransport, exchange: _Exchange, body: bytes) -> None:
         """Take a reply that has arrived."""
@@ -694,7 +717,8 @@ class MemoryTransport:
 
     async def announce(self, key: str, *, unless: Sequence[str] = ()) -> Registration:
         self._check(key)
-        others = [other for pattern in unless for other in self.presence.keys(pattern)]
+        found = (other for pattern in unless for other in self.presence.keys(pattern))
+        others = [other for other in found if other != key]
         if others := others and here_of(self.presence, others):
             raise Occupied(others)
         self.be_present(key)
@@ -793,7 +817,7 @@ class MemoryTransport:
         served, tokens = self._known.pop(other, (set[str](), set[str]()))
         for key in served:
             if self._where.get(key) is other:
-                del self._where[key]
+                self._find_server(key)
         for key in sorted(tokens):
             self.presence.count(key, there=False)
         self.judge_itself()
@@ -804,9 +828,18 @@ class MemoryTransport:
             return
         (self._known[other][0].add if there else self._known[other][0].discard)(key)
         if there:
-            self._where[key] = other
+            before = self._where.get(key)
+            if before is None or other.ranks.get(key, 0) >= before.ranks.get(key, 0):
+                self._where[key] = other
         elif self._where.get(key) is other:
-            del self._where[key]
+            self._find_server(key)
+
+    def _find_server(self, key: str) -> None:
+        """Ask another one for a key from now on, if one serves it."""
+        self._where.pop(key, None)
+        for other, (served, _) in self._known.items():
+            if key in served:
+                self.learn_server(other, key, there=True)
 
     def learn_holder(self, other: MemoryTransport, key: str, *, there: bool) -> None:
         """Another one holds a key present, or does no longer."""

@@ -152,11 +152,11 @@ def test_a_robot_that_does_not_answer_is_named_and_not_made_again() -> None:
     )
 
 
-def test_a_robot_on_another_host_is_named_and_not_moved() -> None:
+def test_a_robot_on_another_host_moves_to_the_one_of_the_file_before_anything_else() -> None:
     found = planned("  one: {page: a.py, host: host-2}\n", realm({"one": {}}))
-    assert found.steps == ()
-    (said,) = found.against
-    assert said.startswith("one runs on host-1, and the file says host-2: `robotree delete one`")
+    (step,) = found.steps
+    assert (step.text, step.needs) == ("migrate one to host-2", {"host host-2"})
+    assert found.against == ()
 
 
 def test_a_robot_that_a_stand_by_host_has_taken_over_is_where_the_file_says() -> None:

@@ -26,7 +26,7 @@ class Wire:
     def __getattr__(self, name: str) -> Any:
         return lambda *_values, **_options: self.order.append(name)
 
-    async def serve(self, _key: str, take: Any) -> Any:
+    async def serve(self, _key: str, take: Any, **_: Any) -> Any:
         self.take = take
 
     async def announce(self, _key: str, **_: Any) -> Any:

@@ -24,6 +24,7 @@ STATUSES: Mapping[Status, tuple[str, str]] = {
     "paused": ("‖", "warning"),
     "busy": ("◐", "accent"),
     "waits": ("◍", "warning"),
+    "moving": ("→", "accent"),
     "needs": ("○", "warning"),
     "away": ("◇", "muted"),
     "free": ("●", "success"),

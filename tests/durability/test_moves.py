@@ -1,0 +1,96 @@
+"""A robot moves between hosts that are killed at each boundary: nothing twice, exactly one owner."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import signal
+import time
+
+import pytest
+
+from robotree.vr.base.errors import VrError
+from tests.durability.stage import PATIENCE, Program, Stage
+
+pytestmark = pytest.mark.e2e
+
+SOURCE = ("prepared", "frozen", "out", "answered", "gone")
+DESTINATION = ("ready", "got", "logged", "served", "went")
+
+
+async def owners(stage: Stage) -> list[str]:
+    """Return the hosts that have the tourist."""
+    hosts = await stage.realm_client.hosts()
+    return [host.address.name for host in hosts if "tourist" in {robot.name for robot in host.robots}]
+
+
+async def furnished(
+    stage: Stage, source: str = "", destination: str = "", **environment: str
+) -> list[Program]:
+    """Start h1 with the tourist, h2 to which it moves, and h3 with its helper."""
+    h1, h2, h3 = stage.host("h1"), stage.host("h2"), stage.host("h3")
+    (stage.folder / "h2.journal").mkdir()  # so that its moments count from the start
+    await h2.start(KILL=destination, **(environment if destination else {}))
+    await h3.start()
+    for name in ("h2", "h3"):
+        await stage.presence("host", name)
+    await stage.furnish(h1, source, other="h3", **(environment if source else {}))
+    return [h1, h2, h3]
+
+
+async def until_moved(stage: Stage, hosts: list[Program], name: str, killed: Program | None) -> None:
+    """Have the tourist move; who is killed is started again, and whoever has asked does not ask again."""
+    asking = asyncio.ensure_future(stage.realm_client.migrate("tourist", name))
+    if killed is not None:
+        async with asyncio.timeout(PATIENCE):
+            await killed.process.wait()
+        await killed.start(KILL="")
+    with contextlib.suppress(VrError):
+        await asking
+    latest = time.monotonic() + PATIENCE
+    while time.monotonic() < latest:
+        for host in hosts:
+            if not host.runs:
+                assert host.process.returncode == -signal.SIGKILL, host.complaints
+                await host.start(KILL="")
+        found = await owners(stage)
+        if len(found) == 1 and not (await stage.realm_client.describe("tourist")).on_way:
+            return
+        await asyncio.sleep(0.05)
+    raise AssertionError(f"{await owners(stage)}\n{stage.told()}")
+
+
+async def play(
+    stage: Stage, hosts: list[Program], killed: Program | None = None, steps: int = 14
+) -> list[str]:
+    """Have the tourist move in the middle of a tour; returns who has it then."""
+    call = asyncio.ensure_future(
+        stage.realm_client.call("tourist", "tour", {"steps": steps, "pause": 0.02}, deadline=3 * PATIENCE)
+    )
+    await stage.until_effects(3)
+    await until_moved(stage, hosts, "h2", killed)
+    await asyncio.wait([call], timeout=PATIENCE)
+    assert call.done(), f"{await owners(stage)} {stage.effects[-3:]}\n{stage.told()}"
+    async with asyncio.timeout(3 * PATIENCE):
+        assert await call == [float(steps), float(steps)]
+    stage.expect_once(*range(steps))
+    return await owners(stage)
+
+
+async def test_a_command_goes_on_in_the_other_process(stage: Stage) -> None:
+    hosts = await furnished(stage)
+    assert await play(stage, hosts) == ["h2"]
+
+
+@pytest.mark.parametrize("place", SOURCE)
+async def test_the_source_is_killed_at_a_boundary(stage: Stage, place: str) -> None:
+    hosts = await furnished(stage, f"move {place} 1")
+    assert len(await play(stage, hosts, hosts[0])) == 1
+    assert hosts[0].lives == 2
+
+
+@pytest.mark.parametrize("place", DESTINATION)
+async def test_the_destination_is_killed_at_a_boundary(stage: Stage, place: str) -> None:
+    hosts = await furnished(stage, "", f"move {place} 1")
+    assert len(await play(stage, hosts, hosts[1])) == 1
+    assert hosts[1].lives == 2

@@ -1,0 +1,746 @@
+"""Robots that move between hosts: what a host does for those that leave it and for those that come.
+
+`core/transfer.py` decides, the journals keep what it has decided, and this carries it out. The address of the
+robot stays, so whoever has it finds the robot again: the transport asks the process with the highest number
+of moves, and the destination is present before the source is gone.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Coroutine
+from typing import Any, NamedTuple, Protocol
+
+import msgspec
+
+from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.agents.unfit import unfit_reasons
+from robotree.vr.author.virtual_robot import VirtualRobot
+from robotree.vr.base.address import Address, everyone
+from robotree.vr.base.chance import token
+from robotree.vr.base.envelope import same_clock, this_clock
+from robotree.vr.base.errors import (
+    CannotMove,
+    DuplicateName,
+    HostReserved,
+    NoSuchHost,
+    NoSuchRobot,
+    NotDrained,
+    VrError,
+)
+from robotree.vr.base.principal import Principal
+from robotree.vr.base.requests import (
+    Accepted,
+    AskMove,
+    Create,
+    DescribeHost,
+    Done,
+    HostDescribed,
+    MoveDecided,
+    MoveReady,
+    PrepareMove,
+    Progress,
+    Reply,
+    TakeRobot,
+)
+from robotree.vr.base.transport import Transport
+from robotree.vr.bundle.admission import Clearance
+from robotree.vr.core import transfer as of
+from robotree.vr.core.machine import RobotState, decode_state, encode_state
+from robotree.vr.exchange.asking import ask
+from robotree.vr.exchange.client import LOADING
+from robotree.vr.exchange.dispatcher import SendReply
+from robotree.vr.journal.journal import HostJournal
+from robotree.vr.journal.records import KeptPage, MovedOut
+from robotree.vr.journal.recovery import welcome
+from robotree.vr.running.process import Process
+
+STAND_WITHIN = 1.0
+"""[s] for the code of a robot to come to a wait; a page that computes for longer does not move now."""
+LOOK = 0.0005
+"""[s] between two looks whether it has."""
+ANSWERED_WITHIN = 3.0
+"""[s] for the destination to take a robot, or to say what became of it, before it is asked once more."""
+ASK_AGAIN = 0.2
+"""[s] before it is asked once more."""
+KEEPS = 5
+"""How often in the term of a lease the children of a robot on its way are asked to prolong it."""
+AT_ONCE = 8
+"""Robots of a host that move at the same time when all leave it."""
+PREPARED_FOR = 60.0
+"""[s] for which a destination waits for a robot."""
+LONGEST_PARCEL = 16 << 20
+"""[bytes] of the state of a robot that moves."""
+
+_log = logging.getLogger(__name__)
+
+
+class Expected(NamedTuple):
+    """A robot that may come."""
+
+    name: str
+    robot: VirtualRobot
+    clearance: Clearance
+    page: KeptPage
+
+
+class MovingHost(Protocol):
+    """A host, as its moves know it."""
+
+    address: Address
+    agents: dict[str, RobotAgent]
+
+    async def load(self, page: KeptPage, name: str, asker: Principal) -> tuple[VirtualRobot, Clearance]:
+        """Make a robot of a page, if it may run here."""
+        ...
+
+    async def settle_in(
+        self, robot: VirtualRobot, clearance: Clearance, state: RobotState, page: KeptPage
+    ) -> RobotAgent:
+        """Have a robot that has come serve and be present; its commands do not go on yet."""
+        ...
+
+    def reserve(self, name: str) -> None:
+        """Give a name to nobody else.
+
+        Raises:
+            DuplicateName: somebody has it.
+            HostReserved: the host runs another robot alone.
+        """
+        ...
+
+    def release(self, name: str) -> None:
+        """Give it again."""
+        ...
+
+    def forget(self, agent: RobotAgent) -> None:
+        """Have a robot no longer that has left."""
+        ...
+
+
+class Moves:
+    """All moves of one host. Lives on the event loop."""
+
+    def __init__(
+        self, host: MovingHost, transport: Transport, process: Process, journal: HostJournal | None
+    ) -> None:
+        """Begin without any.
+
+        Args:
+            host: whose robots move.
+            transport: the way to the other hosts.
+            process: whose threads carry its robots' commands out.
+            journal: of the process; None: no robot moves from or to it.
+        """
+        self._host, self._transport, self._process, self._journal = host, transport, process, journal
+        self.key = host.address.key
+        """Of the host."""
+        self.leaving: dict[str, Departure] = {}
+        """The robots that are on their way, by name."""
+        self._expected: dict[str, Expected] = {}
+        """The robots that may come, by transfer."""
+        self._one: dict[str, asyncio.Lock] = {}
+        self._tasks: set[asyncio.Task[object]] = set()
+
+    @staticmethod
+    def moment(place: str) -> None:
+        """Pass a boundary of a move: a test may end the process here."""
+
+    # -- leaving ----------------------------------------------------------------------------------
+
+    async def migrate(self, robot: str, host: str, asker: str = "") -> Done:
+        """Have a robot go on in another host; returns when it does.
+
+        Args:
+            robot: its name.
+            host: name of the other host.
+            asker: who wants it, for its log.
+
+        Raises:
+            NoSuchRobot: it is not here.
+            NoSuchHost: that host is not there.
+            CannotMove: it stays here; the error says why.
+        """
+        agent = self._host.agents.get(robot)
+        if agent is None or agent.gone:
+            raise NoSuchRobot(name=robot)
+        here = self._host.address.name
+        if host == here:
+            return Done(note=f"{robot} is in {here} already")
+        if robot in self.leaving:
+            raise self._refusal(robot, host, f"it is on its way to {self.leaving[robot].target}")
+        if self._journal is None:
+            raise self._refusal(robot, host, f"{here} keeps nothing of its robots (it has no journal)")
+        if not self._transport.presence.keys(everyone("host", host)):
+            raise NoSuchHost(name=host)
+        departure = Departure(self, agent, host, self._transport, self._journal)
+        self.leaving[robot] = departure
+        try:
+            reason = await departure.run()
+        finally:
+            self._ended(robot, departure)
+        if reason:
+            raise self._refusal(robot, host, reason)
+        by = f" for {asker}" if asker else ""
+        _log.info("%s has moved to %s%s", robot, host, by)
+        return Done(
+            note=f"{robot} has moved from {here} to {host}; it paused for {departure.paused * 1e3:.1f} ms"
+        )
+
+    async def drain(self, send: SendReply) -> Done:
+        """Have all robots go on in other hosts, those that carry something out first.
+
+        Args:
+            send: tells who waits of each that has moved.
+
+        Raises:
+            NotDrained: some have not moved; the error says why.
+        """
+        send(Accepted(key=""))
+        robots = sorted(self._host.agents.values(), key=_urgency)
+        hosts = await self._others()
+        here, moved, reasons = self._host.address.name, list[str](), list[str]()
+        turns, counts = asyncio.Semaphore(AT_ONCE), dict(hosts)
+
+        async def move(agent: RobotAgent) -> None:
+            name = agent.robot.name
+            async with turns:
+                if not counts:
+                    reasons.append(f"{name}: no other host keeps its robots and takes any")
+                    return
+                target = min(counts, key=lambda host: (counts[host], host))
+                counts[target] += 1
+                try:
+                    await self.migrate(name, target)
+                except NoSuchRobot:  # it has ended meanwhile
+                    return
+                except VrError as error:
+                    reasons.append(str(error))
+                    return
+            moved.append(name)
+            send(Progress(key="", fraction=len(moved) / len(robots), text=f"{name} has moved to {target}"))
+
+        await asyncio.gather(*map(move, robots))
+        if reasons:
+            raise NotDrained(host=here, reasons="; ".join(sorted(reasons)))
+        return Done(confirmed=tuple(moved))
+
+    async def _others(self) -> dict[str, int]:
+        """Return the other hosts that take robots, with how many they have."""
+        keys = [key for key in self._transport.presence.keys(everyone("host", "*")) if key != self.key]
+        asked = (
+            ask(self._transport, key, DescribeHost(), HostDescribed, timeout=ANSWERED_WITHIN) for key in keys
+        )
+        found = await asyncio.gather(*asked, return_exceptions=True)
+        return {
+            one.address.name: len(one.robots)
+            for one in found
+            if isinstance(one, HostDescribed)
+            and one.keeps
+            and not (one.stands_by or one.alone or one.trouble)
+        }
+
+    def find_out(self, agent: RobotAgent, out: MovedOut) -> None:
+        """Ask what became of a robot that was on its way when the process before ended, until it is known."""
+        assert self._journal is not None  # noqa: S101 # it has told of the move
+        departure = Departure(self, agent, out.host, self._transport, self._journal, out)
+        self.leaving[agent.robot.name] = departure
+        self.keep(self._find_out(departure, agent.robot.name))
+
+    async def _find_out(self, departure: Departure, name: str) -> None:
+        try:
+            await departure.run()
+        finally:
+            self._ended(name, departure)
+
+    def _ended(self, name: str, departure: Departure) -> None:
+        if self.leaving.get(name) is departure:
+            del self.leaving[name]
+
+    def _refusal(self, robot: str, host: str, reason: str) -> CannotMove:
+        return CannotMove(robot=robot, host=host, reason=reason)
+
+    def keep(self, work: Coroutine[Any, Any, object]) -> None:
+        """Have something done beside everything else."""
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    def gone(self, agent: RobotAgent) -> None:
+        """Take note that a robot has left."""
+        self._host.forget(agent)
+
+    def close(self) -> None:
+        """Ask for nothing any more: the process ends."""
+        for task in tuple(self._tasks):
+            task.cancel()
+
+    # -- coming -----------------------------------------------------------------------------------
+
+    async def answer(self, request: PrepareMove | TakeRobot | AskMove, asker: Principal) -> Reply:
+        """Answer another host.
+
+        Raises:
+            CannotMove: the robot is not wanted, or cannot be kept.
+            VrError: its page cannot be used here.
+        """
+        name, here = request.robot.name, self._host.address.name
+        if not asker.agent.startswith("host/"):
+            raise self._refusal(name, here, "only a host sends robots")
+        if self._journal is None or self._journal.suspended:
+            raise self._refusal(name, here, f"{here} keeps nothing of its robots")
+        lock = self._one.setdefault(request.transfer, asyncio.Lock())
+        async with lock:
+            match request:
+                case PrepareMove():
+                    return await self._prepare(request, self._journal, asker)
+                case TakeRobot():
+                    return await self._take(request, self._journal)
+                case AskMove():
+                    return await self._asked(request, self._journal)
+
+    async def _prepare(self, request: PrepareMove, journal: HostJournal, asker: Principal) -> Reply:
+        name, here = request.robot.name, self._host.address.name
+        page = _kept(request)
+        try:
+            self._host.reserve(name)
+        except (DuplicateName, HostReserved) as error:
+            raise self._refusal(name, here, str(error)) from None
+        try:
+            robot, clearance = await self._host.load(page, name, asker)
+        except BaseException:
+            self._host.release(name)
+            raise
+        if not journal.destination.prepare(request.transfer):
+            self._host.release(name)
+            raise self._refusal(name, here, "that move is over")
+        self._expected[request.transfer] = Expected(name, robot, clearance, page)
+        asyncio.get_running_loop().call_later(PREPARED_FOR, self._expect_no_longer, request.transfer)
+        self.moment("ready")
+        return MoveReady(log=journal.name)
+
+    def _expect_no_longer(self, transfer: str) -> None:
+        """Take what was expected out; the machine of the journal has it as ready until it is asked."""
+        expected = self._expected.pop(transfer, None)
+        if expected is not None and self._journal is not None:
+            self._journal.destination.ready.pop(transfer, None)
+            self._host.release(expected.name)
+        self._one.pop(transfer, None)
+
+    async def _take(self, request: TakeRobot, journal: HostJournal) -> Reply:
+        if len(request.state) > LONGEST_PARCEL:
+            raise self._refusal(request.robot.name, self._host.address.name, "its state is too large")
+        self.moment("got")
+        taken, expected = False, self._expected.get(request.transfer)
+        state = None if expected is None else self._arrived_state(request)
+        agent: RobotAgent | None = None
+        for effect in journal.destination.take(request.transfer):
+            match effect:
+                case of.WriteTaken():
+                    assert expected is not None and state is not None  # noqa: S101 PT018 # it was prepared
+                    await self._write_taken(request, state, expected.page, journal)
+                    self.moment("logged")
+                case of.WriteNever():
+                    await self._write_never(request.transfer, journal)
+                case of.BeginHere():
+                    assert expected is not None and state is not None  # noqa: S101 PT018 # as above
+                    self._expected.pop(request.transfer, None)
+                    robot, clearance, page = expected.robot, expected.clearance, expected.page
+                    agent = await self._host.settle_in(robot, clearance, state, page)
+                    self._host.release(request.robot.name)
+                    self.moment("served")
+                case of.SayDecision():
+                    taken = effect.taken
+        if agent is not None:
+            self.keep(self._go_on(agent, request.stopped, request.order))
+        return MoveDecided(taken=taken)
+
+    def _arrived_state(self, request: TakeRobot) -> RobotState:
+        try:
+            state = decode_state(request.state)
+        except msgspec.MsgspecError as error:
+            raise self._refusal(request.robot.name, self._host.address.name, str(error)) from None
+        if state.address != request.robot:
+            raise self._refusal(request.robot.name, self._host.address.name, "its state is another robot's")
+        runner = self._process.runner
+        now = runner.now()
+        by = 0.0 if same_clock(request.clock) else (request.unix - request.now) - (runner.unix() - now)
+        welcome(state, by, now, ANSWERED_WITHIN)
+        state.moves += 1
+        state.home = f"host {self._host.address.name}"
+        return state
+
+    async def _write_taken(
+        self, request: TakeRobot, state: RobotState, page: KeptPage, journal: HostJournal
+    ) -> None:
+        key, name = request.robot.key, request.robot.name
+        journal.arrived(key, name, page, request.transfer, state)
+        await self._synced(journal)
+        if journal.suspended:
+            journal.destination.not_written(request.transfer)
+            journal.gone(key)
+            raise self._refusal(name, self._host.address.name, journal.trouble)
+
+    async def _write_never(self, transfer: str, journal: HostJournal) -> None:
+        journal.never(transfer)
+        await self._synced(journal)
+        expected = self._expected.pop(transfer, None)
+        if expected is not None:
+            self._host.release(expected.name)
+        if journal.suspended:
+            journal.destination.never.pop(transfer, None)
+            raise self._refusal("the robot", self._host.address.name, journal.trouble)
+
+    async def _synced(self, journal: HostJournal) -> None:
+        await asyncio.get_running_loop().run_in_executor(None, journal.sync)
+
+    async def _asked(self, request: AskMove, journal: HostJournal) -> Reply:
+        if request.log != journal.name:
+            name, here = request.robot.name, self._host.address.name
+            raise self._refusal(name, here, f"{here} has another log than {request.log}")
+        taken = False
+        for effect in journal.destination.ask(request.transfer):
+            if isinstance(effect, of.WriteNever):
+                await self._write_never(request.transfer, journal)
+            elif isinstance(effect, of.SayDecision):
+                taken = effect.taken
+        agent = self._host.agents.get(request.robot.name)
+        if taken and request.stopped and agent is not None and agent.address == request.robot:
+            agent.stop(request.stopped, request.order)
+        return MoveDecided(taken=taken)
+
+    async def _go_on(self, agent: RobotAgent, stopped: str, order: str) -> None:
+        """Have a robot that has come hold its children, and go on."""
+        try:
+            if stopped:
+                agent.stop(stopped, order)
+            await agent.take_back()
+            await agent.meet_callers()
+            self.moment("went")
+            agent.go_on()
+            await agent.listed()
+        except VrError as error:
+            _log.error("%s has come and does not go on: %s", agent.robot.name, error)
+
+
+class Departure:
+    """One robot that leaves: carries out what `core.transfer.Source` decides."""
+
+    def __init__(  # what it needs of its host
+        self,
+        moves: Moves,
+        agent: RobotAgent,
+        target: str,
+        transport: Transport,
+        journal: HostJournal,
+        out: MovedOut | None = None,
+    ) -> None:
+        """Prepare; `out`: the process was started again while the robot was on its way."""
+        self._moves, self._agent, self.target = moves, agent, target
+        self._transport, self._journal = transport, journal
+        self._runtime, self._name = agent.runtime, agent.robot.name
+        self.transfer = token() if out is None else out.transfer
+        self._secret = token() if out is None else out.secret
+        self._source = of.Departing("preparing" if out is None else "out")
+        if out is not None:
+            self._source.log = out.log
+        self._entrusted: frozenset[tuple[str, str]] = frozenset()
+        self._over: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+        self._keeper: asyncio.Task[None] | None = None
+        self._frozen_at = 0.0
+        self.paused = 0.0
+        """[s] for which nobody has acted for it."""
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    @property
+    def in_doubt(self) -> bool:
+        """Whether it is not known who has the robot."""
+        return self._source.phase == "out"
+
+    async def run(self) -> str:
+        """Move; returns why it has not, as a clause, empty: it has.
+
+        Raises:
+            VrError: the other host refuses.
+        """
+        self._agent.on_stop = self._stopped
+        self._show(on_way=self.target)
+        try:
+            if self.in_doubt:
+                self._keep_children()
+                self._do(self._source.begins)
+            else:
+                self._do(self._source.handle(await self._prepared()))
+            return await asyncio.shield(self._over)
+        except BaseException as error:
+            if self._source.phase in {"preparing", "freezing", "writing"}:
+                self._do(self._source.handle(of.Refused(reason=str(error))))
+            raise
+        finally:
+            self._agent.on_stop = _nobody
+            self._show(on_way="")
+
+    def _show(self, *, on_way: str) -> None:
+        self._runtime.on_way, self._runtime.in_doubt = on_way, self.in_doubt
+        self._runtime.changed()
+
+    def _stopped(self, reason: str, order: str) -> None:
+        self._do(self._source.handle(of.StopCame(reason=reason, order=order)))
+
+    async def _prepared(self) -> of.SourceEvent:
+        """See whether it can travel, and have the other host be ready."""
+        if reasons := unfit_reasons(self._runtime):
+            return of.Refused(reason="; ".join(reasons))
+        page = self._journal.page_of(self._runtime.key)
+        if page is None:
+            return of.Refused(reason="its page is not kept")
+        request = PrepareMove(
+            transfer=self.transfer,
+            robot=self._agent.address,
+            page=_sent(page, self._name),
+            sender=page.sender,
+        )
+        target = self._targets()[:1]
+        if not target:
+            return of.Refused(reason=f"{self.target} is not there")
+        ready = await ask(
+            self._transport,
+            target[0],
+            request,
+            MoveReady,
+            timeout=LOADING,
+            sender=self._moves.key,
+        )
+        children = self._agent.children
+        if children is not None:
+            self._entrusted = await children.entrust(self._secret)
+        self._moves.moment("prepared")
+        return of.DestinationReady(log=ready.log)
+
+    def _targets(self) -> list[str]:
+        """Return the keys of the hosts that may know: the other one, and who may have its log."""
+        keys = self._transport.presence.keys
+        named = keys(everyone("host", self.target))
+        others = [key for key in keys(everyone("host", "*")) if key not in named and key != self._moves.key]
+        return [*reversed(named), *(others if self.in_doubt else ())]
+
+    # -- effects ----------------------------------------------------------------------------------
+
+    def _do(self, effects: list[of.SourceEffect]) -> None:  # noqa: C901 # one for each
+        for effect in effects:
+            match effect:
+                case of.Freeze():
+                    self._frozen_at = self._now()
+                    self._runtime.freeze()
+                    self._start(self._stand())
+                case of.WriteOut():
+                    self._keep_children()
+                    self._start(self._write_out())
+                case of.Send():
+                    self._show(on_way=self.target)
+                    self._start(self._send())
+                case of.Ask():
+                    self._show(on_way=self.target)
+                    self._start(self._ask())
+                case of.StopBelow(reason=reason, order=order):
+                    if self._agent.children is not None:
+                        self._agent.children.stop_all(reason, order)
+                case of.WriteBack():
+                    self._journal.back(self._runtime.key)
+                    self._journal.barrier()
+                case of.Thaw(reason=reason):
+                    self._thaw(reason)
+                case of.Leave():
+                    self._start(self._leave())
+
+    def _start(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._done)
+
+    def _done(self, task: asyncio.Task[None]) -> None:
+        self._tasks.discard(task)
+        if task.cancelled() or (error := task.exception()) is None:
+            return
+        _log.error("the move of %s: %r", self._name, error)
+        if self._source.phase == "out":
+            self._do(self._source.handle(of.NoWord()))
+        else:
+            self._do(self._source.handle(of.Refused(reason=str(error))))
+
+    def _now(self) -> float:
+        return asyncio.get_running_loop().time()
+
+    async def _stand(self) -> None:
+        """Wait until all code of the robot waits, and take nothing more from then on."""
+        until = self._now() + STAND_WITHIN
+        while not self._runtime.close():
+            if self._source.phase != "freezing":
+                return
+            if self._now() >= until:
+                reason = f"its code has not come to a wait for {STAND_WITHIN:g} s"
+                self._do(self._source.handle(of.Refused(reason=reason)))
+                return
+            await asyncio.sleep(LOOK)
+        self._moves.moment("frozen")
+        reasons = unfit_reasons(self._runtime, standing=True)
+        if self._children_now() != self._entrusted:
+            reasons.append("its children have changed meanwhile")
+        event = of.Refused(reason="; ".join(reasons)) if reasons else of.Still()
+        self._do(self._source.handle(event))
+
+    def _children_now(self) -> frozenset[tuple[str, str]]:
+        def look(state: RobotState) -> frozenset[tuple[str, str]]:
+            return frozenset((slot, bond.child.key) for slot, bond in state.slots.bonds().items())
+
+        return self._runtime.look(look)
+
+    async def _write_out(self) -> None:
+        key, log = self._runtime.key, self._source.log
+        self._journal.out(key, self.transfer, self.target, log, self._secret)
+        await asyncio.get_running_loop().run_in_executor(None, self._journal.sync)
+        self._moves.moment("out")
+        if self._journal.suspended:
+            self._do(self._source.handle(of.Refused(reason=self._journal.trouble)))
+        else:
+            self._do(self._source.handle(of.OutWritten()))
+
+    async def _send(self) -> None:
+        def parcel(state: RobotState) -> bytes:
+            return encode_state(msgspec.structs.replace(state, secret=self._secret))
+
+        body, runner = self._runtime.look(parcel), self._runtime.process.runner
+        stop = self._source.stop
+        request = TakeRobot(
+            transfer=self.transfer,
+            robot=self._agent.address,
+            state=body,
+            now=runner.now(),
+            unix=runner.unix(),
+            clock=this_clock(),
+            stopped="" if stop is None else stop.reason,
+            order="" if stop is None else stop.order,
+        )
+        await self._hear(self._targets()[:1], request)
+
+    async def _ask(self) -> None:
+        """Ask what became of it, as long as nobody knows."""
+        await asyncio.sleep(ASK_AGAIN)
+        stop = self._source.stop
+        request = AskMove(
+            transfer=self.transfer,
+            robot=self._agent.address,
+            log=self._source.log,
+            stopped="" if stop is None else stop.reason,
+            order="" if stop is None else stop.order,
+        )
+        await self._hear(self._targets(), request)
+
+    async def _hear(self, targets: list[str], request: TakeRobot | AskMove) -> None:
+        event: of.SourceEvent = of.NoWord()
+        for key in targets:
+            with contextlib.suppress(VrError):
+                decided = await ask(
+                    self._transport,
+                    key,
+                    request,
+                    MoveDecided,
+                    timeout=ANSWERED_WITHIN,
+                    sender=self._moves.key,
+                )
+                event = of.WordCame(taken=decided.taken)
+                break
+        self._moves.moment("answered")
+        self._do(self._source.handle(event))
+
+    async def _leave(self) -> None:
+        self.paused = self._now() - self._frozen_at if self._frozen_at else 0.0
+        self._journal.gone(self._runtime.key)
+        self._journal.barrier()
+        self._moves.moment("gone")
+        self._end_keeping()
+        await self._agent.leave()
+        self._moves.gone(self._agent)
+        self._settle("")
+
+    def _thaw(self, reason: str) -> None:
+        self._end_keeping()
+        children = self._agent.children
+        if children is not None:
+            children.moves_with("")
+        if self._runtime.ice is not None:
+            restored = self._runtime.ice.closed and not self._frozen_at
+            self._runtime.thaw()
+            if restored:  # of a process that was started again: nothing of it has begun here
+                self._start(self._begin_again())
+        if children is not None and self._entrusted:
+            children.renew_all()
+        self._settle(reason)
+
+    async def _begin_again(self) -> None:
+        await self._agent.take_back()
+        await self._agent.meet_callers()
+        self._agent.go_on()
+
+    def _settle(self, reason: str) -> None:
+        if not self._over.done():
+            self._over.set_result(reason)
+
+    # -- its children meanwhile -------------------------------------------------------------------
+
+    def _keep_children(self) -> None:
+        """Have the leases of its children prolonged, for its core takes no time any more."""
+        children = self._agent.children
+        if children is None or self._keeper is not None:
+            return
+        children.moves_with(self._secret)
+
+        async def keep() -> None:
+            while True:
+                children.renew_all()
+                term = self._runtime.look(_shortest_term)
+                await asyncio.sleep(term / KEEPS)
+
+        self._keeper = asyncio.ensure_future(keep())
+
+    def _end_keeping(self) -> None:
+        if self._keeper is not None:
+            self._keeper.cancel()
+            self._keeper = None
+
+
+def _urgency(agent: RobotAgent) -> tuple[int, str]:
+    """Return by what robots are sorted that leave a host: those that carry something out come first."""
+
+    def look(state: RobotState) -> int:
+        return 0 if state.calls.live else 1 if state.slots.bonds() or state.lease.current else 2
+
+    return agent.runtime.look(look), agent.robot.name
+
+
+def _shortest_term(state: RobotState) -> float:
+    return min((bond.lease.term for bond in state.slots.bonds().values()), default=1.0)
+
+
+def _kept(request: PrepareMove) -> KeptPage:
+    page = request.page
+    files, signed = dict(page.files), page.signed
+    return KeptPage(page.source, page.path, page.wanted, files, page.origin, signed, request.sender)
+
+
+def _sent(page: KeptPage, name: str) -> Create:
+    return Create(
+        name=name,
+        path=page.path,
+        source=page.source,
+        wanted=page.wanted,
+        files=dict(page.files),
+        origin=page.origin,
+        signed=page.signed,
+    )
+
+
+def _nobody(_: str, __: str) -> None:
+    """Nobody moves it."""
