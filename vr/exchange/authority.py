@@ -25,6 +25,7 @@ from robotree.vr.base.principal import ITSELF, Principal, user_name
 from robotree.vr.base.requests import (
     AcquireFence,
     AnyRequest,
+    AskMove,
     Call,
     Cancel,
     CancelOrder,
@@ -40,6 +41,7 @@ from robotree.vr.base.requests import (
     DescribeSpace,
     DescribeView,
     Detach,
+    Drain,
     Enslave,
     EventsRead,
     FetchOrders,
@@ -54,10 +56,12 @@ from robotree.vr.base.requests import (
     LeaveOrder,
     Look,
     MarkSeen,
+    Migrate,
     OpenTransaction,
     OrdersFound,
     Pause,
     Petition,
+    PrepareMove,
     Query,
     ReadEvents,
     ReadHistory,
@@ -80,6 +84,7 @@ from robotree.vr.base.requests import (
     ShareRecords,
     TakeAlong,
     TakeOrder,
+    TakeRobot,
     TakeStep,
     TellOrders,
     VerifyEvents,
@@ -115,10 +120,11 @@ NEEDS: Final[Mapping[type[AnyRequest], str]] = {
     GiveUp: ANYBODY, RollBack: ANYBODY, Retract: ANYBODY,
     Free: "release", Delete: "release", Release: "release",
     Resume: "resume",
-    Create: "create", Reload: "create",
+    Create: "create", Reload: "create", Drain: "create",
     LeaveOrder: MEMBER, CancelOrder: MEMBER, ConfirmOrder: MEMBER, ReadOrders: MEMBER, MarkSeen: MEMBER,
     ReadKnown: MEMBER, TakeAlong: MEMBER, ReleaseHolds: MEMBER, HoldOrders: STOP,
     FetchOrders: AGENTS, TakeOrder: AGENTS, TellOrders: AGENTS, RobotDeleted: AGENTS, ShareRecords: AGENTS,
+    Migrate: "migrate", PrepareMove: AGENTS, TakeRobot: AGENTS, AskMove: AGENTS,
 }  # fmt: skip
 """The right that each request needs."""
 
@@ -238,7 +244,11 @@ def _keep_to_policy(principal: Principal, request: AnyRequest, state: RobotState
         return
     if isinstance(request, FindEntries) and not request.take:
         right = "see"
-    _expect(gate, asker, right, here.target(request.command if isinstance(request, Call) else ""))
+    target = here.target(request.command if isinstance(request, Call) else "")
+    if isinstance(request, Migrate):
+        robot = here.robot(request.robot)
+        target = PolicyTarget(request.robot, "robot", () if robot is None else robot.kinds, "", gate.site)
+    _expect(gate, asker, right, target)
     if isinstance(request, Reload):
         _expect_to_reload(gate, asker, request.page.name, here)
 
