@@ -24,6 +24,7 @@ PROMISES = {
     "open_close_lever.py": ("OpenCloseLever", {"mover": "MoveTo"}, {"open", "close"}, set[str]()),
     "move_square.py": ("MoveSquare", {"rover": "Rover"}, {"move_square"}, {"move"}),
     "pick_and_place.py": ("PickAndPlace", {"arm": "Arm"}, {"pick_and_place"}, set[str]()),
+    "patrol.py": ("Patrol", {"near": "Rover", "far": "Rover"}, {"patrol", "set"}, set[str]()),
     "two_arms.py": ("TwoArms", {"left": "Arm", "right": "Arm"}, {"lift", "grip"}, set[str]()),
 }
 

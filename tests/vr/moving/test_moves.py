@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from robotree.vr.base.errors import CannotMove, NoAnswer
+from robotree.vr.base.errors import CannotMove, NoAnswer, VrError
 from robotree.vr.base.principal import Principal
 from robotree.vr.base.requests import MoveDecided, TakeRobot
 from tests.vr.moving.stage import Stage, played
@@ -94,5 +94,172 @@ def test_a_robot_that_was_not_taken_goes_on_where_it_was(tmp_path: Path) -> None
         late = await answer(taken[0], Principal(agent="host/h1/x"))  # a copy that comes after "never"
         assert late == MoveDecided(taken=False)
         assert stage.where("tour") == ["h1"]
+
+    played(tmp_path, story)
+
+
+def test_a_page_moves_itself_and_goes_on_there(tmp_path: Path) -> None:
+    page = """
+class Roamer(VirtualRobot):
+    places: list[str] = state([])
+
+    @command
+    def roam(self, hosts: list[str]) -> list[str]:
+        for host in hosts:
+            self.move_to(host)
+            self.places = [*self.places, host]
+        return self.places
+"""
+
+    async def story(stage: Stage) -> None:
+        await stage.add("h1", "h2")
+        await stage.create("h1", "roamer", page)
+        way = ["h2", "h2", "h1", "h2"]
+        assert await stage.robot("roamer").call("roam", {"hosts": way}) == way
+        await stage.until(lambda: stage.where("roamer") == ["h2"])
+        assert stage.home_of("roamer").host.agents["roamer"].runtime.core.state.moves == 3
+        with pytest.raises(VrError, match="nowhere"):
+            await stage.robot("roamer").call("roam", {"hosts": ["nowhere"]})
+
+    played(tmp_path, story)
+
+
+async def acted_again(stage: Stage) -> None:
+    """Wait until the leaf has done one thing more."""
+    before = len(stage.field("leaf", "done"))
+    await stage.until(lambda: len(stage.field("leaf", "done")) > before)
+
+
+def test_relatives_in_one_host_become_far_ones_and_back(tmp_path: Path) -> None:
+    async def story(stage: Stage) -> None:
+        await stage.add("h1", "h2")
+        await stage.create("h1", "leaf", LEAF)
+        await stage.create("h1", "tour", TOUR)
+        await stage.enslave("tour", "arm", "leaf")
+        call = asyncio.ensure_future(stage.robot("tour").call("tour", {"steps": 40}))
+        for name, host in (("tour", "h2"), ("leaf", "h2"), ("tour", "h1"), ("leaf", "h1")):
+            await acted_again(stage)
+            await stage.migrate(name, host)
+        assert await call == list(range(40))
+        assert stage.field("leaf", "done") == list(range(40))
+        assert (stage.where("tour"), stage.where("leaf")) == (["h1"], ["h1"])
+
+    played(tmp_path, story)
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        ("self.file = open(__file__) if False else __import__('io').StringIO()", "self.file is an open file"),
+        ("self.count = 3", "self.count was set outside of declared state"),
+        ("self.lock = threading.Lock()", "self.lock is a lock"),
+    ],
+)
+def test_what_cannot_travel_is_named_before_anything_is_frozen(
+    tmp_path: Path, line: str, reason: str
+) -> None:
+    page = f"""
+import threading
+
+class Tied(VirtualRobot):
+    @command
+    def bind(self) -> None:
+        {line}
+"""
+
+    async def story(stage: Stage) -> None:
+        await stage.add("h1", "h2")
+        await stage.create("h1", "tied", page)
+        await stage.robot("tied").call("bind", {})
+        prepared: list[str] = []
+        stage.homes["h2"].host.moves.moment = prepared.append  # type: ignore[method-assign]
+        with pytest.raises(CannotMove) as refused:
+            await stage.migrate("tied", "h2")
+        assert reason in str(refused.value)
+        assert prepared == []
+        assert stage.home_of("tied").host.agents["tied"].runtime.ice is None
+
+    played(tmp_path, story)
+
+
+def test_a_page_that_computes_does_not_move_now_and_goes_on(tmp_path: Path) -> None:
+    page = """
+class Thinker(VirtualRobot):
+    going: bool = state(False)
+
+    @command
+    def think(self, seconds: float) -> int:
+        import time
+        self.going = True
+        until, rounds = time.monotonic() + seconds, 0
+        while time.monotonic() < until:
+            rounds += 1
+        return 1
+"""
+
+    async def story(stage: Stage) -> None:
+        await stage.add("h1", "h2")
+        await stage.create("h1", "thinker", page)
+        call = asyncio.ensure_future(stage.robot("thinker").call("think", {"seconds": 4.0}))
+        await stage.until(lambda: bool(stage.field("thinker", "going")))
+        with pytest.raises(CannotMove, match="has not come to a wait"):
+            await stage.migrate("thinker", "h2")
+        assert await call == 1
+
+    played(tmp_path, story)
+
+
+def test_a_stop_before_it_is_out_cancels_the_move(tmp_path: Path) -> None:
+    async def story(stage: Stage) -> None:
+        call = await touring(stage, 200)
+        moves, robot = stage.homes["h1"].host.moves, stage.robot("tour")
+        stops: list[asyncio.Future[Any]] = []
+
+        def stop(place: str) -> None:
+            if place == "frozen":
+                stage.homes["h1"].host.agents["tour"].on_stop("test", "order-1")
+                stops.append(asyncio.ensure_future(robot.safe_stop("test", order="order-1")))
+
+        moves.moment = stop  # type: ignore[method-assign]
+        with pytest.raises(CannotMove, match="it was stopped: test"):
+            await stage.migrate("tour", "h2")
+        assert set(await stops[0]) == {"tour", "leaf"}
+        assert stage.where("tour") == ["h1"]
+        with pytest.raises(VrError):
+            await call
+
+    played(tmp_path, story)
+
+
+def test_a_stop_passes_a_robot_in_doubt_to_its_children_and_reaches_it_where_it_goes_on(
+    tmp_path: Path,
+) -> None:
+    async def story(stage: Stage) -> None:
+        call = await touring(stage, 500)
+        moves, robot = stage.homes["h2"].host.moves, stage.robot("tour")
+        answer, late = moves.answer, asyncio.Event()
+
+        async def slow(request: Any, asker: Any) -> Any:
+            if isinstance(request, TakeRobot):
+                await late.wait()
+            return await answer(request, asker)
+
+        moves.answer = slow  # type: ignore[method-assign]
+        moving = asyncio.ensure_future(stage.migrate("tour", "h2"))
+        runtime = stage.homes["h1"].host.agents["tour"].runtime
+        await stage.until(lambda: runtime.in_doubt)
+        leaf = stage.homes["h3"].host.agents["leaf"].runtime
+        stop = asyncio.ensure_future(robot.safe_stop("halt", order="order-2", timeout=30.0))
+        await stage.until(lambda: leaf.look(lambda state: bool(state.stop.in_force)))
+        assert not stop.done()  # nobody has the robot now, so nobody confirms it
+        late.set()
+        await stage.until(moving.done)
+        assert set(await stop) >= {"tour"}
+        (where,) = stage.where("tour")
+        agent = stage.homes[where].host.agents["tour"]
+        assert agent.runtime.look(lambda state: state.stop.in_force) != ""
+        with pytest.raises(VrError):
+            await call
+        await asyncio.gather(moving, return_exceptions=True)
 
     played(tmp_path, story)
