@@ -36,8 +36,8 @@ class Host:
     @property
     def acts(self) -> bool:
         """Whether the robot's code may run in it."""
-        still = self.leaving is not None and self.leaving.phase in {"writing", "out"}
-        return self.lives and self.owns and not self.out and not still
+        leaves = self.leaving is not None and self.leaving.phase == "out"
+        return self.lives and self.owns and not leaves
 
 
 class Transfers(RuleBasedStateMachine):
@@ -61,9 +61,7 @@ class Transfers(RuleBasedStateMachine):
         for effect in effects:
             match effect:
                 case of.WriteOut():
-                    host.out, host.owns = host.transfer, True
-                    assert host.leaving is not None
-                    self.do(name, host.leaving.handle(of.OutWritten()))
+                    host.out = host.transfer
                 case of.Send():
                     self.post(name, host.target, "take", host.transfer)
                 case of.Ask():
@@ -119,7 +117,6 @@ class Transfers(RuleBasedStateMachine):
         elif host.leaving is not None and host.transfer == transfer:
             if what == "ready":
                 self.do(to, host.leaving.handle(of.DestinationReady(log="log")))
-                self.do(to, host.leaving.handle(of.Still()))
             else:
                 self.do(to, host.leaving.handle(of.WordCame(taken=value)))
 
@@ -136,6 +133,15 @@ class Transfers(RuleBasedStateMachine):
                 self.do(name, host.leaving.handle(of.Refused(reason="no answer")))
             else:
                 self.do(name, host.leaving.handle(of.NoWord()))
+
+    @rule(name=st.sampled_from(HOSTS))
+    def go_on_leaving(self, name: str) -> None:
+        """It is written, and then still."""
+        host = self.hosts[name]
+        if host.lives and host.leaving is not None:
+            events = {"writing": of.OutWritten(), "freezing": of.Still()}
+            if host.leaving.phase in events:
+                self.do(name, host.leaving.handle(events[host.leaving.phase]))
 
     @rule(name=st.sampled_from(HOSTS))
     def stop(self, name: str) -> None:
@@ -168,6 +174,7 @@ class Transfers(RuleBasedStateMachine):
                 host.start()
         for _ in range(20):
             for name in HOSTS:
+                self.go_on_leaving(name)
                 self.hear_nothing(name)
             messages, self.sent = self.sent, []
             for message in messages:

@@ -290,6 +290,8 @@ class RobotAgent:
         if self._children is not None:
             self._children.leave()
         self.runtime.leave()
+        if self._taker is not None:
+            await self._taker.close()
         await self._withdraw()
         if not self._gone.done():
             self._gone.set_result(None)

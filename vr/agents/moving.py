@@ -475,7 +475,7 @@ class Departure:
                 self._do(self._source.handle(await self._prepared()))
             return await asyncio.shield(self._over)
         except BaseException as error:
-            if self._source.phase in {"preparing", "freezing", "writing"}:
+            if self._source.phase in of.BEFORE:
                 self._do(self._source.handle(of.Refused(reason=str(error))))
             raise
         finally:
@@ -536,9 +536,9 @@ class Departure:
                     self._runtime.freeze()
                     self._start(self._stand())
                 case of.WriteOut():
-                    self._keep_children()
                     self._start(self._write_out())
                 case of.Send():
+                    self._keep_children()
                     self._show(on_way=self.target)
                     self._start(self._send())
                 case of.Ask():

@@ -91,6 +91,9 @@ class _Outcome:
         if not self.reply.done():
             self.reply.set_result(reply)
 
+    def go_elsewhere(self) -> None:
+        """Do nothing: a robot does not move while it carries an order out."""
+
 
 class OrderTaker:
     """Takes the orders of one robot. Lives on the event loop."""

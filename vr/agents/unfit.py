@@ -7,6 +7,7 @@ import socket
 import threading
 import types
 from collections.abc import Iterator
+from functools import partial
 from inspect import getattr_static
 from typing import Any
 
@@ -44,6 +45,11 @@ def unfit_reasons(runtime: RobotRuntime, *, standing: bool = False) -> list[str]
         *runtime.look(_of_calls),
         *_of_frames(runtime, standing=standing),
         *(["its page is just being reloaded"] if runtime.reloads else []),
+        *(
+            ["it carries out an order; wait for its end"]
+            if runtime.look(partial(_of_orders, runtime))
+            else []
+        ),
     ]
 
 
@@ -59,6 +65,11 @@ def _of_attributes(runtime: RobotRuntime) -> Iterator[str]:
             yield f"self.{name} is {words}, which exists in this process only"
         elif not runtime.is_as_made(name, value):
             yield f"self.{name} was set outside of declared state; declare it with state(…), and it travels"
+
+
+def _of_orders(runtime: RobotRuntime, state: RobotState) -> bool:
+    """Whether a command is an order: its ledger stays in this host."""
+    return not runtime.ordered.isdisjoint(state.calls.live)
 
 
 def _of_calls(state: RobotState) -> list[str]:

@@ -1,15 +1,16 @@
 """The move of a robot from one host to another, as two machines: the host that it leaves, and the other one.
 
-    the source     preparing ─► freezing ─► writing ─► out ─► gone
+    the source     preparing ─► writing ─► freezing ─► out ─► gone
                        └───────────┴───────────┴─────────┴──► back
     the destination    asked ─► ready ─► taken
                          └────────┴────► never
 
 Both are driven by the journals of their hosts and by nothing else: the source writes that the robot is out
-before it sends it, the destination writes that it has it before it says so, and that one record is the
-commit. In between nobody acts, and the source asks for as long as it takes, also after it was started again:
-it has no other way to know. A destination that has not taken the robot writes that it never will, before it
-says so. So of two processes at most one has the robot at any time, whichever of them dies. Pure.
+before it freezes and sends it, the destination writes that it has it before it says so, and that one record
+is the commit. From the freezing to the commit nobody acts, and the source asks for as long as it takes, also
+after it was started again: it has no other way to know. A destination that has not taken the robot writes
+that it never will, before it says so. So of two processes at most one has the robot at any time, whichever of
+them dies. Pure.
 """
 
 from __future__ import annotations
@@ -18,7 +19,10 @@ from typing import Literal
 
 import msgspec
 
-Phase = Literal["preparing", "freezing", "writing", "out", "gone", "back"]
+Phase = Literal["preparing", "writing", "freezing", "out", "gone", "back"]
+
+BEFORE: tuple[Phase, ...] = ("preparing", "writing", "freezing")
+"""While the robot acts at the source: a process that is started again then does not know that, and asks."""
 
 MOST_REMEMBERED = 4096
 """Transfers of which a destination remembers what became of them."""
@@ -56,7 +60,7 @@ class StopCame(_Value, frozen=True, kw_only=True):
 
 
 class OutWritten(_Value, frozen=True, kw_only=True):
-    """That it is out survives this process, and a loss of power."""
+    """That it may be out survives this process, and a loss of power; it acts here until it is frozen."""
 
 
 class WordCame(_Value, frozen=True, kw_only=True):
@@ -79,7 +83,7 @@ class Freeze(_Value, frozen=True, kw_only=True):
 
 
 class WriteOut(_Value, frozen=True, kw_only=True):
-    """Write that it is on its way: `OutWritten` or `Refused` follows."""
+    """Write that it is about to leave: `OutWritten` or `Refused` follows."""
 
 
 class Send(_Value, frozen=True, kw_only=True):
@@ -131,29 +135,22 @@ class Departing:
         """What a source does first that was started again."""
         return [Ask()] if self.phase == "out" else []
 
-    def handle(self, event: SourceEvent) -> list[SourceEffect]:  # noqa: C901, PLR0911, PLR0912 # one for each
+    def handle(self, event: SourceEvent) -> list[SourceEffect]:  # noqa: PLR0911 # one for each
         """Change; return what is to be done, in this order. What comes too late changes nothing."""
         match self.phase, event:
             case "preparing", DestinationReady(log=log):
-                self.log, self.phase = log, "freezing"
+                self.log, self.phase = log, "writing"
+                return [WriteOut()]
+            case "writing", OutWritten():
+                self.phase = "freezing"
                 return [Freeze()]
             case "freezing", Still():
-                self.phase = "writing"
-                return [WriteOut()]
-            case (("preparing" | "freezing"), Refused(reason=reason)):
-                return self._back(reason)
-            case "writing", Refused(reason=reason):
-                return [WriteBack(), *self._back(reason)]
-            case (("preparing" | "freezing"), StopCame(reason=reason)):
-                return self._back(f"it was stopped: {reason}")
-            case "writing", StopCame():
-                self.stop = event
-                return []
-            case "writing", OutWritten():
-                if self.stop is not None:  # nobody has been told of it yet
-                    return [WriteBack(), *self._back(f"it was stopped: {self.stop.reason}")]
                 self.phase = "out"
                 return [Send()]
+            case _, Refused(reason=reason) if self.phase in BEFORE:
+                return self._taken_back(reason)
+            case _, StopCame(reason=reason) if self.phase in BEFORE:
+                return self._taken_back(f"it was stopped: {reason}")
             case "out", StopCame(reason=reason, order=order):
                 self.stop = event
                 return [StopBelow(reason=reason, order=order)]
@@ -166,6 +163,11 @@ class Departing:
                 return [Ask()]
             case _:
                 return []
+
+    def _taken_back(self, reason: str) -> list[SourceEffect]:
+        """Stay here: the robot has not been sent to anybody."""
+        written: list[SourceEffect] = [] if self.phase == "preparing" else [WriteBack()]
+        return written + self._back(reason)
 
     def _back(self, reason: str) -> list[SourceEffect]:
         self.phase = "back"
