@@ -290,9 +290,9 @@ class RobotAgent:
         if self._children is not None:
             self._children.leave()
         self.runtime.leave()
+        await self._withdraw()
         if self._taker is not None:
             await self._taker.close()
-        await self._withdraw()
         if not self._gone.done():
             self._gone.set_result(None)
         self._close_process()
