@@ -318,3 +318,27 @@ def test_the_check_of_pages_names_the_check_of_scripts(
     said = capsys.readouterr()
     assert f"is a script, not a page; check it with `robotree rules check {script}`" in said.err
     assert said.out == ""
+
+
+@pytest.mark.parametrize(
+    ("made", "what"),
+    [("open('log')", "an open file"), ("threading.Lock()", "a lock"), ("socket.socket()", "a socket")],
+)
+def test_what_keeps_a_robot_in_its_process_is_named_by_check(made: str, what: str) -> None:
+    page = f"""import socket
+import threading
+
+from robotree.vr import VirtualRobot, command
+
+
+class Tied(VirtualRobot):
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self._kept = {made}
+
+    @command
+    def use(self) -> None:
+        made = {made}
+"""
+    said = f"self._kept is {what}: the robot cannot move to another host"
+    assert [(one.line, one.what) for one in examine(page, {}) if "move" in one.what] == [(10, said)]

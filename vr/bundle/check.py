@@ -31,6 +31,15 @@ _CALLS = {
     **dict.fromkeys(("socket.", "urllib.request.", "http.client.", "httpx."), _BLOCK),
 }
 """Calls, or with a dot at the end modules, that a page should not use: what is wrong, and what to write."""
+_TIED = {
+    **dict.fromkeys(("open", "io.open", "os.open", "os.fdopen"), "an open file"),
+    **dict.fromkeys(("socket.socket", "socket.create_connection"), "a socket"),
+    **dict.fromkeys(("threading.Thread", "threading.Timer"), "a thread"),
+    **dict.fromkeys(
+        ("threading.Lock", "threading.RLock", "threading.Event", "threading.Condition"), "a lock"
+    ),
+}
+"""Calls that make what exists in one process only, and what that is; see `agents/unfit.py`."""
 _CHANGES = {
     *("append", "extend", "insert", "add", "update", "pop", "popitem"),
     *("remove", "discard", "clear", "setdefault"),
@@ -59,7 +68,7 @@ def examine(source: str, kinds: Kinds) -> list[Finding]:
     known = {**kinds, **{name: dict.fromkeys(page.commands) for name, page in pages.items()}}
     for page in pages.values():
         found += [*_of_state(page), *_of_bare(page), *_of_options(page, used), *_of_async(page)]
-        found += of_children(page, known)
+        found += [*of_children(page, known), *_of_tied(page, imported)]
     return sorted(set(found), key=lambda one: (one.line, one.what))
 
 
@@ -159,6 +168,23 @@ def _of_state(page: Page) -> Iterator[Finding]:
                     f"self.{name} does not survive a reload",
                     f"declare it in the class, `{name}: int = state(0)` with its type, or name it _{name}",
                 )
+
+
+def _of_tied(page: Page, imported: Mapping[str, str]) -> Iterator[Finding]:
+    """Find attributes that keep a robot in its process: it could not move to another host."""
+    for method in page.methods:
+        for node in ast.walk(method):
+            match node:
+                case ast.Assign(targets=[ast.Attribute() as kept], value=ast.Call() as made):
+                    pass
+                case ast.AnnAssign(target=ast.Attribute() as kept, value=ast.Call() as made):
+                    pass
+                case _:
+                    continue
+            what = _TIED.get(called(made, imported))
+            if what and dotted(kept.value) == "self":
+                why = f"self.{kept.attr} is {what}: the robot cannot move to another host"
+                yield Finding(kept.lineno, why, "make it where it is used, and let go of it there")
 
 
 def _of_bare(page: Page) -> Iterator[Finding]:
