@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import signal
 import time
+from pathlib import Path
 
 import pytest
 
@@ -94,3 +95,49 @@ async def test_the_destination_is_killed_at_a_boundary(stage: Stage, place: str)
     hosts = await furnished(stage, "", f"move {place} 1")
     assert len(await play(stage, hosts, hosts[1])) == 1
     assert hosts[1].lives == 2
+
+
+def is_stopped(stat: Path) -> bool:
+    return stat.read_text().rpartition(")")[2].split()[0] == "T"
+
+
+async def wake_later(program: Program, seconds: float) -> None:
+    """Wait until a process has stopped itself, and have it go on after a while."""
+    stat = Path(f"/proc/{program.process.pid}/stat")
+    async with asyncio.timeout(PATIENCE):
+        while not is_stopped(stat):  # noqa: ASYNC110 # a file of the kernel, which tells nobody
+            await asyncio.sleep(0.01)
+    await asyncio.sleep(seconds)
+    program.process.send_signal(signal.SIGCONT)
+
+
+@pytest.mark.parametrize("place", ["S out", "S answered", "D got", "D logged"])
+async def test_one_of_both_hangs_at_a_boundary_and_wakes(stage: Stage, place: str) -> None:
+    """It sleeps longer than it takes to be noticed, and shorter than the children wait."""
+    who, where = place.split()
+    kills = {"source" if who == "S" else "destination": f"move {where} 1"}
+    hosts = await furnished(stage, **kills, HANGS="1")
+    waking = asyncio.ensure_future(wake_later(hosts[who == "D"], 2.5))
+    found = await play(stage, hosts)
+    await waking
+    assert len(found) == 1
+
+
+async def test_both_are_killed_while_it_is_on_its_way(stage: Stage) -> None:
+    hosts = await furnished(stage, "move answered 1", "move logged 1")
+    call = asyncio.ensure_future(
+        stage.realm_client.call("tourist", "tour", {"steps": 14, "pause": 0.02}, deadline=3 * PATIENCE)
+    )
+    await stage.until_effects(3)
+    asking = asyncio.ensure_future(stage.realm_client.migrate("tourist", "h2"))
+    async with asyncio.timeout(PATIENCE):
+        await asyncio.gather(*(host.process.wait() for host in hosts[:2]))
+    await hosts[0].start(KILL="")  # it knows nothing, asks, and keeps the children meanwhile
+    await asyncio.sleep(1.0)
+    assert (await stage.realm_client.describe("tourist")).in_doubt
+    await hosts[1].start(KILL="")
+    async with asyncio.timeout(3 * PATIENCE):
+        assert await call == [14.0, 14.0]
+    await asyncio.gather(asking, return_exceptions=True)
+    assert await owners(stage) == ["h2"]
+    stage.expect_once(*range(14))

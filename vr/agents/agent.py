@@ -51,6 +51,7 @@ from robotree.vr.base.requests import (
     STOPPED,
     Accepted,
     AnyRequest,
+    Call,
     Continue,
     Decide,
     Delete,
@@ -61,6 +62,7 @@ from robotree.vr.base.requests import (
     Free,
     Granted,
     Logged,
+    Moved,
     Pause,
     Petition,
     Raised,
@@ -259,14 +261,35 @@ class RobotAgent:
     def _take(self, incoming: Incoming) -> None:
         """Take a request; while the robot is on its way, most of them are held. In the thread that reads."""
         ice = self.runtime.ice
-        if ice is None or not ice.closed or self._passes(ice, incoming):
+        passes = ice is None or not ice.closed or self._passes(ice, incoming)
+        if passes is None:
+            return
+        if ice is None or passes:
             self._dispatcher.take(incoming)
             return
         if not ice.hold(partial(self._take, incoming), incoming.pass_on):
             self._dispatcher.take(incoming)
 
-    def _passes(self, ice: Ice, incoming: Incoming) -> bool:
-        """Whether a request is answered though the robot is on its way; a stop goes to its children."""
+    def _wait_again(self, ice: Ice, call: Call, incoming: Incoming) -> None:
+        """Have a caller wait that asks again for a call which was accepted; it asks once more in the end.
+
+        The request itself would have expired by then.
+        """
+
+        def ask_again() -> None:
+            incoming.reply(encode(Moved()))
+            incoming.end(None)
+
+        incoming.reply(encode(Accepted(key=call.key, returns=self._process.returns)))
+        if not ice.hold(ask_again, ask_again):
+            ask_again()
+
+    def _passes(self, ice: Ice, incoming: Incoming) -> bool | None:
+        """Whether a request is answered though the robot is on its way; a stop goes to its children.
+
+        Returns:
+            None: it is dealt with.
+        """
         if ice.over:
             return not ice.moved
         try:
@@ -275,6 +298,9 @@ class RobotAgent:
             ).request
         except VrError:
             return True  # it is refused
+        if isinstance(request, Call) and self.runtime.look(lambda state: request.key in state.calls.live):
+            self._wait_again(ice, request, incoming)
+            return None
         if isinstance(request, SafeStop):
             incoming.reply(encode(Accepted(key=request.order)))
             self._on_loop(partial(self.on_stop, request.reason or "protective stop", request.order))

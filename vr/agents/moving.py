@@ -347,6 +347,7 @@ class Moves:
                 case of.BeginHere():
                     assert expected is not None and state is not None  # noqa: S101 PT018 # as above
                     self._expected.pop(request.transfer, None)
+                    welcome(state, 0.0, self._process.runner.now(), ANSWERED_WITHIN)  # to write takes time
                     robot, clearance, page = expected.robot, expected.clearance, expected.page
                     agent = await self._host.settle_in(robot, clearance, state, page)
                     self._host.release(request.robot.name)
