@@ -500,11 +500,11 @@ class MemoryTransport:
 
     async def serve(self, key: str, take: TakeRequest, *, rank: int = 0) -> Registration:
         self._check(key)
-        self.begin_serving(key, take)
+        self.begin_serving(key, take, rank=rank)
         return _Entry(partial(self.end_serving, key))
 
-    def begin_serving(self, key: str, take: TakeRequest) -> None:
-        """Answer the requests to a key.
+    def begin_serving(self, key: str, take: TakeRequest, *, rank: int = 0) -> None:
+        """Answer the requests to a key; `rank` as in `Transport.serve`.
 
         Raises:
             ValueError: this member serves it already.
