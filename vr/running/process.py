@@ -39,7 +39,7 @@ else:
     R = TypeVar("R")
 
 
-class Standing(Protocol):
+class StandingFrame(Protocol):
     """A frame."""
 
     def stand(self) -> None:
@@ -85,7 +85,7 @@ class Worker:
 
     # -- interruptions ----------------------------------------------------------------------------
 
-    def arm(self, frame: Standing) -> None:
+    def arm(self, frame: StandingFrame) -> None:
         """The author's code of a frame is at work from now on."""
         if self.process.still:
             frame.stand()
