@@ -614,7 +614,7 @@ class Host:
             self.clearances.pop(name, None)
         self._ended = [ended for ended in (*self._ended, agent) if ended.abandoned]
 
-    async def answer(  # noqa: C901, PLR0911 # one for each request
+    async def answer(  # noqa: C901, PLR0911, PLR0912 # one for each request
         self, received: Received, send: SendReply = lambda _: None
     ) -> Reply:
         """Answer a request to this host, once it is authorised; `send` sends replies before the last one.

@@ -119,6 +119,10 @@ class MovingHost(Protocol):
         """Have a robot no longer that has left."""
         ...
 
+    def description(self) -> HostDescribed:
+        """Say which robots live here."""
+        ...
+
 
 class Moves:
     """All moves of one host. Lives on the event loop."""
@@ -202,6 +206,8 @@ class Moves:
         robots = sorted(self._host.agents.values(), key=_urgency)
         hosts = await self._others()
         here, moved, reasons = self._host.address.name, list[str](), list[str]()
+        apart = {robot.name for robot in self._host.description().robots} - self._host.agents.keys()
+        reasons += [f"{name} lives in a process of its own, which stays" for name in sorted(apart)]
         turns, counts = asyncio.Semaphore(AT_ONCE), dict(hosts)
 
         async def move(agent: RobotAgent) -> None:
