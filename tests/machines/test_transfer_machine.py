@@ -64,13 +64,13 @@ class Transfers(RuleBasedStateMachine):
                     host.out = host.transfer
                 case of.Send():
                     self.post(name, host.target, "take", host.transfer)
-                case of.Ask():
+                case of.AskOther():
                     self.post(name, host.target, "ask", host.transfer)
                 case of.WriteBack():
                     host.out = ""
                 case of.Thaw():
                     host.leaving = None
-                case of.Leave():
+                case of.LeaveHere():
                     host.out, host.owns, host.leaving = "", False, None
                 case _:
                     pass

@@ -548,7 +548,7 @@ class Departure:
                     self._keep_children()
                     self._show(on_way=self.target)
                     self._start(self._send())
-                case of.Ask():
+                case of.AskOther():
                     self._show(on_way=self.target)
                     self._start(self._ask())
                 case of.StopBelow(reason=reason, order=order):
@@ -559,7 +559,7 @@ class Departure:
                     self._journal.barrier()
                 case of.Thaw(reason=reason):
                     self._thaw(reason)
-                case of.Leave():
+                case of.LeaveHere():
                     self._start(self._leave())
 
     def _start(self, work: Coroutine[Any, Any, None]) -> None:

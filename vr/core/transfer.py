@@ -90,7 +90,7 @@ class Send(_Value, frozen=True, kw_only=True):
     """Send it: `WordCame` or `NoWord` follows."""
 
 
-class Ask(_Value, frozen=True, kw_only=True):
+class AskOther(_Value, frozen=True, kw_only=True):
     """Ask what became of it: `WordCame` or `NoWord` follows."""
 
 
@@ -112,11 +112,11 @@ class Thaw(_Value, frozen=True, kw_only=True):
     """Why it has not moved, as a clause."""
 
 
-class Leave(_Value, frozen=True, kw_only=True):
+class LeaveHere(_Value, frozen=True, kw_only=True):
     """Write that it has gone, and be there no longer."""
 
 
-SourceEffect = Freeze | WriteOut | Send | Ask | StopBelow | WriteBack | Thaw | Leave
+SourceEffect = Freeze | WriteOut | Send | AskOther | StopBelow | WriteBack | Thaw | LeaveHere
 
 
 class Departing:
@@ -133,7 +133,7 @@ class Departing:
     @property
     def begins(self) -> list[SourceEffect]:
         """What a source does first that was started again."""
-        return [Ask()] if self.phase == "out" else []
+        return [AskOther()] if self.phase == "out" else []
 
     def handle(self, event: SourceEvent) -> list[SourceEffect]:  # noqa: PLR0911 # one for each
         """Change; return what is to be done, in this order. What comes too late changes nothing."""
@@ -156,11 +156,11 @@ class Departing:
                 return [StopBelow(reason=reason, order=order)]
             case "out", WordCame(taken=True):
                 self.phase = "gone"
-                return [Leave()]
+                return [LeaveHere()]
             case "out", WordCame():
                 return [WriteBack(), *self._back("the other host has not taken it")]
             case "out", NoWord():
-                return [Ask()]
+                return [AskOther()]
             case _:
                 return []
 
