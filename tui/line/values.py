@@ -122,6 +122,8 @@ def isolation(text: str) -> Isolation | Literal[""]:
 def source(text: str) -> tuple[str, str]:
     """Read `FILE.py` or `FILE.py:Class` as path and class name (empty: the only one in the file)."""
     path, colon, wanted = text.rpartition(":")
+    if path == "sha256":  # the hash of a page
+        return text, ""
     return (path, wanted) if colon and path and wanted.isidentifier() else (text, "")
 
 

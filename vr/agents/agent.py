@@ -45,6 +45,7 @@ from robotree.vr.base.errors import (
     VrError,
     WrongKind,
 )
+from robotree.vr.base.permissions import Permissions
 from robotree.vr.base.presence import Undo
 from robotree.vr.base.principal import Principal
 from robotree.vr.base.requests import (
@@ -487,7 +488,15 @@ class RobotAgent:
         running, home = ", ".join(self.abandoned), self.runtime.look(lambda state: state.home)
         return running and f"its {running} ignores every cancel and still runs; restart {home}"
 
-    async def reload(self, robot: VirtualRobot, page: str, *, now: bool, within: float) -> list[str]:
+    async def reload(
+        self,
+        robot: VirtualRobot,
+        page: str,
+        *,
+        now: bool,
+        within: float,
+        permissions: Permissions | None = None,
+    ) -> list[str]:
         """Go on with another page at the next boundary between commands; bonds, settings and state stay.
 
         Args:
@@ -495,6 +504,7 @@ class RobotAgent:
             page: where that is kept.
             now: whether the running command is cancelled.
             within: [s] for the running command to end.
+            permissions: of the other page; None: it is not limited.
 
         Returns:
             What could not stay, and what is new, as sentences.
@@ -509,7 +519,7 @@ class RobotAgent:
             self._on_loop(partial(_settle, turned, outcome))
 
         running = self.runtime.look(lambda state: state.calls.running)
-        self.runtime.reload(robot, done)
+        self.runtime.reload(robot, done, permissions)
         if now and running:
             self.runtime.cancel(running, f"the page of {self.robot.name} is reloaded")
         try:

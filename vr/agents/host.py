@@ -19,6 +19,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.agents.bundles import KnownBundles, bundle_of, request_of
 from robotree.vr.agents.moving import Moves
 from robotree.vr.agents.shared import Shared
 from robotree.vr.author.virtual_robot import VirtualRobot
@@ -49,6 +50,7 @@ from robotree.vr.base.requests import (
     Level,
     Migrate,
     PrepareMove,
+    ReadBundle,
     ReadEvents,
     ReadHistory,
     Reload,
@@ -147,6 +149,8 @@ class Host:
         self.address = new_address("host", name)
         self.agents: dict[str, RobotAgent] = {}
         """The robots that live here, by name."""
+        self.bundles = KnownBundles(transport, self.address.key)
+        """The pages that it has, or gets, by their hash."""
         self._pages: dict[str, str] = {}
         """Hashes of the pages of the robots, by name."""
         self.clearances: dict[str, Clearance] = {}
@@ -306,7 +310,7 @@ class Host:
         kept.state.home = f"host {self.address.name}"
         agent = self._new_agent(robot, clearance, kept.state)
         agent.runtime.page = page.origin
-        self._pages[kept.name] = bundle.hash
+        self._pages[kept.name] = self.bundles.keep(bundle)
         for level, text, piece in heard:
             agent.runtime.say("", level, text, piece=piece)
         running = [call.command for call in kept.state.calls.live.values() if call.running]
@@ -321,7 +325,7 @@ class Host:
         self, robot: VirtualRobot, clearance: Clearance, state: RobotState | None = None
     ) -> RobotAgent:
         self.clearances[robot.name] = clearance
-        return RobotAgent(
+        agent = RobotAgent(
             robot,
             self._transport,
             registrar=self._registrar,
@@ -331,6 +335,8 @@ class Host:
             state=state,
             orders=None if self._ledger is None else OrderMemory(self._ledger),
         )
+        agent.runtime.permissions = clearance.permissions
+        return agent
 
     # -- what `Moves` needs -------------------------------------------------------------------------
 
@@ -353,7 +359,7 @@ class Host:
         agent = self._new_agent(robot, clearance, state)
         runtime, name = agent.runtime, robot.name
         runtime.came, runtime.page = True, page.origin
-        self._pages[name] = _kept_bundle(page).hash
+        self._pages[name] = self.bundles.keep(_kept_bundle(page))
         if self._journal is not None:
             self._journal.looks(agent.address.key, runtime.look)
         running = [call.command for call in state.calls.live.values() if call.running]
@@ -433,7 +439,7 @@ class Host:
                 self._journal.made(agent.address.key, name, _page(bundle, origin), agent.runtime.look)
             for level, text, piece in heard:
                 agent.runtime.say("", level, text, piece=piece)
-            self._pages[name] = bundle.hash
+            self._pages[name] = self.bundles.keep(bundle)
             await self._settle(agent)
             agent.runtime.page = origin
             await self._begin(agent)
@@ -460,7 +466,7 @@ class Host:
             BundleError: it does not run here; says why.
         """
         sender = "" if bundle.signed is not None or is_own(asker) else asker.person or asker.agent
-        bundle = replace(bundle, sender=sender) if sender else bundle
+        bundle = replace(bundle, sender=sender) if sender and not bundle.sender else bundle
         return bundle, self._gate.admit(bundle, asker, self.address.name)
 
     async def reload(
@@ -500,8 +506,8 @@ class Host:
         key, page = agent.address.key, _page(bundle, origin)
         if self._journal is not None:
             self._journal.offered(key, page)
-        notes = await agent.reload(robot, origin, now=now, within=within)
-        self._pages[name], self.clearances[name] = bundle.hash, clearance
+        notes = await agent.reload(robot, origin, now=now, within=within, permissions=clearance.permissions)
+        self._pages[name], self.clearances[name] = self.bundles.keep(bundle), clearance
         if self._journal is not None:
             self._journal.turned(key, page)
         for level, text, piece in heard:
@@ -512,7 +518,7 @@ class Host:
 
     async def make(self, request: Create, asker: Principal) -> RobotAgent:
         """Make the robot for which somebody asks; its log names the person."""
-        bundle, settings = _bundle(request), request.settings
+        bundle, settings = bundle_of(request), request.settings
         agent = await self.create(bundle, request.name, settings, origin=request.origin, asker=asker)
         if person := asker.person:
             agent.runtime.log.say("info", f"created from {request.path} by {person}")
@@ -524,7 +530,7 @@ class Host:
         Raises:
             NotIsolated: this host cannot.
         """
-        bundle, clearance = self._admitted(_bundle(request), asker)
+        bundle, clearance = self._admitted(bundle_of(request), asker)
         wanted: Isolation = request.isolate or self.isolate
         level: Isolation = max((wanted, clearance.isolation), key=LEVELS.index)
         if level == "none":
@@ -552,7 +558,7 @@ class Host:
         async def restore(kept: KeptApart) -> None:
             name = kept.create.name
             try:
-                bundle = replace(_bundle(kept.create), sender=kept.sender)
+                bundle = replace(bundle_of(kept.create), sender=kept.sender)
                 clearance = self._gate.admit(bundle, ITSELF, self.address.name)
                 self.clearances[name] = clearance
                 await apart.begin(kept, clearance.permissions, fresh=False)
@@ -625,23 +631,24 @@ class Host:
         request, person = received.request, received.principal.person
         match request:
             case Create():
-                return await self._created(request, received.principal)
+                whole = await self._whole(request, received.principal)
+                return await self._created(whole, received.principal)
             case Reload(page=page, within=within) if (apart := self._apart(page.name)) is not None:
-                self._admitted(_bundle(page), received.principal)
-                return await apart.control(request, received.principal, within + 10.0)
+                whole = await self._whole(page, received.principal)
+                self._admitted(bundle_of(whole), received.principal)
+                again = replace(request, page=whole)
+                return await apart.control(again, received.principal, within + 10.0)
             case Reload(page=page, now=now, within=within):
                 return await self.reload(
-                    _bundle(page),
+                    bundle_of(await self._whole(page, received.principal)),
                     page.name,
                     origin=page.origin,
                     now=now,
                     within=within,
                     asker=received.principal,
                 )
-            case ReadHistory():
-                return History(lines=tuple(self._remembered))
-            case DescribeHost():
-                return self.description()
+            case ReadBundle() | ReadHistory() | DescribeHost():
+                return self._told(request)
             case Migrate(robot=robot, host=host) if self._apart(robot) is not None:
                 reason = "it lives in a process of its own (`--isolate`), which stays"
                 raise CannotMove(robot=robot, host=host, reason=reason)
@@ -673,6 +680,26 @@ class Host:
     def _apart(self, name: str) -> RobotApart | None:
         """Return the robot of this name that lives in a process of its own."""
         return None if self.apart is None else self.apart.robots.get(name)
+
+    def _told(self, request: ReadBundle | ReadHistory | DescribeHost) -> Reply:
+        match request:
+            case ReadBundle():
+                return self.bundles.answer(request)
+            case ReadHistory():
+                return History(lines=tuple(self._remembered))
+            case DescribeHost():
+                return self.description()
+
+    async def _whole(self, page: Create, asker: Principal) -> Create:
+        """Return a request with its page, which it may name by its hash alone.
+
+        Raises:
+            NoSuchBundle: nobody has it.
+        """
+        if not page.hash:
+            return page
+        found = await self.bundles.find(page.hash, asker)
+        return replace(request_of(found, page.name), settings=page.settings, isolate=page.isolate)
 
     def page_of(self, name: str) -> str:
         """Return the hash of the page of a robot; empty: it is not here."""
@@ -710,6 +737,3 @@ def _page(bundle: Bundle, origin: str) -> KeptPage:
 def _kept_bundle(page: KeptPage) -> Bundle:
     return Bundle(page.source, page.path, page.wanted, page.files, page.signed, page.sender)
 
-
-def _bundle(page: Create) -> Bundle:
-    return Bundle(page.source, page.path, page.wanted, page.files, page.signed)

@@ -176,6 +176,10 @@ class Kept:
         self._change: Callable[[dict[str, Any]], None] | None = None
         self._copies: dict[str, dict[str, _Copy]] = {}
         """Values that running commands have read and may change in place, by key of the command."""
+        self.thaw: Callable[[dict[str, Any]], dict[str, Any]] | None = None
+        """Brings the values of another version of the page into the form of this one."""
+        self.other_version = False
+        """Whether the author calls the version of this page otherwise than that of the other one."""
 
     @property
     def values(self) -> dict[str, Any]:
@@ -195,7 +199,16 @@ class Kept:
 
         Returns:
             A value for each of its fields, and sentences.
+
+        Raises:
+            BrokenSource: the page has a `thaw`, which does not bring them into its form.
         """
+        kept, notes = self._as_they_fit(values)
+        if self.thaw is None or not (notes or self.other_version):
+            return kept, notes
+        return self._as_they_fit(self.thaw(dict(values)))
+
+    def _as_they_fit(self, values: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
         notes = [
             f"{name} is gone, with its value {shorten(values[name])}" for name in values.keys() - self.fields
         ]

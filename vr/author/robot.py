@@ -192,6 +192,21 @@ class Robot:
             gap: [s] for which the host was away.
         """
 
+    def thaw(self, state: dict[str, Any], from_version: str) -> dict[str, Any]:  # noqa: ARG002 # as below
+        """Bring the fields of another version of this page into the form that this one declares.
+
+        It is called when the robot goes on with this page and the form of its fields has changed, or its
+        `version`. It must only compute, within 0.2 s: whatever else it does, the old page goes on.
+
+        Args:
+            state: fields of the other page by name, as plain values: settings and declared state.
+            from_version: `version` of its class; empty: it had none.
+
+        Returns:
+            The fields of this page. What is missing begins with its default, as does what does not fit.
+        """
+        return state
+
     def verify(self, step: StepInDoubt) -> bool | None:  # noqa: ARG002 # for those that override it
         """Find out whether a step of a command was carried out of which nobody knows.
 
@@ -231,7 +246,7 @@ class Robot:
         running().progress(fraction, text)
 
 
-HOOKS = ("readings", "safe_stop", "resume", "on_resume", "verify")
+HOOKS = ("readings", "safe_stop", "resume", "on_resume", "thaw", "verify")
 """Methods that the agent calls, so that an author may write them: with the parameters of `Robot`."""
 OPTIONS = frozenset(
     {"begins", "one_at_a_time", "reading_units", "isolated", "online", "halted", "attributes", "witness"}

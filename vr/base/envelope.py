@@ -26,6 +26,7 @@ from typing import NamedTuple
 import msgspec
 
 from robotree.vr.base.errors import Garbled, NoAnswer, NotAllowed
+from robotree.vr.base.permissions import Permissions
 from robotree.vr.base.principal import SCRIPT, Credentials, Principal, principal_of, vouched
 from robotree.vr.base.requests import (
     AcquireFence,
@@ -108,6 +109,8 @@ class Envelope(msgspec.Struct, frozen=True, array_like=True):
     """A `Voucher` of this machine's gateway, if it was asked on another one; else the kernel says who."""
     terminal: str = ""
     """At which the person sits for whom it is asked; empty: it is asked for no person, but for a robot."""
+    may: Permissions | None = None
+    """What the page of the robot that asks may do; None: it is not limited."""
 
 
 class Sealed(NamedTuple):
@@ -128,6 +131,8 @@ class Received(NamedTuple):
     """[s] on the clock of this process: when it was asked, or, from another machine, when it arrived."""
     holds: float
     """[s] from `asked` on in which it may begin."""
+    may: Permissions | None = None
+    """What the page of the asker may do, as its host says; None: it is not limited."""
 
     def expect_in_time(self, who: str, now: float) -> None:
         """Refuse a request whose asker has given up, or is about to.
@@ -147,7 +152,9 @@ _encode = msgspec.msgpack.Encoder().encode
 _decoder: msgspec.msgpack.Decoder[Envelope] = msgspec.msgpack.Decoder(Envelope)
 
 
-def seal(request: AnyRequest, *, now: float, within: float, sender: str = "") -> Sealed:
+def seal(
+    request: AnyRequest, *, now: float, within: float, sender: str = "", may: Permissions | None = None
+) -> Sealed:
     """Put a request into its envelope.
 
     Args:
@@ -155,12 +162,13 @@ def seal(request: AnyRequest, *, now: float, within: float, sender: str = "") ->
         now: [s] on the machine's monotonic clock.
         within: [s] for which the asker waits for the first answer.
         sender: key under which the asker is present.
+        may: what the page of the asker may do; None: it is not limited.
     """
     begins = isinstance(request, BEGINS)
     ends = not begins and isinstance(request, ENDS)
     holds = min(within, FRESH) if begins else math.inf if ends else within
     terminal = "" if sender.startswith(_OF_A_ROBOT) else _here
-    body = _encode(Envelope(request, sender, now, holds, this_clock(), b"", terminal))
+    body = _encode(Envelope(request, sender, now, holds, this_clock(), b"", terminal, may))
     return Sealed(body, now + holds if begins or ends else 0.0)
 
 
@@ -202,7 +210,7 @@ def opened(body: bytes, credentials: Credentials, who: str, now: float, owner: i
             principal = vouched(envelope.proof, envelope.sender, envelope.terminal)
         except msgspec.MsgspecError as error:
             raise Garbled(key="a gateway", detail=str(error)) from None
-    received = Received(envelope.request, principal, asked, envelope.holds)
+    received = Received(envelope.request, principal, asked, envelope.holds, envelope.may)
     received.expect_in_time(who, now)
     return received
 

@@ -20,7 +20,7 @@ that a caller on the far side of the network catches the same class with the sam
       BundleError     NoSuchFile · BrokenSource · OtherKind · NoPage · ReloadWaits
                       NoVirtualRobot · SeveralVirtualRobots · BrokenScript
                       BadBundle · NotSigned · UnknownSigner · RevokedSigner · ExcessPermission
-                      OtherPython · MissingRequirement · NoSuchBundle · BadTrustFile · NoSigningKey
+                      OtherPython · MissingRequirement · NoSuchBundle · BadTrustFile · BadPanel · NoSigningKey
       JournalError    JournalInUse · DamagedJournal · OtherJournal · Deposed · JournalCutOff · StandsBy
       HistoryError    NoHistory · HistoryChanged · HistoryUnusable
       RoleError       NoSuchRole · NoRoles · TooWide
@@ -922,6 +922,12 @@ class BadTrustFile(BundleError):
     """The file that says whom a host trusts cannot be used: then nobody is trusted."""
 
     sentence = "{path}{line} cannot be used, so nobody is trusted: {reason}"
+
+
+class BadPanel(BundleError):
+    """A panel that breaks a rule of its form, or does not fit its robot: the generated form is shown."""
+
+    sentence = "the panel {path} is not shown: {reason}"
 
 
 class NoSigningKey(BundleError):

@@ -45,6 +45,11 @@ class Permissions(msgspec.Struct, frozen=True, omit_defaults=True, forbid_unknow
         """Whether a reading of a robot of these kinds may be seen."""
         return _allows(self.readings, kinds, reading)
 
+    def may_read_any(self, kinds: Iterable[str]) -> bool:
+        """Whether some reading of a robot of these kinds may be seen."""
+        asked = {ANY, *kinds}
+        return any(one.partition(".")[0] in asked for one in self.readings)
+
     def may_see(self, view: str, camera: str) -> bool:
         """Whether the pictures of a camera may be seen."""
         return _allows(self.streams, (view,), camera)

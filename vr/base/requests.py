@@ -241,6 +241,10 @@ class Create(_Message, frozen=True, kw_only=True):
     """What the signer of the page says of it; None: nobody has signed it."""
     isolate: Isolation | Literal[""] = ""
     """Where it runs; empty: as the host has it."""
+    sender: str = ""
+    """Where it comes from if nobody has signed it, and it is not this user's; only made worse by a host."""
+    hash: str = ""
+    """Instead of the source: the hash of a page that the host has, or another one."""
 
 
 class Reload(_Message, frozen=True, kw_only=True):
@@ -314,6 +318,13 @@ class AskMove(_Message, frozen=True, kw_only=True):
     stopped: str = ""
     """See `TakeRobot`; so is the next."""
     order: str = ""
+
+
+class ReadBundle(_Message, frozen=True, kw_only=True):
+    """Ask a host for a page by its hash. Answered by `BundleRead`."""
+
+    hash: str
+    """`Bundle.hash`, whole."""
 
 
 class DescribeHost(_Message, frozen=True, kw_only=True):
@@ -881,6 +892,13 @@ class GatewayDescribed(_Message, frozen=True, kw_only=True):
     """What was refused, and how often."""
 
 
+class BundleRead(_Message, frozen=True, kw_only=True):
+    """A page; its name and its settings do not matter."""
+
+    page: Create | None = None
+    """None: the host does not have it."""
+
+
 class Registered(_Message, frozen=True, kw_only=True):
     """The lease holds for `term` seconds from now on."""
 
@@ -1139,7 +1157,8 @@ AnyRequest = (
     | Release | SafeStop | Resume | Enslave | Free | Delete | Create | Reload | ReadLog | ReadHistory
     | DescribeHost | Register | Query | Look | DescribeView | WriteEntry | FindEntries | GiveUp | RenewEntry
     | OpenTransaction | CloseTransaction | RollBack | AcquireFence | RenewFence | WatchEntries
-    | DescribeSpace | DescribeGateway | Migrate | Drain | PrepareMove | TakeRobot | AskMove
+    | DescribeSpace | DescribeGateway | ReadBundle
+    | Migrate | Drain | PrepareMove | TakeRobot | AskMove
     | ReadEvents | VerifyEvents
     | LeaveOrder | CancelOrder | ConfirmOrder | ReadOrders | MarkSeen | FetchOrders | TakeOrder | TellOrders
     | ReadKnown | TakeAlong | HoldOrders | ReleaseHolds | RobotDeleted | ShareRecords
@@ -1148,7 +1167,7 @@ Reply = (
     Described | Accepted | Progress | Returned | Granted | HostDescribed | Reloaded | Logged | History
     | Registered | Found | Picture | ViewDescribed | Done | Raised | EntryLeased | EntriesFound
     | TransactionOpened | FenceGranted | EntriesCame | SpaceDescribed | EventsRead | EventsVerified
-    | GatewayDescribed
+    | GatewayDescribed | BundleRead
     | OrderLeft | OrdersFound | KnownFound | RecordsShared
     | Moved | MoveReady | MoveDecided
 )  # fmt: skip

@@ -27,6 +27,7 @@ from robotree.vr.base.errors import (
     VrError,
 )
 from robotree.vr.base.extras import lack_of
+from robotree.vr.base.plain import to_plain
 from robotree.vr.base.signed_manifest import SignedManifest
 from robotree.vr.bundle.beside import LARGEST as LARGEST_BESIDE
 from robotree.vr.bundle.beside import beside
@@ -48,6 +49,8 @@ if TYPE_CHECKING:
 
 LARGEST = 1_000_000
 """[bytes] More is no page of Python."""
+THAWING = 0.2
+"""[s] for a `thaw`: the robot does nothing else meanwhile."""
 SUFFIX = ".bundle"
 """End of the name of a bundle's file."""
 _R = TypeVar("_R", bound=Robot)
@@ -241,7 +244,12 @@ class Bundle(msgspec.Struct, frozen=True):
         if cls.__name__ != kind:
             raise OtherKind(path=self.path, given=cls.__name__, robot=robot.name, kind=kind)
         kept, _ = Kept(cls).taken_over(robot.field_values.values)
-        return self._make(cls, robot.name, kept, limit)
+        made = self._make(cls, robot.name, kept, limit)
+        before, fields = _version_of(robot), made.field_values
+        fields.other_version = before != _version_of(made)
+        if type(made).thaw is not VirtualRobot.thaw:
+            fields.thaw = partial(_thawed, made, self.path, min(limit, THAWING), before)
+        return made
 
     def create(
         self, name: str, *, settings: Mapping[str, Any] | None = None, limit: float = LIMIT
@@ -274,6 +282,30 @@ class Bundle(msgspec.Struct, frozen=True):
             raise
         keep_with(robot)
         return robot
+
+
+def _version_of(robot: VirtualRobot) -> str:
+    """Return what the author calls the version of a page; empty: nothing."""
+    found = getattr(type(robot), "version", "")
+    return found if isinstance(found, str) else ""
+
+
+def _thawed(
+    robot: VirtualRobot, path: str, limit: float, version: str, state: dict[str, Any]
+) -> dict[str, Any]:
+    """Have a page bring the fields of another version into its form.
+
+    Raises:
+        BrokenSource: it raises, does not end within `limit` [s], or returns something else than fields.
+    """
+    file = "" if is_script(path) else text_of(type(robot))
+    found: object = within(lambda: robot.thaw(state, version), path, file, limit)
+    try:
+        built = msgspec.to_builtins(found, builtin_types=(bytes,), enc_hook=to_plain)
+        plain = msgspec.convert(built, dict[str, Any])
+    except (TypeError, ValueError, RecursionError, msgspec.MsgspecError) as error:
+        raise BrokenSource(path=path, reason=f"thaw returns what cannot be kept: {error}") from None
+    return plain
 
 
 def is_script(path: str) -> bool:

@@ -13,6 +13,7 @@ from typing import Self, TypeVar
 from robotree.vr.base.chance import token
 from robotree.vr.base.envelope import seal
 from robotree.vr.base.errors import Garbled, Unreachable, VrError
+from robotree.vr.base.permissions import Permissions
 from robotree.vr.base.requests import Accepted, AnyRequest, Raised, Reply, decode_reply
 from robotree.vr.base.transport import Transport
 
@@ -27,7 +28,7 @@ def fresh_key() -> str:
     return token()
 
 
-def send_request(
+def send_request(  # noqa: PLR0913 # what is asked, of whom and how
     transport: Transport,
     key: str,
     request: AnyRequest,
@@ -37,6 +38,7 @@ def send_request(
     within: float,
     sender: str = "",
     urgent: bool = False,
+    may: Permissions | None = None,
 ) -> None:
     """Ask the agent that serves a key without waiting. In any thread.
 
@@ -49,6 +51,7 @@ def send_request(
         within: [s] for which the asker waits for the first answer.
         sender: key under which the asker is present.
         urgent: ahead of everything else.
+        may: what the page of the asker may do; None: it is not limited.
     """
 
     def read(body: bytes | None) -> None:
@@ -60,7 +63,7 @@ def send_request(
                 reply = Raised.of(error)
         on_reply(reply)
 
-    sealed = seal(request, now=now, within=within, sender=sender)
+    sealed = seal(request, now=now, within=within, sender=sender, may=may)
     transport.ask(key, sealed.body, void_at=sealed.void_at, urgent=urgent, on_reply=read)
 
 

@@ -14,12 +14,13 @@ need rights like persons.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Final, NamedTuple, NoReturn
 
 import msgspec
 
-from robotree.vr.base.errors import Denied, NotAllowed
+from robotree.vr.base.errors import Denied, NotAllowed, NotPermitted
+from robotree.vr.base.permissions import Permissions
 from robotree.vr.base.policy import BY_NAME, OPEN, STOP, Person, PolicyGate, PolicyTarget
 from robotree.vr.base.principal import ITSELF, Principal, user_name
 from robotree.vr.base.requests import (
@@ -63,6 +64,7 @@ from robotree.vr.base.requests import (
     Petition,
     PrepareMove,
     Query,
+    ReadBundle,
     ReadEvents,
     ReadHistory,
     ReadKnown,
@@ -112,7 +114,7 @@ NEEDS: Final[Mapping[type[AnyRequest], str]] = {
     WatchEntries: "see",
     DescribeHost: MEMBER, ReadHistory: MEMBER, ReadEvents: MEMBER, Query: MEMBER, Register: MEMBER,
     DescribeGateway: MEMBER,
-    VerifyEvents: "see",
+    VerifyEvents: "see", ReadBundle: "see",
     Call: "command", Detach: "command", Cancel: "command", Decide: "command", Pause: "command",
     TakeStep: "command", Continue: "command", Enslave: "command", Petition: "command", Renew: "command",
     WriteEntry: "command", FindEntries: "command", RenewEntry: "command", OpenTransaction: "command",
@@ -153,6 +155,28 @@ class Here(NamedTuple):
 
 
 ANYWHERE: Final = Here()
+
+
+OF_PEOPLE = (Create, Reload, Enslave, Free, Delete, Decide, Resume, Pause, TakeStep, Continue)
+"""Requests that shape the tree, or decide something: no page of somebody else makes them."""
+
+
+def expect_permitted(asker: str, may: Permissions, request: AnyRequest, kinds: Iterable[str]) -> None:
+    """Refuse a request that the manifest of the asker's page does not permit.
+
+    Args:
+        asker: its name.
+        may: what the page may do.
+        request: what is asked.
+        kinds: of the robot that is asked.
+
+    Raises:
+        NotPermitted: it may not.
+    """
+    if isinstance(request, Call) and not may.may_call(kinds, request.command):
+        raise NotPermitted(robot=asker, what=f"call {next(iter(kinds), '*')}.{request.command}")
+    if isinstance(request, OF_PEOPLE):
+        raise NotPermitted(robot=asker, what=f"ask for {type(request).__name__}")
 
 
 def authorise(

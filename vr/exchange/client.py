@@ -507,6 +507,26 @@ class HostClient:
                     pass
         raise Unreachable(key=self.address.key)
 
+    async def create_known(
+        self, digest: str, name: str, settings: Mapping[str, Any] | None = None
+    ) -> RobotDescription:
+        """Have a virtual robot made of a page that this host, or another one, has; see `Host.create`.
+
+        Args:
+            digest: hash of the page.
+            name: of the robot.
+            settings: values that are not the defaults.
+
+        Raises:
+            NoSuchBundle: nobody has it.
+            VrError: the refusal of the host.
+            TransportError: the host cannot be reached or does not answer.
+        """
+        given, path = dict(settings or {}), f"sha256:{digest}"
+        request = Create(name=name, path=path, source="", hash=digest, settings=given)
+        answer = await ask(self._transport, self.address.key, request, Described, timeout=LOADING)
+        return answer.robot
+
     async def reload(
         self, bundle: Source, name: str, *, now: bool = False, within: float = RELOADING
     ) -> Reloaded:

@@ -16,7 +16,7 @@ from robotree.vr.base.errors import Garbled, VrError
 from robotree.vr.base.principal import Principal
 from robotree.vr.base.requests import AnyRequest, Raised, Reply, encode
 from robotree.vr.base.transport import Incoming, Respond
-from robotree.vr.exchange.authority import ANYWHERE, Here, authorise, shown
+from robotree.vr.exchange.authority import ANYWHERE, Here, authorise, expect_permitted, shown
 
 SendReply = Callable[[Reply], None]
 """Sends one reply; may be called any number of times until the request is answered."""
@@ -70,6 +70,9 @@ class Dispatcher:
                 self._gate.refresh(now)
             received = opened(incoming.body, incoming.credentials, self._who, now, self._gate.owner)
             self._allow(received.principal, received.request)
+            if received.may is not None:
+                asker = received.principal.agent.split("/")[1:2]
+                expect_permitted("".join(asker), received.may, received.request, self._here.kinds())
             answer = self._at_once.get(type(received.request))
             if answer is not None:
                 answer(received, incoming)

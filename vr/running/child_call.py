@@ -104,6 +104,8 @@ def call_child(  # who calls whom, how, and for how long
         frame.hold(key, kind, [slot, command, arguments], of_page=manner != "passed on")
     try:
         child, epoch = _whom(frame, slot, intent)
+        if frame.runtime.permissions is not None:
+            frame.runtime.expect_permitted(slot, command)
         pending = ChildCall(frame, slot, key, child, command, limit, passes_on=manner == "passed on")
         pending.content, pending.arguments, pending.manner = content, given, manner
         if instead:

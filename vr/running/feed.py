@@ -8,9 +8,11 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from msgspec.structs import replace
+
 from robotree.vr.author.context import CallLimit
 from robotree.vr.author.readings import Record
-from robotree.vr.base.errors import VrError
+from robotree.vr.base.errors import NotPermitted, VrError
 from robotree.vr.base.requests import State
 from robotree.vr.running.frame import Frame
 
@@ -38,9 +40,16 @@ class Feed:
 
         Raises:
             SlotEmpty: there is none.
+            NotPermitted: the page may see no reading of it.
         """
         runtime = frame.runtime
         child, epoch = runtime.child_in(slot)
+        self._may = runtime.permissions
+        self._kinds: tuple[str, ...] = () if self._may is None else runtime.kinds_in(slot)
+        if self._may is not None:
+            kind = next(iter(self._kinds), slot)
+            if not self._may.may_read_any(self._kinds):
+                raise NotPermitted(robot=runtime.name, what=f"see readings of {kind}")
         self._wake = frame.wake
         self._forget = runtime.when_gone(slot, self._end)
         self._unfollow = runtime.follow_child(child, self._take)
@@ -52,6 +61,9 @@ class Feed:
             self._end(None)
 
     def _take(self, state: State) -> None:
+        if (may := self._may) is not None:
+            seen = {name: value for name, value in state.readings.items() if may.may_read(self._kinds, name)}
+            state = replace(state, readings=seen)
         self.state, self.latest = state, Record(state.readings)
         self.number = next(_numbers)
         self._wake()

@@ -29,7 +29,16 @@ from robotree.vr.author.virtual_robot import VirtualRobot, exposures_of, slot_sp
 from robotree.vr.base.address import Address, everyone
 from robotree.vr.base.arguments import check_arguments
 from robotree.vr.base.description import Arguments, CommandSpec, FieldSpec, offered
-from robotree.vr.base.errors import BadArgument, CommandInDoubt, Denied, NoSuchCommand, OnItsWay, VrError
+from robotree.vr.base.errors import (
+    BadArgument,
+    CommandInDoubt,
+    Denied,
+    NoSuchCommand,
+    NotPermitted,
+    OnItsWay,
+    VrError,
+)
+from robotree.vr.base.permissions import Permissions
 from robotree.vr.base.principal import ITSELF, Principal, is_person, principal_of
 from robotree.vr.base.requests import ANSWER_WITHIN, AnyRequest, Call, Cancel, Level, Reply, State
 from robotree.vr.base.transport import Transport
@@ -89,7 +98,11 @@ class RobotRuntime:
     """Told of each call that is accepted, and whether it only reads. In any thread; must not block."""
     turned: bool = False
     """Whether accepted calls may have been checked for another page."""
-    _coming: tuple[VirtualRobot, Callable[[VrError | list[str] | None], None]] | None = None
+    permissions: Permissions | None = None
+    """What its page may do beyond itself; None: it is not limited. It changes with the page."""
+    _coming: tuple[VirtualRobot, Callable[[VrError | list[str] | None], None], Permissions | None] | None = (
+        None
+    )
     """The page that waits for a boundary between commands."""
     _reminder: float = math.inf
     """[s] when the watchdog looks next."""
@@ -391,14 +404,20 @@ class RobotRuntime:
             self._cleared = True
             self.process.still -= 1
 
-    def reload(self, robot: VirtualRobot, done: Callable[[VrError | list[str] | None], None]) -> None:
+    def reload(
+        self,
+        robot: VirtualRobot,
+        done: Callable[[VrError | list[str] | None], None],
+        permissions: Permissions | None = None,
+    ) -> None:
         """Go on with another page as soon as no command that moves is running.
 
         Args:
             robot: made of the other page.
             done: told what changed, as sentences, or why it is refused; None: a later one has replaced it.
+            permissions: of the other page; None: it is not limited.
         """
-        before, self._coming = self._coming, (robot, done)
+        before, self._coming = self._coming, (robot, done, permissions)
         if before is not None:
             before[1](None)
         self.pass_time()
@@ -422,12 +441,12 @@ class RobotRuntime:
             calls.running and not any(_begins(effect, calls.running) for effect in effects)
         ):
             return None
-        (robot, done), self._coming = coming, None
+        (robot, done, permissions), self._coming = coming, None
         state = self.core.state
         specs = slot_specs(type(robot))
-        fields, notes = robot.field_values.taken_over(state.fields)
         slots = set(state.slots.by_name)
         try:
+            fields, notes = robot.field_values.taken_over(state.fields)
             effects += self._handle(on.PageReloaded(slots=specs, fields=fields), now)
         except VrError as refusal:
             return partial(done, refusal)
@@ -436,6 +455,7 @@ class RobotRuntime:
         self._give_state(robot)
         self.robot, self._commands = robot, commands_of(type(robot))
         self._exposures, self.turned = exposures_of(type(robot)), True
+        self.permissions = permissions
         return partial(done, notes)
 
     def _give_state(self, robot: VirtualRobot) -> None:
@@ -1013,6 +1033,27 @@ class RobotRuntime:
         with self._lock:
             return self.core.state.slots.require(slot).description.command(command)
 
+    def expect_permitted(self, slot: str, command: str) -> None:
+        """Refuse a call that the manifest of the page does not permit.
+
+        Raises:
+            NotPermitted: it does not.
+            SlotEmpty: there is no child.
+        """
+        if (may := self.permissions) is not None:
+            kinds = self.kinds_in(slot)
+            if not may.may_call(kinds, command):
+                raise NotPermitted(robot=self.name, what=f"call {next(iter(kinds), slot)}.{command}")
+
+    def kinds_in(self, slot: str) -> tuple[str, ...]:
+        """Return the kinds of the child in a slot.
+
+        Raises:
+            SlotEmpty: there is none.
+        """
+        with self._lock:
+            return self.core.state.slots.require(slot).description.kinds
+
     def child_only_reads(self, slot: str, command: str) -> bool:
         """Whether a command of the child in a slot is known to change nothing."""
         try:
@@ -1113,7 +1154,15 @@ class RobotRuntime:
         """Ask another agent in the name of this robot, without waiting; see `send_request`."""
         now = self._runner.now() if now is None else now
         send_request(
-            self._transport, key, request, on_reply, now=now, within=within, sender=self.key, urgent=urgent
+            self._transport,
+            key,
+            request,
+            on_reply,
+            now=now,
+            within=within,
+            sender=self.key,
+            urgent=urgent,
+            may=self.permissions,
         )
 
 

@@ -87,6 +87,8 @@ EXAMINATION = 120.0
 
 LOOK_AGAIN = 0.05
 """[s] between two looks at where a paused robot stands."""
+BY_HASH = "sha256:"
+"""Begins what names a page by its hash."""
 PORTION = 25
 """Agents that are asked in one go."""
 PAUSE = 0.004
@@ -723,7 +725,7 @@ class RealmClient:
         """Make a virtual robot from a source file.
 
         Args:
-            path: of the file, on this machine.
+            path: of the file, on this machine; or `sha256:` and the hash of a page that a host has.
             name: of the robot.
             host: on which it shall live; empty: the first that takes it.
             wanted: name of the class; empty: the only one in the file.
@@ -746,11 +748,14 @@ class RealmClient:
             raise DuplicateName(role="robot", name=name)
         from robotree.vr.bundle import Bundle  # `ls` needs no source
 
-        bundle = await asyncio.to_thread(Bundle.read, path, wanted)
+        digest = path.removeprefix(BY_HASH) if path.startswith(BY_HASH) else ""
+        bundle = None if digest else await asyncio.to_thread(Bundle.read, path, wanted)
         refusal: VrError = NoHost()
         for address in await self._hosts(host):
             client = HostClient(self._transport, address)
             try:
+                if bundle is None:
+                    return await self._awake(client.create_known(digest, name, settings))
                 return await self._awake(client.create(bundle, name, settings, isolate))
             except (HostReserved, StandsBy) as reserved:
                 refusal = reserved

@@ -6,8 +6,10 @@ import time
 from pathlib import Path
 
 import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from msgspec.structs import replace
 
+from robotree.files import read
 from robotree.vr.base.errors import (
     BadBundle,
     BadTrustFile,
@@ -264,7 +266,9 @@ def test_a_member_of_a_trusted_realm_signs_until_the_authority_revokes_it(tmp_pa
     now = time.time()
     keys = create(tmp_path / "a" / "keys", "plant", "lab", (), now=now)
     anna = key_of("anna").key
-    authority = keys._authority()
+    authority = Authority(
+        "plant", Ed25519PrivateKey.from_private_bytes(read(keys.folder / "authority.key", 32))
+    )
     public = anna.public_key().public_bytes_raw()
     certificate = authority.admit("anna", "person", public, serial=7, now=now, days=1.0)
     page_of_anna = signed(page(), SigningKey(anna, "anna@plant", certificate))

@@ -191,3 +191,65 @@ async def test_the_parent_of_a_reloaded_robot_sees_its_new_commands(stage: Stage
         return [command.name for command in slots.require("rover").description.commands]
 
     await until(lambda: seen() == ["drive"], "the parent knows")
+
+
+# -- thaw ------------------------------------------------------------------------------------------
+
+RENAMED = PAGE.replace("picked: int = state(0)", "done: list[str] = state([])").replace(
+    "self.picked += 1", "self.done.append('x')"
+)
+THAW = """
+    version = "2"
+
+    def thaw(self, state, from_version):
+        assert from_version == "", from_version
+        count = state.pop("picked")
+        return {**state, "done": ["old"] * count}
+"""
+
+
+async def test_a_page_brings_the_state_of_another_version_into_its_form(stage: Stage) -> None:
+    for _ in range(3):
+        await stage.team.call("pick", {})
+    assert await stage.reload(RENAMED + THAW) == ()
+    assert (await stage.team.describe()).kept == {"done": ["old", "old", "old"]}
+    await stage.team.call("pick", {})
+    assert await stage.reload(RENAMED + THAW) == (), "it is not asked about its own form"
+    assert (await stage.team.describe()).kept == {"done": ["old", "old", "old", "x"]}
+
+
+async def test_the_state_as_it_is_at_the_boundary_is_brought_over(stage: Stage) -> None:
+    running = asyncio.ensure_future(stage.team.call("wait", {"seconds": 0.2}))
+    await until(lambda: bool(stage.host.agents["team"].runtime.core.state.calls.running), "it runs")
+    waiting = asyncio.ensure_future(stage.team.call("pick", {}))
+    await until(lambda: bool(stage.host.agents["team"].runtime.core.state.calls.waiting), "another one waits")
+    await stage.reload(RENAMED + THAW)
+    await running
+    await waiting
+    assert (await stage.team.describe()).kept == {"done": ["x"]}
+
+
+@pytest.mark.parametrize(
+    ("thaw", "reason"),
+    [
+        ("raise ValueError('no way')", "no way"),
+        ("return [1]", "thaw returns what cannot be kept: Expected `object`, got `array`"),
+        ("return {'done': object()}", "thaw returns what cannot be kept"),
+        ("while True: pass", "it did not end within 0.2 s"),
+    ],
+)
+async def test_where_a_thaw_fails_the_old_page_goes_on(stage: Stage, thaw: str, reason: str) -> None:
+    await stage.team.call("pick", {})
+    page = f"{RENAMED}\n    def thaw(self, state, from_version):\n        {thaw}\n"
+    with pytest.raises(BrokenSource) as error:
+        await stage.reload(page)
+    assert reason in str(error.value)
+    assert (await stage.team.describe()).kept == {"picked": 1}
+    assert await stage.team.call("pick", {}) == "first"
+
+
+async def test_what_a_thaw_returns_must_fit_like_any_other_value(stage: Stage) -> None:
+    page = f"{RENAMED}\n    def thaw(self, state, from_version):\n        return {{'done': 3, 'more': 1}}\n"
+    notes = await stage.reload(page)
+    assert "done cannot be 3 any more: it is []" in notes
+    assert "more is gone, with its value 1" in notes
