@@ -8,7 +8,6 @@ robotree bundle trust team.bundle --name anna --may Arm.*
 from __future__ import annotations
 
 import getpass
-import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -18,7 +17,7 @@ from robotree.tui import exit_codes
 from robotree.tui.errors import ValueRefused
 from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
-from robotree.tui.processes.state_files import KEYS, state_home
+from robotree.tui.processes.trust import gate_for, realm_keys, trust_file
 from robotree.tui.terminal import answer
 
 if TYPE_CHECKING:
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
     from robotree.vr.bundle.build import SigningKey
     from robotree.vr.bundle.requirements import RequirementPolicy
     from robotree.vr.bundle.trust import Signer
-    from robotree.vr.sites.keys import RealmKeys
 
 
 def start(line: Line, realm: str) -> int:
@@ -43,57 +41,19 @@ def start(line: Line, realm: str) -> int:
     return verbs[line.verb.removeprefix("bundle ")](line, realm)
 
 
-def trust_file() -> Path:
-    """Return the file that says whom hosts of this user trust."""
-    from robotree.vr.bundle.admission import TRUST_FILE
-
-    home = os.environ.get("XDG_CONFIG_HOME") or "~/.config"
-    return Path(home).expanduser() / "robotree" / TRUST_FILE
-
-
 def gate_of(line: Line, realm: str) -> Gate:
     """Return what decides which pages a host runs, as its line says."""
-    from robotree.vr.bundle.admission import Gate
-
     policies: dict[str, RequirementPolicy] = {one: one for one in ("refuse", "allowlist", "locked")}
     policy = line.text("--requirements", "refuse")
     if policy not in policies:
         raise ValueRefused("--requirements", f"it is one of {', '.join(policies)}")
-    return Gate(
-        Path(line.text("--trust")).expanduser() if line.text("--trust") else trust_file(),
+    return gate_for(
+        realm,
+        Path(line.text("--trust")).expanduser() if line.text("--trust") else None,
         any_signer=line.flag("--insecure-any-signer"),
         requirements=policies[policy],
         allowed=tuple(one for one in line.text("--allow-packages").split(",") if one),
-        own_keys=lambda: _own_keys(realm),
-        realm=lambda: _realm_keys(realm),
     )
-
-
-def _realm_keys(realm: str) -> RealmKeys | None:
-    """Return the keys of a realm; None: this machine has none."""
-    from robotree.vr.base.errors import RealmError
-    from robotree.vr.sites.keys import RealmKeys
-
-    try:
-        return RealmKeys(state_home() / realm / KEYS)
-    except (RealmError, OSError):
-        return None
-
-
-def _own_keys(realm: str) -> frozenset[bytes]:
-    """Return the public keys of this user: of the realm, and of OpenSSH."""
-    from robotree.vr.bundle.build import SSH_KEY
-    from robotree.vr.sites.ssh import read_public
-
-    found: set[bytes] = set()
-    if (keys := _realm_keys(realm)) is not None:
-        found.add(keys.own.key.public_key().public_bytes_raw())
-    try:
-        kind, key, *_ = Path(f"{SSH_KEY}.pub").expanduser().read_text().split()
-        found.add(read_public(kind, key))
-    except (OSError, ValueError, RuntimeError):
-        pass
-    return frozenset(found)
 
 
 def signing_key(realm: str, path: str = "") -> SigningKey:
@@ -104,7 +64,7 @@ def signing_key(realm: str, path: str = "") -> SigningKey:
     """
     from robotree.vr.bundle.build import SSH_KEY, realm_key, ssh_key
 
-    if not path and (keys := _realm_keys(realm)) is not None:
+    if not path and (keys := realm_keys(realm)) is not None:
         return realm_key(keys)
     return ssh_key(path or SSH_KEY, _password if sys.stdin.isatty() else None)
 

@@ -38,13 +38,14 @@ from robotree.tui.demo_crash import (
 )
 from robotree.tui.errors import MemberFailed, ValueRefused
 from robotree.tui.processes.crew import Crew
-from robotree.tui.processes.state_files import KEYS, history_files, state_home
+from robotree.tui.processes.state_files import KEYS, history_files
 from robotree.tui.sites.slow_line import SlowLine
 from robotree.tui.terminal import aside, complain, note, put
 from robotree.tui.wire.security import NOTHING, REALM, key_file
 from robotree.vr.base.errors import VrError
 from robotree.vr.base.requests import ReadEvents
 from robotree.vr.history.file import HistoryFile
+from robotree.vr.network.realms import state_home
 
 if TYPE_CHECKING:
     from robotree.tui.processes.crew import Member

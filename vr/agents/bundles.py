@@ -15,9 +15,10 @@ from msgspec.structs import replace
 from robotree.vr.base.address import everyone
 from robotree.vr.base.errors import NoSuchBundle, VrError
 from robotree.vr.base.principal import Principal
-from robotree.vr.base.requests import BundleRead, Create, ReadBundle
+from robotree.vr.base.requests import BundleRead, ReadBundle
 from robotree.vr.base.transport import Transport
 from robotree.vr.bundle import Bundle
+from robotree.vr.bundle.requested import bundle_of, request_of
 from robotree.vr.exchange.asking import ask
 
 MOST = 128
@@ -90,22 +91,3 @@ class KnownBundles:
                 found = bundle_of(answer.page)
                 return found if found.hash == digest else None
         return None
-
-
-def bundle_of(page: Create) -> Bundle:
-    """Return the page of a request."""
-    return Bundle(page.source, page.path, page.wanted, page.files, page.signed, page.sender)
-
-
-def request_of(bundle: Bundle, name: str = "", origin: str = "") -> Create:
-    """Return a page as it stands in a request."""
-    return Create(
-        name=name,
-        path=bundle.path,
-        source=bundle.source,
-        wanted=bundle.wanted,
-        files=bundle.files,
-        signed=bundle.signed,
-        sender=bundle.sender,
-        origin=origin,
-    )

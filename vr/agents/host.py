@@ -19,7 +19,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.agents.bundles import KnownBundles, bundle_of, request_of
+from robotree.vr.agents.bundles import KnownBundles
 from robotree.vr.agents.moving import Moves
 from robotree.vr.agents.shared import Shared
 from robotree.vr.author.virtual_robot import VirtualRobot
@@ -64,6 +64,7 @@ from robotree.vr.base.transport import Registration, Transport
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.admission import Clearance, Gate, is_own
 from robotree.vr.bundle.loader import LIMIT
+from robotree.vr.bundle.requested import bundle_of, request_of
 from robotree.vr.core.bonds import DEFAULT_TERM
 from robotree.vr.core.machine import LONGEST_DEADLINE, RobotState
 from robotree.vr.exchange.authority import Here, RobotThere

@@ -15,6 +15,7 @@ from pathlib import Path, PurePosixPath
 
 from robotree.files import read
 from robotree.vr.base.errors import BrokenSource
+from robotree.vr.bundle.manifest import PANEL
 from robotree.vr.bundle.syntax import parse
 
 LARGEST = 4_000_000
@@ -33,6 +34,7 @@ def beside(path: Path, source: str) -> dict[str, bytes]:
     """
     collector = _Collector(path)
     collector.look(source, PurePosixPath(path.name))
+    collector.take_panel()
     return collector.found
 
 
@@ -40,6 +42,12 @@ class _Collector:
     def __init__(self, path: Path) -> None:
         self.path, self.folder = path, path.absolute().parent
         self.found: dict[str, bytes] = {}
+
+    def take_panel(self) -> None:
+        """Take the panel of the page, if it has one."""
+        panel = PurePosixPath(f"{self.path.stem}{PANEL}")
+        if self.folder.joinpath(panel).is_file():
+            self._take(panel)
 
     def look(self, source: str, module: PurePosixPath) -> None:
         """Take what one module imports and names; a mistake in its syntax is told when it is loaded."""

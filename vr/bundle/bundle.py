@@ -43,6 +43,7 @@ from robotree.vr.bundle.loader import (
     text_of,
     within,
 )
+from robotree.vr.bundle.manifest import PANEL
 
 if TYPE_CHECKING:
     from robotree.vr.bundle.file import BundleFile
@@ -172,7 +173,8 @@ class Bundle(msgspec.Struct, frozen=True):
             VrError: one of these two.
             BrokenSource: see `load`.
         """
-        module = load_module(self.source, self.path, self.hash, files=self.files, limit=limit)
+        files = {name: data for name, data in self.files.items() if not name.endswith(PANEL)}
+        module = load_module(self.source, self.path, self.hash, files=files, limit=limit)
         try:
             return self._chosen(module, base, none, several)
         except BaseException:

@@ -11,7 +11,7 @@ import contextlib
 import os
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from math import isnan, nan
-from typing import Any, Literal, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
 import msgspec
 
@@ -87,6 +87,10 @@ EXAMINATION = 120.0
 
 LOOK_AGAIN = 0.05
 """[s] between two looks at where a paused robot stands."""
+if TYPE_CHECKING:  # `ls` shows no panel
+    from robotree.vr.bundle.admission import Gate
+    from robotree.vr.supervision.panels import JudgedPanel
+
 BY_HASH = "sha256:"
 """Begins what names a page by its hash."""
 PORTION = 25
@@ -830,6 +834,24 @@ class RealmClient:
         """Return which process has an agent, in words: `process 4711`; empty: none is known."""
         held = self._transport.presence.held(everyone(role, name))
         return held[0].where if held else ""
+
+    async def panel(self, robot: RobotDescription, gate: Gate) -> JudgedPanel:
+        """Return the panel that a robot brings, as this machine judges it; it is read anew each time.
+
+        Args:
+            robot: as it describes itself.
+            gate: decides whom this machine trusts.
+        """
+        from robotree.vr.supervision.panels import JudgedPanel, panel_of
+
+        if not robot.host:
+            return JudgedPanel()
+        try:
+            site = self.places.site_of(robot.address.key)
+            host = await self.directory.resolve(f"{site}:{robot.host}" if site else robot.host, "host")
+        except VrError as error:
+            return JudgedPanel(reason=str(error))
+        return await panel_of(self._transport, robot, host.key, gate)
 
     async def enslave(self, parent: str, slot: str, child: str) -> RobotDescription:
         """Bind a child to a slot; returns the parent's description."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import pytest
 from textual.widgets import Button, Input, OptionList
 
+from robotree.tui.screen.pages.dialogs import Confirm
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.pages.panel import PanelPage
@@ -19,6 +20,7 @@ from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.choice import Choice
 from robotree.tui.screen.widgets.command_form import CommandForm
 from robotree.tui.screen.widgets.field_row import FieldRow
+from robotree.tui.screen.widgets.laid_out import LaidOut, curve
 from robotree.tui.screen.widgets.readings import Readings
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.vr import Robot, command
@@ -446,3 +448,84 @@ async def test_no_part_of_the_panel_moves_when_a_command_begins_or_ends(
         await operator.until(lambda: not form.running, "it has ended")
         await operator.until(lambda: not page._layout_required, "its layout")
         assert places(page) == before
+
+
+# -- the panel that a robot brings ------------------------------------------------------------------
+
+OWN_PANEL = """
+title: Waving
+parts:
+  - text: It waves.
+  - button: wave
+    label: twice
+    arguments: {times: 2}
+  - button: wave
+    label: often
+    arguments: {times: 9}
+    confirm: Is the way free?
+  - bar: waved
+    from: 0
+    to: 10
+"""
+WAVER = """
+from robotree.vr import VirtualRobot, command, state
+
+class Waver(VirtualRobot):
+    total: int = state(0)
+
+    @command
+    def wave(self, times: int) -> int:
+        self.total += times
+        return self.total
+
+    def readings(self) -> dict[str, float]:
+        return {"waved": float(self.total)}
+"""
+
+
+async def test_a_robot_brings_its_own_panel(realm: Realm, operate: Operate, tmp_path: Path) -> None:
+    (tmp_path / "waver.py").write_text(WAVER)
+    (tmp_path / "waver.panel.yaml").write_text(OWN_PANEL)
+    await realm.realm_client.create(str(tmp_path / "waver.py"), "waver")
+    async with operate(realm.realm_client) as operator:
+        page = await open_panel(operator, "waver")
+        await operator.until(lambda: any(one.display for one in page.query(LaidOut)), "its own panel")
+        laid_out = page.query_one(LaidOut)
+        twice, often = laid_out.query(Button)
+        assert (str(twice.label), str(often.label)) == ("▶ twice", "▶ often")
+        twice.press()
+        await operator.until(lambda: "waver.wave: 2" in operator.text, "it waved")
+        assert "waved          ░" in operator.text, "the bar of a reading that is 0"
+        often.press()
+        question = await operator.at(Confirm)
+        assert "Is the way free?" in operator.text
+        question.query_one("#no", Button).press()
+        await operator.at(PanelPage)
+        often.press()
+        question = await operator.at(Confirm)
+        question.query_one("#yes", Button).press()
+        await operator.until(lambda: "waver.wave: 11" in operator.text, "it waved on, and only once")
+
+
+def test_a_plot_shows_the_course_of_a_reading() -> None:
+    rising = [(float(second), float(second)) for second in range(25)]
+    drawn = curve(rising, 24.0, 24.0)
+    assert drawn[0] == "▁"
+    assert drawn[-1] == "█"
+    assert list(drawn) == sorted(drawn)
+    assert curve([], 0.0, 10.0).strip() == ""
+    assert set(curve([(0.0, 3.0), (1.0, 3.0)], 1.0, 1.0).replace(" ", "")) == {"▅"}
+
+
+async def test_without_trust_the_generated_form_is_shown_and_the_reason(
+    realm: Realm, operate: Operate, tmp_path: Path
+) -> None:
+    (tmp_path / "waver.py").write_text(WAVER)
+    (tmp_path / "waver.panel.yaml").write_text(OWN_PANEL.replace("button: wave", "button: melt"))
+    await realm.realm_client.create(str(tmp_path / "waver.py"), "waver")
+    async with operate(realm.realm_client) as operator:
+        page = await open_panel(operator, "waver")
+        reason = "the panel waver.panel.yaml is not shown: Waver has no command 'melt'"
+        await operator.until(lambda: reason in operator.text, "the reason")
+        await choose(operator, page, "wave")
+        assert not page.query(LaidOut)

@@ -13,16 +13,20 @@ from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.widgets import ContentSwitcher, OptionList
 from textual.widgets.option_list import Option
 
+from robotree.tui.processes.trust import gate_for
 from robotree.tui.screen.bindings import bindings
+from robotree.tui.screen.pages.dialogs import Confirm
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.teleoperable import bounds
 from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.command_form import CommandForm
+from robotree.tui.screen.widgets.laid_out import LaidOut, Told
 from robotree.tui.screen.widgets.marks import status_mark, tint
 from robotree.tui.screen.widgets.readings import Readings, ShownReadings
 from robotree.tui.screen.widgets.side_pane import SidePane
 from robotree.tui.seen import wording
 from robotree.tui.seen.angles import command_as_shown
+from robotree.tui.seen.cells import seen
 from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
@@ -92,9 +96,55 @@ class PanelPage(Page):
             wanted = self._command or (BEGINS if self._leads else "")
             commands.highlighted = names.index(wanted) if wanted in names else 0
         commands.focus()
+        if self.robot.page:
+            self._look_for_own()
         if self._leads:
             self.query_one("#rules").border_title = "rules"
             self._watch_rules()
+
+    @work(exclusive=True, exit_on_error=False, group="own panel")
+    async def _look_for_own(self) -> None:
+        """Show the panel that the robot brings, if this machine trusts it; else say why it is not shown."""
+        found = await self.app.realm_client.panel(self.robot, gate_for(self.app.realm))
+        if found.reason:
+            self.app.tell(found.reason, "warning")
+        if found.panel is None:
+            return
+        forms = self.query_one("#forms", ContentSwitcher)
+        await forms.remove_children(LaidOut)
+        laid_out = LaidOut(found.panel, self.robot, self._readings)
+        laid_out.id, laid_out.display = self._own, False
+        laid_out.border_title = Text(seen(found.panel.title) or "panel")
+        await forms.mount(laid_out)
+        commands = self.query_one("#commands", OptionList)
+        self._list_own()
+        if not self._command and commands.has_focus and commands.highlighted in (None, 0):
+            commands.highlighted = len(self.robot.commands)
+
+    def _list_own(self) -> None:
+        commands = self.query_one("#commands", OptionList)
+        if self.query(LaidOut) and commands.option_count == len(self.robot.commands):
+            commands.add_option(Option(Text("its own panel", "italic"), id=self._own))
+
+    @property
+    def _own(self) -> str:
+        """Id of the panel that the robot brings: it comes behind the forms of its commands."""
+        return _form_id(len(self.robot.commands))
+
+    @on(LaidOut.Pressed)
+    def _press(self, event: LaidOut.Pressed) -> None:
+        """Have the command of a button carried out, after the question that belongs to it."""
+        part, robot = event.part, self.robot
+
+        def answered(answer: bool | None) -> None:  # noqa: FBT001 # Textual gives the screen's result
+            if answer:
+                self.app.call(robot.name, part.command, part.arguments, Told())
+
+        if part.confirm:
+            what = f"{robot.name}.{part.command} begins"
+            self.app.push_screen(Confirm(seen(part.confirm), what, "Begin"), answered)
+        else:
+            answered(True)
 
     @property
     def _leads(self) -> bool:
@@ -127,6 +177,8 @@ class PanelPage(Page):
         """Show the form of a command; it is made when it is shown first, and keeps what was typed."""
         forms, at = self.query_one("#forms", ContentSwitcher), self._at
         if at is None:
+            if self.query(LaidOut) and self.query_one("#commands", OptionList).highlighted is not None:
+                forms.current = self._own
             return
         wanted = _form_id(at)
         if not forms.query(f"#{wanted}"):
@@ -254,6 +306,8 @@ class PanelPage(Page):
         self.query_one(Readings).draw(ShownReadings.of(store, name, now))
         if form := self._in_front:
             form.draw(self._readings)
+        for laid_out in self.query(LaidOut):
+            laid_out.draw(self._readings, store.units(name))
         # both stay: no part moves when a command ends
         if store.views and not self.app.calm:
             self.add_class("-pictures")
@@ -291,6 +345,8 @@ class PanelPage(Page):
         commands.add_options(map(self._option, range(len(self.robot.commands))))
         if self.robot.commands:
             commands.highlighted = min(at, len(self.robot.commands) - 1)
+        if self.robot.page:
+            self._look_for_own()
         self.refresh_bindings()
 
 
