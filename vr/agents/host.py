@@ -143,7 +143,7 @@ class Host:
             BadName: the name cannot be one.
         """
         self._journal, self._ledger = journal, ledger
-        self._gate = Gate() if gate is None else gate
+        self.gate = Gate() if gate is None else gate
         self.instead_of = ""
         """Name of the host whose robots it has taken over with the journal; empty: they are its own."""
         self._history: HistoryWriter | None = None
@@ -158,7 +158,7 @@ class Host:
         """How the robots run, by name."""
         self._transport, self._registrar, self._term = transport, registrar, term
         self._process = Process(runner_of(asyncio.get_running_loop())) if process is None else process
-        self._shared = Shared(name, self._gate.level)
+        self._shared = Shared(name, self.gate.level)
         self._limit, self._only = limit, only
         self._first: asyncio.Future[RobotAgent] = asyncio.get_running_loop().create_future()
         self._coming = self._kept_names()
@@ -303,7 +303,7 @@ class Host:
         make = partial(bundle.create, kept.name, limit=self._limit)
         loop = asyncio.get_running_loop()
         try:
-            clearance = self._gate.admit(bundle, ITSELF, self.address.name)
+            clearance = self.gate.admit(bundle, ITSELF, self.address.name)
             robot, heard = await loop.run_in_executor(self._loaders, partial(_listen, make))
         except VrError as error:
             _log.error("%s is not back: %s", kept.name, error)
@@ -336,7 +336,7 @@ class Host:
             state=state,
             orders=None if self._ledger is None else OrderMemory(self._ledger),
         )
-        agent.runtime.permissions = clearance.permissions
+        agent.runtime.permissions, agent.runtime.unchecked = clearance.permissions, clearance.unchecked
         return agent
 
     # -- what `Moves` needs -------------------------------------------------------------------------
@@ -468,7 +468,7 @@ class Host:
         """
         sender = "" if bundle.signed is not None or is_own(asker) else asker.person or asker.agent
         bundle = replace(bundle, sender=sender) if sender and not bundle.sender else bundle
-        return bundle, self._gate.admit(bundle, asker, self.address.name)
+        return bundle, self.gate.admit(bundle, asker, self.address.name)
 
     async def reload(
         self,
@@ -509,6 +509,7 @@ class Host:
             self._journal.offered(key, page)
         notes = await agent.reload(robot, origin, now=now, within=within, permissions=clearance.permissions)
         self._pages[name], self.clearances[name] = self.bundles.keep(bundle), clearance
+        agent.runtime.unchecked = clearance.unchecked
         if self._journal is not None:
             self._journal.turned(key, page)
         for level, text, piece in heard:
@@ -560,7 +561,7 @@ class Host:
             name = kept.create.name
             try:
                 bundle = replace(bundle_of(kept.create), sender=kept.sender)
-                clearance = self._gate.admit(bundle, ITSELF, self.address.name)
+                clearance = self.gate.admit(bundle, ITSELF, self.address.name)
                 self.clearances[name] = clearance
                 await apart.begin(kept, clearance.permissions, fresh=False)
             except VrError as error:

@@ -267,6 +267,7 @@ class Publisher:
                 units={str(name): str(unit) for name, unit in runtime.robot.reading_units.items()},
                 page=runtime.page,
                 isolation=self._isolation,
+                unchecked=runtime.unchecked,
                 faults=self._hooks.faults,
                 kept=self._kept(state.fields),
                 calls=dict(state.calls.counts),

@@ -249,6 +249,8 @@ class RobotDescription(_Agent, frozen=True, kw_only=True, omit_defaults=True):
     """Whether it is not known at the moment if it has arrived there."""
     calls: dict[str, int] = {}
     """How often each command was called, over all incarnations of this name."""
+    unchecked: bool = False
+    """Whether its code runs though nobody trusted has signed it (`--insecure-any-signer`)."""
 
     @property
     def away(self) -> float | None:

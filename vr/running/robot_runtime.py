@@ -98,6 +98,8 @@ class RobotRuntime:
     """Told of each call that is accepted, and whether it only reads. In any thread; must not block."""
     turned: bool = False
     """Whether accepted calls may have been checked for another page."""
+    unchecked = False
+    """Whether its page runs though nobody trusted has signed it."""
     permissions: Permissions | None = None
     """What its page may do beyond itself; None: it is not limited. It changes with the page."""
     _coming: tuple[VirtualRobot, Callable[[VrError | list[str] | None], None], Permissions | None] | None = (

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import pytest
+from msgspec.structs import replace
 from textual.widgets import Button, Input, OptionList
 
 from robotree.tui.screen.pages.dialogs import Confirm
@@ -28,6 +29,7 @@ from robotree.vr.base.envelope import sitting_at
 from robotree.vr.base.policy import PolicyGate
 from robotree.vr.base.policy_reading import read_policy
 from robotree.vr.base.principal import principal_of, this_process, user_name
+from robotree.vr.bundle import Bundle
 from tests.tui.screens.rows import row
 
 if TYPE_CHECKING:
@@ -494,8 +496,7 @@ async def test_a_robot_brings_its_own_panel(realm: Realm, operate: Operate, tmp_
         twice, often = laid_out.query(Button)
         assert (str(twice.label), str(often.label)) == ("▶ twice", "▶ often")
         twice.press()
-        await operator.until(lambda: "waver.wave: 2" in operator.text, "it waved")
-        assert "waved          ░" in operator.text, "the bar of a reading that is 0"
+        await operator.until(lambda: "waved          █████░" in operator.text, "the bar of what it waved")
         often.press()
         question = await operator.at(Confirm)
         assert "Is the way free?" in operator.text
@@ -504,7 +505,7 @@ async def test_a_robot_brings_its_own_panel(realm: Realm, operate: Operate, tmp_
         often.press()
         question = await operator.at(Confirm)
         question.query_one("#yes", Button).press()
-        await operator.until(lambda: "waver.wave: 11" in operator.text, "it waved on, and only once")
+        await operator.until(lambda: "█ 11" in operator.text, "it waved on, and only once")
 
 
 def test_a_plot_shows_the_course_of_a_reading() -> None:
@@ -529,3 +530,18 @@ async def test_without_trust_the_generated_form_is_shown_and_the_reason(
         await operator.until(lambda: reason in operator.text, "the reason")
         await choose(operator, page, "wave")
         assert not page.query(LaidOut)
+
+
+async def test_code_of_anybody_stays_red_on_the_screen(
+    realm: Realm, operate: Operate, tmp_path: Path
+) -> None:
+    (tmp_path / "waver.py").write_text(WAVER)
+    host = await realm.host("careless")
+    await host.create(Bundle.read(tmp_path / "waver.py"), "own")
+    host.gate.any_signer = True
+    await host.create(replace(Bundle.read(tmp_path / "waver.py"), sender="anna@lab"), "foreign")
+    async with operate(realm.realm_client) as operator:
+        red = "✗ CODE OF ANYBODY: foreign (--insecure-any-signer)"
+        await operator.until(lambda: red in operator.text, "the banner")
+        await open_panel(operator, "own")
+        await operator.until(lambda: red in operator.text, "the banner, on each page")

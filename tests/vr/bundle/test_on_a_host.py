@@ -144,6 +144,7 @@ async def test_what_ran_unchecked_once_is_not_ones_own_after_a_restart(
     afar = replace(Bundle(PAGE.format("afar"), "guide.py"), sender="anna@lab")
     await place.host.create(afar, "guide")
     assert place.host.clearances["guide"].unchecked
+    assert place.host.agents["guide"].description().unchecked
     await place.end()
     place.gate.any_signer = False
     await place.start()

@@ -81,6 +81,9 @@ class Banner(CachedText):
         if stop and stop.open:
             unconfirmed = ", ".join(f"{seen(name)} ({seen(why)})" for name, why in stop.open.items())
             lines.append(Text(f" ■ NOT CONFIRMED: {unconfirmed} ", block(self.app)))
+        if unchecked := sorted(name for name, one in store.descriptions.items() if one.unchecked):
+            names = ", ".join(map(seen, unchecked))
+            lines.append(Text(f" ✗ CODE OF ANYBODY: {names} (--insecure-any-signer) ", block(self.app)))
         if store.stopped:
             took = f"  after {stop.longest:.2f} s" if stop and stop.confirmed else ""
             tail = f"{took} — {self.app.keymap.spelled('resume')} resumes"
