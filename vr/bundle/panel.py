@@ -48,24 +48,24 @@ LONGEST_PLOT = 600.0
 """[s] that a plot shows."""
 
 
-class Part(msgspec.Struct, frozen=True, tag=True):
+class PanelPart(msgspec.Struct, frozen=True, tag=True):
     """One line of a panel, or one widget."""
 
 
-class TextPart(Part, frozen=True):
+class TextPart(PanelPart, frozen=True):
     """Words."""
 
     text: str
 
 
-class ReadingPart(Part, frozen=True):
+class ReadingPart(PanelPart, frozen=True):
     """A reading as a figure."""
 
     reading: str
     label: str = ""
 
 
-class BarPart(Part, frozen=True):
+class BarPart(PanelPart, frozen=True):
     """A reading as a bar."""
 
     reading: str
@@ -74,7 +74,7 @@ class BarPart(Part, frozen=True):
     label: str = ""
 
 
-class PlotPart(Part, frozen=True):
+class PlotPart(PanelPart, frozen=True):
     """A reading over time."""
 
     reading: str
@@ -82,7 +82,7 @@ class PlotPart(Part, frozen=True):
     label: str = ""
 
 
-class PicturePart(Part, frozen=True):
+class PicturePart(PanelPart, frozen=True):
     """The picture of a camera, with a mark on it."""
 
     view: str
@@ -91,7 +91,7 @@ class PicturePart(Part, frozen=True):
     """Two readings: where the mark is, as shares of the width from the left and of the height from above."""
 
 
-class ButtonPart(Part, frozen=True):
+class ButtonPart(PanelPart, frozen=True):
     """A command with the arguments that stand here."""
 
     command: str
@@ -101,7 +101,7 @@ class ButtonPart(Part, frozen=True):
     """The question that is asked before; empty: none."""
 
 
-class FormPart(Part, frozen=True):
+class FormPart(PanelPart, frozen=True):
     """A command with fields for its arguments, as the generated form has them."""
 
     command: str
