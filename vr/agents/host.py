@@ -622,7 +622,7 @@ class Host:
             self.clearances.pop(name, None)
         self._ended = [ended for ended in (*self._ended, agent) if ended.abandoned]
 
-    async def answer(  # noqa: C901, PLR0911, PLR0912 # one for each request
+    async def answer(  # noqa: C901, PLR0911 # one for each request
         self, received: Received, send: SendReply = lambda _: None
     ) -> Reply:
         """Answer a request to this host, once it is authorised; `send` sends replies before the last one.
@@ -738,4 +738,3 @@ def _page(bundle: Bundle, origin: str) -> KeptPage:
 
 def _kept_bundle(page: KeptPage) -> Bundle:
     return Bundle(page.source, page.path, page.wanted, page.files, page.signed, page.sender)
-
