@@ -110,6 +110,10 @@ class Host:
     """Its robots in processes of their own; None: it makes none."""
     isolate: Isolation = "none"
     """The level of robots for which nobody asks for another one."""
+    instead_of: str = ""
+    """Name of the host whose robots it has taken over with the journal; empty: they are its own."""
+    log_folder: Path | None = None
+    """Where others leave a stop for its robots while it is away; None: nowhere."""
 
     def __init__(  # noqa: PLR0913 # what it stands on, and what people may choose
         self,
@@ -144,8 +148,6 @@ class Host:
         """
         self._journal, self._ledger = journal, ledger
         self.gate = Gate() if gate is None else gate
-        self.instead_of = ""
-        """Name of the host whose robots it has taken over with the journal; empty: they are its own."""
         self._history: HistoryWriter | None = None
         self.address = new_address("host", name)
         self.agents: dict[str, RobotAgent] = {}
@@ -165,8 +167,6 @@ class Host:
         self._ended: list[RobotAgent] = []
         self._remembered: deque[Remembered] = deque(maxlen=MOST_REMEMBERED)
         self._declared: list[Registration] = []
-        self.log_folder: Path | None = None
-        """Where others leave a stop for its robots while it is away; None: nowhere."""
         self._watchers: dict[asyncio.Task[None], None] = {}
         self._loop = asyncio.get_running_loop()
         self._loaders = ThreadPoolExecutor(AT_ONCE, thread_name_prefix="loader")
