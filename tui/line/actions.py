@@ -327,11 +327,12 @@ ACTIONS: tuple[Action, ...] = (
     # -- command
     Action(
         usage="call ROBOT.COMMAND [PARAMETER=VALUE …] [--within TIME] [--detach | --queue | --save FILE]"
-        " [--until WHEN] [--trace]",
+        " [--until WHEN] [--robot IDENTITY] [--trace]",
         help="Have a command carried out: progress on stderr, result on stdout. It ends with this program;"
         " with --detach it goes on by itself. --save: write the picture in its result into a file."
         " --queue: leave it as an order, which the robot carries out when it is there and free; --until:"
-        " in which time it must begin, 2h or 18:00 (24h). --trace shows the way of a failure through the"
+        " in which time it must begin, 2h or 18:00 (24h); --robot: which of several robots of this name that"
+        " are away. --trace shows the way of a failure through the"
         " authors' pages.",
         group=COMMAND,
         right="command",

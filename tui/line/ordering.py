@@ -32,8 +32,9 @@ async def call_or_leave(realm_client: RealmClient, line: Line, teller: Teller) -
 
     if line.flag("--queue"):
         return await leave(realm_client, line, teller)
-    if line.text("--until"):
-        raise ValueRefused("--until", "an end is for an order; give --queue, too")
+    for option in ("--until", "--robot"):
+        if line.text(option):
+            raise ValueRefused(option, "it is for an order; give --queue, too")
     try:
         return await verbs.call(realm_client, line, teller)
     except NoSuchRobot as error:
@@ -107,6 +108,7 @@ async def leave(realm_client: RealmClient, line: Line, teller: Teller) -> Outcom
         values.assignments(line.many("PARAMETER=VALUE")),
         begin_within=until(line.text("--until")),
         may_take=values.duration(line.text("--within")) if line.text("--within") else CALL_LIMIT,
+        identity=line.text("--robot"),
     )
     return told_left(left, teller)
 

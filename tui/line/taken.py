@@ -148,6 +148,7 @@ def _call(book: OrderBook, line: Line) -> Outcome:
         arguments=dict(values.assignments(line.many("PARAMETER=VALUE"))),
         begin_within=ordering.until(line.text("--until")),
         may_take=values.duration(line.text("--within")) if line.text("--within") else CALL_LIMIT,
+        identity=line.text("--robot"),
     )
     order = book.leave(request, principal_of(this_process(), "", ""))
     book.keep(orders=[order])

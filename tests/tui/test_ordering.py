@@ -1,0 +1,42 @@
+"""The line that leaves an order says which of several robots of one name is meant."""
+
+from __future__ import annotations
+
+import pytest
+
+from robotree.tui.errors import ValueRefused
+from robotree.tui.line import manual, ordering
+from robotree.vr.base.errors import SeveralRobots
+
+parse = manual.shell().parse
+
+
+class Orders:
+    """What is asked of the directories."""
+
+    def __init__(self) -> None:
+        self.asked: list[str] = []
+
+    async def leave(self, *_: object, identity: str = "", **__: object) -> object:
+        self.asked.append(identity)
+        raise SeveralRobots(name="r1", count=2, known="ab12, cd34", example="--robot ab12")
+
+
+class Client:
+    def __init__(self) -> None:
+        self.orders = Orders()
+
+
+async def test_the_advice_of_the_error_can_be_typed() -> None:
+    client = Client()
+    with pytest.raises(SeveralRobots) as refused:
+        await ordering.leave(client, parse(["call", "r1.move", "x=1", "--queue"]), None)  # type: ignore[arg-type]
+    advice = str(refused.value).rpartition(": ")[2]
+    with pytest.raises(SeveralRobots):
+        await ordering.leave(client, parse(f"call r1.move x=1 --queue {advice}".split()), None)  # type: ignore[arg-type]
+    assert client.orders.asked == ["", "ab12"]
+
+
+async def test_a_call_at_once_needs_no_identity() -> None:
+    with pytest.raises(ValueRefused, match="--queue"):
+        await ordering.call_or_leave(Client(), parse(["call", "r1.move", "--robot", "ab12"]), None)  # type: ignore[arg-type]
