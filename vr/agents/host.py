@@ -30,6 +30,7 @@ from robotree.vr.base.errors import (
     DuplicateName,
     HostReserved,
     NoSuchRobot,
+    NotApart,
     NotIsolated,
     OnItsWay,
     Unreachable,
@@ -304,6 +305,7 @@ class Host:
         loop = asyncio.get_running_loop()
         try:
             clearance = self.gate.admit(bundle, ITSELF, self.address.name)
+            self._expect_apart(clearance, kept.name)
             robot, heard = await loop.run_in_executor(self._loaders, partial(_listen, make))
         except VrError as error:
             _log.error("%s is not back: %s", kept.name, error)
@@ -348,6 +350,7 @@ class Host:
             BundleError: it cannot be used here.
         """
         bundle, clearance = self._admitted(_kept_bundle(page), asker)
+        self._expect_apart(clearance, name)
         make = partial(bundle.create, name, limit=self._limit)
         loop = asyncio.get_running_loop()
         robot, _ = await loop.run_in_executor(self._loaders, partial(_listen, make))
@@ -460,6 +463,20 @@ class Host:
         if self._first.done():
             await self._first.result().closed.wait()
 
+    def _expect_apart(self, clearance: Clearance, name: str, level: Isolation | None = None) -> None:
+        """Refuse a page that must be kept apart more than its robot is.
+
+        Args:
+            clearance: how it is to run.
+            name: of the robot.
+            level: how that is kept apart; None: as all robots of this process.
+
+        Raises:
+            NotApart: it must.
+        """
+        if LEVELS.index(clearance.isolation) > LEVELS.index(level or self.gate.level):
+            raise NotApart(level=clearance.isolation, name=name)
+
     def _admitted(self, bundle: Bundle, asker: Principal) -> tuple[Bundle, Clearance]:
         """Return a page with who has sent it, and how it runs here.
 
@@ -501,6 +518,7 @@ class Host:
         if name in self.moves.leaving:
             raise OnItsWay(robot=name)
         bundle, clearance = self._admitted(bundle, asker)
+        self._expect_apart(clearance, name)
         loop = asyncio.get_running_loop()
         load = partial(bundle.again, agent.robot, limit=self._limit)
         robot, heard = await loop.run_in_executor(self._loaders, partial(_listen, load))
@@ -637,7 +655,8 @@ class Host:
                 return await self._created(whole, received.principal)
             case Reload(page=page, within=within) if (apart := self._apart(page.name)) is not None:
                 whole = await self._whole(page, received.principal)
-                self._admitted(bundle_of(whole), received.principal)
+                _, clearance = self._admitted(bundle_of(whole), received.principal)
+                self._expect_apart(clearance, page.name, apart.kept.level)
                 again = replace(request, page=whole)
                 return await apart.control(again, received.principal, within + 10.0)
             case Reload(page=page, now=now, within=within):

@@ -88,7 +88,9 @@ class PipeMesh:
 
     # -- what LocalTransport uses -----------------------------------------------------------------
 
-    def serve(self, key: str, take: TakeFrame) -> None:
+    def serve(self, key: str, take: TakeFrame, *, rank: int = 0) -> None:
+        if rank:
+            raise ValueError(f"{key}: a robot apart does not move")
         self._servers[key] = take
         self._send(pipe.Serve(key, on=True))
 

@@ -6,7 +6,7 @@ that a caller on the far side of the network catches the same class with the sam
     VrError
       AddressError    BadName · DuplicateName · NameInSilence · Hanging · SeveralSites · NoSuchSite
                       SiteAway · NoSuchRobot · NoSuchHost · NoHost · HostReserved · NotIsolated
-                      CannotMove · NotDrained · NoSuchView
+                      NotApart · CannotMove · NotDrained · NoSuchView
       CommandError    NoSuchCommand · NoSettings · BadArgument · CommandFailed (Failed) · CommandCancelled
                       ChildCancelled · ChildTimeout · DeadlineExceeded · Busy · UnderWay
                       CommandInDoubt (EndedInDoubt)
@@ -249,6 +249,15 @@ class NotIsolated(AddressError):
     sentence = (
         "host {host!r} cannot keep a robot apart here ({level}{lack}); leave out --isolate, or trust the"
         " signer of its page with a lower --isolation"
+    )
+
+
+class NotApart(AddressError):
+    """The page may run only where its robot does not live."""
+
+    sentence = (
+        "the signer of this page is trusted only where its code is kept apart ({level}), and {name} lives"
+        " where it is not; create the robot anew with this page"
     )
 
 

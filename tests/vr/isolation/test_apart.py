@@ -15,9 +15,11 @@ import pytest
 
 from robotree.vr.agents.host import Host
 from robotree.vr.agents.run import kept_by
-from robotree.vr.base.errors import CommandFailed, NotIsolated, VrError
+from robotree.vr.base.errors import CommandFailed, NotApart, NotIsolated, VrError
+from robotree.vr.base.principal import Principal
 from robotree.vr.base.requests import ReadEvents
 from robotree.vr.bundle import Bundle
+from robotree.vr.bundle.admission import Clearance, Gate
 from robotree.vr.bundle.loader import LIMIT
 from robotree.vr.exchange.client import HostClient, RobotClient
 from robotree.vr.isolation import apart
@@ -165,6 +167,27 @@ async def test_a_process_that_cannot_be_is_said_to_who_asks(place: Place, tmp_pa
     with pytest.raises(NotIsolated):
         await client.create(bundle, "broken", None, "process")
     place.host.apart = robots
+
+
+async def test_a_page_that_must_be_kept_apart_replaces_none_that_is_not(place: Place) -> None:
+    bundle = Bundle.read(PAGE)
+    client = HostClient(place.operator, place.host.address)
+    own = await client.create(bundle, "own")
+    place.host.gate = _Strict()
+    with pytest.raises(NotApart):
+        await client.reload(bundle, "own")
+    assert await RobotClient(place.operator, own.address).call("add", {"a": 1, "b": 1}) == 2
+    guest = await place.create()
+    await client.reload(bundle, "guest")
+    assert await guest.call("add", {"a": 1, "b": 1}) == 2
+
+
+class _Strict(Gate):
+    """The gate of a host that trusts the signer of each page only in a process."""
+
+    def admit(self, bundle: Bundle, asker: Principal, host: str) -> Clearance:
+        del bundle, asker, host
+        return Clearance("anna", None, "process")
 
 
 def _runs(pid: int) -> bool:
