@@ -264,7 +264,8 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="enslave PARENT.SLOT CHILD …",
-        help="Put a virtual robot on top of another robot: fill its slot, or several of a group.",
+        help="Put a virtual robot on top of another robot: fill its slot, or several of a group. With `where"
+        " TEXT` instead of a CHILD it chooses one itself that is free: it is told why this one.",
         group=SHAPE,
         right="command",
         run="enslave",
@@ -272,7 +273,12 @@ ACTIONS: tuple[Action, ...] = (
         key="e",
         label="Enslave",
         about=About.SLOT,
-        examples=("enslave mover.arm arm-1", "enslave team.rovers rover-1 rover-2"),
+        examples=(
+            "enslave mover.arm arm-1",
+            "enslave team.rovers rover-1 rover-2",
+            "enslave guide.rover where 'battery > 30 and near hall'",
+        ),
+        guide=("robotree.vr.scripts.requirement",),
         alters=True,
     ),
     Action(

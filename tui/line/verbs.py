@@ -572,6 +572,8 @@ async def enslave(realm_client: RealmClient, line: Line, teller: Teller) -> Outc
     """Put a robot on top of one or several others; where one refuses, those before it stay enslaved."""
     parent, slot = values.dotted(line.text("PARENT.SLOT"), "PARENT.SLOT")
     children = line.many("CHILD")
+    if children[0] == WHERE:
+        return _why(await realm_client.choose(parent, slot, " ".join(children[1:])), slot)
     if len(children) > 1:
         _expect_group(await realm_client.describe(parent), slot)
     robot = None
@@ -585,6 +587,19 @@ async def enslave(realm_client: RealmClient, line: Line, teller: Teller) -> Outc
             raise
     assert robot is not None  # noqa: S101 # the grammar wants one child at least
     return _did(robot, f"{parent}.{slot} commands {', '.join(children)}")
+
+
+WHERE = "where"
+"""The word before what a chosen child must be, instead of the name of a child."""
+
+
+def _why(parent: RobotDescription, slot: str) -> Outcome:
+    """Return whom a robot has chosen for a slot, or at last for a group, and why."""
+    chosen = [one for one in parent.slots if slot in {one.name, one.group} and one.child and one.why]
+    text = "\n".join(
+        f"{parent.name}.{one.name} commands {one.child.name}: {one.why}" for one in chosen if one.child
+    )
+    return _did(parent, text)
 
 
 def _are(names: Sequence[str]) -> str:

@@ -19,6 +19,7 @@ import msgspec
 
 from robotree.vr.agents.callers import ARRIVAL, GONE, Callers
 from robotree.vr.agents.children import ChildKeeper
+from robotree.vr.agents.choosing import Choosing
 from robotree.vr.agents.hooks import Hooks
 from robotree.vr.agents.outside import OutsideCalls
 from robotree.vr.agents.pauses import Pauses
@@ -167,6 +168,7 @@ class RobotAgent:
         self._hooks = Hooks(robot, self._process.runner, partial(self.runtime.say, ""))
         self._publisher = Publisher(self.runtime, self._hooks, transport, self._shared, registrar)
         self._children = self._new_children(term) if isinstance(robot, VirtualRobot) else None
+        self._choosing = self._new_choosing()
         self._stops = Stops(self.runtime, self._hooks, self._children)
         self._callers = Callers(self.runtime, transport.presence)
         self._outside = OutsideCalls(
@@ -205,6 +207,13 @@ class RobotAgent:
 
     def _new_children(self, term: float) -> ChildKeeper:
         return ChildKeeper(self.runtime, self.transport, term=term)
+
+    def _new_choosing(self) -> Choosing | None:
+        if self._children is None:
+            return None
+        choosing = Choosing(self.runtime, self._children, self.transport, self._shared)
+        self._children.on_room = choosing.wake
+        return choosing
 
     def _begin_life(self) -> None:
         """Nothing is declared and nothing watched yet."""
@@ -258,6 +267,8 @@ class RobotAgent:
         self._publisher.begin()
         if not self._restored and self._taker is not None:
             await self._taker.begin()
+        if self._choosing is not None and not self._restored:
+            self._choosing.begin()
 
     def _take(self, incoming: Incoming) -> None:
         """Take a request; while the robot is on its way, most of them are held. In the thread that reads."""
@@ -381,6 +392,8 @@ class RobotAgent:
                 self.runtime.cancel(key, GONE)  # before it begins, so that nothing moves for nobody
         self.runtime.begin_again()
         self._outside.go_on()
+        if self._choosing is not None:
+            self._choosing.begin()
 
     async def listed(self) -> None:
         """Wait until the lookup services know what they should, or as many of them as answer."""
@@ -446,6 +459,8 @@ class RobotAgent:
         if self._deleted:
             identity = self.runtime.identity or f"name:{self.robot.name}"
             await say_deleted(self.transport, identity, self.address.key)
+        if self._choosing is not None:
+            await self._choosing.close()
         if self._children is not None:
             await self._children.close()
         await self._publisher.listed()
@@ -534,6 +549,9 @@ class RobotAgent:
                 raise ReloadWaits(robot=robot.name, command=command, seconds=within) from None
             notes = await turned
         self._hooks.become(robot)
+        if self._choosing is not None:
+            self._choosing.begin()
+            self._choosing.wake()
         self.runtime.page = page
         self.runtime.changed()
         return notes
@@ -614,11 +632,10 @@ class RobotAgent:
                 self._note_order("resumed", asker)
                 return reply
             case Enslave():
-                await self._virtual("enslave others").enslave(request.slot, request.child, asker)
-                self._note_order(f"{request.slot}: {request.child.name} enslaved", asker)
+                await self._enslave(request, asker)
                 return Described(robot=self.description())
             case Free():
-                await self._virtual("release children").free(request.slot, asker)
+                await self._free(request.slot, asker)
                 self._note_order(f"{request.slot}: released", asker)
                 return Described(robot=self.description())
             case TakeStep():
@@ -629,6 +646,21 @@ class RobotAgent:
                 return None
             case _:  # not one of `_TAKE_TIME`
                 raise not_for("robot", request)
+
+    async def _enslave(self, request: Enslave, asker: Principal) -> None:
+        children = self._virtual("enslave others")
+        if request.child is not None:
+            await children.enslave(request.slot, request.child, asker)
+            self._note_order(f"{request.slot}: {request.child.name} enslaved", asker)
+        elif self._choosing is not None:
+            await self._choosing.enslave(request.slot, request.where, asker)
+            self._note_order(f"{request.slot}: a choice was asked for", asker)
+
+    async def _free(self, slot: str, asker: Principal) -> None:
+        children = self._virtual("release children")
+        if self._choosing is not None:
+            self._choosing.released(slot)
+        await children.free(slot, asker)
 
     def _note_order(self, order: str, asker: Principal) -> None:
         """Enter in the log what a person has ordered that is no command."""
@@ -690,6 +722,7 @@ class RobotAgent:
                 patience=request.patience,
                 waits=request.waits,
                 life=request.life,
+                idle=request.idle,
             )
         )
         self._watch(request.parent)

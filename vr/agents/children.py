@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 from robotree.vr.author.virtual_robot import VirtualRobot, slots_of
@@ -87,6 +87,8 @@ class ChildKeeper:
         secret, bonds = self._runtime.look(lambda state: (state.secret, state.slots.copied()))
         self._unproven = {bond.child.key for bond in bonds.values()} if secret else set[str]()
         """Children that have not heard yet that this process has the robot now."""
+        self.on_room: Callable[[], None] = _nobody
+        """Called when a slot has become empty and its child does not come back."""
         self._anew = set(self._bonds())
         """Slots whose child may come back as another incarnation: those that a restored robot had, until the
         child is heard. It may have been restarted with its parent."""
@@ -125,13 +127,39 @@ class ChildKeeper:
             await asyncio.wait([returning])
         await self._bind(place, child, None, asker)
 
-    async def _bind(self, slot: str, child: Address, returns: int | None, asker: Principal = ITSELF) -> None:
-        """Bind a child; `returns` is the epoch of a lost lease, or `FRESH`; None: it is a new bond."""
+    async def choose(self, slot: str, child: Address, why: str, asker: Principal = ITSELF) -> None:
+        """Bind a child to a slot, for which it was chosen, if it still has nothing to do.
+
+        Args:
+            slot: name of the slot.
+            child: who.
+            why: it was chosen, as a sentence.
+            asker: who asks for it.
+
+        Raises:
+            BondError: there is no such slot, it is occupied, or the child is of another kind.
+            LeaseError: the child has another parent, or something to do.
+            TransportError: the child does not answer.
+        """
+        await self._bind(slot, child, None, asker, why)
+
+    def awaits(self, slot: str) -> bool:
+        """Whether the child that was lost in an empty slot may still come back, as far as is settled."""
+        return slot in self._returning or slot in self._watching
+
+    async def _bind(
+        self, slot: str, child: Address, returns: int | None, asker: Principal = ITSELF, why: str = ""
+    ) -> None:
+        """Bind a child; `returns` is the epoch of a lost lease, or `FRESH`; None: it is a new bond.
+
+        With a reason `why` it was chosen as one that has nothing to do.
+        """
         self._runtime.post(on.Reserve(slot=slot, child=child, principal=asker))
         client = self._client_of(child)
         key = fresh_key()
         try:
-            bond = await self._ask(client, slot, key, returns, asker)
+            bond = await self._ask(client, slot, key, returns, asker, idle=why != "" and returns is None)
+            bond.why = why
         except BaseException as error:
             self._runtime.post(on.Unreserve(slot=slot))
             if isinstance(error, TransportError) or not isinstance(error, VrError):
@@ -242,11 +270,14 @@ class ChildKeeper:
             _log.warning("%s.%s lost its child: %s", self._parent.name, effect.slot, effect.reason)
             task = self._returning[effect.slot] = asyncio.ensure_future(self._take_back(effect))
             task.add_done_callback(lambda done: self._forget(effect.slot, done))
+        else:
+            self.on_room()
         self._runtime.changed()
 
     def _forget(self, slot: str, returning: asyncio.Task[None]) -> None:
         if self._returning.get(slot) is returning:
             del self._returning[slot]
+            self.on_room()
 
     async def _take_back(self, lost: on.ChildGone) -> None:
         """Bind a child again that was lost, when it is heard and if nobody has used it since.
@@ -265,7 +296,8 @@ class ChildKeeper:
                 if child is None:
                     return
                 returns = lost.epoch if child == lost.child else FRESH
-                await self._bind(lost.slot, child, returns)
+                why = f"{child.name} came back in time" if self._spec(lost.slot).choose else ""
+                await self._bind(lost.slot, child, returns, why=why)
             except TransportClosed:
                 return
             except TransportError:
@@ -293,7 +325,7 @@ class ChildKeeper:
     # -- asking -----------------------------------------------------------------------------------
 
     async def _ask(
-        self, client: RobotClient, slot: str, key: str, returns: int | None, asker: Principal
+        self, client: RobotClient, slot: str, key: str, returns: int | None, asker: Principal, *, idle: bool
     ) -> Bond:
         lineage, child = self._runtime.look(lambda state: state.lineage), client.address
         gate = self._runtime.here.gate
@@ -318,6 +350,7 @@ class ChildKeeper:
             waits=self._runtime.process.returns,
             life=self._runtime.process.kept_life,
             asker=gate.asker(asker) if gate.closed and (asker.person or asker.site) else None,
+            idle=idle,
         )
         sent = _now()
         try:
@@ -591,6 +624,10 @@ def _renewal(epoch: int, life: int, heir: str, child: str, proves: bool, parent:
         heir=heir,
         proof=proof_of(parent.secret, child) if proves else "",
     )
+
+
+def _nobody() -> None:
+    """Nobody wants to know."""
 
 
 def _now() -> float:

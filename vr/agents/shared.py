@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+import contextlib
+from collections.abc import AsyncGenerator, Callable
 
 from robotree.vr.base.permissions import Isolation
 from robotree.vr.base.presence import Undo
+from robotree.vr.base.transport import Transport
+from robotree.vr.lookup.directory import Directory
 
 ROUND = 1.0
 """[s] between two calls of the same action."""
@@ -61,3 +64,23 @@ class Shared:
         self.host = host
         self.isolation: Isolation = isolation
         self.rounds = Rounds()
+        self._directory: Directory | None = None
+        self._viewers = 0
+        self._opening = asyncio.Lock()
+
+    @contextlib.asynccontextmanager
+    async def directory(self, transport: Transport) -> AsyncGenerator[Directory]:
+        """See who is listed, as long as the context lasts: one view for all robots of the process."""
+        async with self._opening:
+            if self._directory is None:
+                self._directory = Directory(transport)
+                await self._directory.start()
+            self._viewers += 1
+            directory = self._directory
+        try:
+            yield directory
+        finally:
+            self._viewers -= 1
+            if not self._viewers and self._directory is directory:
+                self._directory = None
+                await directory.close()

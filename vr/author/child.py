@@ -17,7 +17,7 @@ An array of children of one kind is `rovers = Children("Rover", least=1, most=4)
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, cast, overload
+from typing import TYPE_CHECKING, Any, Generic, Literal, Protocol, TypeVar, cast, overload
 
 import msgspec
 
@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 T = TypeVar("T", bound=Kind)
 K = TypeVar("K")
+Choice = Literal["", "free"]
+"""How a child comes into a slot: a person puts it in, or the robot chooses one that is free."""
 WITHIN = "within"
 """The argument of a call that limits its time."""
 
@@ -99,13 +101,36 @@ class Child(Slotted, Generic[K]):
 
     @overload
     def __init__(
-        self: Child[ChildRobot], kind: str, doc: str = "", *, optional: bool = False, returns: float = 0.0
+        self: Child[ChildRobot],
+        kind: str,
+        doc: str = "",
+        *,
+        optional: bool = False,
+        returns: float = 0.0,
+        choose: Choice = "",
+        where: str = "",
     ) -> None: ...
     @overload
     def __init__(
-        self: Child[T], kind: type[T], doc: str = "", *, optional: bool = False, returns: float = 0.0
+        self: Child[T],
+        kind: type[T],
+        doc: str = "",
+        *,
+        optional: bool = False,
+        returns: float = 0.0,
+        choose: Choice = "",
+        where: str = "",
     ) -> None: ...
-    def __init__(self, kind: Any, doc: str = "", *, optional: bool = False, returns: float = 0.0) -> None:
+    def __init__(
+        self,
+        kind: Any,
+        doc: str = "",
+        *,
+        optional: bool = False,
+        returns: float = 0.0,
+        choose: Choice = "",
+        where: str = "",
+    ) -> None:
         """Declare the slot.
 
         Args:
@@ -115,12 +140,16 @@ class Child(Slotted, Generic[K]):
             optional: the robot can be used without it.
             returns: [s] in which a child that was lost is bound again, also if its process was started anew,
                 unless somebody has used it meanwhile; 0: a minute, and only if its process lives on.
+            choose: "free": the robot itself puts a child in, one that nobody commands and that has nothing to
+                do; while it is used it is this one, and after `returns` another one. "": a person does.
+            where: what a chosen child must be: `battery > 30 and near hall`.
 
         Raises:
-            TypeError: `kind` is none.
+            TypeError: `kind` is none, or `choose` or `where` cannot be so.
         """
         super().__init__(kind, doc)
         self.optional, self.returns = optional, returns
+        self.choose, self.where = _choice(kind, choose, where)
 
     @overload
     def __get__(self, robot: None, owner: type[Any]) -> Child[K]: ...
@@ -151,7 +180,13 @@ class Child(Slotted, Generic[K]):
     def spec(self) -> SlotSpec:
         """Describe the empty slot."""
         return SlotSpec(
-            name=self.name, kind=self.kind, doc=self.doc, optional=self.optional, returns=self.returns
+            name=self.name,
+            kind=self.kind,
+            doc=self.doc,
+            optional=self.optional,
+            returns=self.returns,
+            choose=self.choose,
+            where=self.where,
         )
 
 
@@ -160,13 +195,42 @@ class Children(Slotted, Generic[K]):
 
     @overload
     def __init__(
-        self: Children[ChildRobot], kind: str, doc: str = "", *, least: int = 1, most: int | None = None
+        self: Children[ChildRobot],
+        kind: str,
+        doc: str = "",
+        *,
+        least: int = 1,
+        most: int | None = None,
+        count: int = 0,
+        choose: Choice = "",
+        where: str = "",
+        returns: float = 0.0,
     ) -> None: ...
     @overload
     def __init__(
-        self: Children[T], kind: type[T], doc: str = "", *, least: int = 1, most: int | None = None
+        self: Children[T],
+        kind: type[T],
+        doc: str = "",
+        *,
+        least: int = 1,
+        most: int | None = None,
+        count: int = 0,
+        choose: Choice = "",
+        where: str = "",
+        returns: float = 0.0,
     ) -> None: ...
-    def __init__(self, kind: Any, doc: str = "", *, least: int = 1, most: int | None = None) -> None:
+    def __init__(
+        self,
+        kind: Any,
+        doc: str = "",
+        *,
+        least: int = 1,
+        most: int | None = None,
+        count: int = 0,
+        choose: Choice = "",
+        where: str = "",
+        returns: float = 0.0,
+    ) -> None:
         """Declare the slots `NAME[0]`, `NAME[1]` and so on.
 
         Args:
@@ -174,11 +238,23 @@ class Children(Slotted, Generic[K]):
             doc: what they are for.
             least: how many must be bound before the robot can be used; 0: it can be used without.
             most: how many can be bound; None: 1000.
+            count: how many are chosen, instead of `least` and `most`; 0: these say it.
+            choose: as for `Child`: `least` children are chosen.
+            where: as for `Child`.
+            returns: [s] as for `Child`.
 
         Raises:
-            TypeError: `kind` is none, or `least` or `most` no such number.
+            TypeError: `kind` is none, `least`, `most` or `count` no such number, or the way to choose none.
         """
         super().__init__(kind, doc)
+        if count:
+            if most is not None or least != 1:
+                raise TypeError(
+                    f"Children({self.kind!r}, count={count}): it stands instead of least and most"
+                )
+            least = most = count
+        self.returns = returns
+        self.choose, self.where = _choice(kind, choose, where)
         upper = LARGEST_GROUP if most is None else most
         if not 0 <= least <= upper <= LARGEST_GROUP or upper < 1:
             raise TypeError(
@@ -197,8 +273,30 @@ class Children(Slotted, Generic[K]):
     def spec(self) -> SlotSpec:
         """Describe the group, without children."""
         return SlotSpec(
-            name=self.name, kind=self.kind, doc=self.doc, group=self.name, least=self.least, most=self.most
+            name=self.name,
+            kind=self.kind,
+            doc=self.doc,
+            group=self.name,
+            least=self.least,
+            most=self.most,
+            returns=self.returns,
+            choose=self.choose,
+            where=self.where,
         )
+
+
+def _choice(kind: Any, choose: str, where: str) -> tuple[str, str]:
+    """Return how a child is chosen.
+
+    Raises:
+        TypeError: there is no such way, or a requirement and nobody to choose by it.
+    """
+    name = kind.__name__ if isinstance(kind, type) else kind
+    if choose not in {"", "free"}:
+        raise TypeError(f'Child({name!r}, choose={choose!r}): write choose="free", or leave it away')
+    if where and not choose:
+        raise TypeError(f'Child({name!r}, where={where!r}): write choose="free", too')
+    return choose, where
 
 
 class ChildGroup(Generic[K]):

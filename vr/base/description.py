@@ -108,6 +108,13 @@ class SlotSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """How many slots of the group must be filled before the robot can be used."""
     most: int = 1
     """How many slots the group can have; 1 for a slot that stands alone."""
+    choose: str = ""
+    """`free`: the robot itself chooses a child for it among those that have nothing to do; empty: a person
+    puts one in."""
+    where: str = ""
+    """What a chosen child must be (`scripts/requirement.py`); empty: anything."""
+    why: str = ""
+    """Why this child was chosen, as a sentence; empty: a person has put it in."""
     commands: tuple[str, ...] = ()
     """Names of the commands that a child must have, beside its kind: the page uses them, or the kind promises
     them."""

@@ -6,19 +6,19 @@ that a caller on the far side of the network catches the same class with the sam
     VrError
       AddressError    BadName · DuplicateName · NameInSilence · Hanging · SeveralSites · NoSuchSite
                       SiteAway · NoSuchRobot · NoSuchHost · NoHost · HostReserved · NotIsolated
-                      NotApart · CannotMove · NotDrained · NoSuchView
+                      NotApart · CannotMove · NotDrained · NoSuchView · BadGroup · NoSuchGroup · GroupEmpty
       CommandError    NoSuchCommand · NoSettings · BadArgument · CommandFailed (Failed) · CommandCancelled
                       ChildCancelled · ChildTimeout · DeadlineExceeded · Busy · UnderWay
                       CommandInDoubt (EndedInDoubt)
-                      Stopped · StillRunning · KeyReused
-      LeaseError      LeaseDenied · StaleEpoch · Retracted · CycleOfBonds · NotInControl · NotAllowed
-                      Denied
+                      Stopped · StillRunning · KeyReused · PartOfGroup
+      LeaseError      LeaseDenied · NotFree · StaleEpoch · Retracted · CycleOfBonds · NotInControl
+                      NotAllowed · Denied
       BondError       NoSuchSlot · SlotOccupied · SlotHeld · SlotEmpty · GroupFull · WrongKind · DoesNotFit
-                      StillBonded · NotVirtual
+                      NobodyFits · StillBonded · NotVirtual
       TransportError  Unreachable · OnItsWay · NoAnswer · NotConfirmed · TransportClosed · Garbled
                       RealmUnusable · EmptyRealm · NetworkUnusable
       BundleError     NoSuchFile · BrokenSource · OtherKind · NoPage · ReloadWaits
-                      NoVirtualRobot · SeveralVirtualRobots · BrokenScript
+                      NoVirtualRobot · SeveralVirtualRobots · BrokenScript · RequirementUnreadable
                       BadBundle · NotSigned · UnknownSigner · RevokedSigner · ExcessPermission
                       OtherPython · MissingRequirement · NoSuchBundle · BadTrustFile · BadPanel · NoSigningKey
       JournalError    JournalInUse · DamagedJournal · OtherJournal · Deposed · JournalCutOff · StandsBy
@@ -498,6 +498,12 @@ class LeaseDenied(LeaseError):
     )
 
 
+class NotFree(LeaseError):
+    """A parent has chosen the robot as one that has nothing to do, and it has something to do by now."""
+
+    sentence = "{robot} is not free to be chosen: {reason}; choose again"
+
+
 class StaleEpoch(LeaseError):
     """The caller's lease is over; a newer one was granted or the old one ended."""
 
@@ -594,6 +600,36 @@ class WrongKind(BondError):
     """The child is not of the kind that the slot requires."""
 
     sentence = "{robot}.{slot} takes a robot of kind {wanted}; {child} is of kind {kind}"
+
+
+class NobodyFits(BondError):
+    """Nobody was chosen for a slot."""
+
+    sentence = "{robot}.{slot} stays empty: {reason}"
+
+
+class BadGroup(AddressError):
+    """A group that cannot be one, or that cannot be read."""
+
+    sentence = "group {group}: {reason}"
+
+
+class NoSuchGroup(AddressError):
+    """There is no group of this name."""
+
+    sentence = "there is no group {group}; known: {known}; make one: `robotree group {group} ROBOT …`"
+
+
+class GroupEmpty(AddressError):
+    """A group of which nobody is there."""
+
+    sentence = "nobody of group {group} is there ({about}); see `robotree group {group}`"
+
+
+class PartOfGroup(CommandError):
+    """Some members of a group have not done what all were asked to do."""
+
+    sentence = "{what}: {failed} of {count} members of {group} did not: {reasons}"
 
 
 class DoesNotFit(BondError):
@@ -868,6 +904,12 @@ class BrokenScript(BundleError):
     """A script, role or table of facts that cannot be used, and where."""
 
     sentence = "{path}:{line}:{column}: {reason}"
+
+
+class RequirementUnreadable(BundleError):
+    """What a robot must be to be chosen cannot be read."""
+
+    sentence = "where {text!r}: {reason}; write it as: battery > 30 and near hall"
 
 
 class BadBundle(BundleError):

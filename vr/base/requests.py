@@ -141,6 +141,8 @@ class Petition(_Message, frozen=True, kw_only=True):
     """How often the parent's process was started with that journal; 0: it keeps none."""
     asker: Person | None = None
     """The person for whom the parent asks: the policy must allow it to both. None: for none."""
+    idle: bool = False
+    """The parent has chosen it as one that is free: granted only if it has nothing to do."""
 
 
 class Retract(_Message, frozen=True, kw_only=True):
@@ -206,7 +208,10 @@ class Enslave(_Message, frozen=True, kw_only=True):
     """Asked of a virtual robot by an operator: bind this child to this slot. Answered by `Described`."""
 
     slot: str
-    child: Address
+    child: Address | None = None
+    """None: it chooses one itself."""
+    where: str = ""
+    """What the chosen one must be (`scripts/requirement.py`); empty: what the slot asks for."""
 
 
 class Free(_Message, frozen=True, kw_only=True):

@@ -13,12 +13,14 @@ from difflib import get_close_matches
 
 from robotree.vr.author.robot import OPTIONS
 from robotree.vr.author.virtual_robot import RESERVED
+from robotree.vr.base.errors import RequirementUnreadable
 from robotree.vr.base.units import Unit
 from robotree.vr.bundle.child_calls import Kinds, of_children
 from robotree.vr.bundle.reading import Finding, Function, Page, dotted, last, mark, pages_of, used_names
 from robotree.vr.bundle.refused import mistakes
 from robotree.vr.bundle.replayed import called, found_in, of_replay
 from robotree.vr.bundle.syntax import parse
+from robotree.vr.scripts.requirement import requirement
 
 _WAIT = ("holds the robot up", "write self.sleep(seconds): a cancel and a stop end it at once")
 _ASIDE = "call it in a thread (concurrent.futures), and wait with self.sleep until it is done"
@@ -63,6 +65,7 @@ def examine(source: str, kinds: Kinds) -> list[Finding]:
     pages = pages_of(tree)
     imported = _imports(tree)
     found = [*mistakes(source), *_of_calls(tree, imported), *_of_units(tree), *_of_defaults(tree)]
+    found += _of_requirements(tree)
     found += of_replay(tree, imported)
     used = used_names(tree)
     known = {**kinds, **{name: dict.fromkeys(page.commands) for name, page in pages.items()}}
@@ -95,6 +98,19 @@ def _of_calls(tree: ast.Module, imported: Mapping[str, str]) -> Iterator[Finding
         name = called(node, imported)
         if how := found_in(_CALLS, name):
             yield Finding(node.lineno, f"{name} {how[0]}", how[1])
+
+
+def _of_requirements(tree: ast.Module) -> Iterator[Finding]:
+    """Find slots whose `where` cannot be read."""
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Call) or last(node.func) not in {"Child", "Children"}:
+            continue
+        for given in node.keywords:
+            if given.arg == "where" and isinstance(given.value, ast.Constant):
+                try:
+                    requirement(str(given.value.value))
+                except RequirementUnreadable as error:
+                    yield Finding(given.value.lineno, str(error), "see `robotree help enslave`")
 
 
 def _of_units(tree: ast.Module) -> Iterator[Finding]:

@@ -27,8 +27,8 @@ from typing import Any, TypeVar, cast
 
 from robotree.vr.author.child import Slotted
 from robotree.vr.author.robot import Robot
-from robotree.vr.author.virtual_robot import RESERVED, VirtualRobot
-from robotree.vr.base.errors import BadName, BrokenSource, words_of
+from robotree.vr.author.virtual_robot import RESERVED, VirtualRobot, slot_specs
+from robotree.vr.base.errors import BadName, BrokenSource, RequirementUnreadable, words_of
 from robotree.vr.base.extras import lack_of
 from robotree.vr.bundle.package import PREFIX, Package, package_of
 from robotree.vr.bundle.refused import mistakes
@@ -137,6 +137,22 @@ def built(cls: type[VirtualRobot], name: str, given: Mapping[str, Any]) -> Virtu
     return robot
 
 
+def _expect_requirements(cls: type[VirtualRobot]) -> None:
+    """Refuse a slot whose `where` cannot be read.
+
+    Raises:
+        TypeError: says what is wrong with it.
+    """
+    for spec in slot_specs(cls):
+        if spec.where:
+            from robotree.vr.scripts.requirement import requirement  # most pages choose nobody
+
+            try:
+                requirement(spec.where)
+            except RequirementUnreadable as error:
+                raise TypeError(f"{cls.__name__}.{spec.name}: {error}") from None
+
+
 def expect_constructor(cls: type[VirtualRobot]) -> None:
     """Refuse a constructor that does not take the name alone, and what hides something of each robot.
 
@@ -150,6 +166,7 @@ def expect_constructor(cls: type[VirtualRobot]) -> None:
     if dataclasses.is_dataclass(cls):
         instead = "take @dataclass away; settings are attributes with a type and a default"
         raise TypeError(f"{kind}.__init__ is that of a dataclass: {instead}")
+    _expect_requirements(cls)
     if cls.__init__ is VirtualRobot.__init__:
         return
     try:

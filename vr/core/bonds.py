@@ -514,6 +514,8 @@ class Bond(msgspec.Struct, kw_only=True):
     """Number of the last stop of the child that came while the parent's process was away."""
     returns: float = 0.0
     """[s] in which the child comes back after a crash, if its lease holds so long; 0: it does not."""
+    why: str = ""
+    """Why the parent has chosen this child, as a sentence; empty: a person has put it in."""
 
     def copied(self) -> Bond:
         """Return a copy, which stays as it is now."""
@@ -684,7 +686,11 @@ class Slots(msgspec.Struct):
         """Describe the slots and what is in them."""
         return tuple(
             msgspec.structs.replace(
-                slot.spec, child=None if slot.bond is None else slot.bond.child, lost=slot.lost, was=slot.was
+                slot.spec,
+                child=None if slot.bond is None else slot.bond.child,
+                lost=slot.lost,
+                was=slot.was,
+                why="" if slot.bond is None else slot.bond.why,
             )
             for slot in self.by_name.values()
         )

@@ -186,6 +186,8 @@ class ParentAsked(_Event, frozen=True, kw_only=True):
     """[s] that the robot is to wait for a parent whose process has ended; 0: it does not."""
     life: int = 0
     """How often the parent's process was started with its journal; 0: it keeps none."""
+    idle: bool = False
+    """It is refused unless nothing runs or waits here, and no stop is in force."""
 
 
 class ParentAway(_Event, frozen=True, kw_only=True):

@@ -26,6 +26,7 @@ from robotree.vr.base.errors import (
     DeadlineExceeded,
     KeyReused,
     NotConfirmed,
+    NotFree,
     NothingAsked,
     NotPaused,
     StillRunning,
@@ -631,6 +632,10 @@ class RobotCore:
         parent = event.parent
         if any(child.name == parent.name for child in self.state.slots.children()):
             raise CycleOfBonds(parent=parent.name, child=self.name, lineage=f"{self.name} > {parent.name}")
+        current = self.state.lease.current
+        again = current is not None and current.petition == event.key != ""
+        if event.idle and not again and (reason := self._occupation()):
+            raise NotFree(robot=self.name, reason=reason)
         if event.returns is not None:
             self.state.lease.expect_later(parent, event.principal, event.life)
         self.state.lease.petition(
@@ -652,6 +657,15 @@ class RobotCore:
             *self._keep_bonds(now, all_of_them=True),
             *self._end_all(f"{parent.name} has enslaved {self.name}", now, but_readers=True),
         ]
+
+    def _occupation(self) -> str:
+        """Return what the robot has to do, as a clause; empty: it is free to be chosen."""
+        calls = self.state.calls
+        if calls.running or calls.waiting:
+            return f"it has {calls.command_of(calls.running) or 'a command'} to carry out"
+        if self.state.pause.in_force:
+            return f"{self.state.pause.in_force} has paused it"
+        return "it is stopped" if self.state.stop.in_force else ""
 
     def _parent_away(self, event: on.ParentAway, now: float) -> Effects:
         return [LeaseChanged()] if self.state.lease.wait_for(event.parent, now) else []

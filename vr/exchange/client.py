@@ -343,6 +343,16 @@ class RobotClient:
         answer = await self._ask(Enslave(slot=slot, child=child), Described, timeout=2 * self._patience)
         return answer.robot
 
+    async def choose(self, slot: str, where: str) -> RobotDescription:
+        """Let it choose a child for one of its slots.
+
+        Args:
+            slot: name of the slot, or of a group.
+            where: what the child must be (`scripts/requirement.py`); empty: what the slot asks for.
+        """
+        answer = await self._ask(Enslave(slot=slot, where=where), Described, timeout=2 * self._patience)
+        return answer.robot
+
     async def free(self, slot: str) -> RobotDescription:
         """Release the child in one of its slots."""
         return (await self._ask(Free(slot=slot), Described, timeout=2 * self._patience)).robot

@@ -2,7 +2,8 @@
 
 (defscript guide "Greets visitors."
   (partner robot (kind Companion) (needs say go_to) (attributes place=hall) (takes place kitchen)
-    (optional) (return 300))
+    (optional) (return 300)
+    (choose free) (where "battery > 30"))
   (parameter greeting "Welcome")
   (hears person_seen (who text) (place text))
   (starts-by anna kim)       ; none: anyone
@@ -18,7 +19,8 @@ from typing import Any
 
 import msgspec
 
-from robotree.vr.base.written import Mark, Scalar
+from robotree.vr.base.errors import RequirementUnreadable
+from robotree.vr.base.written import Mark, Scalar, Word
 from robotree.vr.core.bonds import LONGEST_RETURN
 from robotree.vr.scripts.expression import Atom, Form, Node, read, value
 from robotree.vr.scripts.guard import Guard, named
@@ -35,6 +37,7 @@ from robotree.vr.scripts.program import (
     check_identifier,
     check_name,
 )
+from robotree.vr.scripts.requirement import requirement
 
 TYPES = ("text", "number", "yes/no")
 
@@ -212,13 +215,19 @@ def _partner(part: Form) -> Partner:
         partner = msgspec.structs.replace(partner, **_facet(facet, partner.takes))
     if not partner.kind:
         raise part.mark.error(f"partner {partner.name} needs a kind: (kind Arm)")
+    if partner.where and not partner.choose:
+        raise part.mark.error(f"partner {partner.name} has a where: write (choose free), too")
     return partner
 
 
-def _facet(facet: Form, takes: dict[str, tuple[str, ...]]) -> dict[str, Any]:
+def _facet(facet: Form, takes: dict[str, tuple[str, ...]]) -> dict[str, Any]:  # noqa: PLR0911 # one each
     """Return what one facet says of a partner, by the name of the field."""
     values = [str(value(one)) for one in facet.rest]
     match facet.head:
+        case "choose" | "where" if len(values) == 1:
+            choose, where = (values[0] if facet.head == each else "" for each in ("choose", "where"))
+            check_choice(Word(choose or FREE, facet.mark), Word(where, facet.mark))
+            return {facet.head: values[0]}
         case "kind" | "doc" if len(values) == 1:
             return {facet.head: values[0]}
         case "needs":
@@ -234,7 +243,8 @@ def _facet(facet: Form, takes: dict[str, tuple[str, ...]]) -> dict[str, Any]:
             return {"optional": True}
         case head:
             raise facet.mark.error(
-                f"a partner has no ({head} …); it has: kind, needs, attributes, takes, optional, return, doc"
+                f"a partner has no ({head} …); it has: kind, needs, attributes, takes, optional, "
+                "return, choose, where, doc"
             )
 
 
@@ -243,6 +253,26 @@ def _return(facet: Form) -> float:
     if isinstance(seconds, bool) or not isinstance(seconds, int | float):
         raise facet.mark.error(f"write the time of {facet.head} in seconds: (return 300)")
     return check_return(float(seconds), facet.mark)
+
+
+FREE = "free"
+"""The one way to choose a partner."""
+
+
+def check_choice(choose: Word, where: Word) -> None:
+    """Refuse a choice of a partner that cannot be made.
+
+    Raises:
+        BrokenScript: there is no such way, nobody to choose, or `where` cannot be read.
+    """
+    if choose.text not in {"", FREE}:
+        raise choose.mark.error(f"{choose.text!r} is no way to choose a partner: write free")
+    if where.text and not choose.text:
+        raise where.mark.error("a partner with a where is chosen: write choose: free, too")
+    try:
+        requirement(where.text)
+    except RequirementUnreadable as error:
+        raise where.mark.error(str(error)) from None
 
 
 def check_return(seconds: float, mark: Mark) -> float:

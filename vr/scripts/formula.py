@@ -9,26 +9,38 @@ from __future__ import annotations
 import re
 from typing import NoReturn
 
-from robotree.vr.base.written import Mark, Word, value_of
+from robotree.vr.base.written import Mark, Scalar, Word, value_of
 from robotree.vr.scripts.expression import Atom, Form, Node, form, plain
 
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>\d+\.?\d*|\.\d+)|(?P<variable>\$[^\W\d]\w*)|(?P<text>'[^']*'|\"[^\"]*\")"
     r"|(?P<sign><=|>=|!=|==|[-+*/<>=()])|(?P<word>[^\W\d][\w-]*))"
 )
-_COMPARE = {"<": "<", "<=": "<=", ">": ">", ">=": ">=", "=": "=", "==": "=", "!=": "<>"}
+COMPARE = {"<": "<", "<=": "<=", ">": ">", ">=": ">=", "=": "=", "==": "=", "!=": "<>"}
 _DEEPEST = 12
 _LONGEST = 60
 """Words and signs of one formula: readers and CLIPS go into its parts by recursion."""
 
 
-class _Reader:
+class FormulaReader:
+    """Reads one formula. What a word stands for, `named` says: here for itself."""
+
+    token = _TOKEN
+    either: tuple[str, ...] = ("or",)
+    both: tuple[str, ...] = ("and",)
+    negation: tuple[str, ...] = ("not",)
+
     def __init__(self, text: str, mark: Mark) -> None:
+        """Take it apart.
+
+        Raises:
+            BrokenScript: a character cannot stand in it, or it is too long.
+        """
         self._mark, self._text, self._at, self._depth = mark, text, 0, 0
         self._tokens: list[tuple[str, str]] = []
         at = 0
         while text[at:].strip():
-            found = _TOKEN.match(text, at)
+            found = self.token.match(text, at)
             if found is None:
                 raise mark.error(f"{text[at:].strip()[0]!r} cannot stand in a formula: {text}")
             self._tokens.append((str(found.lastgroup), found.group(str(found.lastgroup))))
@@ -39,6 +51,11 @@ class _Reader:
                 )
 
     def whole(self) -> Node:
+        """Return the whole as a tree.
+
+        Raises:
+            BrokenScript: it is no formula.
+        """
         node = self._either()
         if self._at < len(self._tokens):
             self._fail(f"{self._tokens[self._at][1]!r} is not expected in")
@@ -57,28 +74,28 @@ class _Reader:
 
     def _either(self) -> Node:
         node = self._both()
-        while self._take("or"):
+        while self._take(*self.either):
             node = form("or", node, self._both(), mark=self._mark)
         return node
 
     def _both(self) -> Node:
         node = self._negation()
-        while self._take("and"):
+        while self._take(*self.both):
             node = form("and", node, self._negation(), mark=self._mark)
         return node
 
     def _negation(self) -> Node:
-        if self._take("not"):
+        if self._take(*self.negation):
             return form("not", self._negation(), mark=self._mark)
         return self._comparison()
 
     def _comparison(self) -> Node:
         left = self._sum()
-        sign = self._take(*_COMPARE)
+        sign = self._take(*COMPARE)
         if not sign:
             return left
         right = self._sum()
-        head = _COMPARE[sign]
+        head = COMPARE[sign]
         if head not in {"=", "<>"}:
             left, right = self._number(left), self._number(right)
         if head in {"=", "<>"} and not (_numeric(left) or _numeric(right)):
@@ -121,14 +138,22 @@ class _Reader:
         self._at += 1
         truth = {"yes": "TRUE", "no": "FALSE", "true": "TRUE", "false": "FALSE"}.get(text)
         nodes = {
-            "number": lambda: Atom("number", repr(value_of(Word(text, self._mark))), self._mark),
+            "number": lambda: Atom("number", repr(self.number_of(text)), self._mark),
             "variable": lambda: Atom("variable", f"?{text[1:]}", self._mark),
             "text": lambda: plain(text[1:-1], self._mark),
-            "word": lambda: Atom("symbol", truth, self._mark) if truth else plain(text, self._mark),
+            "word": lambda: Atom("symbol", truth, self._mark) if truth else self.named(text),
         }
         if sort not in nodes:
             self._fail(f"{text!r} is not expected in")
         return nodes[sort]()
+
+    def number_of(self, text: str) -> Scalar:
+        """Return a number that is written so."""
+        return value_of(Word(text, self._mark))
+
+    def named(self, word: str) -> Node:
+        """Return what a word that is no truth value stands for."""
+        return plain(word, self._mark)
 
 
 def formula(text: str, mark: Mark) -> Node:
@@ -137,7 +162,7 @@ def formula(text: str, mark: Mark) -> Node:
     Raises:
         BrokenScript: it is none.
     """
-    return _Reader(text, mark).whole()
+    return FormulaReader(text, mark).whole()
 
 
 def _numeric(node: Node) -> bool:

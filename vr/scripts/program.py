@@ -38,6 +38,10 @@ class Partner(msgspec.Struct, frozen=True, kw_only=True):
     optional: bool = False
     returns: float = 0.0
     """[s] in which it is bound again after it was lost; 0: as every child."""
+    choose: str = ""
+    """`free`: the script itself chooses a robot that has nothing to do; empty: a person puts one in."""
+    where: str = ""
+    """What a chosen one must be (`requirement`)."""
     doc: str = ""
 
 

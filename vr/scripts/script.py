@@ -23,7 +23,7 @@ from robotree.vr.scripts import explain
 from robotree.vr.scripts.clp import read_clp
 from robotree.vr.scripts.engine import ScriptError
 from robotree.vr.scripts.happening import Happening
-from robotree.vr.scripts.program import Hears, Program
+from robotree.vr.scripts.program import Hears, Partner, Program
 from robotree.vr.scripts.roles.player import forward
 from robotree.vr.scripts.run import ScriptRun, flat, lacking, words
 from robotree.vr.scripts.when_then import read_yaml
@@ -301,12 +301,25 @@ def script_class(program: Program) -> type[Script]:
     }
     for partner in program.partners:
         members[partner.name] = Child(
-            partner.kind, partner.doc, optional=partner.optional, returns=partner.returns
+            partner.kind,
+            partner.doc,
+            optional=partner.optional,
+            returns=partner.returns,
+            choose="free" if partner.choose else "",
+            where=_required(partner) if partner.choose else "",
         )
     members["start"] = _start(program)
     for hears in program.hears:
         members[hears.name] = _hearing(hears)
     return type(kind, (Script,), members)
+
+
+def _required(partner: Partner) -> str:
+    """Return what a robot must be to be chosen: what its author asks for, and what the rules use."""
+    parts = [f"({partner.where})"] if partner.where else []
+    parts += [f"has {need}" for need in partner.needs]
+    parts += [f"{key} = '{wanted}'" for key, wanted in partner.attributes.items()]
+    return " and ".join(parts)
 
 
 def _start(program: Program) -> Callable[..., Any]:

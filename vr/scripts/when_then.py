@@ -29,7 +29,15 @@ from collections.abc import Sequence
 import msgspec
 
 from robotree.vr.base.written import Entries, Items, Mark, Word, Written, entries, items, read, value_of, word
-from robotree.vr.scripts.clp import TYPES, add_rule, check_head, check_return, first_fact, with_template
+from robotree.vr.scripts.clp import (
+    TYPES,
+    add_rule,
+    check_choice,
+    check_head,
+    check_return,
+    first_fact,
+    with_template,
+)
 from robotree.vr.scripts.expression import Atom, Form, Node, form, plain, variables
 from robotree.vr.scripts.formula import formula
 from robotree.vr.scripts.happening import nearest, seconds_of
@@ -127,8 +135,15 @@ def _partner(key: Word, given: Written) -> Partner:
     if isinstance(given, Word):
         return Partner(name=check_identifier(key.text, key.mark, "a partner"), kind=given.text)
     facets = entries(given, "a partner", key.mark)
-    facets.expect(("kind", "needs", "attributes", "takes", "optional", "return", "doc"), "a partner")
-    returns = facets.get("return")
+    facets.expect(
+        ("kind", "needs", "attributes", "takes", "optional", "return", "returns", "choose", "where", "doc"),
+        "a partner",
+    )
+    returns = facets.get("return") or facets.get("returns")
+    choose, where = (
+        word(facets.get(facet) or Word("", key.mark), facet, key.mark) for facet in ("choose", "where")
+    )
+    check_choice(choose, where)
     return Partner(
         name=check_identifier(key.text, key.mark, "a partner"),
         kind=word(facets.get("kind"), "the kind of the partner", key.mark).text,
@@ -145,6 +160,8 @@ def _partner(key: Word, given: Written) -> Partner:
         },
         optional=bool(value_of(word(facets.get("optional") or Word("no", key.mark), "optional", key.mark))),
         returns=0.0 if returns is None else _return(word(returns, "the time", key.mark)),
+        choose=choose.text,
+        where=where.text,
         doc=word(facets.get("doc") or Word("", key.mark), "doc", key.mark).text,
     )
 

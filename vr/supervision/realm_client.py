@@ -859,6 +859,16 @@ class RealmClient:
         bound = await self._ask(parent, lambda robot: robot.enslave(slot, address))
         return shown_robot(bound, self.places.shown)
 
+    async def choose(self, parent: str, slot: str, where: str) -> RobotDescription:
+        """Let a robot choose a child for its slot; returns its description, with the reason in the slot.
+
+        Args:
+            parent: name of the robot.
+            slot: of it, or a group.
+            where: what the child must be; empty: what the slot asks for.
+        """
+        return await self._ask(parent, lambda robot: robot.choose(slot, where))
+
     async def release(self, parent: str, slot: str) -> RobotDescription:
         """Release the child in a slot; returns the description of the parent, or of the child if it waits.
 
