@@ -175,6 +175,16 @@ class SomeHang(SupervisorError):
         super().__init__(f"not all answer, and those may still move: {sentence}")
 
 
+class SomeFailed(SupervisorError):
+    """Some members of a group have not done what all were told to do; the others have."""
+
+    def __init__(self, verb: str, group: str, count: int, failed: Sequence[tuple[str, str]]) -> None:
+        """Keep name and reason of each that has not."""
+        self.failed = tuple(failed)
+        reasons = "; ".join(f"{name}: {reason}" for name, reason in failed)
+        super().__init__(f"{verb}: {len(failed)} of {count} robots of group {group} did not do it: {reasons}")
+
+
 class NotInstalled(SupervisorError):
     """A verb needs what is no part of robotree's core, and is not on this machine; nothing was started."""
 

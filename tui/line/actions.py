@@ -41,6 +41,13 @@ ACTIONS: tuple[Action, ...] = (
         examples=("show arm-1",),
     ),
     Action(
+        usage="groups [GROUP]",
+        help="List the groups, or the members of one: who they are now, how, and why they are in it.",
+        group=LOOK,
+        run="groups",
+        examples=("groups", "groups cleaners --json"),
+    ),
+    Action(
         usage="space ls [NAME] [KIND]",
         help="List the spaces, or what is in one: its entries, the oldest first, and its fences.",
         group=LOOK,
@@ -277,6 +284,21 @@ ACTIONS: tuple[Action, ...] = (
             "enslave mover.arm arm-1",
             "enslave team.rovers rover-1 rover-2",
             "enslave guide.rover where 'battery > 30 and near hall'",
+        ),
+        guide=("robotree.vr.scripts.requirement",),
+        alters=True,
+    ),
+    Action(
+        usage="group GROUP [ROBOT …] [--where TEXT] [--near PLACE] [--delete]",
+        help="Give several robots one name: these ROBOTs, and all that fulfil TEXT, as `kind=Rover &"
+        " battery>30`, or are at PLACE. `call`, `set`, `role`, `cancel`, `pause`, `continue`, `stop` and"
+        " `resume` take the name of a group: one answer from each member.",
+        group=SHAPE,
+        run="group",
+        examples=(
+            "group cleaners r1 r2",
+            "group strong --where 'kind=Rover & battery>30'",
+            "group cleaners --delete",
         ),
         guide=("robotree.vr.scripts.requirement",),
         alters=True,

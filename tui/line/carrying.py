@@ -6,7 +6,7 @@ import asyncio
 from typing import TYPE_CHECKING, NamedTuple
 
 from robotree.tui.errors import NotForRobots, SupervisorError, sentence
-from robotree.tui.line import away, ordering, past, taken, verbs
+from robotree.tui.line import away, groups, ordering, past, taken, verbs
 from robotree.tui.line.actions import BY_VERB
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import Outcome, Run, Teller
@@ -47,7 +47,7 @@ def function_of(verb: str) -> Run:
     name = BY_VERB[verb].run
     if not name:
         raise NotForRobots(verb)
-    home = next(module for module in (verbs, past, ordering, taken) if hasattr(module, name))
+    home = next(module for module in (verbs, groups, past, ordering, taken) if hasattr(module, name))
     run: Run = getattr(home, name)
     return run
 
@@ -66,7 +66,10 @@ async def carry_out(realm_client: RealmClient, line: Line, teller: Teller) -> Ou
     from robotree.vr.base.errors import NoSuchRobot, VrError
 
     try:
-        return await function_of(line.verb)(realm_client, line, teller)
+        run = function_of(line.verb)
+        if group := groups.meant(realm_client, line):
+            return await groups.for_all(run, realm_client, line, teller, group)
+        return await run(realm_client, line, teller)
     except NoSuchRobot as error:
         return Refusal(await asyncio.to_thread(away.explained, realm_client.realm, error))
     except (VrError, SupervisorError, OSError) as error:

@@ -56,6 +56,8 @@ def _size(text: str) -> None:
 
 CHECKS: Mapping[str, Callable[[str], None]] = {
     "NAME": name,
+    "GROUP": name,
+    "ROBOT": name,
     "CHILD": name,
     "HOST": name,
     "VIEW": name,
@@ -69,6 +71,10 @@ CHECKS: Mapping[str, Callable[[str], None]] = {
 
 MAKES = frozenset({"create", "host", "lookup", "new", "proxy", "realm invite", "space", "view"})
 """Verbs that make what NAME names: here, so without a site."""
+
+
+WHERE = "where"
+"""The word before what a chosen child must be, instead of the names of children."""
 
 
 def check(line: Line, options: Mapping[str, str]) -> None:
@@ -86,6 +92,7 @@ def check(line: Line, options: Mapping[str, str]) -> None:
         kind = options.get(blank[2:], "") if blank.startswith("--") else blank
         if kind in CHECKS and not isinstance(value, bool):
             judge = new_name if kind == "NAME" and line.verb in MAKES else CHECKS[kind]
-            for text in (value,) if isinstance(value, str) else value:
+            texts = (value,) if isinstance(value, str) else value
+            for text in () if kind == "CHILD" and texts[:1] == (WHERE,) else texts:
                 judge(text)
     values.assignments(line.many("PARAMETER=VALUE"))

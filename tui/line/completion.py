@@ -15,7 +15,18 @@ if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.description import RobotDescription
 
 OF_THE_REALM = frozenset(
-    {"NAME", "NAME|KEY", "CHILD", "VIEW", "HOST", "PARENT.SLOT", "ROBOT.COMMAND", "PARAMETER=VALUE"}
+    {
+        "NAME",
+        "NAME|KEY",
+        "GROUP",
+        "ROBOT",
+        "CHILD",
+        "VIEW",
+        "HOST",
+        "PARENT.SLOT",
+        "ROBOT.COMMAND",
+        "PARAMETER=VALUE",
+    }
 )
 """The blanks whose words are names of the realm."""
 
@@ -42,6 +53,7 @@ def words_of(
     hosts: Iterable[str],
     verbs: Mapping[str, Shape],
     everywhere: Mapping[str, str] | None = None,
+    groups: Iterable[str] = (),
 ) -> Words:
     """Return what can be named in a realm.
 
@@ -52,13 +64,17 @@ def words_of(
         hosts: their names.
         verbs: that are there, by their words.
         everywhere: options that every verb takes, as in `Shape.options`.
+        groups: their names.
     """
+    groups = sorted(groups)
     described = sorted(robots, key=lambda robot: robot.name)
     commands = {f"{robot.name}.{command.name}": command for robot in described for command in robot.commands}
     blanks = {
-        "NAME": sorted({*free, *(robot.name for robot in described)}),
+        "NAME": sorted({*free, *(robot.name for robot in described), *groups}),
+        "ROBOT": sorted({*free, *(robot.name for robot in described)}),
+        "GROUP": groups,
         "NAME|KEY": sorted({*free, *(robot.name for robot in described)}),
-        "CHILD": sorted(free),
+        "CHILD": [*sorted(free), "where"],
         "ANSWER": ["done", "again", "abort"],
         "VIEW": sorted(views),
         "HOST": sorted(hosts),

@@ -150,6 +150,7 @@ async def _named(known: Words, realm: str) -> Words:
                 hosts=[host.address.name for host in hosts],
                 verbs=known.verbs,
                 everywhere=known.everywhere,
+                groups=realm_client.groups.names(),
             )
     except (VrError, TimeoutError):
         return known

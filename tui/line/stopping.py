@@ -15,7 +15,7 @@ from robotree.tui import exit_codes
 from robotree.tui.errors import NothingToAsk, sentence
 from robotree.tui.line import away
 from robotree.tui.line.grammar import Line
-from robotree.tui.line.shell import Console
+from robotree.tui.line.shell import Console, once
 from robotree.tui.line.verbs import Outcome, held_away, hold, stopped
 from robotree.tui.processes.realm import nothing_to_ask, visited
 from robotree.tui.processes.state_files import KEYS
@@ -23,6 +23,8 @@ from robotree.tui.terminal import complain, error_data, note
 from robotree.vr.base.chance import token
 from robotree.vr.base.envelope import sitting_at, this_terminal
 from robotree.vr.base.errors import NoSuchRobot, NotConfirmed, RealmUnusable, VrError
+from robotree.vr.network.group_file import GroupFiles
+from robotree.vr.network.policy_file import state_of
 from robotree.vr.network.realms import all_realms, inhabited, realm_folder, state_home
 from robotree.vr.supervision.stop import StopScope
 from robotree.vr.supervision.stop_in_turn import stop_in_turn
@@ -46,6 +48,8 @@ def stop(line: Line, realm: str, run: Run) -> int:
     """
     console = Console(as_json=line.flag("--json"))
     everywhere, name = line.flag("--everywhere"), line.text("NAME") or None
+    if name is not None and not everywhere and GroupFiles(state_of(realm_folder(realm).name)).has(name):
+        return run(once(line, realm))
     folders = all_realms() if everywhere else [realm_folder(realm)]
     order, answers, held = line.order or token(), dict[Path, Answer](), dict[Path, Sequence[str]]()
     work = _stop_all(folders, name, order, console, answers, held)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, NoReturn, Protocol, 
 
 from robotree.files import overwrite
 from robotree.tui.errors import BadLine, OldList, SomeHang, SomeSilent, SupervisorError, ValueRefused
-from robotree.tui.line import away, values
+from robotree.tui.line import away, checking, values
 from robotree.tui.line.grammar import Line
 from robotree.tui.seen import absence, forest, status, unlisted, wording
 
@@ -330,6 +330,7 @@ async def tree(realm_client: RealmClient, _line: Line, _teller: Teller) -> Outco
         {"name": name, "kind": "", "state": state, "children": []} for name, state in lost.items()
     ]
     lines = [forest.drawing(roots), *(f"{name}  {state}" for name, state in lost.items())]
+    lines += [f"group {name}: {group.about}" for name, group in realm_client.groups.all().items()]
     text = "\n".join(filter(None, lines)) or "no robot is running"
     return Outcome([*map(forest.structure, roots), *rest], text, incomplete)
 
@@ -572,7 +573,7 @@ async def enslave(realm_client: RealmClient, line: Line, teller: Teller) -> Outc
     """Put a robot on top of one or several others; where one refuses, those before it stay enslaved."""
     parent, slot = values.dotted(line.text("PARENT.SLOT"), "PARENT.SLOT")
     children = line.many("CHILD")
-    if children[0] == WHERE:
+    if children[0] == checking.WHERE:
         return _why(await realm_client.choose(parent, slot, " ".join(children[1:])), slot)
     if len(children) > 1:
         _expect_group(await realm_client.describe(parent), slot)
@@ -587,10 +588,6 @@ async def enslave(realm_client: RealmClient, line: Line, teller: Teller) -> Outc
             raise
     assert robot is not None  # noqa: S101 # the grammar wants one child at least
     return _did(robot, f"{parent}.{slot} commands {', '.join(children)}")
-
-
-WHERE = "where"
-"""The word before what a chosen child must be, instead of the name of a child."""
 
 
 def _why(parent: RobotDescription, slot: str) -> Outcome:

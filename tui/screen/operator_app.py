@@ -276,6 +276,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
             views=store.views,
             hosts=store.hosts,
             verbs=self.prompt.shapes,
+            groups=self.realm_client.groups.names(),
         )
 
     # -- what only the app with its pages can do ----------------------------------------------------

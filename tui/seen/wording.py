@@ -235,7 +235,8 @@ def portrait(robot: RobotDescription) -> str:
             (f"  {slot.name}", slot.kind, slot.child.name if slot.child else slot.lost or vacant(slot))
             for slot in robot.slots
         ]
-        blocks.append("slots\n" + columns(rows))
+        chosen = [f"  {slot.name} was chosen: {slot.why}" for slot in robot.slots if slot.why]
+        blocks.append("\n".join(["slots", columns(rows), *chosen]))
     if settings(robot):
         blocks.append("settings\n" + columns([(f"  {row[0]}", *row[1:]) for row in setting_rows(robot)]))
     if robot.kept:
@@ -255,6 +256,8 @@ def portrait(robot: RobotDescription) -> str:
 
 def vacant(slot: SlotSpec) -> str:
     """Say that a slot is empty, and whether that matters."""
+    if slot.choose:
+        return f"empty: chosen when one is free{f' where {slot.where}' if slot.where else ''}"
     return "empty, optional" if slot.optional else "empty"
 
 

@@ -10,7 +10,7 @@ that a caller on the far side of the network catches the same class with the sam
       CommandError    NoSuchCommand · NoSettings · BadArgument · CommandFailed (Failed) · CommandCancelled
                       ChildCancelled · ChildTimeout · DeadlineExceeded · Busy · UnderWay
                       CommandInDoubt (EndedInDoubt)
-                      Stopped · StillRunning · KeyReused · PartOfGroup
+                      Stopped · StillRunning · KeyReused
       LeaseError      LeaseDenied · NotFree · StaleEpoch · Retracted · CycleOfBonds · NotInControl
                       NotAllowed · Denied
       BondError       NoSuchSlot · SlotOccupied · SlotHeld · SlotEmpty · GroupFull · WrongKind · DoesNotFit
@@ -624,12 +624,6 @@ class GroupEmpty(AddressError):
     """A group of which nobody is there."""
 
     sentence = "nobody of group {group} is there ({about}); see `robotree group {group}`"
-
-
-class PartOfGroup(CommandError):
-    """Some members of a group have not done what all were asked to do."""
-
-    sentence = "{what}: {failed} of {count} members of {group} did not: {reasons}"
 
 
 class DoesNotFit(BondError):

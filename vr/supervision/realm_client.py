@@ -70,6 +70,7 @@ from robotree.vr.exchange.client import (
 )
 from robotree.vr.lookup.chronicle import merged
 from robotree.vr.lookup.directory import Directory
+from robotree.vr.network.group_file import GroupFiles, groups_beside
 from robotree.vr.network.lean_stop import REASON
 from robotree.vr.supervision.orders import OrderDesk
 from robotree.vr.supervision.releases import Releases
@@ -152,6 +153,11 @@ class RealmClient:
         """Look no more. The transport stays open: it is the caller's."""
         await self._caller.close()
         await self.directory.close()
+
+    @property
+    def groups(self) -> GroupFiles:
+        """The groups of the realm, as this machine keeps them."""
+        return groups_beside(self._transport.gate)
 
     # -- who may what -----------------------------------------------------------------------------
 

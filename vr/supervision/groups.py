@@ -1,0 +1,66 @@
+"""Who is in a group now: those whom it names, and those that fulfil its rule."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from robotree.vr.base.description import RobotDescription
+from robotree.vr.base.group import Group
+from robotree.vr.scripts.requirement import Known, member_rule, requirement
+from robotree.vr.supervision.realm_client import RealmClient
+
+
+class Member(NamedTuple):
+    """One robot of a group."""
+
+    name: str
+    robot: RobotDescription | None = None
+    """None: it is not there, or does not answer."""
+    why: str = ""
+    """Why it is one, in words: by name, or what it says where the rule asks."""
+    there: bool = True
+    """Whether a robot of this name is seen alive."""
+    sure: bool = True
+    """False: it does not answer, so nobody knows whether it fulfils the rule."""
+
+
+async def members_of(realm_client: RealmClient, group: Group) -> Sequence[Member]:
+    """Return the members of a group, by name.
+
+    A robot that lives and does not answer may fulfil a rule: it is returned as one that nobody is sure of.
+
+    Args:
+        realm_client: sees the robots.
+        group: whose rule is checked.
+
+    Raises:
+        VrError: its rule cannot be read, or names a group that there is not.
+    """
+    rule = member_rule(group, realm_client.groups.find)
+    asked = requirement(group.rule)
+    robots = {robot.name: robot for robot in await realm_client.tree()}
+    present = {address.name for address in realm_client.directory.present("robot")}
+    found: dict[str, Member] = {}
+    for name, robot in robots.items():
+        if name in group.names:
+            found[name] = Member(name, robot, "by name")
+        elif rule.holds(Known.described(robot)):
+            found[name] = Member(name, robot, asked.seen(Known.described(robot)) or "by rule")
+    for name in group.names:
+        found.setdefault(name, Member(name, None, "by name", name in present))
+    if group.rule:
+        for name in present - robots.keys() - found.keys():
+            found[name] = Member(name, None, "does not answer", sure=False)
+    return [found[name] for name in sorted(found)]
+
+
+async def groups_of(realm_client: RealmClient, robots: Sequence[RobotDescription]) -> dict[str, list[str]]:
+    """Return the names of the groups of each robot, as far as they can be read."""
+    found: dict[str, list[str]] = {}
+    for name, group in realm_client.groups.all().items():
+        rule = member_rule(group, realm_client.groups.find)
+        for robot in robots:
+            if rule.holds(Known.described(robot)):
+                found.setdefault(robot.name, []).append(name)
+    return found
