@@ -22,6 +22,7 @@ from robotree.vr.agents.host import Host
 from robotree.vr.author.robot import Robot
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
+from robotree.vr.network.policy_file import PolicyFile
 from robotree.vr.running.process import Process
 from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.world import SimulatedProcess, World
@@ -56,6 +57,7 @@ class Stage:
     def play(self, lines: list[str], folder: Path) -> None:
         """Play lines as an operator types them into a shell, from a folder."""
         text = "\n".join(filter(None, map(_for_script, lines)))
+        self._operator.transport.gate = PolicyFile(folder)  # where a realm keeps its groups
         script = read(text, str(folder / "guide.session"))
         done: list[Any] = []
 

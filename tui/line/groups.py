@@ -16,8 +16,8 @@ from robotree.tui.line.verbs import Outcome, Run, Teller
 from robotree.tui.seen import status, wording
 
 if TYPE_CHECKING:  # help must not wait for the agents
-    from robotree.vr.base.group import Group
-    from robotree.vr.supervision.groups import Member
+    from robotree.vr.base.group import RobotGroup
+    from robotree.vr.supervision.groups import GroupMember
     from robotree.vr.supervision.realm_client import RealmClient
 
 FOR_ALL: Mapping[str, str] = {
@@ -98,7 +98,7 @@ def _for(line: Line, group: str, member: str) -> Line:
 
 
 async def _one(
-    run: Run, realm_client: RealmClient, line: Line, teller: Teller, member: Member
+    run: Run, realm_client: RealmClient, line: Line, teller: Teller, member: GroupMember
 ) -> Outcome | Exception:
     from robotree.vr.base.errors import VrError
 
@@ -114,7 +114,7 @@ def _told(result: Outcome | Exception) -> tuple[str, str]:
     return ("in doubt" if result.doubt else "done"), result.text.partition("\n")[0]
 
 
-def _data(member: Member, result: Outcome | Exception) -> dict[str, Any]:
+def _data(member: GroupMember, result: Outcome | Exception) -> dict[str, Any]:
     if isinstance(result, Exception):
         return {"name": member.name, "ok": False, "error": type(result).__name__, "detail": sentence(result)}
     return {"name": member.name, "ok": True, "result": result.data}
@@ -138,7 +138,7 @@ async def groups(realm_client: RealmClient, line: Line, _teller: Teller) -> Outc
 async def group(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """Make a group, or delete one; with nothing but its name, show it."""
     from robotree.vr.base.errors import DuplicateName
-    from robotree.vr.base.group import Group
+    from robotree.vr.base.group import RobotGroup
     from robotree.vr.scripts.requirement import member_rule
 
     name, names = line.text("GROUP"), line.many("ROBOT")
@@ -152,7 +152,7 @@ async def group(realm_client: RealmClient, line: Line, _teller: Teller) -> Outco
         return await _shown(realm_client, realm_client.groups.find(name))
     if realm_client.directory.present("robot", name):
         raise DuplicateName(role="robot", name=name)
-    made = Group(name=name, names=tuple(dict.fromkeys(names)), rule=rule)
+    made = RobotGroup(name=name, names=tuple(dict.fromkeys(names)), rule=rule)
     member_rule(made, realm_client.groups.find)  # its rule must be understood before it is kept
     realm_client.groups.write(made)
     return await _shown(realm_client, made)
@@ -165,7 +165,7 @@ def _rule(where: str, near: str) -> str:
     return f"({where}) and {place}" if where and place else where or place
 
 
-async def _shown(realm_client: RealmClient, group: Group) -> Outcome:
+async def _shown(realm_client: RealmClient, group: RobotGroup) -> Outcome:
     from robotree.vr.supervision.groups import members_of
 
     members = await members_of(realm_client, group)
@@ -177,11 +177,11 @@ async def _shown(realm_client: RealmClient, group: Group) -> Outcome:
     return Outcome(data, f"{head}\n{wording.columns(rows)}" if rows else f"{head}\n  nobody is in it now")
 
 
-def _kind(member: Member) -> str:
+def _kind(member: GroupMember) -> str:
     return member.robot.kind if member.robot else "-"
 
 
-def _state(member: Member) -> str:
+def _state(member: GroupMember) -> str:
     if member.robot is not None:
         return status.text(member.robot)
     return "does not answer" if member.there else "away"

@@ -37,6 +37,7 @@ from robotree.vr.base.errors import (
     CommandFailed,
     CycleOfBonds,
     DoesNotFit,
+    NotFree,
     NotInControl,
     NotVirtual,
     ReloadWaits,
@@ -709,6 +710,8 @@ class RobotAgent:
 
     def _petition(self, request: Petition, asker: Principal) -> Reply:
         self._expect_to_fit(request)
+        if request.idle and self._taker is not None and self._taker.has_taken:
+            raise NotFree(robot=self.robot.name, reason="it has taken an order")
         effects = self.runtime.post(
             on.ParentAsked(
                 principal=asker,

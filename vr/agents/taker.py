@@ -128,6 +128,11 @@ class OrderTaker:
         """Which directories know how an order stands, by its key."""
         self._touched = 0.0
 
+    @property
+    def has_taken(self) -> bool:
+        """Whether it has taken an order that it has not begun or not ended."""
+        return any(entry.order.state == "taken" for entry in list(self._ledger.entries.values()))
+
     async def begin(self) -> None:
         """Take orders from now on."""
         self._runtime.on_call = self._called

@@ -17,7 +17,7 @@ LONGEST = 2000
 """Letters of a rule."""
 
 
-class Group(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+class RobotGroup(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """One group."""
 
     name: str
@@ -33,7 +33,7 @@ class Group(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         return " and ".join([*parts, *([f"all where {self.rule}"] if self.rule else [])])
 
 
-def checked(group: Group) -> Group:
+def checked(group: RobotGroup) -> RobotGroup:
     """Return a group if it can be one.
 
     Raises:

@@ -16,7 +16,7 @@ import msgspec
 from robotree.files import private_folder, read, replace
 from robotree.vr.base.address import check_name
 from robotree.vr.base.errors import BadGroup, NoSuchGroup, VrError
-from robotree.vr.base.group import Group, checked
+from robotree.vr.base.group import RobotGroup, checked
 from robotree.vr.base.policy import PolicyGate
 from robotree.vr.network.policy_file import PolicyFile
 
@@ -41,15 +41,15 @@ class GroupFiles:
         except OSError:
             return []
 
-    def all(self) -> Mapping[str, Group]:
+    def all(self) -> Mapping[str, RobotGroup]:
         """Return all groups that can be read, by name."""
-        found: dict[str, Group] = {}
+        found: dict[str, RobotGroup] = {}
         for name in self.names():
             with contextlib.suppress(VrError):
                 found[name] = self.find(name)
         return found
 
-    def find(self, name: str) -> Group:
+    def find(self, name: str) -> RobotGroup:
         """Return one group.
 
         Raises:
@@ -60,7 +60,7 @@ class GroupFiles:
         if path is None:
             raise NoSuchGroup(group=name, known="none")
         try:
-            group = msgspec.json.decode(read(path, LARGEST), type=Group)
+            group = msgspec.json.decode(read(path, LARGEST), type=RobotGroup)
         except FileNotFoundError:
             raise NoSuchGroup(group=name, known=", ".join(self.names()) or "none") from None
         except (OSError, msgspec.MsgspecError) as error:
@@ -71,7 +71,7 @@ class GroupFiles:
         """Whether there is a group of this name, also one that cannot be read."""
         return name in self.names()
 
-    def write(self, group: Group) -> None:
+    def write(self, group: RobotGroup) -> None:
         """Keep a group, instead of the one that had its name.
 
         Raises:

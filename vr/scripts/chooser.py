@@ -18,7 +18,7 @@ import msgspec
 
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import Listing, RobotDescription
-from robotree.vr.scripts.requirement import Known, Requirement
+from robotree.vr.scripts.requirement import KnownRobot, Requirement
 
 ASKED = 3
 """Robots that are asked for a bid at first."""
@@ -27,7 +27,7 @@ COST, TIME = "bid_cost", "bid_time"
 NAMED = 4
 """Robots that did not fit, of which the reason is told."""
 
-Chance = Callable[[], float]
+TieBreak = Callable[[], float]
 """Returns a random number from 0 to 1."""
 
 
@@ -54,7 +54,7 @@ def candidates(
     listings: Iterable[Listing],
     kind: str,
     wanted: Requirement,
-    chance: Chance,
+    chance: TieBreak,
 ) -> Iterator[Listing]:
     """Return in random order those who may fit, as far as their listings say.
 
@@ -69,13 +69,13 @@ def candidates(
         place = min(int(chance() * len(found)), len(found) - 1)
         found[place], found[-1] = found[-1], found[place]
         one = found.pop()
-        if wanted.holds(Known.listed(one)) is not False:
+        if wanted.holds(KnownRobot.listed(one)) is not False:
             yield one
 
 
 def bid_of(robot: RobotDescription, wanted: Requirement) -> Bid:
     """Return the bid of a robot that describes itself so."""
-    known = Known.described(robot)
+    known = KnownRobot.described(robot)
     reason = occupation(robot)
     if not reason and not wanted.holds(known):
         reason = f"does not fit ({wanted.seen(known) or wanted.text})"
@@ -103,7 +103,7 @@ def occupation(robot: RobotDescription) -> str:
     return "is paused" if robot.paused else ""
 
 
-def in_order(bids: Iterable[Bid], chance: Chance) -> list[Bid]:
+def in_order(bids: Iterable[Bid], chance: TieBreak) -> list[Bid]:
     """Return those who can be chosen, the best first."""
     able = [(bid.cost, bid.time, chance(), number, bid) for number, bid in enumerate(bids) if not bid.reason]
     return [one[-1] for one in sorted(able, key=lambda one: one[:4])]

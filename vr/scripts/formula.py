@@ -7,6 +7,7 @@ and texts in quotes.
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from typing import NoReturn
 
 from robotree.vr.base.written import Mark, Scalar, Word, value_of
@@ -137,7 +138,7 @@ class FormulaReader:
         sort, text = self._tokens[self._at]
         self._at += 1
         truth = {"yes": "TRUE", "no": "FALSE", "true": "TRUE", "false": "FALSE"}.get(text)
-        nodes = {
+        nodes: dict[str, Callable[[], Node]] = {
             "number": lambda: Atom("number", repr(self.number_of(text)), self._mark),
             "variable": lambda: Atom("variable", f"?{text[1:]}", self._mark),
             "text": lambda: plain(text[1:-1], self._mark),

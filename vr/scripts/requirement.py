@@ -23,7 +23,7 @@ import msgspec
 
 from robotree.vr.base.description import Listing, RobotDescription
 from robotree.vr.base.errors import BrokenScript, RequirementUnreadable
-from robotree.vr.base.group import Group
+from robotree.vr.base.group import RobotGroup
 from robotree.vr.base.written import Mark, Scalar
 from robotree.vr.scripts.expression import Atom, Form, Node, form, plain
 from robotree.vr.scripts.formula import COMPARE, FormulaReader
@@ -39,7 +39,7 @@ _TOKEN = re.compile(
 )
 
 
-class Known(msgspec.Struct, frozen=True, kw_only=True):
+class KnownRobot(msgspec.Struct, frozen=True, kw_only=True):
     """What is known of one robot."""
 
     name: str
@@ -51,14 +51,14 @@ class Known(msgspec.Struct, frozen=True, kw_only=True):
     """Whether that is all: False for a listing, which has no readings."""
 
     @classmethod
-    def described(cls, robot: RobotDescription) -> Known:
+    def described(cls, robot: RobotDescription) -> KnownRobot:
         """Return what a description says."""
         words: dict[str, Scalar] = {**robot.attributes, "host": robot.host, **robot.readings}
         commands = frozenset(one.name for one in robot.commands if one.available)
         return cls(name=robot.name, kinds=robot.kinds, commands=commands, words=words)
 
     @classmethod
-    def listed(cls, robot: Listing) -> Known:
+    def listed(cls, robot: Listing) -> KnownRobot:
         """Return what a listing says."""
         words: dict[str, Scalar] = {**robot.attributes, "host": robot.host}
         commands = frozenset(robot.commands)
@@ -72,11 +72,11 @@ class Requirement(msgspec.Struct, frozen=True):
     node: Node | None
     """None: nothing is required."""
 
-    def holds(self, known: Known) -> bool | None:
+    def holds(self, known: KnownRobot) -> bool | None:
         """Whether a robot fulfils it; None: too little is known of it."""
         return True if self.node is None else _truth(self.node, known)
 
-    def seen(self, known: Known) -> str:
+    def seen(self, known: KnownRobot) -> str:
         """Return what the robot says where this asks: `battery 62, place hall`; empty: nothing."""
         told: list[str] = []
         for word in dict.fromkeys(() if self.node is None else _asked(self.node)):
@@ -92,7 +92,7 @@ class Requirement(msgspec.Struct, frozen=True):
         """Whether it names a group: then it is to be completed by `expanded`."""
         return self.node is not None and _names_group(self.node)
 
-    def expanded(self, group: Callable[[str], Group]) -> Requirement:
+    def expanded(self, group: Callable[[str], RobotGroup]) -> Requirement:
         """Return the same with each group that it names replaced by its members and its rule.
 
         Args:
@@ -178,7 +178,7 @@ def _compares(node: Form) -> bool:
     return node.head in {"eq", "neq"}
 
 
-def _truth(node: Node, known: Known) -> bool | None:  # noqa: PLR0911 # one for each form
+def _truth(node: Node, known: KnownRobot) -> bool | None:  # noqa: PLR0911 # one for each form
     if isinstance(node, Atom):
         return _alone(node, known)
     match node.head:
@@ -212,7 +212,7 @@ def _not(truth: bool | None) -> bool | None:  # noqa: FBT001 # there is no other
     return None if truth is None else not truth
 
 
-def _alone(node: Atom, known: Known) -> bool | None:
+def _alone(node: Atom, known: KnownRobot) -> bool | None:
     """Whether a word alone holds: `charged`."""
     if node.sort != "variable":
         return node.text in {"TRUE", "yes"}
@@ -222,13 +222,13 @@ def _alone(node: Atom, known: Known) -> bool | None:
     return value.lower() in {"yes", "true"} if isinstance(value, str) else bool(value)
 
 
-def _is_near(place: str, known: Known) -> bool | None:
+def _is_near(place: str, known: KnownRobot) -> bool | None:
     said = [str(known.words[word]) for word in PLACES if word in known.words]
     places = {one.strip().lower() for text in said for one in text.split(",")}
     return place.lower() in places or (None if not known.whole and not places else False)
 
 
-def _same(left: Node, right: Node, known: Known) -> bool | None:
+def _same(left: Node, right: Node, known: KnownRobot) -> bool | None:
     wanted = _value(right, known)
     if isinstance(left, Atom) and left.text == "?kind":
         return str(wanted) in known.kinds
@@ -247,7 +247,7 @@ def _words(value: Scalar) -> str:
     return {"true": "yes", "false": "no"}.get(text.lower(), text)
 
 
-def _compared(sign: str, node: Form, known: Known) -> bool | None:
+def _compared(sign: str, node: Form, known: KnownRobot) -> bool | None:
     one, other = (_number(part, known) for part in node.rest)
     if one is None or other is None:
         return False if known.whole else None
@@ -255,7 +255,7 @@ def _compared(sign: str, node: Form, known: Known) -> bool | None:
     return compared.get(sign, False)
 
 
-def _number(node: Node, known: Known) -> float | None:
+def _number(node: Node, known: KnownRobot) -> float | None:
     """Return a number; None: it is none, or is not known."""
     if isinstance(node, Atom):
         value = _value(node, known)
@@ -271,7 +271,7 @@ def _number(node: Node, known: Known) -> float | None:
     return one * other if node.head == "*" else one / other
 
 
-def _value(node: Node, known: Known) -> Scalar | None:
+def _value(node: Node, known: KnownRobot) -> Scalar | None:
     if isinstance(node, Form):
         return _number(node, known)
     if node.sort == "number":
@@ -303,7 +303,7 @@ def _names_group(node: Node) -> bool:
     return isinstance(node, Form) and (node.head == WITHIN or any(map(_names_group, node.rest)))
 
 
-def _expanded(node: Node, group: Callable[[str], Group], text: str, within: tuple[str, ...]) -> Node:
+def _expanded(node: Node, group: Callable[[str], RobotGroup], text: str, within: tuple[str, ...]) -> Node:
     if not isinstance(node, Form):
         return node
     if node.head != WITHIN:
@@ -318,7 +318,7 @@ def _expanded(node: Node, group: Callable[[str], Group], text: str, within: tupl
     return members if rule is None else form("or", members, _expanded(rule, group, text, (*within, name)))
 
 
-def member_rule(group: Group, find: Callable[[str], Group]) -> Requirement:
+def member_rule(group: RobotGroup, find: Callable[[str], RobotGroup]) -> Requirement:
     """Return what the members of a group fulfil.
 
     Raises:

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from robotree.vr.base.description import RobotDescription
-from robotree.vr.base.group import Group
-from robotree.vr.scripts.requirement import Known, member_rule, requirement
+from robotree.vr.base.group import RobotGroup
+from robotree.vr.scripts.requirement import KnownRobot, member_rule, requirement
 from robotree.vr.supervision.realm_client import RealmClient
 
 
-class Member(NamedTuple):
+class GroupMember(NamedTuple):
     """One robot of a group."""
 
     name: str
@@ -25,7 +25,7 @@ class Member(NamedTuple):
     """False: it does not answer, so nobody knows whether it fulfils the rule."""
 
 
-async def members_of(realm_client: RealmClient, group: Group) -> Sequence[Member]:
+async def members_of(realm_client: RealmClient, group: RobotGroup) -> Sequence[GroupMember]:
     """Return the members of a group, by name.
 
     A robot that lives and does not answer may fulfil a rule: it is returned as one that nobody is sure of.
@@ -41,17 +41,17 @@ async def members_of(realm_client: RealmClient, group: Group) -> Sequence[Member
     asked = requirement(group.rule)
     robots = {robot.name: robot for robot in await realm_client.tree()}
     present = {address.name for address in realm_client.directory.present("robot")}
-    found: dict[str, Member] = {}
+    found: dict[str, GroupMember] = {}
     for name, robot in robots.items():
         if name in group.names:
-            found[name] = Member(name, robot, "by name")
-        elif rule.holds(Known.described(robot)):
-            found[name] = Member(name, robot, asked.seen(Known.described(robot)) or "by rule")
+            found[name] = GroupMember(name, robot, "by name")
+        elif rule.holds(KnownRobot.described(robot)):
+            found[name] = GroupMember(name, robot, asked.seen(KnownRobot.described(robot)) or "by rule")
     for name in group.names:
-        found.setdefault(name, Member(name, None, "by name", name in present))
+        found.setdefault(name, GroupMember(name, None, "by name", name in present))
     if group.rule:
         for name in present - robots.keys() - found.keys():
-            found[name] = Member(name, None, "does not answer", sure=False)
+            found[name] = GroupMember(name, None, "does not answer", sure=False)
     return [found[name] for name in sorted(found)]
 
 
@@ -61,6 +61,6 @@ async def groups_of(realm_client: RealmClient, robots: Sequence[RobotDescription
     for name, group in realm_client.groups.all().items():
         rule = member_rule(group, realm_client.groups.find)
         for robot in robots:
-            if rule.holds(Known.described(robot)):
+            if rule.holds(KnownRobot.described(robot)):
                 found.setdefault(robot.name, []).append(name)
     return found

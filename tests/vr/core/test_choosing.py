@@ -12,7 +12,7 @@ from robotree.vr import Child, Children, Robot, VirtualRobot, command
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.base.description import RobotDescription, SlotSpec
 from robotree.vr.base.errors import NobodyFits, NotFree, RequirementUnreadable, SlotOccupied
-from robotree.vr.base.group import Group
+from robotree.vr.base.group import RobotGroup
 from robotree.vr.base.requests import Petition
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.network.group_file import groups_beside
@@ -232,7 +232,7 @@ async def test_twenty_that_choose_at_once_get_twenty_different_ones(realm: Realm
 
 async def test_one_is_chosen_out_of_a_group(realm: Realm, tmp_path: Path) -> None:
     realm.network.gate = PolicyFile(tmp_path)
-    groups_beside(realm.network.gate).write(Group(name="cleaners", names=("r3",), rule="battery > 90"))
+    groups_beside(realm.network.gate).write(RobotGroup(name="cleaners", names=("r3",), rule="battery > 90"))
     waiting = await realm.start(Waiting("w"))
     for number in range(5):
         await realm.start(Rover(f"r{number}", battery=50.0))

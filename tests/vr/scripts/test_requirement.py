@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from robotree.vr.base.errors import RequirementUnreadable, VrError
-from robotree.vr.base.group import Group
-from robotree.vr.scripts.requirement import Known, member_rule, requirement
+from robotree.vr.base.group import RobotGroup
+from robotree.vr.scripts.requirement import KnownRobot, member_rule, requirement
 
-R1 = Known(
+R1 = KnownRobot(
     name="r1",
     kinds=("FastRover", "Rover"),
     commands=frozenset({"move"}),
@@ -74,7 +74,7 @@ def test_a_robot_does_not_fulfil_it(text: str) -> None:
 
 
 def test_a_listing_without_readings_leaves_it_open() -> None:
-    listed = Known(name="r1", kinds=("Rover",), words={"place": "hall"}, whole=False)
+    listed = KnownRobot(name="r1", kinds=("Rover",), words={"place": "hall"}, whole=False)
     assert requirement("battery > 30").holds(listed) is None
     assert requirement("battery > 30 and near hall").holds(listed) is None
     assert requirement("battery > 30 and near kitchen").holds(listed) is False
@@ -109,10 +109,10 @@ def test_what_cannot_be_read_is_refused_in_one_sentence(text: str, reason: str) 
 
 def test_groups_stand_for_their_members_and_rules() -> None:
     groups = {
-        "cleaners": Group(name="cleaners", names=("r1", "r2")),
-        "strong": Group(name="strong", rule="battery > 50"),
-        "both": Group(name="both", rule="in cleaners and in strong"),
-        "snake": Group(name="snake", rule="in snake"),
+        "cleaners": RobotGroup(name="cleaners", names=("r1", "r2")),
+        "strong": RobotGroup(name="strong", rule="battery > 50"),
+        "both": RobotGroup(name="both", rule="in cleaners and in strong"),
+        "snake": RobotGroup(name="snake", rule="in snake"),
     }
 
     def holds(text: str) -> bool | None:
