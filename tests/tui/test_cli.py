@@ -102,7 +102,7 @@ def test_all_mistakes_of_a_session_are_plain_data(tmp_path: Path, capsys: pytest
 
 
 CHANGES = {
-    *("create", "enslave", "release", "delete", "role", "call", "cancel", "decide", "resume"),
+    *("create", "enslave", "group", "release", "delete", "role", "call", "cancel", "decide", "resume"),
     *("pause", "step", "continue"),
     *("wire replay", "wire inject", "set", "reload", "apply"),
     *("migrate", "drain"),
