@@ -56,7 +56,7 @@ def _size(text: str) -> None:
 
 CHECKS: Mapping[str, Callable[[str], None]] = {
     "NAME": name,
-    "GROUP": name,
+    "GROUP": new_name,
     "ROBOT": name,
     "CHILD": name,
     "HOST": name,
