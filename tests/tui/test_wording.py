@@ -97,7 +97,11 @@ def test_the_manual_fits_into_a_terminal_and_explains_every_verb() -> None:
 def test_a_stop_is_resumed_and_only_a_child_is_released() -> None:
     from robotree.tui.line.actions import ACTIONS
 
-    assert {action.verb for action in ACTIONS if "release" in action.help.lower()} <= {"release", "delete"}
+    assert {action.verb for action in ACTIONS if "release" in action.help.lower()} <= {
+        "release",
+        "delete",
+        "may",
+    }
     resume = page("resume").lower()
     assert "resume after a protective stop" in resume
     assert "release" not in resume

@@ -169,7 +169,6 @@ class RobotAgent:
         self._hooks = Hooks(robot, self._process.runner, partial(self.runtime.say, ""))
         self._publisher = Publisher(self.runtime, self._hooks, transport, self._shared, registrar)
         self._children = self._new_children(term) if isinstance(robot, VirtualRobot) else None
-        self._choosing = self._new_choosing()
         self._stops = Stops(self.runtime, self._hooks, self._children)
         self._callers = Callers(self.runtime, transport.presence)
         self._outside = OutsideCalls(
@@ -218,6 +217,7 @@ class RobotAgent:
 
     def _begin_life(self) -> None:
         """Nothing is declared and nothing watched yet."""
+        self._choosing = self._new_choosing()
         self._deleted = False
         self._known_to_parent: tuple[tuple[CommandSpec, ...], str] = ((), "")
         """The commands of which the parent knows."""
