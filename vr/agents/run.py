@@ -13,6 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+from robotree.files import private_folder
 from robotree.vr.agents.host import Host
 from robotree.vr.agents.standby import AFTER, BEAT, StandBy
 from robotree.vr.base.address import check_name
@@ -270,6 +271,8 @@ def kept_in(
 
 def _ledger_in(folder: Path | None, stack: contextlib.AsyncExitStack) -> Ledger:
     """Open the memory of a process of its robots' orders; `stack` closes it."""
+    if folder is not None:
+        private_folder(folder)
     ledger = Ledger(None if folder is None else folder / ORDERS)
     stack.callback(ledger.close)
     return ledger
