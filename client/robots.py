@@ -48,5 +48,7 @@ def _lines(
             yield from _lines(child, known, place, below + bar)
         elif slot.child:
             yield f"{place}{slot.child.name} (does not answer)"
+        elif slot.watched:
+            yield f"{place}watches {slot.watched.name}"
         else:
             yield f"{place}empty ({slot.kind})"

@@ -244,6 +244,17 @@ ACTIONS: tuple[Action, ...] = (
         alters=True,
     ),
     Action(
+        usage="service FILE NAME [on HOST] [PARAMETER=VALUE …]",
+        help="Start a service: a page that watches robots and brings behaviours along, NAME-BEHAVIOUR."
+        " Without HOST it has a process of its own, NAME-host; `delete NAME` takes the behaviours away, too.",
+        group=SHAPE,
+        right="create",
+        run="service",
+        where=ANYWHERE,
+        examples=("service examples/services/greeter.py greeter",),
+        alters=True,
+    ),
+    Action(
         usage="set NAME PARAMETER=VALUE …",
         help="Change settings of a robot, also while it works; while a parent commands it, only that may.",
         group=SHAPE,
@@ -272,7 +283,8 @@ ACTIONS: tuple[Action, ...] = (
     Action(
         usage="enslave PARENT.SLOT CHILD …",
         help="Put a virtual robot on top of another robot: fill its slot, or several of a group. With `where"
-        " TEXT` instead of a CHILD it chooses one itself that is free: it is told why this one.",
+        " TEXT` instead of a CHILD it chooses one itself that is free: it is told why this one. A slot that"
+        " only watches takes no lease: many may watch a robot, whoever commands it.",
         group=SHAPE,
         right="command",
         run="enslave",
@@ -283,6 +295,7 @@ ACTIONS: tuple[Action, ...] = (
         examples=(
             "enslave mover.arm arm-1",
             "enslave team.rovers rover-1 rover-2",
+            "enslave watcher.seen arm-1",
             "enslave guide.rover where 'battery > 30 and near hall'",
         ),
         guide=("robotree.vr.scripts.requirement",),

@@ -546,6 +546,29 @@ async def create(realm_client: RealmClient, line: Line, teller: Teller) -> Outco
     return made
 
 
+async def service(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
+    """Start a service in a process of its own, or on a host; its behaviours come along."""
+    path, wanted = values.source(line.text("FILE"))
+    name, host = line.text("NAME"), line.text("HOST")
+    settings = values.assignments(line.many("PARAMETER=VALUE"))
+    path = str(shipped(path))
+    async with AsyncExitStack() as stack:
+        if not host:
+            host = await stack.enter_async_context(_own_host(realm_client, name, ""))
+        robot = await realm_client.create(path, name, host=host, wanted=wanted, settings=settings)
+        if "Service" not in robot.kinds:
+            await realm_client.delete(name)
+            told = f"{robot.kind} is no Service: `robotree create` makes a virtual robot of it"
+            raise ValueRefused("FILE", told)
+    brought = [
+        f"{one.name} ({one.attributes.get('condition', '')})"
+        for one in await realm_client.tree()
+        if one.name.startswith(f"{name}-") and one.host == robot.host and "Script" in one.kinds
+    ]
+    with_them = f" with {', '.join(brought)}" if brought else ""
+    return _did(robot, f"{name} ({robot.kind}) runs on {robot.host}{with_them}")
+
+
 def _own_host(realm_client: RealmClient, robot: str, host: str) -> AbstractAsyncContextManager[str]:
     from robotree.tui.processes.own_host import own_host
     from robotree.vr.base.address import check_name
@@ -587,7 +610,9 @@ async def enslave(realm_client: RealmClient, line: Line, teller: Teller) -> Outc
                 teller.warn(f"{parent}.{slot}: {_are(bound)} bound now; {_are(left)} not:")
             raise
     assert robot is not None  # noqa: S101 # the grammar wants one child at least
-    return _did(robot, f"{parent}.{slot} commands {', '.join(children)}")
+    spec = robot.slot(slot)
+    does = "watches" if spec is not None and spec.watch else "commands"
+    return _did(robot, f"{parent}.{slot} {does} {', '.join(children)}")
 
 
 def _why(parent: RobotDescription, slot: str) -> Outcome:

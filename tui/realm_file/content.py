@@ -107,6 +107,8 @@ class RobotEntry(msgspec.Struct, frozen=True, kw_only=True):
     role: Word | None = None
     slots: dict[str, tuple[Word, ...]] = {}
     """Children by slot or group; none: it shall be empty."""
+    watches: dict[str, Word] = {}
+    """Robots that are only watched, by slot."""
 
     @property
     def id(self) -> str:

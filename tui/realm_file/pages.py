@@ -70,6 +70,9 @@ def _expect_names(robot: RobotEntry, bundle: Bundle, wanted: RealmFile) -> None:
         if slot.partition("[")[0] not in page.slots:
             mark = children[0].mark if children else robot.mark
             raise wanted.error(mark, _unknown(page.name, "slot", slot, page.slots))
+    for slot, watched in robot.watches.items():
+        if slot not in page.watches:
+            raise wanted.error(watched.mark, _unknown(page.name, "slot that watches", slot, page.watches))
     for setting, value in robot.settings.items():
         if setting not in page.settings:
             raise wanted.error(value.mark, _unknown(page.name, "setting", setting, page.settings))

@@ -294,6 +294,34 @@ class _Planner:
                     self._bind(entry, slot, missing, released)
         if robot is not None:
             self._others(entry, bound)
+        self._watches(entry, robot)
+
+    def _watches(self, entry: RobotEntry, robot: RobotDescription | None) -> None:
+        """Have the robots watched that the file names, whoever commands them."""
+        held = {slot.name: slot.watched.name for slot in robot.slots if slot.watched} if robot else {}
+        for slot, watched in entry.watches.items():
+            place, before = f"{entry.name}.{slot}", held.get(slot, "")
+            if before == watched.text:
+                continue
+            if watched.text not in {*self._names, *self._there.robots}:
+                hint = suggestion(watched.text, {*self._names, *self._there.robots})
+                where = f"in the file or in realm {self._there.realm!r}"
+                raise self._wanted.error(watched.mark, f"no robot {where} is called {watched.text!r}{hint}")
+            needs = {entry.id, f"proxy {watched.text}", f"robot {watched.text}"}
+            if before:
+                self._verb("-", f"release {place}", Line("release", {"PARENT.SLOT": place}))
+                needs.add(f"release {place}")
+            line = Line("enslave", {"PARENT.SLOT": place, "CHILD": (watched.text,)})
+            self._verb("+", place, line, needs, self._keeper(entry.name) or self._keeper(watched.text))
+        for slot, before in held.items():
+            if slot not in entry.watches and self._prune:
+                self._verb(
+                    "-",
+                    f"release {entry.name}.{slot}",
+                    Line("release", {"PARENT.SLOT": f"{entry.name}.{slot}"}),
+                )
+            elif slot not in entry.watches:
+                self._left.append(f"{before} in {entry.name}.{slot} is not in the file")
 
     def _bind(self, entry: RobotEntry, slot: str, children: Sequence[Word], released: Sequence[str]) -> None:
         above = [entry.name, *self._above(entry.name)]  # of those one may become a child

@@ -16,6 +16,7 @@ robots:
     host: host-1                            # left out: the first that takes it
     settings: {speed: 20 cm/s}
     slots: {arm: arm-1}                     # several children of a group: [rover-1, rover-2]
+    watches: {seen: arm-2}                  # without a lease, beside whoever commands it
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ from robotree.vr.base.written import (
     word,
 )
 
-ROBOT_KEYS = ("page", "hash", "host", "isolate", "settings", "role", "slots")
+ROBOT_KEYS = ("page", "hash", "host", "isolate", "settings", "role", "slots", "watches")
 NOUNS = {NAMELESS: "controller", "space serve": "space"}
 """The name of a process whose verb is no noun."""
 KEYS = ("key", *SECTIONS, "robots")
@@ -158,6 +159,7 @@ def _robot(name: Word, given: Written) -> RobotEntry:
         raise isolate.mark.error(f"{isolate.text!r} is no level of isolation: write {', '.join(LEVELS)}")
     settings = entries(facets.get("settings"), "settings", name.mark)
     slots = entries(facets.get("slots"), "slots", name.mark)
+    watches = entries(facets.get("watches"), "watches", name.mark)
     return RobotEntry(
         name=name.text,
         mark=name.mark,
@@ -168,6 +170,7 @@ def _robot(name: Word, given: Written) -> RobotEntry:
         settings={key.text: _setting(thing) for key, thing in settings},
         role=optional("role"),
         slots={slot.text: _children(slot, thing) for slot, thing in slots},
+        watches={slot.text: word(thing, f"a robot in {slot.text}", slot.mark) for slot, thing in watches},
     )
 
 

@@ -177,6 +177,7 @@ class _Saving:
             },
             role=None if role == NEUTRAL else _word(role),
             slots=slots,
+            watches={slot.name: _word(slot.watched.name) for slot in robot.slots if slot.watched is not None},
         )
 
     def _compare(self, robot: RobotDescription, digest: str) -> None:

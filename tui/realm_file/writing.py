@@ -64,6 +64,9 @@ def _robot(robot: RobotEntry) -> Iterator[str]:
         for slot, children in robot.slots.items():
             names = [_word(child) for child in children]
             yield f"      {_text(slot)}: {names[0] if len(names) == 1 else '[' + ', '.join(names) + ']'}"
+    if robot.watches:
+        yield "    watches:"
+        yield from (f"      {_text(slot)}: {_word(watched)}" for slot, watched in robot.watches.items())
 
 
 def _word(word: Word) -> str:

@@ -105,7 +105,8 @@ def _release(app: OperatorApp, place: Place) -> None:
     if place.slot and name:
         name, slot = place.parent, place.slot
     robot = app.store.descriptions.get(name)
-    held = [(f"{name}.{one.name}", one.child.name) for one in robot.slots if one.child] if robot else []
+    slots = robot.slots if robot else ()
+    held = [(f"{name}.{one.name}", each.name) for one in slots if (each := one.child or one.watched)]
     chosen = [path for path, _ in held if not slot or path == f"{name}.{slot}"]
     bond = robot.bond if robot else None
     if chosen and (slot or len(chosen) == 1):
@@ -278,9 +279,9 @@ def _changed_hands(store: Store, parent: str, slot: str) -> Callable[[], str]:
 def _child(store: Store, parent: str, slot: str) -> str:
     """Return the child in a slot; empty: none, or unknown."""
     robot = store.descriptions.get(parent)
-    return (
-        next((one.child.name for one in robot.slots if one.name == slot and one.child), "") if robot else ""
-    )
+    slots = robot.slots if robot else ()
+    inhabitants = (one.child or one.watched for one in slots if one.name == slot)
+    return next((each.name for each in inhabitants if each), "")
 
 
 def _consequence(app: OperatorApp, line: Line) -> str:

@@ -95,7 +95,7 @@ def _outlined(node: ast.ClassDef) -> ClassOutline:
 
 def _take_call(name: str, call: ast.Call, slots: list[tuple[str, str]], commands: list[str]) -> None:
     called = _last_name(call.func)
-    if called == "Child" and call.args and isinstance(call.args[0], ast.Constant):
+    if called in {"Child", "Watch"} and call.args and isinstance(call.args[0], ast.Constant):
         slots.append((name, str(call.args[0].value)))
     elif called == "exposed":
         commands.append(name)

@@ -120,7 +120,11 @@ def label(branch: Branch) -> str:
         shown = "" if status.status_of(branch.robot) in status.CALM else f"  {branch.state}"
         link = f"  {status.UNGUARDED}" if branch.robot.unguarded else ""
         kind = wording.inserted(branch.robot.kind, branch.robot.attributes)
-        return f"{place}{branch.robot.name} {kind}{shown}{link}{_at(branch)}"
+        flows = [f"{one.name} {traffic}" for one in branch.robot.streams if (traffic := wording.traffic(one))]
+        sends = f"  sends {', '.join(flows)}" if flows else ""
+        return f"{place}{branch.robot.name} {kind}{shown}{link}{_at(branch)}{sends}"
+    if branch.slot and branch.slot.watched:
+        return f"{place}watches {branch.slot.watched.name}"
     if branch.name:
         return f"{place}{branch.name} ({branch.state}){_at(branch)}"
     if branch.state:

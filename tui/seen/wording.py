@@ -14,7 +14,7 @@ from robotree.tui.seen import status
 from robotree.tui.seen.angles import IN_DEGREES, as_shown, in_degrees
 
 if TYPE_CHECKING:  # help must not wait for the agents
-    from robotree.vr.base.description import CommandSpec, FieldSpec, RobotDescription, SlotSpec
+    from robotree.vr.base.description import CommandSpec, FieldSpec, RobotDescription, SlotSpec, StreamSpec
     from robotree.vr.base.requests import LoggedLine
 
 
@@ -232,11 +232,13 @@ def portrait(robot: RobotDescription) -> str:
     blocks = [columns([fact for fact in facts if fact[1]])]
     if robot.slots:
         rows = [
-            (f"  {slot.name}", slot.kind, slot.child.name if slot.child else slot.lost or vacant(slot))
+            (f"  {slot.name}", slot.kind, inhabitant(slot) or slot.lost or vacant(slot))
             for slot in robot.slots
         ]
         chosen = [f"  {slot.name} was chosen: {slot.why}" for slot in robot.slots if slot.why]
         blocks.append("\n".join(["slots", columns(rows), *chosen]))
+    if robot.streams:
+        blocks.append("streams\n" + columns([stream_row(stream) for stream in robot.streams]))
     if settings(robot):
         blocks.append("settings\n" + columns([(f"  {row[0]}", *row[1:]) for row in setting_rows(robot)]))
     if robot.kept:
@@ -252,6 +254,31 @@ def portrait(robot: RobotDescription) -> str:
     if commands:
         blocks.append("commands\n" + columns(commands))
     return "\n\n".join(blocks)
+
+
+def inhabitant(slot: SlotSpec) -> str:
+    """Return the name of who is in a slot; of one that is only watched it says so; empty: nobody is."""
+    if slot.watched:
+        return f"{slot.watched.name}, watched"
+    return slot.child.name if slot.child else ""
+
+
+def stream_row(stream: StreamSpec) -> tuple[str, str, str, str]:
+    """Return name and type, rate, what is sent now, and what a stream is."""
+    rate = f"up to {stream.rate:g}/s" if stream.rate else "each value"
+    return (
+        f"  {parameter(stream.value)}",
+        rate,
+        traffic(stream) or "nobody listens",
+        summary(stream.value.doc),
+    )
+
+
+def traffic(stream: StreamSpec) -> str:
+    """Return how much a stream sends, and to how many processes; empty: nobody listens."""
+    if not stream.listeners:
+        return ""
+    return f"{stream.sent / 1000:.1f} kB/s to {stream.listeners}"
 
 
 def vacant(slot: SlotSpec) -> str:

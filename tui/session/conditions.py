@@ -212,7 +212,7 @@ def _slot(found: re.Match[str]) -> Condition:
         spec = robot.slot(slot)
         if spec is None:
             return Verdict(holds=False, seen=f"{parent} has no slot {slot}")
-        held = spec.child.name if spec.child else None
+        held = inhabitant.name if (inhabitant := spec.child or spec.watched) else None
         return Verdict(held == child, f"holds {held}" if held else "empty")
 
     return Condition(found[0], judge, robots=(parent,))

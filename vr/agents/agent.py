@@ -26,6 +26,7 @@ from robotree.vr.agents.pauses import Pauses
 from robotree.vr.agents.publisher import Publisher
 from robotree.vr.agents.shared import Shared
 from robotree.vr.agents.stops import Stops
+from robotree.vr.agents.streams import Streams
 from robotree.vr.agents.taker import OrderTaker, say_deleted
 from robotree.vr.author.fitting import misfit
 from robotree.vr.author.robot import Robot
@@ -77,6 +78,7 @@ from robotree.vr.base.requests import (
     Retract,
     SafeStop,
     State,
+    StreamSample,
     TakeStep,
     decode_event,
     encode,
@@ -167,7 +169,7 @@ class RobotAgent:
         self._restored = state is not None
         self.runtime = self._new_runtime(robot, state or self._new_state(robot, term), obeyed)
         self._hooks = Hooks(robot, self._process.runner, partial(self.runtime.say, ""))
-        self._publisher = Publisher(self.runtime, self._hooks, transport, self._shared, registrar)
+        self._publisher = self._new_publisher(registrar)
         self._children = self._new_children(term) if isinstance(robot, VirtualRobot) else None
         self._stops = Stops(self.runtime, self._hooks, self._children)
         self._callers = Callers(self.runtime, transport.presence)
@@ -176,6 +178,10 @@ class RobotAgent:
         )
         self._taker = None if orders is None else self._new_taker(orders)
         self._begin_life()
+
+    def _new_publisher(self, registrar: Registrar | None) -> Publisher:
+        self._streams = Streams(self.robot, self.address, self.transport, self._process.runner)
+        return Publisher(self.runtime, self._hooks, self.transport, self._shared, registrar, self._streams)
 
     def _new_taker(self, orders: OrderMemory) -> OrderTaker:
         self.runtime.identity, ledger = orders.identity or self.address.incarnation, orders.ledger
@@ -218,6 +224,10 @@ class RobotAgent:
     def _begin_life(self) -> None:
         """Nothing is declared and nothing watched yet."""
         self._choosing = self._new_choosing()
+        self.brings: Callable[[Address], bool] = _nobody
+        """Whether a robot is one that this one has brought along."""
+        self.before_end: Callable[[], Awaitable[None]] | None = None
+        """Ends those, before the robot is deleted."""
         self._deleted = False
         self._known_to_parent: tuple[tuple[CommandSpec, ...], str] = ((), "")
         """The commands of which the parent knows."""
@@ -493,12 +503,19 @@ class RobotAgent:
         """
         self._virtual("be deleted; end the process of its proxy instead")
         lease = self.runtime.lease
-        if lease is not None:
+        if lease is not None and not self.brings(lease.parent):
             raise StillBonded(robot=self.robot.name, holder=lease.parent.name, slot=lease.slot)
+        if self.before_end is not None:
+            await self.before_end()
         self._farewells.append(farewell)
         self._deleted = True
         self._begin_to_end(LONGEST_END + PARTING)
         await asyncio.shield(self._gone)
+
+    async def end(self) -> None:
+        """End for good, as if a person had deleted it; returns when it is gone."""
+        self._deleted = True
+        await asyncio.shield(self._begin_to_end(PARTING))
 
     def _left_behind(self) -> str:
         running, home = ", ".join(self.abandoned), self.runtime.look(lambda state: state.home)
@@ -553,6 +570,7 @@ class RobotAgent:
         if self._choosing is not None:
             self._choosing.begin()
             self._choosing.wake()
+        self._streams.become(robot)
         self.runtime.page = page
         self.runtime.changed()
         return notes
@@ -864,8 +882,10 @@ class RobotAgent:
 
         self._on_loop(lambda: self._keep(ask()))
 
-    def _follow_child(self, child: Address, take: Callable[[State], None]) -> Callable[[], None]:
-        """Hand on the states that a child publishes, on the event loop. From any thread, without waiting.
+    def _follow_child(
+        self, child: Address, topic: str, take: Callable[[State | StreamSample], None]
+    ) -> Callable[[], None]:
+        """Hand on what a robot publishes under a topic, on the event loop. From any thread, without waiting.
 
         Returns:
             How to end that.
@@ -875,12 +895,12 @@ class RobotAgent:
         def hear(key: str, body: bytes) -> None:
             with contextlib.suppress(VrError):  # a robot of another version
                 event = decode_event(body, key=key)
-                if isinstance(event, State):
+                if isinstance(event, State | StreamSample):
                     take(event)
 
         async def follow() -> None:
             with contextlib.suppress(TransportError):  # it is closed
-                registration = await self.transport.subscribe(f"{child.key}/state", hear)
+                registration = await self.transport.subscribe(f"{child.key}/{topic}", hear)
                 try:
                     await over.wait()
                 finally:
@@ -936,6 +956,11 @@ def _new_state(robot: Robot, address: Address, host: str, lease: GrantedLease) -
     if isinstance(robot, VirtualRobot):
         state.slots, state.fields = robot.child_slots, robot.field_values.values
     return state
+
+
+def _nobody(_: Address) -> bool:
+    """Bring nobody along."""
+    return False
 
 
 def _nothing() -> None:

@@ -28,6 +28,7 @@ from robotree.vr.base.errors import (
     TransportError,
     Unreachable,
     VrError,
+    WrongKind,
 )
 from robotree.vr.base.presence import Undo
 from robotree.vr.base.principal import ITSELF, Principal
@@ -81,6 +82,8 @@ class ChildKeeper:
         self._retracting: dict[asyncio.Task[None], None] = {}
         self._returning: dict[str, asyncio.Task[None]] = {}
         """Those that bind a lost child again, by slot."""
+        self._lives: dict[str, Undo] = {}
+        """The robots whose lives are watched, by slot that watches."""
         self._closed = self._keeps = False
         self._entrusted = ""
         """The secret of a move under way, from which the children have what they know the next process by."""
@@ -122,6 +125,9 @@ class ChildKeeper:
             TransportError: the child does not answer; the petition is taken back, should it have agreed.
         """
         place = self._runtime.look(lambda state: state.slots.place(slot, child.name))
+        if self._spec(place).watch:
+            await self._begin_to_watch(place, child, asker)
+            return
         if returning := self._returning.get(place):
             returning.cancel()
             await asyncio.wait([returning])
@@ -171,6 +177,40 @@ class ChildKeeper:
         if self._closed:  # the parent was deleted meanwhile
             await self._free_if_bound(slot)
 
+    async def _begin_to_watch(self, slot: str, robot: Address, asker: Principal) -> None:
+        """Watch a robot in a slot that is made for it; the robot itself is only asked who it is.
+
+        Raises:
+            BondError: another one is watched there, or it is of another kind.
+            TransportError: the robot does not answer.
+        """
+        wanted, found = self._spec(slot).kind, await self._client_of(robot).describe()
+        if wanted not in found.kinds:
+            raise WrongKind(
+                robot=self._parent.name, slot=slot, wanted=wanted, child=robot.name, kind=found.kind
+            )
+        self._runtime.post(on.Watching(slot=slot, robot=robot, principal=asker))
+        self._follow_lives(slot, robot)
+        self._runtime.changed()
+
+    def _follow_lives(self, slot: str, robot: Address) -> None:
+        """Watch the next lives of a robot, too, as soon as they are there."""
+
+        def look(key: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
+            life = Address.parse(key)
+            watched = self._watched().get(slot)
+            if there and life is not None and watched is not None and life != watched:
+                self._runtime.post(on.Watching(slot=slot, robot=life))
+            self._runtime.changed()
+
+        if before := self._lives.pop(slot, None):
+            before()
+        self._lives[slot] = self._presence.watch(everyone(robot.role, robot.name), look)
+
+    def _watched(self) -> dict[str, Address]:
+        """Return who is watched, by slot."""
+        return self._runtime.look(lambda state: state.slots.watched())
+
     async def free(self, slot: str, asker: Principal = ITSELF) -> None:
         """Release the child in a slot, or all of a group; if it does not hear it, its lease runs out.
 
@@ -181,6 +221,12 @@ class ChildKeeper:
         Raises:
             BondError: there is no such slot, or it is empty.
         """
+        if self._runtime.look(lambda state: slot not in state.slots.groups and state.slots[slot].spec.watch):
+            self._runtime.post(on.WatchEnded(slot=slot, principal=asker))
+            if unwatch := self._lives.pop(slot, None):
+                unwatch()
+            self._runtime.changed()
+            return
         filled = self._runtime.look(lambda state: state.slots.filled(slot))
         await asyncio.gather(*(self._free(each, asker) for each in filled))
 
@@ -196,6 +242,8 @@ class ChildKeeper:
 
     async def take_back(self) -> None:
         """Hold the children of a restored robot again, or try to bind those that have let go."""
+        for slot, robot in self._watched().items():
+            self._follow_lives(slot, robot)
         await asyncio.gather(*(self._take_back_one(slot, bond) for slot, bond in self._bonds().items()))
 
     async def _take_back_one(self, slot: str, bond: Bond) -> None:
@@ -229,6 +277,9 @@ class ChildKeeper:
     async def close(self) -> None:
         """Release all children, and take no more."""
         self._closed = True
+        for unwatch in self._lives.values():
+            unwatch()
+        self._lives.clear()
         for task in self._returning.values():
             task.cancel()
         if self._keeps:

@@ -19,9 +19,11 @@ from typing import Any
 from msgspec.structs import replace
 
 from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.agents.behaviours import behaviours_of, own_slots
 from robotree.vr.agents.bundles import KnownBundles
 from robotree.vr.agents.moving import Moves
 from robotree.vr.agents.shared import Shared
+from robotree.vr.author.service import Service
 from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.address import Address, check_name
 from robotree.vr.base.envelope import Received
@@ -157,6 +159,8 @@ class Host:
         """The pages that it has, or gets, by their hash."""
         self._pages: dict[str, str] = {}
         """Hashes of the pages of the robots, by name."""
+        self._behaviours: dict[str, list[RobotAgent]] = {}
+        """The robots that a service has brought along, by name of the service."""
         self.clearances: dict[str, Clearance] = {}
         """How the robots run, by name."""
         self._transport, self._registrar, self._term = transport, registrar, term
@@ -304,7 +308,7 @@ class Host:
         make = partial(bundle.create, kept.name, limit=self._limit)
         loop = asyncio.get_running_loop()
         try:
-            clearance = self.gate.admit(bundle, ITSELF, self.address.name)
+            clearance = self._admitted_again(bundle, page.service)
             self._expect_apart(clearance, kept.name)
             robot, heard = await loop.run_in_executor(self._loaders, partial(_listen, make))
         except VrError as error:
@@ -312,6 +316,8 @@ class Host:
             return None
         kept.state.home = f"host {self.address.name}"
         agent = self._new_agent(robot, clearance, kept.state)
+        if page.service:
+            self._behaviours.setdefault(page.service, []).append(agent)
         agent.runtime.page = page.origin
         self._pages[kept.name] = self.bundles.keep(bundle)
         for level, text, piece in heard:
@@ -323,6 +329,19 @@ class Host:
         why = f"{here} has taken over from {before}" if before else f"{started} was started again"
         agent.runtime.log.say("warning", f"it is back after {self._process.gap:.1f} s: {why}{goes_on}")
         return agent
+
+    def _admitted_again(self, bundle: Bundle, service: str) -> Clearance:
+        """Return how a robot that is back runs; a behaviour as its service, which came back before it.
+
+        Raises:
+            NoSuchRobot: that service is not back.
+            BundleError: the page does not run here any more.
+        """
+        if not service:
+            return self.gate.admit(bundle, ITSELF, self.address.name)
+        if service not in self.clearances:
+            raise NoSuchRobot(name=service)
+        return self.clearances[service]
 
     def _new_agent(
         self, robot: VirtualRobot, clearance: Clearance, state: RobotState | None = None
@@ -338,6 +357,9 @@ class Host:
             state=state,
             orders=None if self._ledger is None else OrderMemory(self._ledger),
         )
+        if isinstance(robot, Service):
+            agent.before_end = partial(self._end_behaviours, robot.name)
+            agent.brings = partial(self._brought, robot.name)
         agent.runtime.permissions, agent.runtime.unchecked = clearance.permissions, clearance.unchecked
         return agent
 
@@ -433,23 +455,89 @@ class Host:
         self._coming.add(name)
         try:
             bundle, clearance = self._admitted(bundle, asker)
-            # before anybody's source is run for nothing
-            await expect_free(self._transport, Address("robot", name, ""))
-            loop = asyncio.get_running_loop()
-            make = partial(bundle.create, name, settings=settings, limit=self._limit)
-            robot, heard = await loop.run_in_executor(self._loaders, partial(_listen, make))
-            agent = self._new_agent(robot, clearance)
-            if self._journal is not None:
-                self._journal.made(agent.address.key, name, _page(bundle, origin), agent.runtime.look)
-            for level, text, piece in heard:
-                agent.runtime.say("", level, text, piece=piece)
-            self._pages[name] = self.bundles.keep(bundle)
-            await self._settle(agent)
-            agent.runtime.page = origin
-            await self._begin(agent)
+            agent = await self._made(bundle, clearance, name, settings, origin=origin)
         finally:
             self._coming.discard(name)
         return agent
+
+    async def _made(
+        self,
+        bundle: Bundle,
+        clearance: Clearance,
+        name: str,
+        settings: Mapping[str, Any] | None = None,
+        *,
+        origin: str = "",
+        service: str = "",
+    ) -> RobotAgent:
+        """Make a robot of a page that was admitted, and what it brings along; `service`: whose behaviour."""
+        # before anybody's source is run for nothing
+        await expect_free(self._transport, Address("robot", name, ""))
+        loop = asyncio.get_running_loop()
+        make = partial(bundle.create, name, settings=settings, limit=self._limit)
+        robot, heard = await loop.run_in_executor(self._loaders, partial(_listen, make))
+        agent = self._new_agent(robot, clearance)
+        if self._journal is not None:
+            page = replace(_page(bundle, origin), service=service)
+            self._journal.made(agent.address.key, name, page, agent.runtime.look)
+        for level, text, piece in heard:
+            agent.runtime.say("", level, text, piece=piece)
+        self._pages[name] = self.bundles.keep(bundle)
+        await self._settle(agent)
+        agent.runtime.page = origin
+        try:
+            await self._bring_behaviours(agent, bundle, clearance)
+        except BaseException:
+            await agent.close()
+            raise
+        await self._begin(agent)
+        return agent
+
+    # -- services ---------------------------------------------------------------------------------
+
+    async def _bring_behaviours(self, service: RobotAgent, bundle: Bundle, clearance: Clearance) -> None:
+        """Make the behaviours of a service that are not here, and end those that its page has no more.
+
+        Raises:
+            DuplicateName: another robot has the name of one; then none of them is here.
+            BundleError: the script of one cannot be used; likewise.
+        """
+        name, wanted = service.robot.name, behaviours_of(service.robot, bundle.path)
+        if not (wanted or name in self._behaviours):
+            return
+        hashes = {one.name: one.bundle.hash for one in wanted}
+        for old in list(self._behaviours.get(name, ())):
+            if self._pages.get(old.robot.name) != hashes.get(old.robot.name):
+                await self._end_behaviour(name, old)
+        here = {old.robot.name for old in self._behaviours.get(name, ())}
+        try:
+            for one in wanted:
+                if one.name not in here:
+                    made = await self._made(one.bundle, clearance, one.name, service=name)
+                    self._behaviours.setdefault(name, []).append(made)
+                    await self._bind_service(service, made)
+        except BaseException:
+            await self._end_behaviours(name)
+            raise
+
+    async def _bind_service(self, service: RobotAgent, behaviour: RobotAgent) -> None:
+        """Put a behaviour on top of its service, where it has a partner of this kind and that is free."""
+        if service.runtime.lease is None:
+            for slot in own_slots(service, behaviour)[:1]:
+                await RobotClient(self._transport, behaviour.address).enslave(slot.name, service.address)
+
+    async def _end_behaviours(self, service: str) -> None:
+        """End what a service has brought along, and nobody else: whoever has such a name without it stays."""
+        for behaviour in list(self._behaviours.get(service, ())):
+            await self._end_behaviour(service, behaviour)
+        self._behaviours.pop(service, None)
+
+    async def _end_behaviour(self, service: str, behaviour: RobotAgent) -> None:
+        self._behaviours[service].remove(behaviour)
+        await behaviour.end()
+
+    def _brought(self, service: str, robot: Address) -> bool:
+        return any(behaviour.address == robot for behaviour in self._behaviours.get(service, ()))
 
     async def deserted(self, within: float) -> None:
         """Return when the first robot has ended, or when none has come.
@@ -532,6 +620,7 @@ class Host:
             self._journal.turned(key, page)
         for level, text, piece in heard:
             agent.runtime.say("", level, text, piece=piece)
+        await self._bring_behaviours(agent, bundle, clearance)
         if not agent.runtime.look(lambda state: state.calls.running):
             await self._begin(agent)
         return Reloaded(robot=agent.description(), notes=tuple(notes))

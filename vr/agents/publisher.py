@@ -20,6 +20,7 @@ import msgspec
 
 from robotree.vr.agents.hooks import Hooks
 from robotree.vr.agents.shared import ROUND, Shared
+from robotree.vr.agents.streams import Streams
 from robotree.vr.author.fields import StateField
 from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.description import BondSpec, Listing, RobotDescription
@@ -60,6 +61,7 @@ class Publisher:
         transport: Transport,
         shared: Shared,
         registrar: Registrar | None,
+        streams: Streams,
     ) -> None:
         """Prepare; `begin` publishes.
 
@@ -69,7 +71,9 @@ class Publisher:
             transport: where its state is published.
             shared: its state is published in rounds of its process while nothing changes.
             registrar: where it is listed while nobody has enslaved it; None: nowhere.
+            streams: what it sends to those who watch it.
         """
+        self._streams = streams
         self._runtime, self._hooks, self._transport = runtime, hooks, transport
         self._registrar, self._host = registrar, shared.host
         self._isolation: Isolation = shared.isolation
@@ -246,7 +250,7 @@ class Publisher:
         """Describe the robot as it is now."""
         runtime, readings = self._runtime, self._readings()
         runtime.look_at_robot()
-        now = runtime.process.runner.now()
+        now, streams = runtime.process.runner.now(), self._streams.specs()
 
         def describe(state: RobotState) -> RobotDescription:
             bond = None
@@ -270,6 +274,7 @@ class Publisher:
                 unchecked=runtime.unchecked,
                 faults=self._hooks.faults,
                 kept=self._kept(state.fields),
+                streams=streams,
                 calls=dict(state.calls.counts),
                 identity=runtime.identity,
                 witness=runtime.robot.witness,

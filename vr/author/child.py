@@ -326,7 +326,7 @@ class ChildGroup(Generic[K]):
         name = f"{self._group}[{index}]"
         if not 0 <= index < spec.most:
             raise IndexError(f"{slots.robot} has no {name}; it has {self._group}[0] to [{spec.most - 1}]")
-        if _observed(lambda: slots[name].bond) is None:
+        if observed(lambda: slots[name].bond) is None:
             raise slots.emptiness(name)
         child: K = self._child(index)
         return child
@@ -348,7 +348,7 @@ class ChildGroup(Generic[K]):
 
     def _bound(self) -> list[int]:
         members: dict[int, Slot] = self._robot.child_slots.members(self._group)
-        found: list[int] = _observed(lambda: [index for index, one in members.items() if one.bond])
+        found: list[int] = observed(lambda: [index for index, one in members.items() if one.bond])
         return found
 
 
@@ -377,7 +377,7 @@ class GroupCommand:
         return results
 
 
-def _observed(look: Callable[[], Any]) -> Any:
+def observed(look: Callable[[], Any]) -> Any:
     """Look at the slots; in a running command that is one of its steps."""
     activity = activity_here()
     return look() if activity is None else activity.observe(look)
@@ -470,7 +470,7 @@ class ChildRobot:
     def _bond(self) -> Bond | None:
         """Return what is in the slot; in a running command that is one of its steps."""
         robot, slot = self._robot, self._slot
-        bond: Bond | None = _observed(lambda: robot.child_slots[slot].bond)
+        bond: Bond | None = observed(lambda: robot.child_slots[slot].bond)
         return bond
 
     def __getattr__(self, command: str) -> ChildCommand:

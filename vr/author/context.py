@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from contextvars import ContextVar
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, TypeVar
 
 import msgspec
 
@@ -113,6 +113,10 @@ class CallFuture(Protocol[R_co]):
         ...
 
 
+WhichValue = Literal["each", "newest", "next", "latest"]
+"""Which value of a stream is meant: see `Activity.next_sample`."""
+
+
 class Activity(Protocol):
     """One running command, as the code inside of it sees it. All its methods are cancellation points."""
 
@@ -191,6 +195,25 @@ class Activity(Protocol):
 
     def reading(self, slot: str) -> Any:
         """Return the latest readings of a child; waits for the first."""
+        ...
+
+    def next_sample(
+        self, slot: str, stream: str, which: WhichValue, *, at: float = 0.0, limit: CallLimit | None = None
+    ) -> Any:
+        """Return a value of a stream of the robot that is watched in a slot.
+
+        Args:
+            slot: in which it is watched.
+            stream: name of the stream.
+            which: `each`: the oldest that was not read yet; `newest`: the newest of these, from `at` on;
+                `next`: one that comes from now on; `latest`: the newest one, read or not.
+            at: [s] before which nothing is returned.
+            limit: how long to wait; None: until the command ends.
+
+        Raises:
+            TimeoutError: none came in time.
+            SlotEmpty: nobody is watched.
+        """
         ...
 
     def published(self, slot: str) -> State | None:

@@ -5,12 +5,24 @@ from __future__ import annotations
 import inspect
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import AbstractContextManager
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 from robotree.vr.author.context import CallLimit, CommandContext, StepInDoubt, running
 from robotree.vr.author.together import Race, Together
 from robotree.vr.base.address import check_name
 from robotree.vr.base.units import seconds as seconds_of
+
+
+class StreamOutlet(Protocol):
+    """The way of a robot's streams to those who listen. Its methods may be called in any thread."""
+
+    def wanted(self, stream: str) -> bool:
+        """Whether somebody listens."""
+        ...
+
+    def send(self, stream: str, value: Any) -> None:
+        """Send a value to all who listen; see `Sending.send`."""
+        ...
 
 
 class Robot:
@@ -38,6 +50,9 @@ class Robot:
     halted: str = ""
     """Why what stands behind this robot is in a stop that nobody ordered here, as a clause; empty: it is
     not. While it lasts no command begins; `resume` releases it. The code that sets it notifies the agent."""
+
+    stream_outlet: StreamOutlet | None = None
+    """Where its streams go; None: it has no agent. By our own code only."""
 
     def __init__(self, name: str, attributes: Mapping[str, str] | None = None) -> None:
         """Name the robot.

@@ -14,7 +14,9 @@ from robotree.vr.author.context import running
 from robotree.vr.author.fields import Kept, declare
 from robotree.vr.author.robot import HOOKS, OPTIONS, Robot, attributes_of, expect_hooks
 from robotree.vr.author.space import Space
+from robotree.vr.author.stream import DeclaredStream
 from robotree.vr.author.usage import used_commands
+from robotree.vr.author.watch import Watch
 from robotree.vr.base.description import SlotSpec, offered
 from robotree.vr.base.units import Unit
 from robotree.vr.core.bonds import Slots
@@ -52,7 +54,11 @@ class VirtualRobot(Robot):
             _expect_called(cls, name, value)
             if isinstance(value, Exposed):
                 _expect_promised(cls, name, value)
-            if isinstance(value, Exposed | Slotted) and name in {*RESERVED, *HOOKS, *OPTIONS}:
+            if isinstance(value, Exposed | Slotted | DeclaredStream) and name in {
+                *RESERVED,
+                *HOOKS,
+                *OPTIONS,
+            }:
                 raise TypeError(
                     f"{cls.__name__}.{name}: it cannot have this name; every robot uses it itself"
                 )
@@ -93,10 +99,10 @@ class VirtualRobot(Robot):
         Raises:
             AttributeError: it is a slot or an exposed command: the child would be gone without a word.
         """
-        if isinstance(getattr(type(self), name, None), Slotted | Exposed):
+        if isinstance(getattr(type(self), name, None), Slotted | Exposed | DeclaredStream):
             raise AttributeError(  # noqa: TRY004 # as Python says of what cannot be set
-                f"{type(self).__name__}.{name} is a slot or an exposed command, which no page sets; "
-                f"keep the value under another name, such as self._{name}"
+                f"{type(self).__name__}.{name} is a slot, a stream or an exposed command, which no page "
+                f"sets; keep the value under another name, such as self._{name}"
             )
         super().__setattr__(name, value)
 
@@ -151,6 +157,9 @@ def _specs(cls: type[Any]) -> Iterator[SlotSpec]:
     for exposed in exposures_of(cls).values():
         used.setdefault(exposed.child.name, set()).add(exposed.command)
     for name, slot in slots.items():
+        if isinstance(slot, Watch):  # it gives streams, and no commands
+            yield slot.spec()
+            continue
         needed = used[name] | {promise.name for promise in slot.promises()}
         yield msgspec.structs.replace(slot.spec(), commands=tuple(sorted(needed)))
 
@@ -201,7 +210,7 @@ def _expect_called(cls: type[Any], name: str, value: object) -> None:
     Raises:
         TypeError: it is one.
     """
-    if value is Child or value is Children:
+    if value is Child or value is Children or value is Watch:
         kind = cast("type[Slotted]", value).__name__
         raise TypeError(f'{cls.__name__}.{name} is {kind} without a kind; write: {name} = {kind}("Arm")')
     if inspect.ismethod(value) and isinstance(slot := value.__self__, Slotted):

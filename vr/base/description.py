@@ -92,6 +92,26 @@ class CommandSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True,
         return {field.name: field for field in self.parameters}
 
 
+class StreamSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One stream that a robot sends to whoever watches it, and how much it sends now."""
+
+    value: FieldSpec
+    """Name, type and unit of what is sent."""
+    rate: float = 0.0
+    """[1/s] Values that are sent at most; 0: each is."""
+    listeners: int = 0
+    """Processes that listen now: with none, nothing is sent."""
+    sent: int = 0
+    """[bytes] sent to all of them in the last second."""
+    left_out: int = 0
+    """Values since the robot began that were above the rate, or for nobody to wait for."""
+
+    @property
+    def name(self) -> str:
+        """The stream's name."""
+        return self.value.name
+
+
 class SlotSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """One child slot and what is in it."""
 
@@ -123,6 +143,15 @@ class SlotSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Why the slot is empty, if a child was lost; empty when there never was one or it was released."""
     was: str = ""
     """Name of the child that was lost; empty: none was."""
+    watch: bool = False
+    """Whether a robot in it is only watched: no lease is taken, and it cannot be commanded."""
+    watched: Address | None = None
+    """The robot that is watched, in its latest life; it may be away."""
+
+    @property
+    def filled(self) -> bool:
+        """Whether somebody is in it: a child, or a robot that is watched."""
+        return self.child is not None or self.watched is not None
 
 
 RENAMED = {"stop": "halt"}
@@ -156,7 +185,7 @@ def lacking(slots: Iterable[SlotSpec]) -> tuple[Lack, ...]:
         if slot.group:
             bound = sum(1 for one in slots if one.group == slot.group and one.child is not None)
             found[slot.group] = Lack(slot.group, slot.kind, slot.least - bound)
-        elif slot.child is None and not slot.optional:
+        elif not (slot.filled or slot.optional):
             found[slot.name] = Lack(slot.name, slot.kind, 1, slot.was)
     return tuple(lack for lack in found.values() if lack.number > 0)
 
@@ -258,6 +287,8 @@ class RobotDescription(_Agent, frozen=True, kw_only=True, omit_defaults=True):
     """How often each command was called, over all incarnations of this name."""
     unchecked: bool = False
     """Whether its code runs though nobody trusted has signed it (`--insecure-any-signer`)."""
+    streams: tuple[StreamSpec, ...] = ()
+    """What it sends to those who watch it, beside its readings."""
 
     @property
     def away(self) -> float | None:

@@ -1157,6 +1157,13 @@ class State(_Message, frozen=True, kw_only=True):
     """Whether it is not known at the moment if it has arrived there: nobody acts for it meanwhile."""
 
 
+class StreamSample(_Message, frozen=True, kw_only=True):
+    """A robot publishes one value of a stream, under its key + `/stream/NAME`, while somebody listens."""
+
+    value: Any
+    """Plain."""
+
+
 AnyRequest = (
     Describe | Call | Detach | Cancel | Decide | Pause | TakeStep | Continue | Petition | Retract | Renew
     | Release | SafeStop | Resume | Enslave | Free | Delete | Create | Reload | ReadLog | ReadHistory
@@ -1176,7 +1183,7 @@ Reply = (
     | OrderLeft | OrdersFound | KnownFound | RecordsShared
     | Moved | MoveReady | MoveDecided
 )  # fmt: skip
-Published = LogLines | Listed | Unlisted | State | OrdersChanged
+Published = LogLines | Listed | Unlisted | State | OrdersChanged | StreamSample
 
 _R = TypeVar("_R")
 _encoder = msgspec.msgpack.Encoder()

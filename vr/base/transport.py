@@ -181,6 +181,10 @@ class Transport(Protocol):
         """Send a sample to all subscribers; never blocks, a receiver that is too slow misses it."""
         ...
 
+    def listeners(self, key: str) -> int:
+        """Return how many processes take what is published under a key, as far as is known here. Quick."""
+        ...
+
     async def subscribe(self, pattern: str, handler: SampleHandler) -> Registration:
         """Take what is published under a pattern from now on."""
         ...

@@ -31,6 +31,8 @@ class Page:
         self.methods = [one for one in node.body if isinstance(one, Function)]
         self.slots: dict[str, str] = dict(base.slots) if base else {}
         """Kind of each slot and group."""
+        self.watches: dict[str, str] = dict(base.watches) if base else {}
+        """Kind of each slot that only watches."""
         self.groups: set[str] = set(base.groups) if base else set()
         self.declared: set[str] = set(base.declared) if base else set()
         """Settings and state."""
@@ -84,7 +86,11 @@ class Page:
         self.commands.discard(name)
         self.slots.pop(name, None)
         self.groups.discard(name)
+        self.watches.pop(name, None)
         match value:
+            case ast.Call(func=ast.Name(id="Watch"), args=[kind, *_]):
+                self.watches[name] = _kind(kind)
+                self._declare(name, "slot", value.lineno)
             case ast.Call(func=ast.Name(id="Child" | "Children" as way), args=[kind, *_]):
                 self.slots[name] = _kind(kind)
                 if way == "Children":

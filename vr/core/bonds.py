@@ -535,6 +535,8 @@ class Slot(msgspec.Struct):
     """Name of the child that was lost."""
     released: str = ""
     """Name of the child that was released last; empty: none since the last one came."""
+    watched: Address | None = None
+    """The robot that is watched in it, in its latest life."""
 
     @property
     def state(self) -> Literal["empty", "asking", "bound"]:
@@ -664,17 +666,18 @@ class Slots(msgspec.Struct):
         fresh = Slots.empty(self.robot, specs)
         stay: dict[str, Slot] = {}
         for name, slot in self.by_name.items():
-            if slot.child is None and not slot.lost:
+            if slot.child is None and slot.watched is None and not slot.lost:
                 continue
             same = name in fresh.by_name or _member(name)[0] in fresh.groups
             try:
-                same = same and fresh[name].spec.kind == slot.spec.kind
+                spec = fresh[name].spec
+                same = same and (spec.kind, spec.watch) == (slot.spec.kind, slot.spec.watch)
             except NoSuchSlot:  # the group is shorter now
                 same = False
             if same:
                 stay[name] = slot
-            elif slot.child is not None:
-                raise SlotHeld(robot=self.robot, slot=name, child=slot.child.name, kind=slot.spec.kind)
+            elif (held := slot.child or slot.watched) is not None:
+                raise SlotHeld(robot=self.robot, slot=name, child=held.name, kind=slot.spec.kind)
         for name, slot in stay.items():
             slot.spec = fresh[name].spec
         declared = {name: stay.get(name, slot) for name, slot in fresh.by_name.items()}
@@ -691,6 +694,7 @@ class Slots(msgspec.Struct):
                 lost=slot.lost,
                 was=slot.was,
                 why="" if slot.bond is None else slot.bond.why,
+                watched=slot.watched,
             )
             for slot in self.by_name.values()
         )
@@ -745,7 +749,8 @@ class Slots(msgspec.Struct):
             NoSuchSlot: there is no such slot.
         """
         slot = self[name]
-        before = f"{slot.released} was released" if slot.released else "no child was bound to it"
+        nobody = "no robot is watched in it" if slot.spec.watch else "no child was bound to it"
+        before = f"{slot.released} was released" if slot.released else nobody
         reason = slot.lost or ("its child is just being asked" if slot.asked else before)
         return SlotEmpty(robot=self.robot, slot=name, reason=reason, kind=slot.spec.kind)
 
@@ -778,6 +783,47 @@ class Slots(msgspec.Struct):
         slot = self[name]
         slot.asked = None
         self._tidy(slot.spec.group)
+
+    # -- watching, which takes no lease
+
+    def watch(self, name: str, robot: Address) -> Address | None:
+        """Watch a robot in a slot that is made for it, or the next life of the one that is watched.
+
+        Returns:
+            The life that was watched before; None: nobody was.
+
+        Raises:
+            NoSuchSlot: there is no such slot.
+            SlotOccupied: another robot is watched in it.
+            ValueError: the slot takes children.
+        """
+        slot = self[name]
+        before = slot.watched
+        if not slot.spec.watch:
+            msg = f"{self.robot}.{name} takes a child, and {robot.name} was to be watched only"
+            raise ValueError(msg)
+        if before is not None and before.identity != robot.identity:
+            raise SlotOccupied(robot=self.robot, slot=name, child=before.name)
+        slot.watched, slot.released = robot, ""
+        return before
+
+    def unwatch(self, name: str) -> Address:
+        """Watch nobody in a slot any more; returns who was.
+
+        Raises:
+            NoSuchSlot: there is no such slot.
+            SlotEmpty: nobody was.
+        """
+        slot = self[name]
+        if slot.watched is None:
+            raise self.emptiness(name)
+        before, slot.watched = slot.watched, None
+        slot.released = before.name
+        return before
+
+    def watched(self) -> dict[str, Address]:
+        """Return who is watched, by slot."""
+        return {name: slot.watched for name, slot in self.by_name.items() if slot.watched is not None}
 
     def held(self, name: str, child: Address, epoch: int) -> Bond | None:
         """Return the bond in a slot if it is the one with this child, in any incarnation, and epoch.

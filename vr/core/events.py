@@ -21,7 +21,7 @@ class StepResult(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """The result of one step of a running command: enough to take it again without doing anything twice."""
 
     kind: str
-    """`call`, `tell`, `sleep`, `wait`, `look`, `reading`, `until`, `group`, `result`, `field`,
+    """`call`, `tell`, `sleep`, `wait`, `look`, `reading`, `sample`, `until`, `group`, `result`, `field`,
     `cleanup`, `end`, `space`, `move`."""
     content: Any = None
     """Its content, which differs from another step's: of a call its slot, command and arguments."""
@@ -267,6 +267,19 @@ class FreeAsked(_Event, frozen=True, kw_only=True):
     slot: str
 
 
+class Watching(_Event, frozen=True, kw_only=True):
+    """A robot is watched in a slot from now on, or its next life."""
+
+    slot: str
+    robot: Address
+
+
+class WatchEnded(_Event, frozen=True, kw_only=True):
+    """Nobody is watched in a slot any more."""
+
+    slot: str
+
+
 class Lose(_Event, frozen=True, kw_only=True):
     """The child in a slot is lost."""
 
@@ -389,6 +402,7 @@ CoreEvent = (
     StepTaken | Checkpoint | DoubtRaised | DoubtSettled | ParentAway | Invoke | Finish
     | DetachAsked | CancelAsked | CancelAll | Abandon | Gone | Tick | ParentAsked
     | Prolong | EndLease | Obeyed | Reserve | Unreserve | Bind | FreeAsked | Lose | Renewed
+    | Watching | WatchEnded
     | ChildDescribed | Set | PageReloaded | StopAsked | Halted | Restored | StopAnswered | ReleaseAsked
     | PauseAsked | StepLet | ContinueAsked
 )  # fmt: skip

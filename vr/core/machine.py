@@ -744,6 +744,16 @@ class RobotCore:
         bond = self.state.slots.free(event.slot)
         return [ChildGone(slot=event.slot, child=bond.child, reason="")]
 
+    def _watching(self, event: on.Watching, _: float) -> Effects:
+        before = self.state.slots.watch(event.slot, event.robot)
+        if before is None or before == event.robot:
+            return []
+        return [ChildGone(slot=event.slot, child=before, reason="")]
+
+    def _watch_ended(self, event: on.WatchEnded, _: float) -> Effects:
+        robot = self.state.slots.unwatch(event.slot)
+        return [ChildGone(slot=event.slot, child=robot, reason="")]
+
     def _lose(self, event: on.Lose, _: float) -> Effects:
         if not self.state.slots.lose(event.slot, event.child, event.epoch, event.reason):
             return []
@@ -905,6 +915,8 @@ class RobotCore:
         on.Unreserve: _unreserve,
         on.Bind: _bind,
         on.FreeAsked: _free,
+        on.Watching: _watching,
+        on.WatchEnded: _watch_ended,
         on.Lose: _lose,
         on.Renewed: _renewed,
         on.ChildDescribed: _described,

@@ -74,6 +74,9 @@ class Outlet:
         self._barrier()
         self._transport.publish(key, body)
 
+    def listeners(self, key: str) -> int:
+        return self._transport.listeners(key)
+
     async def subscribe(self, pattern: str, handler: SampleHandler) -> Registration:
         return await self._transport.subscribe(pattern, handler)
 

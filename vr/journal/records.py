@@ -46,6 +46,8 @@ class KeptPage(msgspec.Struct, frozen=True):
     """What its signer says of it."""
     sender: str = ""
     """Who has sent it unsigned, if that was not this user."""
+    service: str = ""
+    """Name of the service of this host whose behaviour the robot is; empty: it is nobody's."""
 
 
 class Made(_LogRecord, frozen=True):

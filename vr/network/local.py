@@ -170,6 +170,9 @@ class LocalTransport:
         self._check(key)
         self.mesh.publish(key, bytes(body))
 
+    def listeners(self, key: str) -> int:
+        return self.mesh.listeners(key)
+
     async def subscribe(self, pattern: str, handler: SampleHandler) -> Registration:
         self._check(pattern)
         inbox = SampleInbox[tuple[str, bytes]](self._turns, lambda item: handler(*item), WAITING_SAMPLES)

@@ -597,22 +597,31 @@ class Mesh:
     def publish(self, key: str, body: bytes) -> None:
         """Tell all who want the samples of a key; one that is too slow misses older ones."""
         with self._lock:
-            peers = self._listeners.get(key)
-            if peers is None:
-                if len(self._listeners) >= REMEMBERED:
-                    self._listeners.clear()
-                peers = self._listeners[key] = [
-                    peer
-                    for peer in self._peers.values()
-                    if peer.awake and any(matches(pattern, key) for pattern in peer.known[Topic.SUBSCRIBES])
-                ]
-            own = self._subscribers.of(key)
+            peers, own = self._listening(key), self._subscribers.of(key)
         if peers:
             packed = pack(Sample(key, body))
             for peer in peers:
                 peer.links[Channel.BULK].publish(key, packed)
         for hear in own:
             hear(key, body)
+
+    def listeners(self, key: str) -> int:
+        """Return how many processes want the samples of a key, this one included."""
+        with self._lock:
+            return len(self._listening(key)) + bool(self._subscribers.of(key))
+
+    def _listening(self, key: str) -> list[_Peer]:
+        """Return the other processes that want the samples of a key. Under the lock."""
+        peers = self._listeners.get(key)
+        if peers is None:
+            if len(self._listeners) >= REMEMBERED:
+                self._listeners.clear()
+            peers = self._listeners[key] = [
+                peer
+                for peer in self._peers.values()
+                if peer.awake and any(matches(pattern, key) for pattern in peer.known[Topic.SUBSCRIBES])
+            ]
+        return peers
 
     # -- meeting
 

@@ -9,8 +9,10 @@ from collections.abc import Callable, Generator, Iterable, Mapping
 from functools import partial, wraps
 from typing import Any, Concatenate, ParamSpec, TypeVar, cast
 
+import msgspec
+
 from robotree.vr.author.child import ChildCommand, Exposed
-from robotree.vr.author.context import CallFuture, CallLimit, CommandContext
+from robotree.vr.author.context import CallFuture, CallLimit, CommandContext, WhichValue
 from robotree.vr.author.readings import Record
 from robotree.vr.author.robot import Robot
 from robotree.vr.author.signature import Command, ResumePolicy
@@ -49,6 +51,8 @@ T = TypeVar("T")
 A = TypeVar("A", bound=Frame)
 
 
+LARGEST_STEP = 4096
+"""[bytes] of a value of a stream that is kept as the result of a step."""
 ASKS = 0.1
 """[s] between two looks whether another part of the command still asks a person."""
 
@@ -366,6 +370,31 @@ class CommandActivity(Frame):
         if latest is None:
             raise NoReadingYet
         return latest
+
+    @_from_author
+    def next_sample(
+        self, slot: str, stream: str, which: WhichValue, *, at: float = 0.0, limit: CallLimit | None = None
+    ) -> Any:
+        """Return a value of a stream of the robot that is watched in a slot. A step.
+
+        What is larger than `LARGEST_STEP` is not kept: after a crash the step gives a later value.
+        """
+        taken: list[Any] = []
+
+        def take() -> list[Any] | str:
+            self.wait(_never, at - self.now())
+            try:
+                taken.append(self.feeds.next_sample(slot, stream, which, limit))
+            except TimeoutError as late:
+                return str(late)
+            return taken if len(msgspec.msgpack.encode(taken)) <= LARGEST_STEP else []
+
+        step = self.taken("sample", take, [slot, stream, which])
+        if isinstance(step, str):
+            raise TimeoutError(step)
+        if not (step or taken):
+            taken.append(self.feeds.next_sample(slot, stream, which, None))
+        return (step or taken)[0]
 
     @_from_author
     def published(self, slot: str) -> State | None:

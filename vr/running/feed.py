@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import math
+from collections import deque
 from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 from msgspec.structs import replace
 
-from robotree.vr.author.context import CallLimit
+from robotree.vr.author.context import CallLimit, WhichValue
 from robotree.vr.author.readings import Record
 from robotree.vr.base.errors import NotPermitted, VrError
-from robotree.vr.base.requests import State
+from robotree.vr.base.requests import State, StreamSample
 from robotree.vr.running.frame import Frame
+
+MOST_KEPT = 100
+"""Values of a stream that are kept until a command reads them."""
 
 _numbers = itertools.count(1)
 
@@ -35,13 +40,17 @@ class Feed:
     state: State | None = None
     """The latest state, of which they are a part; None: there was none."""
 
-    def __init__(self, frame: Frame, slot: str) -> None:
-        """Follow the child that is in a slot now, for a command.
+    def __init__(self, frame: Frame, slot: str, stream: str = "") -> None:
+        """Follow the child that is in a slot now, or a stream of the robot that is watched, for a command.
 
         Raises:
             SlotEmpty: there is none.
             NotPermitted: the page may see no reading of it.
         """
+        self.unread: deque[tuple[int, Any]] = deque(maxlen=MOST_KEPT)
+        """Values of the stream that the command has not read yet, with their numbers."""
+        self.newest: tuple[int, Any] | None = None
+        """The newest value of the stream."""
         runtime = frame.runtime
         child, epoch = runtime.child_in(slot)
         self._may = runtime.permissions
@@ -50,9 +59,11 @@ class Feed:
             kind = next(iter(self._kinds), slot)
             if not self._may.may_read_any(self._kinds):
                 raise NotPermitted(robot=runtime.name, what=f"see readings of {kind}")
+            if stream and not self._may.may_read(self._kinds, stream):
+                raise NotPermitted(robot=runtime.name, what=f"see {stream} of {kind}")
         self._wake = frame.wake
         self._forget = runtime.when_gone(slot, self._end)
-        self._unfollow = runtime.follow_child(child, self._take)
+        self._unfollow = runtime.follow_child(child, f"stream/{stream}" if stream else "state", self._take)
         try:
             gone = runtime.child_in(slot) != (child, epoch)
         except VrError:
@@ -60,13 +71,37 @@ class Feed:
         if gone:  # it has left before it was followed
             self._end(None)
 
-    def _take(self, state: State) -> None:
-        if (may := self._may) is not None:
-            seen = {name: value for name, value in state.readings.items() if may.may_read(self._kinds, name)}
-            state = replace(state, readings=seen)
-        self.state, self.latest = state, Record(state.readings)
-        self.number = next(_numbers)
+    def _take(self, news: State | StreamSample) -> None:
+        number = next(_numbers)
+        if isinstance(news, State):
+            if (may := self._may) is not None:
+                seen = {name: one for name, one in news.readings.items() if may.may_read(self._kinds, name)}
+                news = replace(news, readings=seen)
+            self.state, self.latest = news, Record(news.readings)
+        else:
+            self.newest = number, news.value
+            self.unread.append(self.newest)
+        self.number = number
         self._wake()
+
+    def sample(self, which: WhichValue, after: int) -> tuple[int, Any] | None:
+        """Take a value of the stream; None: there is none yet. In the command's thread only.
+
+        Args:
+            which: see `Activity.next_sample`.
+            after: number that it must be above.
+        """
+        found = self.newest
+        if which == "each":
+            with contextlib.suppress(IndexError):
+                return self.unread.popleft()
+            return None
+        if found is None or (which == "next" and found[0] <= after):
+            return None
+        if which == "newest" and not self.unread:
+            return None
+        self.unread.clear()
+        return found
 
     def has_news(self, after: int) -> bool:
         """Whether there is news that is newer than the one numbered `after`."""
@@ -89,20 +124,38 @@ class Feeds:
     def __init__(self, frame: Frame) -> None:
         """Follow nobody yet; `frame` is that of the command."""
         self._frame = frame
-        self._by_slot: dict[str, Feed] = {}
+        self._by_slot: dict[tuple[str, str], Feed] = {}
 
-    def of(self, slot: str) -> Feed:
-        """Return what the child that is now in a slot publishes.
+    def of(self, slot: str, stream: str = "") -> Feed:
+        """Return what the child that is now in a slot publishes: its state, or a stream.
 
         Raises:
             SlotEmpty: there is none.
         """
-        feed = self._by_slot.get(slot)
-        if feed is None or feed.over:
+        feed = self._by_slot.get((slot, stream))
+        if feed is None or (feed.over and not feed.unread):
             if feed is not None:
                 feed.close()
-            feed = self._by_slot[slot] = Feed(self._frame, slot)
+            feed = self._by_slot[slot, stream] = Feed(self._frame, slot, stream)
         return feed
+
+    def next_sample(self, slot: str, stream: str, which: WhichValue, limit: CallLimit | None) -> Any:
+        """Wait for a value of a stream; see `Activity.next_sample`.
+
+        Raises:
+            TimeoutError: none came in time.
+            SlotEmpty: nobody is watched.
+        """
+        now = self._frame.worker.now
+        end = math.inf if limit is None else now() + limit.seconds
+        feed = self.of(slot, stream)
+        began = feed.number
+        while (found := feed.sample(which, began)) is None:
+            if not self._frame.wait(partial(feed.has_news, feed.number), end - now()):
+                text = limit.text if limit else ""
+                raise TimeoutError(f"nothing came from {slot}.{stream} within {text}")
+            feed = self.of(slot, stream)
+        return found[1]
 
     def next_reading(self, slot: str, after: int) -> tuple[int, Any]:
         """Wait for a reading that is newer than the one numbered `after`; return its number, too."""

@@ -41,7 +41,7 @@ LONGEST_END = GRACE * (ATTEMPTS + 1)
 PAUSE = 0.01
 """[s] that a command waits which swallows the error that should end it: it must not spin."""
 
-PAUSES = ("sleep", "wait", "reading")
+PAUSES = ("sleep", "wait", "reading", "sample")
 """Kinds of steps of `taken` before which a paused command waits; the others only look, or end something."""
 
 _T = TypeVar("_T")

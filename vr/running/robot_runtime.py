@@ -40,7 +40,16 @@ from robotree.vr.base.errors import (
 )
 from robotree.vr.base.permissions import Permissions
 from robotree.vr.base.principal import ITSELF, Principal, is_person, principal_of
-from robotree.vr.base.requests import ANSWER_WITHIN, AnyRequest, Call, Cancel, Level, Reply, State
+from robotree.vr.base.requests import (
+    ANSWER_WITHIN,
+    AnyRequest,
+    Call,
+    Cancel,
+    Level,
+    Reply,
+    State,
+    StreamSample,
+)
 from robotree.vr.base.transport import Transport
 from robotree.vr.base.units import takes_long
 from robotree.vr.core import events as on
@@ -70,6 +79,10 @@ NUMBERS = frozenset({float, int, bool})
 
 _T = TypeVar("_T")
 _log = logging.getLogger(__name__)
+
+
+FollowChild = Callable[[Address, str, Callable[[State | StreamSample], None]], Callable[[], None]]
+"""Hands on what a robot publishes under a topic, `state` or `stream/NAME`; returns how to end that."""
 
 
 class NotDescribed(Exception):
@@ -140,7 +153,7 @@ class RobotRuntime:
         execute: Callable[[RobotRuntime, str, Run, Worker], None],
         transport: Transport,
         describe_child: Callable[[NotDescribed, OnDescribed], None],
-        follow_child: Callable[[Address, Callable[[State], None]], Callable[[], None]],
+        follow_child: FollowChild,
         obeyed: Callable[[], int | None] | None,
         on_effect: Callable[[CoreEffect], None],
     ) -> None:
@@ -153,8 +166,8 @@ class RobotRuntime:
             execute: carries out the code of a call on a worker; see `activity.execute`.
             transport: the way to children in other processes.
             describe_child: asks the child in a slot anew who it is, from any thread, without waiting.
-            follow_child: hands on the states that a child publishes, from any thread, without waiting;
-                returns how to end that.
+            follow_child: hands on what a child, or a robot that is watched, publishes under a topic, from any
+                thread, without waiting; returns how to end that.
             obeyed: returns the epoch that what stands behind the robot obeys, None before it was heard; None:
                 nothing stands behind it.
             on_effect: carries out what is not about calls. In any thread.
@@ -1009,12 +1022,15 @@ class RobotRuntime:
     # -- its children -----------------------------------------------------------------------------
 
     def child_in(self, slot: str) -> tuple[Address, int]:
-        """Return the child in a slot, and the epoch of the lease on it.
+        """Return the child in a slot, and the epoch of the lease on it; 0: it is only watched.
 
         Raises:
             SlotEmpty: there is none.
         """
         with self._lock:
+            found = self.core.state.slots.by_name.get(slot)
+            if found is not None and found.watched is not None:
+                return found.watched, 0
             bond = self.core.state.slots.require(slot)
             return bond.child, bond.lease.epoch
 
@@ -1054,7 +1070,11 @@ class RobotRuntime:
             SlotEmpty: there is none.
         """
         with self._lock:
-            return self.core.state.slots.require(slot).description.kinds
+            slots = self.core.state.slots
+            watched = slots.by_name.get(slot)
+            if watched is not None and watched.watched is not None:
+                return (watched.spec.kind,)  # it is of this kind at least, and no more is known
+            return slots.require(slot).description.kinds
 
     def child_only_reads(self, slot: str, command: str) -> bool:
         """Whether a command of the child in a slot is known to change nothing."""

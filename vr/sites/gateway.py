@@ -73,7 +73,7 @@ from robotree.vr.sites.showing import Showing
 from robotree.vr.sites.site import ARRIVAL, GONE, Site, SiteExchange
 from robotree.vr.sites.standing import Standing
 from robotree.vr.sites.stopping import SiteStops, StopHere
-from robotree.vr.sites.stream import PIECE, Full, Stream
+from robotree.vr.sites.stream import PIECE, Full, SiteStream
 from robotree.vr.sites.summary import Mirrors, Summaries, is_state
 from robotree.vr.sites.translating import arrived, leaving, sender_of
 
@@ -598,7 +598,7 @@ class Gateway:
         if step.answer:
             self._say(step.to, step.answer)
         if established is not None and established.member.name != self._keys.name:
-            self._begin(established.member, Stream(established.sealing, self.now()))
+            self._begin(established.member, SiteStream(established.sealing, self.now()))
 
     def _knows(self, name: str, session: bytes) -> bool:
         site = self._sessions.get(session)
@@ -607,7 +607,7 @@ class Gateway:
     def _say(self, name: str, packed: bytes) -> None:
         self._pipe.publish(self._topics.to(name), GREETING + packed)
 
-    def _begin(self, member: Certificate, stream: Stream) -> None:
+    def _begin(self, member: Certificate, stream: SiteStream) -> None:
         """A member has proved who it is: tell it all."""
         site = self.sites.setdefault(member.name, Site(member.name))
         if site.stream is not None:

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from robotree.vr.base.transport import End, Respond
 from robotree.vr.sites.certificates import Certificate
 from robotree.vr.sites.frames import SiteAsk
-from robotree.vr.sites.stream import Stream
+from robotree.vr.sites.stream import SiteStream
 from robotree.vr.sites.summary import Mirrors, Summaries
 
 SILENT = 1.6
@@ -43,7 +43,7 @@ class Site:
         self.name = name
         self.member: Certificate | None = None
         """Who it is, proved; None: it has not been heard since this gateway began."""
-        self.stream: Stream | None = None
+        self.stream: SiteStream | None = None
         self.keys = set[str]()
         """Under which its agents are present; announced here."""
         self.told = set[str]()

@@ -94,7 +94,7 @@ class _Shortest:
         return self._found[0][1] if self._found else otherwise
 
 
-class Stream:
+class SiteStream:
     """See the module. Not for several threads at once."""
 
     def __init__(self, sealing: Sealing, now: float) -> None:

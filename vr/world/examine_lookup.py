@@ -28,7 +28,7 @@ from robotree.vr.lookup.service import NEWS_PATTERN
 from robotree.vr.world.promises import Join, promise, until
 
 
-class Service(Protocol):
+class LookupLike(Protocol):
     """A lookup service under examination."""
 
     @property
@@ -41,7 +41,7 @@ class Service(Protocol):
         ...
 
 
-Open = Callable[[Transport, str], Awaitable[Service]]
+Open = Callable[[Transport, str], Awaitable[LookupLike]]
 """Opens a lookup service of a name on a transport and returns it when it serves."""
 
 ARM = Listing(
@@ -69,7 +69,7 @@ OTHERS = (
 class _Asker:
     """Asks one service, as an agent or a supervisor does."""
 
-    def __init__(self, transport: Transport, service: Service) -> None:
+    def __init__(self, transport: Transport, service: LookupLike) -> None:
         self.transport, self.key = transport, service.address.key
         self.news: list[Listed | Unlisted] = []
 
@@ -238,13 +238,13 @@ async def check_lookup(join: Join, open_service: Open) -> None:
         await check(join, open_service)
 
 
-async def _until_seen(who: Transport, service: Service) -> None:
+async def _until_seen(who: Transport, service: LookupLike) -> None:
     seen: list[str] = []
     watch = who.presence.watch("lookup/*/*", lambda key, _: seen.append(key))
     await until(lambda: service.address.key in seen, "a lookup service is seen")
     watch()
 
 
-async def _close(*closing: Service | Transport) -> None:
+async def _close(*closing: LookupLike | Transport) -> None:
     for each in closing:
         await each.close()

@@ -671,6 +671,9 @@ class MemoryTransport:
                 if way is not None:
                     way.send(hear, BULK)
 
+    def listeners(self, key: str) -> int:
+        return len(self.network.listeners(key))
+
     async def subscribe(self, pattern: str, handler: SampleHandler) -> Registration:
         self._check(pattern)
         return _Entry(partial(self.end_hearing, self.begin_hearing(pattern, handler)))

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from robotree.vr.sites.frames import SiteStopped, StopSite, encode_frame
 from robotree.vr.sites.sealing import OVERHEAD, Lane, Sealing, Verdict
-from robotree.vr.sites.stream import BEAT, LEAST_WINDOW, MOST_WAITING, PIECE, Full, Stream
+from robotree.vr.sites.stream import BEAT, LEAST_WINDOW, MOST_WAITING, PIECE, Full, SiteStream
 
 A, B = b"a" * 32, b"b" * 32
 
@@ -27,7 +27,7 @@ class Line:
     def __init__(self, *, delay: float = 0.0, loss: float = 0.0, rate: float = 0.0, seed: int = 1) -> None:
         self.now, self.delay, self.loss, self.rate = 0.0, delay, loss, rate
         self.chance = random.Random(seed)
-        self.ends = [Stream(sealing, 0.0) for sealing in pair()]
+        self.ends = [SiteStream(sealing, 0.0) for sealing in pair()]
         self.came: list[list[tuple[float, bytes]]] = [[], []]
         self.way: list[deque[tuple[float, bytes]]] = [deque(), deque()]
         self.free = [0.0, 0.0]
@@ -225,7 +225,7 @@ def test_the_delay_of_a_message_is_known_without_comparing_clocks() -> None:
     assert line.ends[1].round_trip == pytest.approx(0.2, abs=0.03)
     offset = 5000.0  # the clocks differ: only differences on each of them count
     mine, theirs = pair()
-    sender, receiver = Stream(mine, 0.0), Stream(theirs, offset)
+    sender, receiver = SiteStream(mine, 0.0), SiteStream(theirs, offset)
     for beat in range(10):
         for packet in sender.take(beat * BEAT):
             receiver.receive(packet, offset + beat * BEAT + 0.1)
@@ -235,7 +235,7 @@ def test_the_delay_of_a_message_is_known_without_comparing_clocks() -> None:
 
 def test_a_sender_that_slept_counts_as_late_at_first_and_not_for_ever() -> None:
     mine, theirs = pair()
-    sender, receiver = Stream(mine, 0.0), Stream(theirs, 0.0)
+    sender, receiver = SiteStream(mine, 0.0), SiteStream(theirs, 0.0)
 
     def beat(at: float, slept: float) -> None:
         for packet in sender.take(at - slept):

@@ -49,7 +49,7 @@ def openings(store: Store, name: str) -> list[Opening]:
         Opening(robot.name, slot.name, slot.kind, slot.doc, slot.commands)
         for robot in sorted(store.descriptions.values(), key=lambda one: one.name)
         for slot in robot.slots
-        if slot.child is None
+        if not slot.filled
     ]
     own = [one for one in every if one.parent == name]
     kinds = store.robots[name].kinds if name in store.robots else ()

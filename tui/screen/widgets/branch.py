@@ -44,5 +44,5 @@ def _lines(
     for one in robot.slots:
         if one.child:
             yield from _lines(store, one.child.name, one.name, (*above, name))
-        else:
+        elif not one.watched:  # who is only watched has a place of its own
             yield len(above) + 1, one.name, "", not one.optional

@@ -41,6 +41,7 @@ class Details(Lines):
         self.append_readings(text, ShownReadings.of(store, name, now), folded=self.folded)
         self._lease(text, store, robot, now)
         self._slots(text, robot)
+        self._streams(text, robot)
         self._commands(text, robot)
         self.line(text, "about", Text(wording.summary(robot.doc)))
         self.line(text, "kinds", Text(" < ".join(robot.kinds)))
@@ -72,12 +73,18 @@ class Details(Lines):
     def _slots(self, text: Text, robot: RobotDescription) -> None:
         for slot in robot.slots:
             words = Text.assemble((f"{slot.name}: ", "bold"), (f"{slot.kind} ", tint(self.app, "muted")))
-            if slot.child:
-                words.append(slot.child.name, tint(self.app, "primary"))
+            if inhabitant := wording.inhabitant(slot):
+                words.append(inhabitant, tint(self.app, "primary"))
             else:
                 tone = "muted" if slot.optional and not slot.lost else "warning"
                 words.append(slot.lost or wording.vacant(slot), tint(self.app, tone))
             self.line(text, "slot", words)
+
+    def _streams(self, text: Text, robot: RobotDescription) -> None:
+        for stream in robot.streams:
+            words = Text.assemble((f"{wording.parameter(stream.value)}  ", "bold"))
+            words.append(wording.traffic(stream) or "nobody listens", tint(self.app, "muted"))
+            self.line(text, "stream", words)
 
     def _commands(self, text: Text, robot: RobotDescription) -> None:
         muted = tint(self.app, "muted")

@@ -1,0 +1,152 @@
+"""Services: pages that bring behaviours along, and take them away again; nobody else notices."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+
+from robotree.vr.agents.host import Host
+from robotree.vr.base.errors import CommandFailed, DuplicateName, StillBonded
+from robotree.vr.bundle import Bundle
+from robotree.vr.exchange.client import HostClient, RobotClient
+from robotree.vr.journal.journal import HostJournal
+from robotree.vr.running.process import Process
+from robotree.vr.running.runner import runner_of
+from robotree.vr.world.network import MemoryNetwork
+from tests.waiting import until
+
+GREETER = Path(__file__).parents[3] / "examples/services/greeter.py"
+COMPANION = """
+from robotree.vr import VirtualRobot, command, state
+
+class Companion(VirtualRobot):
+    said: list[str] = state([])
+
+    @command
+    def say(self, text: str) -> None:
+        self.said = [*self.said, text]
+"""
+BOSS = """
+from robotree.vr import Child, VirtualRobot
+
+class Boss(VirtualRobot):
+    child = Child("Greeter")
+"""
+
+
+class Place:
+    """A host with a companion, that may be started again."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.network = folder, MemoryNetwork()
+
+    async def start(self) -> None:
+        runner = runner_of(asyncio.get_running_loop())
+        self.journal = HostJournal(self.folder / "journal", runner)
+        process = Process(runner, self.journal)
+        transport = self.network.join("host-1")
+        self.host = Host(transport, "host-1", process=process, journal=self.journal)
+        self.client = HostClient(self.network.join("operator"), self.host.address)
+        await self.host.start()
+        await self.host.restore()
+
+    async def end(self) -> None:
+        await self.host.close()
+        self.journal.close()
+
+    def robot(self, name: str) -> RobotClient:
+        return RobotClient(self.network.join(), self.host.agents[name].address)
+
+    def condition(self, name: str) -> str:
+        return self.host.agents[name].robot.attributes["condition"]
+
+
+@pytest.fixture
+async def place(tmp_path: Path) -> AsyncIterator[Place]:
+    place = Place(tmp_path)
+    await place.start()
+    await place.client.create(Bundle(COMPANION, "companion.py"), "companion")
+    yield place
+    await place.end()
+
+
+def test_the_simplest_service_has_at_most_forty_lines() -> None:
+    assert len(GREETER.read_text().splitlines()) <= 40
+
+
+async def test_a_service_comes_and_goes_and_no_robot_notices(place: Place) -> None:
+    companion = place.host.agents["companion"]
+    before, lines = companion.address, len(companion.runtime.log.since(0))
+    await place.client.create(Bundle.read(GREETER), "greeter")
+    assert set(place.host.agents) == {"companion", "greeter", "greeter-greet"}
+    assert place.condition("greeter-greet").startswith("inactive: needs robot")
+    await place.robot("greeter").enslave("companion", companion.address)
+    assert companion.runtime.lease is None, "it is only watched"
+
+    await place.robot("greeter-greet").enslave("robot", companion.address)
+
+    async def is_active() -> bool:
+        try:
+            await place.robot("greeter-greet").call("visitor", {"who": "Anna"})
+        except CommandFailed:  # its rules do not know of the partner yet
+            return False
+        return True
+
+    await until(is_active, "its partner is there")
+    await until(lambda: companion.description().kept["said"] == ["Welcome, Anna"], "it is greeted")
+
+    await place.robot("greeter").delete()
+    assert set(place.host.agents) == {"companion"}
+    await until(lambda: companion.runtime.lease is None, "the companion is free again")
+    assert companion.address == before
+    assert not [line for line in companion.runtime.log.since(lines) if line.level in {"warning", "error"}]
+
+
+async def test_a_robot_that_only_has_the_name_of_a_behaviour_is_nobodys(place: Place) -> None:
+    await place.client.create(Bundle(COMPANION, "companion.py"), "greeter-greet")
+    with pytest.raises(DuplicateName):
+        await place.client.create(Bundle.read(GREETER), "greeter")
+    assert set(place.host.agents) == {"companion", "greeter-greet"}, "nothing is left of the service"
+    await place.robot("greeter-greet").delete()
+
+    await place.client.create(Bundle.read(GREETER), "greeter")
+    await place.robot("greeter-greet").delete()
+    await place.client.create(Bundle(COMPANION, "companion.py"), "greeter-greet")
+    await place.robot("greeter").delete()
+    assert set(place.host.agents) == {"companion", "greeter-greet"}
+
+
+async def test_a_service_keeps_its_behaviours_over_a_restart_and_a_reload(place: Place) -> None:
+    await place.client.create(Bundle.read(GREETER), "greeter")
+    await place.robot("greeter").call("count", {"text": "one two"})
+    await place.end()
+    await place.start()
+    assert set(place.host.agents) == {"companion", "greeter", "greeter-greet"}
+    assert await place.robot("greeter").call("count", {"text": "three"}) == 3
+    source = GREETER.read_text()
+    other = source.replace(
+        'behaviours: ClassVar = {"greet": GREET}', 'behaviours: ClassVar = {"meet": GREET}'
+    )
+    await place.client.reload(Bundle(other, str(GREETER)), "greeter")
+    assert set(place.host.agents) == {"companion", "greeter", "greeter-meet"}
+    await place.robot("greeter").delete()
+    assert set(place.host.agents) == {"companion"}
+
+
+async def test_a_service_that_somebody_else_commands_is_not_deleted(place: Place) -> None:
+    await place.client.create(Bundle.read(GREETER), "greeter")
+    await place.client.create(Bundle(BOSS, "boss.py"), "boss")
+    await place.robot("boss").enslave("child", place.host.agents["greeter"].address)
+    with pytest.raises(StillBonded):
+        await place.robot("greeter").delete()
+    assert "greeter-greet" in place.host.agents, "nothing is lost"
+
+
+@pytest.mark.parametrize("given", ["5", "{1: 'text'}", "{'no name!': 'text'}"])
+async def test_behaviours_that_cannot_be(place: Place, given: str) -> None:
+    page = f"from robotree.vr import Service\n\nclass Wrong(Service):\n    behaviours = {given}\n"
+    with pytest.raises(Exception, match=r"Wrong.behaviours"):
+        await place.client.create(Bundle(page, "wrong.py"), "wrong")
