@@ -146,7 +146,7 @@ class Moves:
         self._expected: dict[str, Expected] = {}
         """The robots that may come, by transfer."""
         self._one: dict[str, asyncio.Lock] = {}
-        self._tasks: set[asyncio.Task[object]] = set()
+        self._begun: dict[asyncio.Task[object], None] = {}
 
     @staticmethod
     def moment(place: str) -> None:
@@ -271,8 +271,8 @@ class Moves:
     def keep(self, work: Coroutine[Any, Any, object]) -> None:
         """Have something done beside everything else."""
         task = asyncio.create_task(work)
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        self._begun[task] = None
+        task.add_done_callback(lambda done: self._begun.pop(done, None))
 
     def gone(self, agent: RobotAgent) -> None:
         """Take note that a robot has left."""
@@ -280,7 +280,7 @@ class Moves:
 
     def close(self) -> None:
         """Ask for nothing any more: the process ends."""
-        for task in tuple(self._tasks):
+        for task in tuple(self._begun):
             task.cancel()
 
     # -- coming -----------------------------------------------------------------------------------
