@@ -97,6 +97,11 @@ SHAPES: list[tuple[str, type, set[str]]] = [
     ("resume rover-1", dict, {"resumed"}),
     ("release mover.arm", dict, {"address", "kinds", "slots"}),
     ("delete mover", dict, {"deleted"}),
+    ("may root command rover-1", dict, {"allowed", "reason", "version"}),
+    ("orders", dict, {"orders", "holds", "silent"}),
+    ("group pair rover-1 arm-1", dict, {"name", "names", "where"}),
+    ("groups", list, {"name", "names", "where"}),
+    ("group pair --delete", dict, {"deleted"}),
     ("run {folder}/a.session", dict, {"ok", "script", "wall_s", "steps", "not_played"}),
 ]
 """Verb, what its data is, and what is in it (in each part of a list): as `docs/operating.md` says."""
@@ -145,6 +150,8 @@ def test_no_verb_over_a_realm_is_left_out() -> None:
     proved = {line.split()[0] for line, _, _ in SHAPES} | {"watch"}
     proved |= {"role", "rules explain"}  # over scripts and companions: their own tests show them
     proved |= {"decide", "space ls", "history", "why"}  # of hosts that crashed, of spaces, of what was kept
+    proved |= {"inbox", "order show", "order cancel", "order confirm", "take"}  # of robots that are away
+    proved |= {"migrate", "drain", "service"}  # of several hosts, and of services
     promised = {action.verb for action in ACTIONS if action.run and Where.SHELL in action.where} | {"run"}
     assert proved == promised
 
@@ -174,7 +181,7 @@ def test_a_result_that_is_over_is_not_waited_for(tmp_path: Path, capsys: pytest.
 def test_a_second_demo_in_a_realm_says_that_there_is_one(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["demo", "--headless", "--realm", "default"]) == exit_codes.REFUSED
     said = capsys.readouterr().err
-    assert "a demo already runs in realm 'default' (arm-1, cell, host-1" in said
+    assert "a demo already runs in realm 'default' (arm-1, cell, directory-1, host-1" in said
     assert said.count("robotree: ") == 1
 
 

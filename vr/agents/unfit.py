@@ -17,6 +17,9 @@ from robotree.vr.core.machine import RobotState
 from robotree.vr.running.frame import Frame
 from robotree.vr.running.robot_runtime import RobotRuntime
 
+_OURS = frozenset({"stream_outlet"})
+"""Attributes of a robot that our own code sets anew at the destination."""
+
 _LOCKS = (type(threading.Lock()), type(threading.RLock()), threading.Event, threading.Condition)
 TIED: dict[str, tuple[type[Any], ...]] = {
     "an open file": (io.IOBase,),
@@ -59,6 +62,8 @@ def _of_attributes(runtime: RobotRuntime) -> Iterator[str]:
         yield "it is no virtual robot: a proxy stays where its controller is"
         return
     for name, value in vars(robot).items():
+        if name in _OURS:
+            continue
         if hasattr(getattr_static(type(robot), name, None), "__get__"):  # it keeps itself there: a slot
             continue
         if words := tied_to_process(value):
