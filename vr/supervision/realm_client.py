@@ -11,6 +11,7 @@ import contextlib
 import os
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from math import isnan, nan
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
 import msgspec
@@ -725,7 +726,7 @@ class RealmClient:
 
     async def create(
         self,
-        path: str,
+        path: str | Path,
         name: str,
         host: str = "",
         wanted: str = "",
@@ -758,6 +759,7 @@ class RealmClient:
             raise DuplicateName(role="robot", name=name)
         from robotree.vr.bundle import Bundle  # `ls` needs no source
 
+        path = str(path)
         digest = path.removeprefix(BY_HASH) if path.startswith(BY_HASH) else ""
         bundle = None if digest else await asyncio.to_thread(Bundle.read, path, wanted)
         refusal: VrError = NoHost()
