@@ -25,10 +25,10 @@ def standby(stage: Stage, name: str, of: str = "h1") -> Program:
     return stage.program(name, HERE / "host.py", name, stage.folder / f"{of}.journal")
 
 
-async def stand_by(stage: Stage, *names: str) -> list[Program]:
+async def stand_by(stage: Stage, *names: str, after: float = AFTER) -> list[Program]:
     hosts = [standby(stage, name) for name in names]
     for host in hosts:
-        await host.start(STANDBY_FOR="h1", AFTER=str(AFTER))
+        await host.start(STANDBY_FOR="h1", AFTER=str(after))
         await stage.presence("host", host.name)
     return hosts
 
@@ -114,7 +114,7 @@ async def test_of_two_that_stand_by_exactly_one_takes_over_and_the_other_goes_on
 async def test_a_host_that_comes_back_in_time_keeps_its_robots(stage: Stage) -> None:
     h1 = stage.host()
     await stage.furnish(h1)
-    await stand_by(stage, "h2")
+    await stand_by(stage, "h2", after=PATIENCE)  # a busy machine needs seconds to start a process
     call = begin(stage, "tour", steps=20, pause=0.3)
     await stage.until_effects(3)
     for _ in range(2):

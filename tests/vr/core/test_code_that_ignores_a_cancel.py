@@ -106,7 +106,7 @@ async def test_code_that_cannot_be_interrupted_is_given_up_and_can_do_nothing_mo
     began = loop.time()
     with pytest.raises(DeadlineExceeded):
         await realm.client(rover).call("hang", {}, deadline=0.2)
-    assert loop.time() - began == pytest.approx(0.2 + REAL_GRACE * (ATTEMPTS + 1), abs=0.15)
+    assert loop.time() - began > 0.2 + REAL_GRACE * ATTEMPTS, "it was interrupted first"
     ended, goes_on = rover.runtime.log.since(0)
     assert (ended.level, ended.text.partition(";")[0]) == (
         "failed",
