@@ -45,7 +45,7 @@ $(STAMP): $(LOCK) pyproject.toml
 	@$(BIN)/python -m robotree.tui.line.installed
 	@touch $@
 
-demo: $(STAMP)  ## the whole system in one terminal: cell, proxy, two lookups, host, supervisor
+demo: $(STAMP)  ## the whole system in one terminal: cell, proxy, lookup, directory, host, supervisor
 	@$(BIN)/robotree demo
 
 # One worker more than cores: nearly half of the time the tests wait for something. Tests that measure speed come
