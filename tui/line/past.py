@@ -71,8 +71,10 @@ async def why(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
     from robotree.vr.supervision.why import explain, last_motion
 
     name = line.text("NAME|KEY")
-    kept = await kept_events(realm_client, ReadEvents(robot=name, last=True))
-    key = last_motion((event for _, event in kept.events()), name) or name
+    key = name
+    if "/" not in name:  # else it is the key of a step, and no name
+        kept = await kept_events(realm_client, ReadEvents(robot=name, last=True))
+        key = last_motion((event for _, event in kept.events()), name) or name
     kept = await kept_events(realm_client, ReadEvents(key=key))
     for note in kept.notes:
         teller.warn(note)
