@@ -25,7 +25,9 @@ from robotree.vr.base.errors import (
     NothingAsked,
     NotInControl,
     NotPaused,
+    SlotEmpty,
     SlotHeld,
+    SlotOccupied,
     StaleEpoch,
     StillRunning,
     Stopped,
@@ -60,12 +62,16 @@ STRANGER = Principal(user="anna", process=8, agent="robot/lever/1")
 """Says that it is the holder, in another process."""
 
 
+EYE = SlotSpec(name="eye", kind="Tool", watch=True)
+"""A slot that takes nobody's lease."""
+
+
 def new_core() -> RobotCore:
     state = RobotState(
         address=Address("robot", "arm-1", "1"),
         home="host host-1",
         lease=GrantedLease.free("arm-1", term=TERM, unix=UNIX),
-        slots=Slots.empty("arm-1", [SlotSpec(name=slot, kind="Tool") for slot in SLOTS]),
+        slots=Slots.empty("arm-1", [*(SlotSpec(name=slot, kind="Tool") for slot in SLOTS), EYE]),
         calls=Calls(),
         stop=Stop(),
     )
@@ -108,6 +114,8 @@ class CoreMachine(RuleBasedStateMachine):
         """Until when each child is ours unless it grants more, by slot."""
         self.declared = dict.fromkeys(SLOTS, "Tool")
         """The kinds of the slots of the present page."""
+        self.watched: Address | None = None
+        """Who is watched."""
         self.expected: dict[str, Address] = {}
         """Who is being asked to come, by slot."""
         self.asked: dict[int, dict[str, bool | None]] = {}
@@ -167,6 +175,9 @@ class CoreMachine(RuleBasedStateMachine):
                 assert slot in self.granted, "only a lease in force is renewed"
                 assert effect.sent == self.now
                 self.renewals.append(effect)
+            case ChildGone(slot=EYE.name, child=child, reason=reason):
+                assert (child, reason) == (self.watched, ""), "who was watched goes, and is not lost"
+                self.watched = None
             case ChildGone(slot=slot, reason=reason):
                 until = self.granted.pop(slot)
                 assert "did not answer" not in reason or until <= self.now, "no lease ends early"
@@ -602,6 +613,26 @@ class CoreMachine(RuleBasedStateMachine):
             self.granted[slot] = max(self.granted[slot], renewal.sent + TERM)
             assert bond.lease.expires == self.granted[slot], "it counts from when the request left"
 
+    @precondition(lambda self: EYE.name in self.core.state.slots.by_name)
+    @rule(name=st.sampled_from(["lamp", "door"]), life=st.sampled_from(["1", "2"]))
+    def a_robot_is_watched(self, name: str, life: str) -> None:
+        robot, before = Address("robot", name, life), self.watched
+        if before is not None and before.name != name:
+            with pytest.raises(SlotOccupied):
+                self.handle(on.Watching(slot=EYE.name, robot=robot))
+            return
+        effects = self.handle(on.Watching(slot=EYE.name, robot=robot))
+        assert bool(effects) == (before not in (None, robot)), "only another life replaces one"
+        self.watched = robot
+
+    @precondition(lambda self: self.watched)
+    @rule()
+    def a_robot_is_watched_no_longer(self) -> None:
+        self.handle(on.WatchEnded(slot=EYE.name))
+        assert self.watched is None
+        with pytest.raises(SlotEmpty):
+            self.handle(on.WatchEnded(slot=EYE.name))
+
     @precondition(lambda self: self.granted)
     @rule(data=st.data(), how=st.sampled_from([on.FreeAsked, on.Lose, on.ChildDescribed]))
     def a_child_is_released_or_lost_or_asked_anew(self, data: st.DataObject, how: type) -> None:
@@ -635,7 +666,7 @@ class CoreMachine(RuleBasedStateMachine):
         if self.core.due <= self.now:
             self.handle(on.Tick(unix=UNIX + self.now))
         held = {*self.granted, *self.expected}
-        specs = tuple(SlotSpec(name=name, kind=kind) for name, kind in declared.items())
+        specs = (*(SlotSpec(name=name, kind=kind) for name, kind in declared.items()), EYE)
         reload = on.PageReloaded(slots=specs, fields={"seen": value})
         if any(declared.get(slot) != self.declared[slot] for slot in held):
             with pytest.raises(SlotHeld):
@@ -643,7 +674,7 @@ class CoreMachine(RuleBasedStateMachine):
         else:
             self.handle(reload)
             self.declared = declared
-            assert self.core.state.slots.by_name.keys() == declared.keys()
+            assert self.core.state.slots.by_name.keys() == {*declared, EYE.name}
             assert self.core.state.fields == {"seen": value}
 
     # -- stops -----------------------------------------------------------------------------------
