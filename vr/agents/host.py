@@ -373,6 +373,8 @@ class Host:
         """
         bundle, clearance = self._admitted(_kept_bundle(page), asker)
         self._expect_apart(clearance, name)
+        if self.isolate != "none":  # it would live in this process
+            raise NotApart(level=self.isolate, name=name)
         make = partial(bundle.create, name, limit=self._limit)
         loop = asyncio.get_running_loop()
         robot, _ = await loop.run_in_executor(self._loaders, partial(_listen, make))
@@ -640,8 +642,8 @@ class Host:
             NotIsolated: this host cannot.
         """
         bundle, clearance = self._admitted(bundle_of(request), asker)
-        wanted: Isolation = request.isolate or self.isolate
-        level: Isolation = max((wanted, clearance.isolation), key=LEVELS.index)
+        wanted: Isolation = request.isolate or "none"
+        level: Isolation = max((wanted, self.isolate, clearance.isolation), key=LEVELS.index)
         if level == "none":
             return Described(robot=(await self.make(request, asker)).description())
         name = check_name(request.name)
@@ -745,9 +747,10 @@ class Host:
             case Reload(page=page, within=within) if (apart := self._apart(page.name)) is not None:
                 whole = await self._whole(page, received.principal)
                 _, clearance = self._admitted(bundle_of(whole), received.principal)
+                may = clearance.permissions
                 self._expect_apart(clearance, page.name, apart.kept.level)
                 again = replace(request, page=whole)
-                return await apart.control(again, received.principal, within + 10.0)
+                return await apart.control(again, received.principal, within + 10.0, may)
             case Reload(page=page, now=now, within=within):
                 return await self.reload(
                     bundle_of(await self._whole(page, received.principal)),

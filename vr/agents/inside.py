@@ -348,6 +348,7 @@ async def _made(host: Host, begin: pipe.BeginFrame) -> Any:
 def _control(loop: asyncio.AbstractEventLoop, host: Host, way: RobotPipe, frame: pipe.Control) -> None:
     async def answer() -> None:
         try:
+            host.gate = _Admitted(frame.permissions, host.gate.level)
             authorise(frame.principal, frame.request, None, host.here)
             received = Received(frame.request, frame.principal, loop.time(), 60.0)
             body = encode(await host.answer(received))

@@ -256,8 +256,8 @@ class NotApart(AddressError):
     """The page may run only where its robot does not live."""
 
     sentence = (
-        "the signer of this page is trusted only where its code is kept apart ({level}), and {name} lives"
-        " where it is not; create the robot anew with this page"
+        "this page runs only where its code is kept apart ({level}), and {name} would live where it is not;"
+        " create the robot anew with this page"
     )
 
 

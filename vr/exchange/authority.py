@@ -21,7 +21,7 @@ import msgspec
 
 from robotree.vr.base.errors import Denied, NotAllowed, NotPermitted
 from robotree.vr.base.permissions import Permissions
-from robotree.vr.base.policy import BY_NAME, OPEN, STOP, Person, PolicyGate, PolicyTarget
+from robotree.vr.base.policy import BY_NAME, OPEN, REALM, STOP, Person, PolicyGate, PolicyTarget
 from robotree.vr.base.principal import ITSELF, Principal, user_name
 from robotree.vr.base.requests import (
     AcquireFence,
@@ -106,7 +106,8 @@ ANYBODY: Final = "anybody"
 """Instead of a right: it only ends what the asker itself has begun."""
 
 AGENTS: Final = "agents"
-"""Instead of a right: robots and directories ask it of a directory, no person does."""
+"""Instead of a right: robots, hosts and directories ask it of each other. They are believed
+in what they say of others, so those of another user or site must be allowed to administrate the realm."""
 
 NEEDS: Final[Mapping[type[AnyRequest], str]] = {
     SafeStop: STOP,
@@ -257,8 +258,7 @@ def _is_shared(gate: PolicyGate) -> bool:
 def _keep_to_policy(principal: Principal, request: AnyRequest, state: RobotState | None, here: Here) -> None:
     gate, asker, right = here.gate, here.gate.asker(principal), NEEDS[type(request)]
     if right == AGENTS:
-        if principal.terminal:
-            _refuse(gate, asker, "command", here.target())
+        _expect(gate, asker, "administrate", PolicyTarget("", REALM))
         return
     if right in (STOP, ANYBODY) or _ends_its_own(principal, request, state):
         return

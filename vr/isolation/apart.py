@@ -128,7 +128,7 @@ class RobotApart:
         self.kept, self._permissions, self._setting = kept, permissions, setting
         self.name = name = kept.create.name
         self._transport, self._nursery, self._on_end = transport, nursery, on_end
-        self._judge = Judge(name)
+        self._judge = Judge(name, permissions)
         self.folder = None if setting.folder is None else setting.folder / APART / name
         self.page = ""
         """Hash of its page."""
@@ -147,13 +147,16 @@ class RobotApart:
         self._served: Registration | None = None
         self._present: Registration | None = None
         self._subscriptions: dict[int, Registration] = {}
+        self._coming: set[int] = set()
+        """Numbers of subscriptions that are being made; of `_dropped` those that are not wanted any more."""
         self._dropped: set[int] = set()
         self._undo: Undo = lambda: None
         self._ended = asyncio.Event()
         self._crashes = 0
         self._held = ""
         """Why the open commands end when the next process goes on; empty: they go on."""
-        self._leaving = False
+        self._leaving = self._for_good = False
+        """Whether its process is to end; whether nothing of the robot stays then."""
         self._tasks: set[asyncio.Future[Any]] = set()
         self._last_sign = 0.0
         self._takers = self._new_takers()
@@ -178,6 +181,7 @@ class RobotApart:
             shutil.rmtree(self.folder, ignore_errors=True)  # of one that was deleted while nobody looked
             private_folder(self.folder)
             self._write_page()
+        self._for_good = fresh  # until it has been up once
         self._keep(self._live(self.kept.create if fresh else None))
         return await asyncio.shield(self._up)
 
@@ -196,7 +200,7 @@ class RobotApart:
             try:
                 code = await self._one_process(create, abandon)
             except Misbehaved as fault:
-                self.over = f"its process was ended: {fault}"
+                self.over, self._for_good = f"its process was ended: {fault}", True
                 break
             except OSError as error:
                 self.over = f"no process can be made for it: {error.strerror or error}"
@@ -242,8 +246,9 @@ class RobotApart:
         finally:
             watch.cancel()
             self._undo()
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(self.pid, signal.SIGKILL)
+            if self.pid:
+                with contextlib.suppress(ProcessLookupError):
+                    os.killpg(self.pid, signal.SIGKILL)
             self._lose_process()
         return await ended
 
@@ -294,8 +299,9 @@ class RobotApart:
                 self._kill()
 
     def _kill(self) -> None:
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(self.pid, signal.SIGKILL)
+        if self.pid:  # 0 would be the host's own group
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self.pid, signal.SIGKILL)
 
     def _lose_process(self) -> None:
         self.pid = 0
@@ -325,7 +331,7 @@ class RobotApart:
             self._up.set_exception(VrError(detail=f"{self.name} cannot be: {self.over or 'its host ends'}"))
         elif self.over and self.over != DELETED:
             _log.error("%s is gone: %s", self.name, self.over)
-        if not self._leaving and self.folder is not None:
+        if self._for_good and self.folder is not None:
             self.folder.with_name(f"{self.name}{_PAGE}").unlink(missing_ok=True)
             shutil.rmtree(self.folder, ignore_errors=True)
         self._ended.set()
@@ -340,10 +346,16 @@ class RobotApart:
                 await self._ended.wait()
         if not self._ended.is_set():
             self._kill()
-            await self._ended.wait()
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(within):
+                    await self._ended.wait()
 
     async def control(
-        self, request: Reload | ReadEvents | VerifyEvents, principal: Principal, within: float
+        self,
+        request: Reload | ReadEvents | VerifyEvents,
+        principal: Principal,
+        within: float,
+        permissions: Permissions | None = None,
     ) -> Reply:
         """Have the robot's process answer a request to the host.
 
@@ -351,13 +363,18 @@ class RobotApart:
             request: as it came.
             principal: who asks.
             within: [s] to wait.
+            permissions: of the page with which it is to go on; of a `Reload` alone.
 
         Raises:
             VrError: it refuses, or does not answer.
         """
         number, answer = next(self._numbers), self._loop.create_future()
         self._controls[number] = answer
-        self._send(pipe.Control(number, request, principal))
+        before = self._permissions
+        if isinstance(request, Reload):
+            self._permissions = permissions
+            self._judge.permissions = (before, permissions)  # it turns when it comes to a boundary
+        self._send(pipe.Control(number, request, principal, self._permissions))
         try:
             async with asyncio.timeout(within):
                 reply = decode_reply(await answer, key=self.name)
@@ -366,12 +383,15 @@ class RobotApart:
             if isinstance(request, Reload):
                 self.kept = msgspec.structs.replace(self.kept, create=request.page)
                 self._write_page()
+                before = permissions
         except TimeoutError:
             raise NoAnswer(key=self.name, seconds=within) from None
         else:
             return reply
         finally:
             self._controls.pop(number, None)
+            if isinstance(request, Reload):
+                self._permissions, self._judge.permissions = before, (before,)
 
     # -- to the process ---------------------------------------------------------------------------
 
@@ -432,7 +452,10 @@ class RobotApart:
             allowance, last = min(BURST, allowance + (now - last) * FRAMES) - 1, now
             if allowance < 0:
                 await asyncio.sleep(-allowance / FRAMES)
-            await self._carry_out(frame)
+            try:
+                await self._carry_out(frame)
+            except VrError as error:  # of a frame within the frame: no robot of ours sends such
+                raise Misbehaved(f"it sent what cannot be used: {error}") from None
 
     def _new_takers(self) -> dict[type[pipe.PipeFrame], Callable[[Any], Coroutine[Any, Any, None] | None]]:
         return {
@@ -492,14 +515,18 @@ class RobotApart:
 
     def _begin_samples(self, frame: pipe.Subscribe) -> None:
         self._judge.expect_subscribed(frame.pattern)
-        if len(self._subscriptions) >= MOST_OPEN:
+        number = frame.number
+        if number in self._subscriptions or number in self._coming:
+            raise Misbehaved("it wanted to hear two under one number")
+        if len(self._subscriptions) + len(self._coming) >= MOST_OPEN:
             raise Misbehaved(f"it wanted to hear more than {MOST_OPEN} others")
+        self._coming.add(number)
         self._keep(self._subscribe(frame.number, frame.pattern))
 
     async def _end_samples(self, frame: pipe.Unsubscribe) -> None:
         if (registration := self._subscriptions.pop(frame.number, None)) is not None:
             await registration.close()
-        else:
+        elif frame.number in self._coming:
             self._dropped.add(frame.number)
 
     async def _serve(self, frame: pipe.Serve) -> None:
@@ -530,6 +557,7 @@ class RobotApart:
             self._pass(number, incoming)
         self._last_sign = self._loop.time()
         if not self._up.done():
+            self._for_good = False
             self._up.set_result(reply)
 
     def _fail(self, frame: pipe.FailedFrame) -> None:
@@ -540,7 +568,7 @@ class RobotApart:
             self.over = str(error)
 
     def _go(self, _: pipe.GoneFrame) -> None:
-        self.over = self.over or DELETED
+        self.over, self._for_good = self.over or DELETED, True
 
     async def _announce(self, key: str, unless: list[str]) -> list[str]:
         if self._present is not None:
@@ -559,7 +587,10 @@ class RobotApart:
         def take(key: str, body: bytes) -> None:
             self._send(pipe.Sampled(number, key, bytes(body)))
 
-        registration = await self._transport.subscribe(pattern, take)
+        try:
+            registration = await self._transport.subscribe(pattern, take)
+        finally:
+            self._coming.discard(number)
         if number in self._dropped or self.pid == 0:
             self._dropped.discard(number)
             await registration.close()

@@ -43,13 +43,21 @@ _SCOPED = 3  # abstract Unix sockets, signals
 _SCOPE_FROM = 6
 """The first version of Landlock that keeps signals and abstract sockets inside."""
 
-_READABLE = ("/usr", "/lib", "/lib64", "/etc", "/dev/null", "/dev/zero", "/dev/urandom", "/proc/self")
+_SYSTEM = ("ld.so.cache", "localtime", "passwd", "group", "nsswitch.conf", "ssl/openssl.cnf")
+_READABLE = (
+    *("/usr", "/lib", "/lib64"),
+    *(f"/etc/{name}" for name in _SYSTEM),
+    "/dev/null",
+    "/dev/zero",
+    "/dev/urandom",
+    "/proc/self",
+)
 
 # linux/filter.h, linux/seccomp.h, linux/audit.h
-_LD, _JEQ, _JSET, _RET = 0x20, 0x15, 0x45, 0x06
+_LD, _JEQ, _JSET, _RET, _AND = 0x20, 0x15, 0x45, 0x06, 0x54
 _ALLOW, _KILL, _ERRNO = 0x7FFF0000, 0x80000000, 0x00050000
 _EPERM, _ENOSYS = 1, 38
-_NUMBER, _ARCH, _ARG0 = 0, 4, 16
+_NUMBER, _ARCH, _ARG0, _ARG4 = 0, 4, 16, 48
 """[bytes] from the start of `struct seccomp_data`."""
 _CLONE_THREAD = 0x00010000
 _X32 = 0x40000000
@@ -87,6 +95,34 @@ _CALLS = {
             "kill": 62,
             "tgkill": 234,
             "clone": 56,
+            "memfd_create": 319,
+            "shmget": 29,
+            "msgget": 68,
+            "semget": 64,
+            "rt_sigqueueinfo": 129,
+            "rt_tgsigqueueinfo": 297,
+            "sched_setparam": 142,
+            "sched_setscheduler": 144,
+            "sched_setaffinity": 203,
+            "sched_setattr": 314,
+            "setpriority": 141,
+            "ioprio_set": 251,
+            "fchmodat": 268,
+            "fchmodat2": 452,
+            "fchownat": 260,
+            "setxattr": 188,
+            "lsetxattr": 189,
+            "removexattr": 197,
+            "lremovexattr": 198,
+            "chmod": 90,
+            "chown": 92,
+            "lchown": 94,
+            "prctl": 157,
+            "fcntl": 72,
+            "socketpair": 53,
+            "sendto": 44,
+            "sendmsg": 46,
+            "sendmmsg": 307,
             "clone3": 435,
         },
     ),
@@ -120,11 +156,45 @@ _CALLS = {
             "kill": 129,
             "tgkill": 131,
             "clone": 220,
+            "memfd_create": 279,
+            "shmget": 194,
+            "msgget": 186,
+            "semget": 190,
+            "rt_sigqueueinfo": 138,
+            "rt_tgsigqueueinfo": 240,
+            "sched_setparam": 118,
+            "sched_setscheduler": 119,
+            "sched_setaffinity": 122,
+            "sched_setattr": 274,
+            "setpriority": 140,
+            "ioprio_set": 30,
+            "fchmodat": 53,
+            "fchmodat2": 452,
+            "fchownat": 54,
+            "setxattr": 5,
+            "lsetxattr": 6,
+            "removexattr": 14,
+            "lremovexattr": 15,
+            "prctl": 167,
+            "fcntl": 25,
+            "socketpair": 199,
+            "sendto": 206,
+            "sendmsg": 211,
+            "sendmmsg": 269,
             "clone3": 435,
         },
     ),
 }
 """For each machine: what the kernel calls it (`AUDIT_ARCH_*`), and the numbers of system calls."""
+
+_BY_ARGUMENT: tuple[tuple[str, int, int, tuple[int, ...], bool], ...] = (
+    ("prctl", 16, 0xFFFFFFFF, (_PR_SET_PDEATHSIG,), False),  # it ends with its host, whatever it does
+    ("fcntl", 24, 0xFFFFFFFF, (8, 10, 15), False),  # F_SETOWN, F_SETSIG, F_SETOWN_EX: signals to others
+    ("socketpair", 24, 0xF, (1,), True),  # SOCK_STREAM: others can be sent to by name
+    ("sendto", _ARG4, 0xFFFFFFFF, (0,), True),  # no address
+)
+"""Calls that are refused (False), or allowed alone (True), for values of an argument: its place [bytes] in
+`struct seccomp_data`, which bits of it count, and the values."""
 
 _OF_ITSELF = ("kill", "tgkill", "prlimit64")
 """Calls that name a process first; allowed for this one."""
@@ -244,6 +314,16 @@ def _seccomp(libc: ctypes.CDLL) -> bool:
     return True
 
 
+def _by_argument(
+    number: int, offset: int, mask: int, values: Sequence[int], *, allowed: bool
+) -> list[tuple[int, int, int, int]]:
+    """Return the part of the filter that decides on a call by one of its arguments."""
+    hit, miss = (_ALLOW, _ERRNO | _EPERM) if allowed else (_ERRNO | _EPERM, _ALLOW)
+    tests = [(_JEQ, len(values) - place, 0, value) for place, value in enumerate(values)]
+    body = [(_LD, 0, 0, offset), (_AND, 0, 0, mask), *tests, (_RET, 0, 0, miss), (_RET, 0, 0, hit)]
+    return [(_JEQ, 0, len(body), number), *body]
+
+
 def filter_for(machine: int, calls: dict[str, int], own: int) -> bytes:
     """Return the filter as a program of the kernel's packet filter (bpf(4), seccomp(2)). Pure.
 
@@ -278,8 +358,14 @@ def filter_for(machine: int, calls: dict[str, int], own: int) -> bytes:
             (_RET, 0, 0, _ALLOW),
             (_RET, 0, 0, _ERRNO | _EPERM),
         ]
+    # of an address of 64 bits the upper half is looked at first; then the number is loaded again
+    code += [(_JEQ, 0, 4, calls["sendto"]), (_LD, 0, 0, _ARG4 + 4), (_JEQ, 1, 0, 0)]
+    code += [(_RET, 0, 0, _ERRNO | _EPERM), (_LD, 0, 0, _NUMBER)]
+    for name, offset, mask, values, allowed in _BY_ARGUMENT:
+        code += _by_argument(calls[name], offset, mask, values, allowed=allowed)
+    known = {"clone", "clone3", *_OF_ITSELF, *(name for name, *_ in _BY_ARGUMENT)}
     for name, number in calls.items():
-        if name not in ("clone", "clone3", *_OF_ITSELF):
+        if name not in known:
             code += [(_JEQ, 0, 1, number), (_RET, 0, 0, _ERRNO | _EPERM)]
     code.append((_RET, 0, 0, _ALLOW))
     return b"".join(struct.pack("<HBBI", *each) for each in code)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from robotree.vr.base.address import Address
 from robotree.vr.base.envelope import read_envelope
 from robotree.vr.base.errors import VrError
+from robotree.vr.base.permissions import Permissions
 from robotree.vr.base.requests import (
     AcquireFence,
     AnyRequest,
@@ -64,9 +65,16 @@ class Misbehaved(Exception):
 class Judge:
     """Judges the frames of one robot."""
 
-    def __init__(self, name: str) -> None:
-        """Begin with a robot whose address is not known yet."""
+    def __init__(self, name: str, permissions: Permissions | None = None) -> None:
+        """Begin with a robot whose address is not known yet.
+
+        Args:
+            name: of the robot.
+            permissions: of its page; None: it is not limited.
+        """
         self.name = name
+        self.permissions: tuple[Permissions | None, ...] = (permissions,)
+        """Those of its page; while that is being changed, those of both."""
         self.key = ""
         """Of its address: the first one under which it answers."""
 
@@ -104,6 +112,8 @@ class Judge:
         nameless = not envelope.sender and isinstance(request, NAMELESS)
         if envelope.terminal or envelope.proof or (envelope.sender != self.key and not nameless):
             raise Misbehaved(f"it asked {_shown(key)} for {what} in the name of somebody else")
+        if envelope.may not in self.permissions and role == "robot" and not nameless:
+            raise Misbehaved(f"it asked {_shown(key)} for {what} with other permissions than its page has")
         if isinstance(request, OF_PARENTS) and request.parent.key != self.key:
             raise Misbehaved(f"it asked {_shown(key)} for {what} as {_shown(request.parent.key)}")
         if isinstance(request, Register) and any(one.address.key != self.key for one in request.listings):

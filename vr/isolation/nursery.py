@@ -89,7 +89,7 @@ class Nursery:
         try:
             process = await asyncio.create_subprocess_exec(
                 *box(folder),
-                *(sys.executable, "-m", _INSIDE, str(other.fileno())),
+                *(sys.executable, "-P", "-m", _INSIDE, str(other.fileno())),
                 pass_fds=[other.fileno()],
                 stdin=asyncio.subprocess.DEVNULL,
                 start_new_session=True,
@@ -105,7 +105,7 @@ class Nursery:
 
     def _start_zygote(self) -> None:
         own, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        arguments = [sys.executable, "-m", _ZYGOTE, str(other.fileno()), str(os.getpid())]
+        arguments = [sys.executable, "-P", "-m", _ZYGOTE, str(other.fileno()), str(os.getpid())]
         try:
             self._zygote = subprocess.Popen(
                 arguments, pass_fds=[other.fileno()], stdin=subprocess.DEVNULL, process_group=0

@@ -123,6 +123,8 @@ class Control(PipeFrame, frozen=True):
     number: int
     request: Reload | ReadEvents | VerifyEvents
     principal: Principal
+    permissions: Permissions | None
+    """Of the page with which it is to go on."""
 
 
 class Leave(PipeFrame, frozen=True):

@@ -74,6 +74,23 @@ class Guest(VirtualRobot):
     def _write(self, where: str) -> int:
         return Path(where).write_text("mine")
 
+    def _memory(self, _: str) -> int:
+        return os.memfd_create("mine")
+
+    def _slow(self, where: str) -> None:
+        os.setpriority(os.PRIO_PROCESS, int(where), 19)
+
+    def _open_up(self, where: str) -> None:
+        Path(where).chmod(0o777)
+
+    def _stay(self, _: str) -> None:
+        if ctypes.CDLL(None, use_errno=True).prctl(1, 0, 0, 0, 0):
+            raise OSError(ctypes.get_errno(), "prctl")
+
+    def _send(self, where: str) -> None:
+        near, _ = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        near.sendto(b"mine", where)
+
     def _eat(self, _: str) -> int:
         return len(bytearray(3_000_000_000))
 

@@ -22,7 +22,7 @@ from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.admission import Clearance, Gate
 from robotree.vr.bundle.loader import LIMIT
 from robotree.vr.exchange.client import HostClient, RobotClient
-from robotree.vr.isolation import apart
+from robotree.vr.isolation import apart, pipe
 from robotree.vr.isolation.apart import ApartSetting, RobotsApart
 from robotree.vr.journal.journal import HostJournal
 from robotree.vr.network.local import LocalTransport, join
@@ -80,7 +80,10 @@ async def place(tmp_path: Path, place: Path) -> AsyncIterator[Place]:
     await here.end()
 
 
-async def test_a_guest_can_be_called_and_can_do_no_harm(place: Place, tmp_path: Path) -> None:
+async def test_a_guest_can_be_called_and_can_do_no_harm(
+    place: Place, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # where a host was started nobody may read
     guest = await place.create()
     secret = tmp_path / "secret"
     secret.write_text("42")
@@ -94,6 +97,12 @@ async def test_a_guest_can_be_called_and_can_do_no_harm(place: Place, tmp_path: 
         ("signal", str(os.getpid()), "PermissionError"),
         ("read", str(secret), "PermissionError"),
         ("write", str(tmp_path / "new"), "PermissionError"),
+        ("read", "/etc/shadow", "PermissionError"),
+        ("open_up", str(secret), "PermissionError"),
+        ("slow", str(os.getpid()), "PermissionError"),
+        ("memory", "", "PermissionError"),
+        ("stay", "", "PermissionError"),
+        ("send", str(tmp_path / "socket"), "PermissionError"),
         ("eat", "", "MemoryError"),
     ):
         assert await guest.call("attempt", {"what": what, "where": where}) == refusal, what
@@ -167,6 +176,25 @@ async def test_a_process_that_cannot_be_is_said_to_who_asks(place: Place, tmp_pa
     with pytest.raises(NotIsolated):
         await client.create(bundle, "broken", None, "process")
     place.host.apart = robots
+
+
+async def test_a_host_that_keeps_its_robots_apart_runs_none_itself(place: Place) -> None:
+    place.host.isolate = "process"
+    bundle = Bundle.read(PAGE)
+    robot = await HostClient(place.operator, place.host.address).create(bundle, "guest", None, "none")
+    assert await RobotClient(place.operator, robot.address).call("pid", {}) == place.pid()
+    assert not place.host.agents
+
+
+async def test_what_it_sends_and_cannot_be_used_ends_it_and_nobody_else(place: Place) -> None:
+    guest = await place.create()
+    assert place.host.apart is not None
+    robot = place.host.apart.robots["guest"]
+    robot._takers[pipe.Alive] = lambda _: robot._be_up(pipe.Up(b"\xff", "x"))  # pyright: ignore[reportPrivateUsage]
+    await until(lambda: not place.host.description().robots)
+    with pytest.raises(VrError):
+        await guest.call("add", {"a": 1, "b": 1})
+    assert await (await place.create("other")).call("add", {"a": 1, "b": 1}) == 2
 
 
 async def test_a_page_that_must_be_kept_apart_replaces_none_that_is_not(place: Place) -> None:

@@ -7,6 +7,7 @@ import pytest
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import Listing
 from robotree.vr.base.envelope import seal, sitting_at
+from robotree.vr.base.permissions import Permissions
 from robotree.vr.base.requests import (
     AnyRequest,
     Call,
@@ -76,6 +77,16 @@ def test_whatever_else_it_asks_for_is_refused(
 ) -> None:
     with pytest.raises(Misbehaved):
         judge.expect_asked(key, body(request_, sender))
+
+
+def test_it_has_the_permissions_of_its_page_and_no_others() -> None:
+    limited = Permissions(commands=("Arm.move",))
+    judge = Judge("guest", limited)
+    judge.expect_own(OWN.key)
+    judge.expect_asked(OTHER.key, seal(CALL, now=1.0, within=1.0, sender=OWN.key, may=limited).body)
+    for forged in (None, Permissions(commands=("*.*",))):
+        with pytest.raises(Misbehaved):
+            judge.expect_asked(OTHER.key, seal(CALL, now=1.0, within=1.0, sender=OWN.key, may=forged).body)
 
 
 def test_it_is_no_person(judge: Judge) -> None:
