@@ -17,8 +17,7 @@ from robotree.client.joining import joined
 from robotree.tui import exit_codes
 from robotree.tui.demo import cast
 from robotree.tui.processes.crew import Crew
-from robotree.tui.processes.programs import programs
-from robotree.tui.realm_file.applying import _end
+from robotree.tui.processes.programs import end_process, programs
 from robotree.tui.realm_file.controllers import controllers
 from robotree.vr.base.address import ROLES
 from tests.command_line import within_realm
@@ -332,14 +331,14 @@ async def test_a_person_is_asked_before_anything_ends(small: Place) -> None:
 async def test_what_a_host_brings_back_is_asked_about_too(small: Place) -> None:
     async with joined(REALM) as realm_client:
         await realm_client.create(str(small.folder / "team.py"), "stranger", host="host-1")
-    await _end(small.process_of("host-1"))
+    await end_process(small.process_of("host-1"))
     code, answer, _ = await small.apply("small.yaml", "--prune")
     assert code == exit_codes.USAGE, (
         "the first plan ended nothing; the host brought back what is not in the file"
     )
     assert "nothing was ended" in answer["message"]
     assert "stranger" in await small.shape()
-    await _end(small.process_of("host-1"))
+    await end_process(small.process_of("host-1"))
     code, done, complaints = await small.apply("small.yaml", "--prune", "--yes")
     assert code == exit_codes.DONE, complaints
     assert done["steps"][-1]["line"] == "delete stranger"

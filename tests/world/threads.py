@@ -24,6 +24,7 @@ from robotree.vr.base import presence
 from robotree.vr.base.address import Address
 from robotree.vr.base.errors import DamagedJournal
 from robotree.vr.base.os_files import AT_ONCE
+from robotree.vr.base.policy import OPEN
 from robotree.vr.base.presence import Presence
 from robotree.vr.base.principal import Credentials
 from robotree.vr.core import events as on
@@ -364,7 +365,7 @@ def _robot(stage: Stage) -> Law:
         book.core(state),
         home,
         execute=cast("Any", None),
-        transport=cast("Any", SimpleNamespace(identity=identity)),
+        transport=cast("Any", SimpleNamespace(identity=identity, gate=OPEN)),
         describe_child=cast("Any", None),
         follow_child=cast("Any", None),
         obeyed=None,

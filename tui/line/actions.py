@@ -250,7 +250,7 @@ ACTIONS: tuple[Action, ...] = (
         group=SHAPE,
         right="create",
         run="service",
-        where=ANYWHERE,
+        where=LINES,
         examples=("service examples/services/greeter.py greeter",),
         alters=True,
     ),

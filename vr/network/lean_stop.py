@@ -52,7 +52,7 @@ DIAL_WITHIN = 0.1
 SCRIPT = "script"
 """Begin of the sender's key, as in `envelope.py`."""
 
-VERSION, URGENT = 2, 0
+VERSION, URGENT = 3, 0
 """Version and lane of its frames, as in `link.py`."""
 
 _HELLO, _ASK = 0, 2
@@ -62,7 +62,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 _FLAGS = {"--json", "--readonly", "--calm"}
 """Options that change nothing of what is stopped."""
 
-_Packable = str | bytes | float | Sequence["_Packable"] | Mapping[str, "_Packable"]
+_Packable = str | bytes | float | None | Sequence["_Packable"] | Mapping[str, "_Packable"]
 
 
 class StopLine:
@@ -158,9 +158,9 @@ def frames(keys: Iterable[str], order: str, now: float, system: Files = OS_FILES
         system: of this process.
     """
     stop: dict[str, _Packable] = {"type": "SafeStop", "reason": REASON, "within": WITHIN, "order": order}
-    envelope = _packed([stop, "", now, float("inf"), _clock(), b"", _terminal()])
+    envelope = _packed([stop, "", now, float("inf"), _clock(), b"", _terminal(), None])
     member = f"{system.pid()}-{system.chance(4).hex()}"
-    hello = _framed([_HELLO, VERSION, member, URGENT, {}])
+    hello = _framed([_HELLO, VERSION, member, URGENT, {}, {}])
     asked = (_framed([_ASK, number, key, envelope]) for number, key in enumerate(keys, 1))
     return b"".join([hello, *asked])
 
@@ -173,6 +173,8 @@ def _framed(frame: Sequence[_Packable]) -> bytes:
 def _packed(value: _Packable) -> bytes:
     """Return a value as MessagePack, in the forms that msgspec chooses."""
     match value:
+        case None:
+            packed = b"\xc0"
         case str():
             packed = _headed(len(value.encode()), 0xA0, 32, 0xD9) + value.encode()
         case bytes():

@@ -116,7 +116,7 @@ async def test_branch_and_picture_come_with_the_first_command_and_stay(
     realm.arm.under_way = True
     async with at_go_to(realm, operate, "teleop") as (operator, page):
         commands = [command.name for command in page.robot.commands]
-        await operator.press(*["down"] * commands.index("go_to"), "ctrl+r")
+        await operator.press("home", *["down"] * commands.index("go_to"), "ctrl+r")
         await operator.sees("teleop  ◐ go_to", "└ arm: arm-1  ◐ go_to", "cell / cell", "▀▀▀")
         assert "--%" not in operator.text
         await operator.sees("  2 s")  # how long it has run is told also where nobody says how far it is

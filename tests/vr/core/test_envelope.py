@@ -18,6 +18,7 @@ from robotree.vr.base.errors import Garbled, NoAnswer, Unreachable, VrError
 from robotree.vr.base.principal import this_process
 from robotree.vr.base.requests import (
     AnyRequest,
+    AskMove,
     Call,
     Cancel,
     Describe,
@@ -30,8 +31,10 @@ from robotree.vr.base.requests import (
     Look,
     MarkSeen,
     Petition,
+    PrepareMove,
     Query,
     Raised,
+    ReadBundle,
     ReadEvents,
     ReadHistory,
     ReadKnown,
@@ -44,6 +47,7 @@ from robotree.vr.base.requests import (
     Reply,
     SafeStop,
     ShareRecords,
+    TakeRobot,
     TellOrders,
     VerifyEvents,
     WatchEntries,
@@ -58,6 +62,7 @@ ASKS_OR_PROLONGS = {
     DescribeView, RenewEntry, RenewFence, WatchEntries, DescribeSpace, DescribeGateway,
     ReadEvents, VerifyEvents,
     ReadOrders, MarkSeen, FetchOrders, TellOrders, ReadKnown, ShareRecords,
+    PrepareMove, TakeRobot, AskMove, ReadBundle,
 }  # fmt: skip
 """Requests that are void when their caller no longer waits."""
 

@@ -228,7 +228,7 @@ def test_each_example_script_has_a_table() -> None:
     scripts = {
         path
         for path in EXAMPLES.rglob("*")
-        if path.suffix in {".yaml", ".clp"} and not {".test", ".realm"} & {*path.suffixes}
+        if path.suffix in {".yaml", ".clp"} and not {".test", ".realm", ".panel"} & {*path.suffixes}
     }
     assert {path.parent / read_table(path.read_text(), path.name)[0] for path in SCRIPTS} == scripts
 
