@@ -552,6 +552,7 @@ class RobotApart:
         if not isinstance(reply, Described) or reply.robot.address != self.address:
             raise Misbehaved("it described another robot")
         self.page = str(frame.page)[:64]
+        self._judge.identity = self._judge.identity or reply.robot.identity
         waiting, self._waiting = self._waiting, []
         for number, incoming in waiting:
             self._pass(number, incoming)

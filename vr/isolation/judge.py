@@ -33,6 +33,7 @@ from robotree.vr.base.requests import (
     RenewEntry,
     RenewFence,
     Retract,
+    RobotDeleted,
     RollBack,
     SafeStop,
     TakeStep,
@@ -46,6 +47,7 @@ ALLOWED: dict[str, tuple[type[AnyRequest], ...]] = {
         *(Pause, TakeStep, Continue),
     ),
     "lookup": (Register, Query),
+    "directory": (Register, Query, RobotDeleted),
     "space": (
         *(WriteEntry, FindEntries, GiveUp, RenewEntry, OpenTransaction, CloseTransaction, RollBack),
         *(AcquireFence, RenewFence, WatchEntries, DescribeSpace),
@@ -75,6 +77,8 @@ class Judge:
         self.name = name
         self.permissions: tuple[Permissions | None, ...] = (permissions,)
         """Those of its page; while that is being changed, those of both."""
+        self.identity = ""
+        """For life, as it describes itself first."""
         self.key = ""
         """Of its address: the first one under which it answers."""
 
@@ -116,6 +120,8 @@ class Judge:
             raise Misbehaved(f"it asked {_shown(key)} for {what} with other permissions than its page has")
         if isinstance(request, OF_PARENTS) and request.parent.key != self.key:
             raise Misbehaved(f"it asked {_shown(key)} for {what} as {_shown(request.parent.key)}")
+        if isinstance(request, RobotDeleted) and request.identity != (self.identity or f"name:{self.name}"):
+            raise Misbehaved("it wanted another robot to be forgotten")
         if isinstance(request, Register) and any(one.address.key != self.key for one in request.listings):
             raise Misbehaved("it wanted to list another robot")
         if isinstance(request, Register) and any(one.key != self.key for one, _ in request.withdrawn):

@@ -21,6 +21,7 @@ from robotree.vr.base.requests import (
     Register,
     Release,
     Resume,
+    RobotDeleted,
     SafeStop,
 )
 from robotree.vr.isolation.judge import Judge, Misbehaved
@@ -87,6 +88,16 @@ def test_it_has_the_permissions_of_its_page_and_no_others() -> None:
     for forged in (None, Permissions(commands=("*.*",))):
         with pytest.raises(Misbehaved):
             judge.expect_asked(OTHER.key, seal(CALL, now=1.0, within=1.0, sender=OWN.key, may=forged).body)
+
+
+def test_it_says_of_itself_alone_that_it_is_deleted(judge: Judge) -> None:
+    judge.identity = "mine"
+    judge.expect_asked("directory/d/1", body(RobotDeleted(identity="mine")))
+    for identity in ("yours", "", "name:guest"):
+        with pytest.raises(Misbehaved):
+            judge.expect_asked("directory/d/1", body(RobotDeleted(identity=identity)))
+    judge.identity = ""  # it takes no orders, and is remembered by its name
+    judge.expect_asked("directory/d/1", body(RobotDeleted(identity="name:guest")))
 
 
 def test_it_is_no_person(judge: Judge) -> None:
