@@ -42,7 +42,7 @@ CAUGHT = {
     "of two that dial each other one gives way": ("mesh", 0),
     "what was asked of a process that is gone ends": ("mesh", 10),
     "a process that has joined knows all who are there": ("mesh", 10),
-    "descriptors are kept in reserve": ("mesh", 19),
+    "descriptors are kept in reserve": ("host", 0),
     "a reader that leaves is counted out at once": ("threads of readers", 74),
     "a record counts if it fits its checksum": ("disk", 1),
     "a record that was cut short is left out": ("disk", 33),
