@@ -12,7 +12,7 @@ from robotree.tui.cli import main
 from tests.command_line import robotree
 
 
-@pytest.mark.e2e
+@pytest.mark.speed  # the hub must be back before a lease of 5 s ends, which beside other tests it is not
 @pytest.mark.timeout(400)
 @pytest.mark.usefixtures("place")
 def test_the_lever_is_closed_from_another_site_while_the_hub_between_them_is_killed() -> None:
