@@ -78,7 +78,9 @@ async def run_proxy(  # noqa: PLR0913 # what a person can say of it
     history.start()
     try:
         await _serve(
-            lambda transport: running_proxy(robot, transport, process=process, orders=orders),
+            lambda transport: running_proxy(
+                robot, transport, process=process, orders=orders, history=history
+            ),
             realm,
             ready,
         )
@@ -127,6 +129,7 @@ async def running_proxy(
     *,
     process: Process | None = None,
     orders: OrderMemory | None = None,
+    history: HistoryWriter | None = None,
 ) -> AsyncGenerator[RobotAgent]:
     """Run a robot's proxy inside the block.
 
@@ -135,6 +138,7 @@ async def running_proxy(
         transport: the way to the other agents.
         process: whose threads carry its commands out; None: one of its own.
         orders: its memory of its orders; None: it takes none.
+        history: what it keeps of what the robot did; None: nothing is kept.
 
     Yields:
         Its agent.
@@ -151,6 +155,7 @@ async def running_proxy(
         obeyed=lambda: _obeyed_epoch(robot),
         process=process,
         orders=orders,
+        history=history,
     )
     robot.on_change = agent.notify
     async with _running(agent, registrar, robot.run):

@@ -38,13 +38,12 @@ from robotree.tui.demo_crash import (
 )
 from robotree.tui.errors import MemberFailed, ValueRefused
 from robotree.tui.processes.crew import Crew
-from robotree.tui.processes.state_files import KEYS, history_files
+from robotree.tui.processes.state_files import KEYS
 from robotree.tui.sites.slow_line import SlowLine
 from robotree.tui.terminal import aside, complain, note, put
 from robotree.tui.wire.security import NOTHING, REALM, key_file
 from robotree.vr.base.errors import VrError
 from robotree.vr.base.requests import ReadEvents
-from robotree.vr.history.file import HistoryFile
 from robotree.vr.network.realms import state_home
 
 if TYPE_CHECKING:
@@ -416,27 +415,15 @@ class Sites:
         latest = time.monotonic() + 5.0
         while True:
             events: list[HistoryEvent] = []
-            for robot in (LEVER, MOVER):
+            for robot in (LEVER, MOVER, ARM):
                 for read in (await realm_client.read_events(ReadEvents(robot=robot, since=since))).values():
                     events += [one.event for one in read.events]
-            events += await asyncio.to_thread(self._of_arm, since)
             accepted = {event.key for event in events if (event.robot, event.kind) == (ARM, "accepted")}
             answered = {event.key for event in events if (event.robot, event.kind) == (MOVER, "answered")}
             over = any((event.robot, event.kind) == (LEVER, "ended") for event in events)
             if (over and accepted and accepted <= answered) or time.monotonic() > latest:
                 return events
             await asyncio.sleep(0.1)
-
-    def _of_arm(self, since: float) -> list[HistoryEvent]:
-        """Return what the proxy at the plant has kept: it is in a file there."""
-        path = history_files(self.realm, self._places[PLANT].state / state_home().name).get(("robot", ARM))
-        if path is None:
-            return []
-        file = HistoryFile(path)
-        try:
-            return [one.event for one in file.read(ReadEvents(robot=ARM, since=since)).events]
-        finally:
-            file.close()
 
 
 def _free_address() -> str:

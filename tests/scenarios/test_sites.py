@@ -183,6 +183,23 @@ def test_a_virtual_robot_here_commands_a_robot_there(plant: Plant) -> None:
     assert "r1" in tree
 
 
+def test_what_a_robot_of_another_site_did_and_why_is_told_here(plant: Plant) -> None:
+    lab, hall = plant.lab, plant.hall
+    kept = lab.say("history", "r1")
+    assert {one["source"] for one in kept} == {"robot hall:r1"}
+    assert [one for one in kept if one["kind"] == "accepted" and one.get("caller") == "square"]
+    assert [{**one, "source": "robot hall:r1"} for one in hall.say("history", "r1")] == kept
+    (examined,) = lab.say("history", "hall:r1", "--verify")
+    assert examined["count"] >= len(kept)
+    why = lab.say("why", "hall:r1")
+    assert [link["call"]["robot"] for link in why["links"]] == ["r1", "square"]
+    assert [link["source"] for link in why["links"]] == ["robot hall:r1", "host host-lab"]
+    assert why["person"].endswith("@script")
+    assert lab.say("why", why["links"][0]["call"]["key"]) == why
+    texts = [line["text"] for line in lab.say("log", "hall:r1")]
+    assert len([text for text in texts if text.startswith("r1 (robot, site hall, process")]) == 1, texts
+
+
 def test_a_picture_and_a_watch_come_across(plant: Plant, tmp_path: Path) -> None:
     lab, hall = plant.lab, plant.hall
     lab.until_listed("r1", there=False)  # it is enslaved

@@ -66,6 +66,7 @@ async def history(realm_client: RealmClient, line: Line, teller: Teller) -> Outc
 
 async def why(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
     """Tell who asked for the last motion of a robot, or for the command of a key."""
+    from robotree.vr.base.address import parted
     from robotree.vr.base.errors import NoHistory
     from robotree.vr.base.requests import ReadEvents
     from robotree.vr.supervision.why import explain, last_motion
@@ -74,8 +75,8 @@ async def why(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
     key = name
     if "/" not in name:  # else it is the key of a step, and no name
         kept = await kept_events(realm_client, ReadEvents(robot=name, last=True))
-        key = last_motion((event for _, event in kept.events()), name) or name
-    kept = await kept_events(realm_client, ReadEvents(key=key))
+        key = last_motion((event for _, event in kept.events()), parted(name)[1]) or name
+    kept = await kept_events(realm_client, ReadEvents(key=key, robot="" if key == name else name))
     for note in kept.notes:
         teller.warn(note)
     chain = explain(key, kept.events())
@@ -88,8 +89,10 @@ async def why(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
 
 
 async def kept_events(realm_client: RealmClient, request: ReadEvents) -> _Kept:
-    """Ask the hosts that live, and read the files of the others and of proxies on this machine."""
-    answers = {f"host {name}": read for name, read in (await realm_client.read_events(request)).items()}
+    """Ask all who live and keep events, and read the files of the others and of proxies on this machine."""
+    import msgspec
+
+    answers = dict(await realm_client.read_events(request))
     notes = [
         f"{source} is behind by {_events(read.waiting)}; what has just happened may be missing"
         for source, read in answers.items()
@@ -97,7 +100,18 @@ async def kept_events(realm_client: RealmClient, request: ReadEvents) -> _Kept:
     ]
     notes += [f"{source} keeps nothing at the moment: {read.trouble}" for source, read in answers.items()
               if read.trouble]  # fmt: skip
-    read, faults = await _from_files(realm_client, answers, lambda file: file.read(request))
+    places = realm_client.places
+    site, plain = realm_client.whereabouts(request.robot) if request.robot else ("", "")
+    elsewhere = site not in {"", places.own}
+    notes += [
+        f"site {one} is not heard; what is kept there is missing"
+        for one in places.sites()
+        if places.silent(one) and (request.key or site in {"", one})
+    ]
+    if elsewhere and not request.key:
+        return _Kept(answers, tuple(notes))
+    here = msgspec.structs.replace(request, robot=plain)
+    read, faults = await _from_files(realm_client, answers, lambda file: file.read(here))
     return _Kept(answers | read, (*notes, *faults))
 
 
@@ -139,7 +153,7 @@ async def _verified(realm_client: RealmClient, name: str, kept: _Kept) -> Outcom
     of_robot = [source for source, read in kept.answers.items() if read.events]
     if not of_robot:
         raise NoHistory(name=name, detail=_nothing("", kept))
-    answers = {f"host {host}": found for host, found in (await realm_client.verify_events()).items()}
+    answers = dict(await realm_client.verify_events(name))
     files, _ = await _from_files(realm_client, answers, lambda file: file.verify())
     rows: list[dict[str, Any]] = []
     lines: list[str] = []

@@ -467,7 +467,7 @@ async def _logged(realm_client: RealmClient, name: str) -> list[tuple[str, Logge
 
     from robotree.vr.base.errors import NoSuchRobot, VrError
 
-    found = [(one.name, one.line) for one in await realm_client.read_history() if name in {"", one.name}]
+    found = [(one.name, one.line) for one in await realm_client.read_history(name)]
     if name:
         try:
             found += [(name, one) for one in await realm_client.read_log(name)]

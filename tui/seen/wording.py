@@ -5,6 +5,7 @@ Pure; plain text without markup or colour.
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Mapping, Sequence
 from math import degrees
@@ -291,7 +292,8 @@ def vacant(slot: SlotSpec) -> str:
 def log_line(line: LoggedLine, robot: str = "") -> str:
     """Return one line of a log: when, how important, of which robot unless that is clear, what."""
     clock = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(line.unix))
-    who = f"{robot}: " if robot and robot not in line.text else ""
+    named = re.search(rf"(?<![\w-]){re.escape(robot)}(?![\w-])", line.text)
+    who = f"{robot}: " if robot and not named else ""
     return f"{clock}  {line.level:9}  {who}{line.text}"
 
 

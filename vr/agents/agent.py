@@ -70,6 +70,7 @@ from robotree.vr.base.requests import (
     Pause,
     Petition,
     Raised,
+    ReadEvents,
     ReadLog,
     Release,
     Renew,
@@ -80,6 +81,7 @@ from robotree.vr.base.requests import (
     State,
     StreamSample,
     TakeStep,
+    VerifyEvents,
     decode_event,
     encode,
 )
@@ -91,6 +93,7 @@ from robotree.vr.core.machine import Calls, RobotState
 from robotree.vr.core.stop import Stop
 from robotree.vr.exchange.claim import SETTLE, claim, new_address
 from robotree.vr.exchange.dispatcher import Dispatcher, SendReply, not_for
+from robotree.vr.history.writer import HistoryWriter, answer_of
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.orders.ledger import OrderMemory
 from robotree.vr.running.activity import execute
@@ -109,7 +112,7 @@ _AT_THE_END = (Describe, Release, SafeStop, Delete)
 _ON_WAY = (Describe, ReadLog, Renew)
 """Requests that it answers also while it is on its way to another host; all others are held."""
 
-_TAKE_TIME = (SafeStop, Resume, Enslave, Free, Delete, TakeStep)
+_TAKE_TIME = (SafeStop, Resume, Enslave, Free, Delete, TakeStep, ReadEvents, VerifyEvents)
 """Requests whose answers wait for something."""
 
 _log = logging.getLogger(__name__)
@@ -131,6 +134,7 @@ class RobotAgent:
         shared: Shared | None = None,
         state: RobotState | None = None,
         orders: OrderMemory | None = None,
+        history: HistoryWriter | None = None,
     ) -> None:
         """Make the agent, on the event loop; `start` lets it live.
 
@@ -147,6 +151,7 @@ class RobotAgent:
             state: what the robot was before its process ended, to go on with: see `take_back` and `go_on`;
                 None: it is a new one.
             orders: its memory of its orders; None: it takes none.
+            history: what it keeps of what the robot did, and is asked for; None: its host does, or nobody.
 
         Raises:
             TypeError: the robot's class declares a command in a way that cannot be called from afar.
@@ -165,7 +170,7 @@ class RobotAgent:
         self._process = Process(runner_of(self._loop)) if process is None else process
         self._owns_process = process is None
         self._shared = Shared() if shared is None else shared
-        self._unix = unix or self._process.runner.unix
+        self._unix, self._history = unix or self._process.runner.unix, history
         self._restored = state is not None
         self.runtime = self._new_runtime(robot, state or self._new_state(robot, term), obeyed)
         self._hooks = Hooks(robot, self._process.runner, partial(self.runtime.say, ""))
@@ -663,7 +668,9 @@ class RobotAgent:
                 self._note_order("deleted", asker)
                 await self._delete(lambda left: send(Done(note=left)))
                 return None
-            case _:  # not one of `_TAKE_TIME`
+            case ReadEvents() | VerifyEvents() if self._history is not None:
+                return await asyncio.to_thread(answer_of, self._history, request)
+            case _:
                 raise not_for("robot", request)
 
     async def _enslave(self, request: Enslave, asker: Principal) -> None:

@@ -323,6 +323,8 @@ def shown(reply: Reply, principal: Principal, here: Here) -> Reply:  # noqa: PLR
     def sees(name: str, kinds: tuple[str, ...] = (), role: str = "robot") -> bool:
         known = here.robot(name) if role == "robot" and not kinds else None
         found = kinds if known is None else known.kinds
+        if (role, name) == (here.role, here.name):
+            found = here.kinds()
         return gate.may(asker, "see", PolicyTarget(name, role, found, "", gate.site)).allowed
 
     replace = msgspec.structs.replace

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections import deque
 from collections.abc import Callable, Iterable
 
 from robotree.vr.base.address import Address
+from robotree.vr.base.places import Places
 from robotree.vr.base.presence import Presence, Undo
 from robotree.vr.base.requests import Level, LoggedLine, Remembered
 
@@ -15,20 +17,50 @@ EVERYBODY = "*/*/*"
 APART = 3.0
 """[s] between two notes of the same: what several processes saw differs by less."""
 
+_FROM_AFAR = re.compile(r"\S+ \(\w+, site [^,)]+\) ")
+"""How a note about an agent of another site begins: only its own machine knows its process."""
+
+_AT = re.compile(r"\S+ \(\w+, site ([^,)]+)[,)]")
+"""How a note about an agent begins, where the realm has several sites."""
+
+
+def site_told(line: LoggedLine) -> str:
+    """Return the site at which a note of a chronicle says that its agent is; empty: it does not say."""
+    found = None if line.command else _AT.match(line.text)
+    return found[1] if found else ""
+
 
 def merged(lines: Iterable[Remembered]) -> list[Remembered]:
-    """Return lines in the order of time; what several chronicles have counts once."""
+    """Return lines in the order of time; what several chronicles have counts once.
+
+    What the chronicles of an agent's own site say of it counts more than what those of other sites saw.
+    """
+    ordered = sorted(lines, key=lambda one: one.line.unix)
+    at_home = dict[str, list[float]]()
+    for one in ordered:
+        if not _FROM_AFAR.match(one.line.text):
+            at_home.setdefault(one.line.key, []).append(one.line.unix)
     kept: list[Remembered] = []
     latest: dict[tuple[str, str], float] = {}
-    for one in sorted(lines, key=lambda one: one.line.unix):
+    for one in ordered:
         line = one.line
         if line.key and not line.command:  # of a chronicle
+            if _FROM_AFAR.match(line.text) and _near(line.unix, at_home.get(line.key, ())):
+                continue
             before = latest.get((line.key, line.text))
             latest[line.key, line.text] = line.unix
             if before is not None and line.unix - before < APART:
                 continue
         kept.append(one)
     return kept
+
+
+def _is_afar(place: str) -> bool:
+    return place.startswith("site ") and "," not in place
+
+
+def _near(unix: float, others: Iterable[float]) -> bool:
+    return any(abs(unix - other) < APART for other in others)
 
 
 class Chronicle:
@@ -42,10 +74,12 @@ class Chronicle:
             unix: returns the time [s] since 1970.
         """
         self._presence, self._unix = presence, unix
+        self._sites = Places(presence)
         self._lines: deque[Remembered] = deque(maxlen=KEPT)
         self._number = 0
         self._places: dict[str, str] = {}
-        """The process of each agent, by its key: `process 4711`. It is known only while that runs."""
+        """The process of each agent, by its key: `process 4711`; where the realm has several sites, `site lab,
+        process 4711`, of an agent of another site without the process. Known only while that runs."""
         self._hang: set[str] = set()
         """Keys of agents whose processes hang."""
 
@@ -70,6 +104,8 @@ class Chronicle:
                 self._tell(key, "info", "answers again")
             elif new:
                 self._tell(key, "info", "has come")
+        elif _is_afar(self._places.get(key, "")):
+            self._end(key, "info", "is not seen any more")  # what became of it is told there
         elif presence.left(key):
             self._end(key, "info", "has left")
         elif presence.hangs(key):
@@ -85,7 +121,10 @@ class Chronicle:
                 self.seen(key, there=False)
 
     def _place(self, key: str) -> str:
-        return next((one.where for one in self._presence.held(key)), "")
+        if other := self._sites.site_of(key):
+            return f"site {other}"
+        own, where = self._sites.own, next((one.where for one in self._presence.held(key)), "")
+        return f"site {own}, {where}" if own and where else where
 
     def _end(self, key: str, level: Level, words: str) -> None:
         self._tell(key, level, words)

@@ -69,7 +69,7 @@ from robotree.vr.exchange.client import (
     ViewClient,
     read_history,
 )
-from robotree.vr.lookup.chronicle import merged
+from robotree.vr.lookup.chronicle import merged, site_told
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.network.group_file import GroupFiles, groups_beside
 from robotree.vr.network.lean_stop import REASON
@@ -451,41 +451,88 @@ class RealmClient:
         """Return the log of a robot, the oldest line first."""
         return await self._ask(name, lambda robot: robot.read_log())
 
-    async def read_history(self) -> Sequence[Remembered]:
+    async def read_history(self, name: str = "") -> Sequence[Remembered]:
         """Return who came and went, and what robots that have ended had logged, the oldest line first.
 
         Lookup services remember the one, hosts the other. What several services saw is one line.
+
+        Args:
+            name: of the only agent whose lines are wanted, with a site or without; empty: of all. Then what
+                another site remembers of a robot of its own has the name with the site.
         """
+        site, plain = parted(name) if name else ("", "")
         agents = [one for role in _REMEMBERING for one in self.directory.present(role)]
-        asked = (read_history(self._transport, agent, timeout=GLANCE) for agent in agents)
-        return merged(line for answer in await _all_that_answer(asked) for line in answer.lines)
+
+        async def answer(agent: Address) -> list[Remembered]:
+            lines = (await read_history(self._transport, agent, timeout=GLANCE)).lines
+            there = self.places.site_of(agent.key)
+            kept = list[Remembered]()
+            for one in lines:
+                at = site_told(one.line) or there or self.places.own
+                if name and (one.name != plain or site not in {"", at}):
+                    continue
+                afar = not name and agent.role == "host" and there
+                kept.append(Remembered(f"{there}:{one.name}", one.line) if afar else one)
+            return kept
+
+        return merged(line for lines in await _all_that_answer(map(answer, agents)) for line in lines)
 
     async def read_events(self, request: ReadEvents) -> Mapping[str, EventsRead]:
-        """Ask all hosts what they have kept of a robot or a command; returns the answers by host.
+        """Ask all who live and keep events for those of a robot or a command; returns the answers by who it is.
 
-        One that does not answer is left out. Of a robot only the hosts of its site are asked, where it is
-        known.
+        That are the hosts, and robots of other sites that have no host: proxies. Proxies of this machine are
+        not asked: they keep files, which are read without them. One that does not answer is left out. Of a
+        robot only those of its site are asked, where it is known, unless the events of a command are wanted.
+
+        Returns:
+            By who has kept it, in words: `host h1`, `robot hall:arm-1`.
         """
-        site, plain = parted(request.robot) if request.robot else ("", "")
+        site, plain = self.whereabouts(request.robot) if request.robot else ("", "")
+        only = "" if request.key else site
+        plainly = msgspec.structs.replace(request, robot=plain)
+        found = await self._of_keepers(plainly, EventsRead, GLANCE, only, plain)
+        return dict(found)
+
+    async def verify_events(self, robot: str = "") -> Mapping[str, EventsVerified]:
+        """Have those who keep events examine what they have kept; returns what they found, by who it is.
+
+        Args:
+            robot: of whom it is; only the proxy of this name is asked, beside the hosts.
+        """
+        site, plain = self.whereabouts(robot) if robot else ("", "")
+        return dict(await self._of_keepers(VerifyEvents(), EventsVerified, EXAMINATION, site, plain))
+
+    def whereabouts(self, name: str) -> tuple[str, str]:
+        """Return the site and the plain name of a robot; the site is empty if there is one, or nobody knows.
+
+        Raises:
+            BadName: it cannot be a name.
+        """
+        site, plain = parted(name)
         own = self.places.own
-        if plain and not site and own and (found := self.directory.present("robot", plain)):
+        if not site and own and (found := self.directory.present("robot", plain)):
             site = self.places.site_of(self.directory.nearest(found, "robot", plain)[0].key) or own
-        request = msgspec.structs.replace(request, robot=plain)
-        return dict(await self._of_hosts(request, EventsRead, GLANCE, site))
+        return site, plain
 
-    async def verify_events(self) -> Mapping[str, EventsVerified]:
-        """Have all hosts examine what they have kept; returns what they found, by host."""
-        return dict(await self._of_hosts(VerifyEvents(), EventsVerified, EXAMINATION))
-
-    async def _of_hosts(
-        self, request: ReadEvents | VerifyEvents, kind: type[_K], timeout: float, site: str = ""
+    async def _of_keepers(
+        self, request: ReadEvents | VerifyEvents, kind: type[_K], timeout: float, site: str, robot: str
     ) -> Sequence[tuple[str, _K]]:
-        async def answer(host: Address) -> tuple[str, _K]:
-            said = await ask(self._transport, host.key, request, kind, timeout=timeout)
-            return self.places.shown(host).name, said
+        """Ask the hosts of a site (empty: all), and the robots of other ones there; empty name: each of them."""
+        places, present = self.places, self.directory.present
+        keepers = list(present("host", f"{site}:*" if site else "*"))
+        if places.own:
+            keepers += [
+                one
+                for one in present("robot", robot or "*")
+                if (at := places.site_of(one.key)) and site in {"", at}
+            ]
 
-        hosts = self.directory.present("host", f"{site}:*" if site else "*")
-        return await _all_that_answer(map(answer, hosts))
+        async def answer(keeper: Address) -> tuple[str, _K]:
+            said = await ask(self._transport, keeper.key, request, kind, timeout=timeout)
+            afar = places.site_of(keeper.key)
+            return f"{keeper.role} {keeper.shown(afar).name if afar else keeper.name}", said
+
+        return await _all_that_answer(map(answer, keepers))
 
     # -- what they are ----------------------------------------------------------------------------
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from robotree.vr.base.envelope import sitting_at
 from robotree.vr.base.presence import Held, Presence
 from robotree.vr.base.requests import LoggedLine, Remembered
-from robotree.vr.lookup.chronicle import APART, Chronicle, merged
+from robotree.vr.lookup.chronicle import APART, Chronicle, merged, site_told
 from robotree.vr.world.testing import until
 from tests.vr.network.world import World
 
@@ -20,8 +20,8 @@ class Watched:
     def __init__(self) -> None:
         self.hang: set[str] = set()
         self.live = {HOST, ARM}
-        presence = Presence(held=self._held, unheard=self._unheard)
-        self.chronicle = Chronicle(presence, lambda: 1000.0)
+        self.presence = Presence(held=self._held, unheard=self._unheard)
+        self.chronicle = Chronicle(self.presence, lambda: 1000.0)
 
     def _held(self, pattern: str) -> list[Held]:
         return [Held(pattern, "process 7", "")]
@@ -74,6 +74,28 @@ def test_what_two_services_saw_is_one_line_and_what_a_robot_said_twice_is_two() 
     assert merged([there, again, here]) == [here, again]
     said = [seen(1.0, "go_to is done", "k1", "go_to"), seen(1.0, "go_to is done", "k1", "go_to")]
     assert merged(said) == said
+
+
+def test_what_another_site_saw_of_an_agent_counts_less_than_what_was_told_where_it_is() -> None:
+    def seen(unix: float, text: str) -> Remembered:
+        return Remembered("arm-1", LoggedLine(1, unix, "info", text, "", ARM))
+
+    died = seen(5.0, "arm-1 (robot, site hall, process 7) has died: its process has gone")
+    gone = seen(5.3, "arm-1 (robot, site hall) is not seen any more")
+    cut = seen(5.3 + 2 * APART, "arm-1 (robot, site hall) is not seen any more")
+    assert merged([gone, cut, died]) == [died, cut]
+    watched = Watched()
+    for key in ("gateway/lab/3", "site/hall", f"at/hall/{ARM}"):
+        watched.presence.count(key, there=True)
+    for key in (HOST, ARM):
+        watched.chronicle.seen(key, there=True)
+    watched.chronicle.seen(ARM, there=False)
+    assert watched.texts == [
+        "host-1 (host, site lab, process 7) has come",
+        "arm-1 (robot, site hall) has come",
+        "arm-1 (robot, site hall) is not seen any more",
+    ]
+    assert [site_told(line.line) for line in watched.chronicle.lines] == ["lab", "hall", "hall"]
 
 
 async def test_the_realm_remembers_by_whom_a_robot_was_created_stopped_and_deleted(tmp_path: Path) -> None:
