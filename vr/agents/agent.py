@@ -643,7 +643,9 @@ class RobotAgent:
             return self._reply_later(request, received.principal, send)
         return self._reply(request, received.principal)
 
-    async def _reply_later(self, request: AnyRequest, asker: Principal, send: SendReply) -> Reply | None:
+    async def _reply_later(  # noqa: PLR0911 # one for each
+        self, request: AnyRequest, asker: Principal, send: SendReply
+    ) -> Reply | None:
         match request:
             case SafeStop():
                 self.on_stop(request.reason or "protective stop", request.order)

@@ -78,8 +78,8 @@ class Chronicle:
         self._lines: deque[Remembered] = deque(maxlen=KEPT)
         self._number = 0
         self._places: dict[str, str] = {}
-        """The process of each agent, by its key: `process 4711`; where the realm has several sites, `site lab,
-        process 4711`, of an agent of another site without the process. Known only while that runs."""
+        """The process of each agent, by its key: `process 4711`; where the realm has several sites,
+        `site lab, process 4711`; of an agent of another site `site hall`. Known only while that runs."""
         self._hang: set[str] = set()
         """Keys of agents whose processes hang."""
 

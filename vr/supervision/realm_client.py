@@ -478,7 +478,7 @@ class RealmClient:
         return merged(line for lines in await _all_that_answer(map(answer, agents)) for line in lines)
 
     async def read_events(self, request: ReadEvents) -> Mapping[str, EventsRead]:
-        """Ask all who live and keep events for those of a robot or a command; returns the answers by who it is.
+        """Ask all who live and keep events for those of a robot or a command.
 
         That are the hosts, and robots of other sites that have no host: proxies. Proxies of this machine are
         not asked: they keep files, which are read without them. One that does not answer is left out. Of a
@@ -517,7 +517,7 @@ class RealmClient:
     async def _of_keepers(
         self, request: ReadEvents | VerifyEvents, kind: type[_K], timeout: float, site: str, robot: str
     ) -> Sequence[tuple[str, _K]]:
-        """Ask the hosts of a site (empty: all), and the robots of other ones there; empty name: each of them."""
+        """Ask the hosts of a site, and its robots of this name if it is another one; empty: of all."""
         places, present = self.places, self.directory.present
         keepers = list(present("host", f"{site}:*" if site else "*"))
         if places.own:
