@@ -171,6 +171,7 @@ def _start(line: Line, *, readonly: bool) -> int:
                 "man": _man, "stop": _stop, "save": _save, "apply": _apply, "hub": _realm,
             }  # fmt: skip
             families = {"realm": _realm, "bundle": _bundle, "policy": _policy}
+            families |= {"recording": _recorded, "export": _recorded}
             family = families.get(verb.partition(" ")[0], _ask)
             return apart.get(verb, family)(line, realm, readonly)
 
@@ -187,6 +188,13 @@ def _bundle(line: Line, realm: str, _readonly: bool) -> int:  # noqa: FBT001 # o
     from robotree.tui import bundles
 
     return bundles.start(line, realm)
+
+
+def _recorded(line: Line, _realm: str, _readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike
+    """Show a recording of a realm, or write it in another format."""
+    from robotree.tui.recording import exports
+
+    return exports.start(line)
 
 
 def _policy(line: Line, realm: str, _readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike

@@ -6,7 +6,7 @@ begin at the keyboard or in a session script.
     SupervisorError
       UsageError      UnknownVerb · NotHere · BadLine · NotForRobots · NeedsTerminal · BadKeymap
                       BadRealmFile
-      SessionError    BadScript
+      SessionError    BadScript · BadRecordedRealm
       ValueRefused    (also ValueError)
       NothingToAsk · OldList · SomeHang · NotInstalled · DemoRuns · StateInUse · MemberFailed · Interrupted
 """
@@ -112,6 +112,15 @@ class BadScript(SessionError):
     def number(self) -> int:
         """Number of the first line that cannot be understood."""
         return self.mistakes[0][0]
+
+
+class BadRecordedRealm(SessionError):
+    """A recording of a realm that cannot be written or read."""
+
+    def __init__(self, path: str, reason: str) -> None:
+        """Name the file, and say what is wrong with it as a clause: `is …`."""
+        self.path = path
+        super().__init__(f"the recording {path} {reason}")
 
 
 class ValueRefused(SupervisorError, ValueError):

@@ -31,7 +31,7 @@ WHERE_EXTRAS_ARE_USED = {
     "sim": ("sim/",),
     "tui": ("tui/screen/", "tui/seen/cells.py"),
     "scripts": ("vr/scripts/",),
-    "wire": ("protocol/dialect/", "protocol/tools/"),
+    "wire": ("protocol/dialect/", "protocol/tools/", "tui/recording/tape.py"),
     "machines": ("vr/sites/", "vr/network/signed.py"),
     "postgres": ("vr/space/postgres.py", "vr/journal/postgres.py"),
     "testing": ("vr/world/", "testing/"),

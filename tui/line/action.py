@@ -55,7 +55,8 @@ class Action(NamedTuple):
     """One sentence."""
     group: str
     run: str = ""
-    """Name of the function in `verbs`; empty: it starts a program, or is one of the screen alone."""
+    """Name of the function in `verbs` and the modules beside it, or `module:function` below `robotree.tui`;
+    empty: it starts a program, or is one of the screen alone."""
     where: Where = LINES
     key: str = ""
     """Key in the full screen, as Textual names it."""

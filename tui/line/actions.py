@@ -80,6 +80,44 @@ ACTIONS: tuple[Action, ...] = (
         examples=("watch arm-1 --json",),
     ),
     Action(
+        usage="record FILE [NAME …] [--for TIME] [--pictures RATE]",
+        help="Record a realm into FILE.mcap until Ctrl-C: states, readings, logs, who asked for what, and RATE"
+        " pictures a second of each camera (2; 0: none). NAME: of these robots alone. Foxglove opens the file,"
+        " too.",
+        group=LOOK,
+        right="see",
+        run="recording.recorder:record",
+        where=Where.SHELL,
+        needs=("wire",),
+        examples=("record monday.mcap", "record lever.mcap lever arm-1 --for 2min --pictures 5"),
+    ),
+    Action(
+        usage="recording FILE [--at TIME]",
+        help="Print what a recording holds, and its logs; --at: how each robot was, this long after the"
+        " beginning.",
+        group=LOOK,
+        where=Where.SHELL,
+        needs=("wire",),
+        examples=("recording monday.mcap", "recording monday.mcap --at 12s"),
+    ),
+    Action(
+        usage="export session FILE [OUT]",
+        help="Print what persons asked for in a recording as a session script, or write it into OUT:"
+        " `robotree run` plays it again, and --junit makes a test of it.",
+        group=LOOK,
+        where=Where.SHELL,
+        needs=("wire",),
+        examples=("export session monday.mcap monday.session",),
+    ),
+    Action(
+        usage="export report FILE [OUT]",
+        help="Write a recording as Markdown with pictures: who was there, what was asked, what was read.",
+        group=LOOK,
+        where=Where.SHELL,
+        needs=("wire",),
+        examples=("export report monday.mcap monday.md",),
+    ),
+    Action(
         usage="log [NAME] [--follow]",
         help="Print what the code of a robot says (print, warnings, logging), and its commands: who asked,"
         " how they ended, how long they waited and ran; --follow: go on until it is interrupted."

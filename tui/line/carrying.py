@@ -47,7 +47,13 @@ def function_of(verb: str) -> Run:
     name = BY_VERB[verb].run
     if not name:
         raise NotForRobots(verb)
-    home = next(module for module in (verbs, groups, past, ordering, taken) if hasattr(module, name))
+    if ":" in name:
+        from importlib import import_module
+
+        module, name = name.split(":")
+        home = import_module(f"robotree.tui.{module}")
+    else:
+        home = next(module for module in (verbs, groups, past, ordering, taken) if hasattr(module, name))
     run: Run = getattr(home, name)
     return run
 

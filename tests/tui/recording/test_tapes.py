@@ -1,0 +1,127 @@
+"""The file of a recording: what was written is read, also where it was cut off or damaged."""
+
+from __future__ import annotations
+
+import io
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robotree.protocol import encode
+from robotree.protocol.messages import NamedValueFloat
+from robotree.protocol.tools.capture.mcap import McapWriter
+from robotree.tui.errors import BadRecordedRealm
+from robotree.tui.recording import report, summary, tape
+from robotree.tui.recording.tape import Entry, RecordedEnd, RecordedLine, RecordedPicture, RecordedState, TapeWriter
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import RobotDescription
+from robotree.vr.base.history_event import HistoryEvent
+from robotree.vr.base.requests import LoggedLine, Picture, State
+
+NOON = 1_800_000_000.0
+ARM = RobotDescription(address=Address("robot", "arm-1", "1"), kinds=("Arm",), units={"z": "m"})
+LINE = LoggedLine(1, NOON + 2, "failed", "arm-1: go_to | is `too` far [x]")
+PICTURE = Picture(jpeg=b"\xff\xd8\xff", width=4, height=3, camera="wrist")
+
+
+def written(states: int = 3, *, closed: bool = True) -> bytes:
+    stream = io.BytesIO()
+    writer = TapeWriter(stream, {"realm": "hall"})
+    writer.description(NOON, ARM)
+    for number in range(states):
+        writer.state(NOON + 1 + number / 100, "arm-1", State(readings={"z": number / 10, "hot": float("nan")}))
+        writer.flush()
+    writer.line("arm-1", LINE)
+    writer.event(HistoryEvent(kind="stop", unix=NOON + 3, robot="arm-1", text="by hand"))
+    writer.picture(NOON + 4, "cell", PICTURE)
+    writer.gone(NOON + 5, "arm-1")
+    writer.flush()
+    if closed:
+        writer.close()
+    return stream.getvalue()
+
+
+def read(data: bytes) -> tape.Tape:
+    return tape.read(io.BytesIO(data), "it.mcap")
+
+
+WHOLE = written()
+
+
+def test_what_was_written_is_read() -> None:
+    found = read(WHOLE)
+    assert found.whole
+    assert found.about["realm"] == "hall"
+    kinds = [RobotDescription, *[RecordedState] * 3, RecordedLine, HistoryEvent, RecordedPicture, RecordedEnd]
+    assert [type(entry.content) for entry in found.entries] == kinds
+    assert found.entries[0].content == ARM
+    assert found.entries[4].content == RecordedLine("arm-1", LINE)
+    assert found.entries[6] == Entry(NOON + 4, RecordedPicture("cell", "wrist", b"\xff\xd8\xff"))
+
+
+def test_a_description_is_written_when_it_has_changed() -> None:
+    stream = io.BytesIO()
+    writer = TapeWriter(stream, {})
+    busy = RobotDescription(address=ARM.address, kinds=("Arm",), units={"z": "m"}, busy="go_to")
+    other = RobotDescription(address=ARM.address, kinds=("Arm",), units={"z": "m"}, doc="another page")
+    for moment, robot in enumerate([ARM, busy, other, other]):
+        writer.description(NOON + moment, robot)
+    writer.close()
+    assert [entry.content for entry in read(stream.getvalue()).entries] == [ARM, other]
+
+
+def test_a_recorder_that_was_killed_leaves_what_it_had_flushed() -> None:
+    found = read(written(closed=False))
+    assert not found.whole
+    assert len(found.entries) == 8
+    assert "cut off" in summary.text(found)
+
+
+@given(length=st.integers(0, len(WHOLE) - 1))
+def test_a_file_that_was_cut_off_anywhere_has_its_beginning(length: int) -> None:
+    try:
+        found = read(WHOLE[:length])
+    except BadRecordedRealm:
+        return
+    assert found.entries == read(WHOLE).entries[: len(found.entries)]
+
+
+@given(position=st.integers(0, len(WHOLE) - 1), bit=st.integers(0, 7))
+def test_a_damaged_file_never_shows_what_nobody_wrote(position: int, bit: int) -> None:
+    damaged = bytearray(WHOLE)
+    damaged[position] ^= 1 << bit
+    try:
+        found = read(bytes(damaged))
+    except BadRecordedRealm:
+        return
+    known = [entry.content for entry in read(WHOLE).entries]
+    assert all(entry.content in known for entry in found.entries)
+
+
+def test_other_files_are_refused_in_one_sentence() -> None:
+    frames = io.BytesIO()
+    wire = McapWriter(frames)
+    wire.write(round(NOON * 1e6), encode(NamedValueFloat(1, "x", 1.0), sequence=0, system=1, component=1))
+    wire.close()
+    for data in (frames.getvalue(), b"", b"hello", b"\x89MCAP0\r\n"):
+        with pytest.raises(BadRecordedRealm, match="no recording of a realm"):
+            read(data)
+
+
+def test_another_version_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tape, "VERSION", "2")
+    newer = written()
+    monkeypatch.undo()
+    with pytest.raises(BadRecordedRealm, match="version 2 of the format, and this robotree reads 1"):
+        read(newer)
+
+
+def test_a_report_escapes_what_robots_say() -> None:
+    head = report._head(read(WHOLE))
+    assert r"go\_to \| is \`too\` far \[x\]" in head
+    assert "| arm-1.z | 0 | 0.2 | m |" in head
+
+
+def test_how_robots_were_at_a_moment() -> None:
+    assert "z=0.1 m" in summary.at(read(WHOLE), 1.015)

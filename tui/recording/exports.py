@@ -1,0 +1,77 @@
+"""The verbs that read a recording: `recording`, and `export`, which writes a file of another format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from robotree.files import overwrite
+from robotree.tui import exit_codes
+from robotree.tui.errors import BadRecordedRealm
+from robotree.tui.line import values
+from robotree.tui.line.grammar import Line
+from robotree.tui.recording import replayed, report, summary, tape
+from robotree.tui.terminal import answer
+
+LARGEST = 4_000_000_000
+"""[bytes] of a recording that is read: it is kept in memory as a whole."""
+
+
+def start(line: Line) -> int:
+    """Carry out one of the verbs; returns the exit code.
+
+    Raises:
+        BadRecordedRealm: the recording cannot be read.
+        OSError: the other file cannot be written.
+    """
+    found = opened(line.text("FILE"))
+    match line.verb:
+        case "recording":
+            _show(found, line.text("--at"))
+        case "export session":
+            _put(line, replayed.session_of(found), "session")
+        case "export report":
+            out = Path(line.text("OUT") or Path(found.name).with_suffix(".md").name)
+            folder, count = report.write(found, out)
+            text = f"{out}, and {count} pictures in {folder}" if count else str(out)
+            answer(text, lambda: {"file": str(out), "pictures": count})
+        case _:
+            from robotree.tui.recording import lerobot
+
+            made = lerobot.write(found, Path(line.text("FOLDER")), robot=line.text("--robot"))
+            answer(made.text, made._asdict)
+    return exit_codes.DONE
+
+
+def opened(name: str) -> tape.Tape:
+    """Read the recording of a file.
+
+    Raises:
+        BadRecordedRealm: it cannot be read.
+    """
+    path = Path(name)
+    try:
+        if not path.is_file():
+            raise BadRecordedRealm(name, "is no file" if path.exists() else "does not exist")
+        if path.stat().st_size > LARGEST:
+            raise BadRecordedRealm(name, f"is larger than {LARGEST / 1e9:.0f} GB, which is not read at once")
+        with path.open("rb") as file:
+            return tape.read(file, name)
+    except OSError as error:
+        raise BadRecordedRealm(name, f"cannot be read: {error.strerror}") from None
+
+
+def _show(found: tape.Tape, moment: str) -> None:
+    if moment:
+        text = summary.at(found, values.duration(moment))
+        answer(text, lambda: {"at": moment, "text": text})
+    else:
+        answer(summary.text(found), lambda: summary.data(found))
+
+
+def _put(line: Line, text: str, what: str) -> None:
+    """Write a text into the file OUT, or print it."""
+    if out := line.text("OUT"):
+        overwrite(Path(out), text.encode())
+        answer(f"{out}: the {what}", lambda: {"file": out})
+    else:
+        answer(text.rstrip("\n"), lambda: {what: text})

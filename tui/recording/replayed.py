@@ -1,0 +1,166 @@
+"""What persons asked for in a recording, as a session script that plays it again.
+
+    robotree export session demo.mcap demo.session
+    robotree run demo.session --junit demo.xml
+
+The robots that were there at the beginning must be there again; those that were made later are made from their
+pages. A command that failed is tried, and must fail in the same way.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple, cast
+
+from robotree.tui.recording.tape import RecordedEnd, RecordedLine, RecordedState, Tape
+from robotree.tui.seen.wording import typed
+from robotree.vr.base.description import RobotDescription
+from robotree.vr.base.history_event import HistoryEvent
+from robotree.vr.base.principal import is_person
+
+PAUSE = 1.0
+"""[s] between two requests from which on the script waits, too."""
+
+COMES = 30.0
+"""[s] that the script waits for a robot without a page that came later: its process must be started again."""
+
+ANY_ERROR = "?"
+"""Stands for an error whose class is not known."""
+
+LONGEST_PAUSE = 10.0
+"""[s] that the script waits at most: a person may have drunk coffee."""
+
+
+class _Asked(NamedTuple):
+    """One line of the script, and when it was asked."""
+
+    unix: float
+    line: str
+    ended: float
+    """[s] since 1970 when it was over."""
+
+
+def session_of(tape: Tape) -> str:
+    """Return the script, with a comment above that says where it is from."""
+    asked = sorted([*_shaped(tape), *_called(tape)])
+    day = time.strftime("%Y-%m-%d %H:%M", time.localtime(tape.began))
+    lines = [f"# From the recording {tape.name} of {day}, realm {tape.about.get('realm') or 'default'}."]
+    if there := _there(tape):
+        lines += ["# These robots must be there:"]
+        lines += [f"expect {name} {_bound(robot) or 'listed'}" for name, robot in sorted(there.items())]
+        lines += [""]
+    before = 0.0
+    for request in asked:
+        if before and (pause := request.unix - before) >= PAUSE:
+            lines.append(f"sleep {min(pause, LONGEST_PAUSE):.1f}s")
+        lines.append(request.line)
+        before = max(before, request.ended)
+    if not asked:
+        lines.append("# Nobody asked for anything while it was recorded.")
+    return "\n".join(lines) + "\n"
+
+
+def _there(tape: Tape) -> Mapping[str, RobotDescription]:
+    """Return the robots that were there when the recording began, by name."""
+    return {
+        robot.name: robot
+        for entry in tape.entries
+        if isinstance(robot := entry.content, RobotDescription) and entry.unix <= tape.began
+    }
+
+
+def _bound(robot: RobotDescription) -> str:
+    return f"enslaved by {slot}" if (slot := _slot(robot)) else ""
+
+
+def _shaped(tape: Tape) -> Iterable[_Asked]:
+    """Return how the tree was shaped later: who was made, bound, released and deleted."""
+    there, slots = _there(tape), _slots(tape)
+    pages = {robot.name: robot.page for robot in _descriptions(tape)}
+    known = set(there)
+    for unix, content in tape.entries:
+        if isinstance(content, RecordedEnd):
+            known.discard(content.name)
+            if pages.get(content.name):
+                yield _Asked(unix, f"try delete {content.name}", unix)
+        elif (name := _speaker(content)) and name not in known:
+            known.add(name)
+            made = f"create {_quoted(pages[name])} as {name}" if pages.get(name) else ""
+            yield _Asked(unix, made or f"expect {name} listed within {COMES:.0f}s", unix)
+    parents = {name: robot.bond.parent.name if robot.bond else "" for name, robot in there.items()}
+    for unix, name, parent in _leases(tape):
+        before, parents[name] = parents.get(name, ""), parent
+        if parent and parent != before:
+            yield _Asked(unix, f"enslave {parent}.{slots.get((parent, name), 'SLOT')} {name}", unix)
+        elif before and not parent:
+            yield _Asked(unix, f"try release {before}.{slots.get((before, name), 'SLOT')}", unix)
+
+
+def _speaker(content: object) -> str:
+    """Return which robot certainly is there, since it says something; empty: none."""
+    match content:
+        case RecordedLine(name, line) if not line.caller or line.command:
+            return name
+        case RecordedState(name, _):
+            return name
+        case _:
+            return ""
+
+
+def _leases(tape: Tape) -> Iterable[tuple[float, str, str]]:
+    """Return when each robot got another parent, by its own history; empty: it was free then."""
+    for entry in tape.entries:
+        event = entry.content
+        if isinstance(event, HistoryEvent) and event.kind == "lease":
+            yield event.unix, event.robot, event.parent if event.process else ""
+
+
+def _descriptions(tape: Tape) -> Iterable[RobotDescription]:
+    return (entry.content for entry in tape.entries if isinstance(entry.content, RobotDescription))
+
+
+def _slots(tape: Tape) -> Mapping[tuple[str, str], str]:
+    """Return which slot of a parent each child has filled, by the names of both."""
+    bonds = ((robot.bond, robot.name) for robot in _descriptions(tape))
+    return {(bond.parent.name, name): bond.slot for bond, name in bonds if bond is not None}
+
+
+def _slot(robot: RobotDescription) -> str:
+    """Return the slot that a robot fills; empty: it is free."""
+    return "" if robot.bond is None else f"{robot.bond.parent.name}.{robot.bond.slot}"
+
+
+def _called(tape: Tape) -> Iterable[_Asked]:
+    """Return the commands that persons asked for, as they ended: by the histories, and what only logs have."""
+    begun, ended = dict[tuple[str, str], tuple[float, str]](), dict[tuple[str, str], tuple[float, str]]()
+    for unix, content in tape.entries:
+        match content:
+            case HistoryEvent(kind="accepted") if is_person(content.person or content.caller):
+                given = _written(content.arguments)
+                call = f"call {content.robot}.{content.command} {given}".rstrip()
+                begun[content.robot, content.key] = unix, call
+            case HistoryEvent(kind="ended"):
+                ended[content.robot, content.key] = unix, content.error
+            case RecordedLine(robot, line) if line.level == "asked" and is_person(line.caller):
+                call = f"call {robot}.{line.command} {line.arguments}".rstrip()
+                begun.setdefault((robot, line.key), (unix, call))
+            case RecordedLine(robot, line) if line.level in {"done", "failed", "cancelled"}:
+                ended.setdefault((robot, line.key), (unix, "" if line.level == "done" else ANY_ERROR))
+            case _:
+                pass
+    for key, (unix, call) in begun.items():
+        end, error = ended.get(key, (unix, ""))
+        refused = f"try {call}\nexpect refused {error.removeprefix(ANY_ERROR)}".rstrip()
+        yield _Asked(unix, refused if error else call, end)
+
+
+def _written(arguments: Any) -> str:
+    given = cast("dict[str, Any]", arguments) if isinstance(arguments, dict) else {}
+    return " ".join(f"{name}={_quoted(value)}" for name, value in given.items())
+
+
+def _quoted(value: Any) -> str:
+    """Write a value as one word of a line."""
+    text = typed(value)
+    return text if text and not set(text) & set(" #'\"") else "'" + text.replace("'", "'\\''") + "'"

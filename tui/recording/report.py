@@ -1,0 +1,84 @@
+"""A recording as Markdown: who was there, what was asked by whom and how it ended, what was read, pictures."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+from robotree.files import overwrite
+from robotree.tui.recording import summary
+from robotree.tui.recording.tape import Entry, RecordedPicture, Tape
+from robotree.tui.seen import wording
+
+PICTURES = 12
+"""Pictures of each camera at most, evenly spread over the time, and one at each end of a command."""
+
+
+def write(tape: Tape, out: Path) -> tuple[Path, int]:
+    """Write `out` and, beside it, the folder `NAME-pictures`; returns that folder and how many it holds.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    folder = out.with_name(f"{out.stem}-pictures")
+    chosen = pictures_of(tape)
+    if chosen:
+        folder.mkdir(exist_ok=True)
+    rows = list[str]()
+    for number, entry in enumerate(chosen, 1):
+        picture = entry.content
+        assert isinstance(picture, RecordedPicture)  # noqa: S101  chosen above
+        name = f"{number:03}-{picture.view}-{picture.camera}.jpg".replace("/", "-")
+        overwrite(folder / name, picture.jpeg)
+        rows.append(f"{entry.unix - tape.began:.1f} s, {picture.view}, camera {picture.camera}\n\n![]({folder.name}/{name})\n")
+    overwrite(out, "\n".join([_head(tape), *rows]).encode())
+    return folder, len(chosen)
+
+
+def pictures_of(tape: Tape) -> list[Entry]:
+    """Return the pictures that a report shows: of each camera some, evenly spread over the time."""
+    cameras = dict[tuple[str, str], list[Entry]]()
+    for entry in tape.entries:
+        if isinstance(entry.content, RecordedPicture):
+            cameras.setdefault((entry.content.view, entry.content.camera), []).append(entry)
+    chosen = list[Entry]()
+    for taken in cameras.values():
+        count = min(PICTURES, len(taken))
+        positions = {round(index * (len(taken) - 1) / max(count - 1, 1)) for index in range(count)}
+        chosen += [taken[position] for position in sorted(positions)]
+    return sorted(chosen, key=lambda entry: entry.unix)
+
+
+def _head(tape: Tape) -> str:
+    day = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(tape.began))
+    lines = [
+        f"# Realm {_cell(tape.about.get('realm') or 'default')}, {day}",
+        "",
+        f"{tape.ended - tape.began:.1f} s; from the recording `{tape.name}`."
+        + ("" if tape.whole else " The recording was cut off."),
+        "",
+        "## Robots",
+        "",
+        "| robot | kind | states |",
+        "|---|---|--:|",
+    ]
+    robots = summary.robots_of(tape)
+    lines += [f"| {_cell(robot.name)} | {_cell(robot.kind)} | {robot.states} |" for robot in robots]
+    lines += ["", "## Readings", "", "| reading | least | largest | unit |", "|---|--:|--:|---|"]
+    for robot in robots:
+        for key, (low, high) in sorted(robot.peaks.items()):
+            unit = robot.units.get(key, "")
+            name = _cell(f"{robot.name}.{key}")
+            lines.append(f"| {name} | {wording.number(low)} | {wording.number(high)} | {_cell(unit)} |")
+    lines += ["", "## What happened", "", "| s | robot | | |", "|--:|---|---|---|"]
+    for name, line in summary.lines_of(tape):
+        lines.append(f"| {line.unix - tape.began:.1f} | {_cell(name)} | {line.level} | {_cell(line.text)} |")
+    return "\n".join([*lines, "", "## Pictures", ""])
+
+
+def _cell(text: str) -> str:
+    """Return a text as one cell of a table: it comes from afar, and must not be markup."""
+    plain = " ".join(text.split())
+    for sign in "\\|<>[]*_`":
+        plain = plain.replace(sign, f"\\{sign}")
+    return plain

@@ -1,0 +1,119 @@
+"""What a recording holds, for people: its robots, and what was asked of them and how that ended."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from robotree.tui.recording.tape import Entry, RecordedLine, RecordedPicture, RecordedState, Tape
+from robotree.tui.seen import status, wording
+from robotree.vr.base.description import RobotDescription
+from robotree.vr.base.requests import LoggedLine
+
+
+class RecordedRobot(NamedTuple):
+    """One robot of a recording."""
+
+    name: str
+    kind: str
+    states: int
+    peaks: dict[str, tuple[float, float]]
+    """The least and the largest value of each reading, in its unit."""
+    units: dict[str, str]
+
+
+def robots_of(tape: Tape) -> Sequence[RecordedRobot]:
+    """Return the robots of a recording, by name."""
+    described = {
+        robot.name: robot for entry in tape.entries if isinstance(robot := entry.content, RobotDescription)
+    }
+    states, peaks = Counter[str](), dict[str, dict[str, tuple[float, float]]]()
+    for entry in tape.entries:
+        if not isinstance(entry.content, RecordedState):
+            continue
+        name, state = entry.content
+        states[name] += 1
+        found = peaks.setdefault(name, {})
+        for key, value in state.readings.items():
+            low, high = found.get(key, (value, value))
+            found[key] = (min(low, value), max(high, value))
+    return [
+        RecordedRobot(
+            name,
+            described[name].kind if name in described else "",
+            states[name],
+            peaks.get(name, {}),
+            dict(described[name].units) if name in described else {},
+        )
+        for name in sorted({*described, *states})
+    ]
+
+
+def lines_of(tape: Tape) -> Sequence[tuple[str, LoggedLine]]:
+    """Return the lines of all logs, the oldest first."""
+    return [tuple(entry.content) for entry in tape.entries if isinstance(entry.content, RecordedLine)]
+
+
+def text(tape: Tape) -> str:
+    """Return what is in it, and its log."""
+    cameras = Counter(
+        f"{entry.content.view}/{entry.content.camera}"
+        for entry in tape.entries
+        if isinstance(entry.content, RecordedPicture)
+    )
+    day = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(tape.began))
+    length = f"{tape.ended - tape.began:.1f} s from {day}"
+    ends = "" if tape.whole else "; it was cut off, or its end is damaged"
+    rows = [
+        (robot.name, robot.kind, f"{robot.states} states", _peaks(robot)) for robot in robots_of(tape)
+    ] + [(name, "camera", f"{count} pictures", "") for name, count in sorted(cameras.items())]
+    log = [wording.log_line(line, name) for name, line in lines_of(tape)]
+    head = f"realm {tape.about.get('realm') or 'default'}, {length}{ends}"
+    return "\n".join([head, wording.columns(rows), *log])
+
+
+def data(tape: Tape) -> dict[str, Any]:
+    """Return the same as plain data."""
+    return {
+        "realm": tape.about.get("realm", ""),
+        "began": tape.began,
+        "seconds": round(tape.ended - tape.began, 3),
+        "whole": tape.whole,
+        "robots": [robot._asdict() for robot in robots_of(tape)],
+        "pictures": sum(isinstance(entry.content, RecordedPicture) for entry in tape.entries),
+        "lines": len(lines_of(tape)),
+    }
+
+
+def at(tape: Tape, seconds: float) -> str:
+    """Return how each robot was, some seconds after the beginning."""
+    latest = dict[str, RecordedState]()
+    for entry in _until(tape, tape.began + seconds):
+        if isinstance(entry.content, RecordedState):
+            latest[entry.content.name] = entry.content
+    units = {robot.name: robot.units for robot in robots_of(tape)}
+    return wording.columns(
+        [
+            (name, status.words(state), "  ".join(_reading(key, value, units[name]) for key, value in readings))
+            for name, state in sorted(latest.items())
+            for state, readings in [(state.state, sorted(state.state.readings.items()))]
+        ]
+    )
+
+
+def _until(tape: Tape, unix: float) -> Sequence[Entry]:
+    return [entry for entry in tape.entries if entry.unix <= unix]
+
+
+def _reading(key: str, value: float, units: dict[str, str]) -> str:
+    return f"{key}={wording.quantity(value, units.get(key, ''))}"
+
+
+def _peaks(robot: RecordedRobot) -> str:
+    return "  ".join(
+        f"{key} {wording.quantity(low, '')} … {wording.quantity(high, robot.units.get(key, ''))}"
+        for key, (low, high) in sorted(robot.peaks.items())
+        if low != high
+    )

@@ -1,0 +1,346 @@
+"""The file of a recording of a realm. Streams are handed in, and no clock is read.
+
+It is MCAP (https://mcap.dev/spec), with JSON messages, times in ns since 1970 on the clock of who records:
+
+    /robots/NAME/state        the state of a robot, as it published it (`State`)
+    /robots/NAME/readings     its readings alone, in SI units, for plots
+    /robots/NAME/description  its description, when it has changed (`RobotDescription`)
+    /robots/NAME/gone         it is there no more
+    /robots/NAME/log          one line of its log (`LoggedLine`); of any agent
+    /log                      the same for Foxglove (`foxglove.Log`)
+    /events                   an event of a history (`HistoryEvent`), at the time when it happened
+    /views/NAME/CAMERA        a picture (`foxglove.CompressedImage`)
+
+A file whose writer was killed has everything up to its last `flush`.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from collections.abc import Iterable, Mapping
+from math import isfinite
+from typing import TYPE_CHECKING, Any, BinaryIO, Final, NamedTuple
+
+import msgspec
+
+from robotree.tui.errors import BadRecordedRealm
+from robotree.vr.base.description import RobotDescription
+from robotree.vr.base.history_event import HistoryEvent
+from robotree.vr.base.requests import LoggedLine, State
+
+if TYPE_CHECKING:
+    from mcap.records import McapRecord
+
+    from robotree.vr.base.requests import Picture
+
+PROFILE: Final = "robotree.realm"
+"""The profile of the file: who reads another one says so."""
+
+VERSION: Final = "1"
+"""Of the topics and their messages."""
+
+CHUNK: Final = 256 * 1024
+"""[bytes] that are compressed together, and the most that a damaged place takes along."""
+
+LARGEST_RECORD: Final = 64 * 1024 * 1024
+"""[bytes] of one record that is read: a forged length must not fill the memory."""
+
+_NUMBER: Final = {"type": "number"}
+_TEXT: Final = {"type": "string"}
+_TIME: Final = {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
+_SCHEMAS: Final[Mapping[str, Mapping[str, Any]]] = {
+    "foxglove.Log": {
+        "type": "object",
+        "properties": {
+            "timestamp": _TIME,
+            "level": {"type": "integer"},
+            "message": _TEXT,
+            "name": _TEXT,
+            "file": _TEXT,
+            "line": {"type": "integer"},
+        },
+    },
+    "foxglove.CompressedImage": {
+        "type": "object",
+        "properties": {
+            "timestamp": _TIME,
+            "frame_id": _TEXT,
+            "data": {"type": "string", "contentEncoding": "base64"},
+            "format": _TEXT,
+        },
+    },
+}
+"""Foxglove's own, as https://docs.foxglove.dev/docs/visualization/message-schemas has them."""
+
+_LEVELS: Final = {"debug": 1, "warning": 3, "cancelled": 3, "error": 4, "failed": 4}
+"""Levels of `foxglove.Log`; all others are INFO, 2."""
+
+_ROBOT = re.compile(r"/robots/(.+)/(state|description|log|gone)")
+_VIEW = re.compile(r"/views/(.+)/([^/]+)")
+
+
+class RecordedPicture(NamedTuple):
+    """One picture."""
+
+    view: str
+    camera: str
+    jpeg: bytes
+
+
+class RecordedLine(NamedTuple):
+    """One line of an agent's log."""
+
+    name: str
+    line: LoggedLine
+
+
+class RecordedState(NamedTuple):
+    """How a robot was."""
+
+    name: str
+    state: State
+
+
+class RecordedEnd(NamedTuple):
+    """A robot that is there no more: deleted, or its process has ended."""
+
+    name: str
+
+
+Content = RecordedState | RecordedEnd | RobotDescription | RecordedLine | HistoryEvent | RecordedPicture
+
+
+class Entry(NamedTuple):
+    """One thing that was recorded."""
+
+    unix: float
+    """[s] since 1970."""
+    content: Content
+
+
+class TapeWriter:
+    """Writes a recording to a stream. Raises what the stream raises (`OSError`)."""
+
+    def __init__(self, stream: BinaryIO, about: Mapping[str, str]) -> None:
+        """Begin a file; `about`: texts for people by name, such as `realm` and `recorded by`."""
+        from mcap.writer import Writer
+
+        self._writer = Writer(stream, chunk_size=CHUNK)
+        self._writer.start(profile=PROFILE, library="robotree")
+        self._writer.add_metadata("robotree", {"version": VERSION, **about})
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[tuple[str, str], int] = {}
+        self._descriptions: dict[str, RobotDescription] = {}
+        self.entries = 0
+
+    def state(self, unix: float, name: str, state: State) -> None:
+        """Append the state of a robot; readings that are no number now are left out."""
+        finite = {key: value for key, value in state.readings.items() if isfinite(value)}
+        state = msgspec.structs.replace(state, readings=finite)
+        self._add(f"/robots/{name}/state", unix, msgspec.json.encode(state), _schema_of(State))
+        if finite:
+            schema = _readings_schema(name, finite)
+            self._add(f"/robots/{name}/readings", unix, msgspec.json.encode(finite), schema, counts=False)
+
+    def description(self, unix: float, description: RobotDescription) -> None:
+        """Append the description of a robot, if it is not the one that is there already."""
+        lasting = _lasting(description)
+        if self._descriptions.get(description.name) == lasting:
+            return
+        self._descriptions[description.name] = lasting
+        topic = f"/robots/{description.name}/description"
+        self._add(topic, unix, msgspec.json.encode(description), _schema_of(RobotDescription))
+
+    def gone(self, unix: float, name: str) -> None:
+        """Append that a robot is there no more."""
+        self._descriptions.pop(name, None)
+        self._add(f"/robots/{name}/gone", unix, b"{}", ("robotree.Gone", _encoded({"type": "object"})))
+
+    def line(self, name: str, line: LoggedLine) -> None:
+        """Append a line of an agent's log."""
+        self._add(f"/robots/{name}/log", line.unix, msgspec.json.encode(line), _schema_of(LoggedLine))
+        said = {
+            "timestamp": _time(line.unix),
+            "level": _LEVELS.get(line.level, 2),
+            "message": line.text,
+            "name": name,
+            "file": "",
+            "line": 0,
+        }
+        self._add("/log", line.unix, _encoded(said), _foxglove("foxglove.Log"), counts=False)
+
+    def event(self, event: HistoryEvent) -> None:
+        """Append an event of a history."""
+        self._add("/events", event.unix, msgspec.json.encode(event), _schema_of(HistoryEvent))
+
+    def picture(self, unix: float, view: str, picture: Picture) -> None:
+        """Append a picture of a view."""
+        said = {
+            "timestamp": _time(unix),
+            "frame_id": picture.camera,
+            "data": base64.b64encode(picture.jpeg).decode(),
+            "format": "jpeg",
+        }
+        topic = f"/views/{view}/{picture.camera.replace('/', '-')}"
+        self._add(topic, unix, _encoded(said), _foxglove("foxglove.CompressedImage"))
+
+    def flush(self) -> None:
+        """End the chunk: all that was written can be read from now on, also after this process is killed."""
+        # mcap ends a chunk when it is full or the file is closed, and offers no public way in between
+        self._writer._Writer__finalize_chunk()  # type: ignore[attr-defined] # noqa: SLF001
+
+    def close(self) -> None:
+        """Write the index; without it the file can still be read from its beginning."""
+        self._writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it without types
+
+    def _add(
+        self, topic: str, unix: float, data: bytes, schema: tuple[str, bytes], *, counts: bool = True
+    ) -> None:
+        name, text = schema
+        if (channel := self._channels.get((topic, name))) is None:
+            if (number := self._schemas.get(name)) is None:
+                number = self._schemas[name] = self._writer.register_schema(name, "jsonschema", text)
+            channel = self._writer.register_channel(topic, "json", number)
+            self._channels[topic, name] = channel
+        nanoseconds = round(unix * 1e9)
+        self._writer.add_message(channel, nanoseconds, data, nanoseconds)
+        self.entries += counts
+
+
+class Tape:
+    """What is read of a recording: the entries in the order of their times."""
+
+    def __init__(self, about: Mapping[str, str], entries: Iterable[Entry], *, whole: bool, name: str) -> None:
+        """Made by `read`."""
+        self.about = about
+        self.entries = sorted(entries, key=lambda entry: entry.unix)
+        self.whole = whole
+        """Whether it was closed by its writer; else it ends where the writer was killed, or is damaged."""
+        self.name = name
+        """Of its file."""
+
+    @property
+    def began(self) -> float:
+        """[s] since 1970: who described itself then was there already."""
+        return min(float(self.about.get("began", "inf")), self.entries[0].unix)
+
+    @property
+    def ended(self) -> float:
+        """[s] since 1970."""
+        return self.entries[-1].unix
+
+
+def read(stream: BinaryIO, name: str) -> Tape:
+    """Read a recording whole.
+
+    Args:
+        stream: the bytes of the file.
+        name: of the file, for messages.
+
+    Raises:
+        BadRecordedRealm: it is no recording of a realm, of another version, or nothing of it can be read.
+    """
+    about = dict[str, str]()
+    entries, profile, whole = list[Entry](), "", False
+    topics = dict[int, str]()
+    from mcap.records import Channel, Footer, Header, Message, Metadata
+
+    try:
+        for record in _records(stream):
+            match record:
+                case Header():
+                    profile = record.profile
+                case Metadata(name="robotree"):
+                    about = dict(record.metadata)
+                    if about.get("version") != VERSION:
+                        break
+                case Channel():
+                    topics[record.id] = record.topic
+                case Message():
+                    if (content := _content(topics.get(record.channel_id, ""), record.data)) is not None:
+                        entries.append(Entry(record.log_time / 1e9, content))
+                case Footer():
+                    whole = True
+                case _:
+                    pass
+    except Exception:  # noqa: BLE001  the library raises what it likes at bytes that are cut off or forged
+        whole = False
+    if profile != PROFILE:
+        raise BadRecordedRealm(name, "is no recording of a realm; `robotree record FILE` makes one")
+    if about.get("version", VERSION) != VERSION:
+        detail = f"has version {about['version']} of the format, and this robotree reads {VERSION}"
+        raise BadRecordedRealm(name, f"{detail}: read it with the robotree that has recorded it")
+    if not entries:
+        raise BadRecordedRealm(name, "holds nothing that can be read: its beginning is damaged, or it is empty")
+    return Tape(about, entries, whole=whole, name=name)
+
+
+def _records(stream: BinaryIO) -> Iterable[McapRecord]:
+    from mcap.stream_reader import StreamReader
+
+    return StreamReader(stream, validate_crcs=True, record_size_limit=LARGEST_RECORD).records
+
+
+def _content(topic: str, data: bytes) -> Content | None:
+    """Return what a message says; None: it is said elsewhere, too, or by a later version."""
+    if topic == "/events":
+        return msgspec.json.decode(data, type=HistoryEvent)
+    if found := _ROBOT.fullmatch(topic):
+        match found[2]:
+            case "state":
+                return RecordedState(found[1], msgspec.json.decode(data, type=State))
+            case "description":
+                return msgspec.json.decode(data, type=RobotDescription)
+            case "gone":
+                return RecordedEnd(found[1])
+            case _:
+                return RecordedLine(found[1], msgspec.json.decode(data, type=LoggedLine))
+    if found := _VIEW.fullmatch(topic):
+        said = json.loads(data)
+        return RecordedPicture(found[1], str(said["frame_id"]), base64.b64decode(said["data"]))
+    return None
+
+
+def _lasting(description: RobotDescription) -> RobotDescription:
+    """Leave out what states say as well: a description is new only where something else has changed."""
+    return msgspec.structs.replace(
+        description, busy="", waiting=0, readings={}, calls={}, stops=0, stopped=False, stop_reason="",
+        epoch=0, bond=None if description.bond is None else msgspec.structs.replace(description.bond, remaining=0.0),
+        kept={}, held="", paused="", abandoned=(), asks="", online=True,
+    )  # fmt: skip
+
+
+def _time(unix: float) -> dict[str, int]:
+    nanoseconds = round(unix * 1e9)
+    return {"sec": nanoseconds // 1_000_000_000, "nsec": nanoseconds % 1_000_000_000}
+
+
+def _encoded(said: Mapping[str, Any]) -> bytes:
+    return json.dumps(said).encode()
+
+
+def _foxglove(name: str) -> tuple[str, bytes]:
+    return name, _encoded(_SCHEMAS[name])
+
+
+_made: dict[type, tuple[str, bytes]] = {}
+"""The schemas of our own messages."""
+
+
+def _schema_of(kind: type[msgspec.Struct]) -> tuple[str, bytes]:
+    """Return the name and the JSON schema of one of our own messages: its fields, none of them required."""
+    if kind not in _made:
+        properties: dict[str, Any] = {field.name: {} for field in msgspec.structs.fields(kind)}
+        schema = {"title": kind.__name__, "type": "object", "properties": properties}
+        _made[kind] = (f"robotree.{kind.__name__}", _encoded(schema))
+    return _made[kind]
+
+
+def _readings_schema(name: str, readings: Mapping[str, float]) -> tuple[str, bytes]:
+    """Return the schema of the readings of one robot; other readings are another schema."""
+    keys = sorted(readings)
+    properties = dict.fromkeys(keys, _NUMBER)
+    schema = {"title": f"readings of {name}", "type": "object", "properties": properties}
+    return f"robotree.readings.{name}.{'+'.join(keys)}", _encoded(schema)
