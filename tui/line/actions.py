@@ -81,9 +81,9 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="record FILE [NAME …] [--for TIME] [--pictures RATE]",
-        help="Record a realm into FILE.mcap until Ctrl-C: states, readings, logs, who asked for what, and RATE"
-        " pictures a second of each camera (2; 0: none). NAME: of these robots alone. Foxglove opens the file,"
-        " too.",
+        help="Record a realm into FILE.mcap until Ctrl-C: states, readings, logs, who asked for what, and"
+        " RATE pictures a second of each camera (2; 0: none). NAME: of these robots alone. Foxglove opens the"
+        " file, too.",
         group=LOOK,
         right="see",
         run="recording.recorder:record",

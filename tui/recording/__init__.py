@@ -5,6 +5,5 @@ recorder   from a living realm into a file: `robotree record`
 summary    what a recording holds, in words
 report     the same as Markdown, with pictures
 replayed   what persons asked for in it, as a session script
-lerobot    its motions as a LeRobot v3 data set
 exports    the verbs that make a file of another format: `robotree export`
 """

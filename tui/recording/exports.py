@@ -29,16 +29,11 @@ def start(line: Line) -> int:
             _show(found, line.text("--at"))
         case "export session":
             _put(line, replayed.session_of(found), "session")
-        case "export report":
+        case _:
             out = Path(line.text("OUT") or Path(found.name).with_suffix(".md").name)
             folder, count = report.write(found, out)
             text = f"{out}, and {count} pictures in {folder}" if count else str(out)
             answer(text, lambda: {"file": str(out), "pictures": count})
-        case _:
-            from robotree.tui.recording import lerobot
-
-            made = lerobot.write(found, Path(line.text("FOLDER")), robot=line.text("--robot"))
-            answer(made.text, made._asdict)
     return exit_codes.DONE
 
 

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from robotree.tui.errors import BadRecordedRealm, ValueRefused
-from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.past import kept_events
 from robotree.tui.line.verbs import Outcome, Teller
@@ -66,10 +65,10 @@ async def record(realm_client: RealmClient, line: Line, teller: Teller) -> Outco
     finally:
         with contextlib.suppress(OSError):  # what could not be written was told already
             file.close()
-    seconds, size = time.time() - began, Path(name).stat().st_size
+    seconds = time.time() - began
     counts = {"entries": recorder.writer.entries, "pictures": recorder.pictures}
-    text = f"{name}: {counts['entries']} entries, {counts['pictures']} of them pictures, in {seconds:.1f} s; {size / 1e6:.1f} MB"
-    return Outcome({"file": name, **counts, "seconds": round(seconds, 3), "bytes": size}, text)
+    text = f"{name}: {counts['entries']} entries, {counts['pictures']} of them pictures, in {seconds:.1f} s"
+    return Outcome({"file": name, **counts, "seconds": round(seconds, 3)}, text)
 
 
 def _rate(text: str) -> float:

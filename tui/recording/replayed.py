@@ -3,8 +3,8 @@
     robotree export session demo.mcap demo.session
     robotree run demo.session --junit demo.xml
 
-The robots that were there at the beginning must be there again; those that were made later are made from their
-pages. A command that failed is tried, and must fail in the same way.
+The robots that were there at the beginning must be there again; those that were made later are made from
+their pages. A command that failed is tried, and must fail in the same way.
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ def _slot(robot: RobotDescription) -> str:
 
 
 def _called(tape: Tape) -> Iterable[_Asked]:
-    """Return the commands that persons asked for, as they ended: by the histories, and what only logs have."""
+    """Return the commands that persons asked for, as they ended: by histories, else by logs."""
     begun, ended = dict[tuple[str, str], tuple[float, str]](), dict[tuple[str, str], tuple[float, str]]()
     for unix, content in tape.entries:
         match content:

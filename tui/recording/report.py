@@ -1,4 +1,4 @@
-"""A recording as Markdown: who was there, what was asked by whom and how it ended, what was read, pictures."""
+"""A recording as Markdown: who was there, what was asked and how it ended, what was read, pictures."""
 
 from __future__ import annotations
 
@@ -30,8 +30,9 @@ def write(tape: Tape, out: Path) -> tuple[Path, int]:
         assert isinstance(picture, RecordedPicture)  # noqa: S101  chosen above
         name = f"{number:03}-{picture.view}-{picture.camera}.jpg".replace("/", "-")
         overwrite(folder / name, picture.jpeg)
-        rows.append(f"{entry.unix - tape.began:.1f} s, {picture.view}, camera {picture.camera}\n\n![]({folder.name}/{name})\n")
-    overwrite(out, "\n".join([_head(tape), *rows]).encode())
+        where = f"{entry.unix - tape.began:.1f} s, {picture.view}, camera {picture.camera}"
+        rows.append(f"{where}\n\n![]({folder.name}/{name})\n")
+    overwrite(out, "\n".join([head(tape), *rows]).encode())
     return folder, len(chosen)
 
 
@@ -49,7 +50,8 @@ def pictures_of(tape: Tape) -> list[Entry]:
     return sorted(chosen, key=lambda entry: entry.unix)
 
 
-def _head(tape: Tape) -> str:
+def head(tape: Tape) -> str:
+    """Return all that stands above the pictures."""
     day = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(tape.began))
     lines = [
         f"# Realm {_cell(tape.about.get('realm') or 'default')}, {day}",

@@ -53,7 +53,8 @@ def robots_of(tape: Tape) -> Sequence[RecordedRobot]:
 
 def lines_of(tape: Tape) -> Sequence[tuple[str, LoggedLine]]:
     """Return the lines of all logs, the oldest first."""
-    return [tuple(entry.content) for entry in tape.entries if isinstance(entry.content, RecordedLine)]
+    recorded = (entry.content for entry in tape.entries)
+    return [(line.name, line.line) for line in recorded if isinstance(line, RecordedLine)]
 
 
 def text(tape: Tape) -> str:
@@ -94,13 +95,11 @@ def at(tape: Tape, seconds: float) -> str:
         if isinstance(entry.content, RecordedState):
             latest[entry.content.name] = entry.content
     units = {robot.name: robot.units for robot in robots_of(tape)}
-    return wording.columns(
-        [
-            (name, status.words(state), "  ".join(_reading(key, value, units[name]) for key, value in readings))
-            for name, state in sorted(latest.items())
-            for state, readings in [(state.state, sorted(state.state.readings.items()))]
-        ]
-    )
+    rows = list[tuple[str, str, str]]()
+    for name, (_, state) in sorted(latest.items()):
+        readings = (_reading(key, value, units[name]) for key, value in sorted(state.readings.items()))
+        rows.append((name, status.words(state), "  ".join(readings)))
+    return wording.columns(rows)
 
 
 def _until(tape: Tape, unix: float) -> Sequence[Entry]:

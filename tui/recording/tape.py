@@ -19,7 +19,8 @@ from __future__ import annotations
 import base64
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from math import isfinite
 from typing import TYPE_CHECKING, Any, BinaryIO, Final, NamedTuple
 
@@ -242,39 +243,55 @@ def read(stream: BinaryIO, name: str) -> Tape:
     Raises:
         BadRecordedRealm: it is no recording of a realm, of another version, or nothing of it can be read.
     """
-    about = dict[str, str]()
-    entries, profile, whole = list[Entry](), "", False
-    topics = dict[int, str]()
-    from mcap.records import Channel, Footer, Header, Message, Metadata
-
-    try:
+    reading = _Reading()
+    # the library raises what it likes at bytes that are cut off or forged
+    with suppress(Exception):
         for record in _records(stream):
-            match record:
-                case Header():
-                    profile = record.profile
-                case Metadata(name="robotree"):
-                    about = dict(record.metadata)
-                    if about.get("version") != VERSION:
-                        break
-                case Channel():
-                    topics[record.id] = record.topic
-                case Message():
-                    if (content := _content(topics.get(record.channel_id, ""), record.data)) is not None:
-                        entries.append(Entry(record.log_time / 1e9, content))
-                case Footer():
-                    whole = True
-                case _:
-                    pass
-    except Exception:  # noqa: BLE001  the library raises what it likes at bytes that are cut off or forged
-        whole = False
-    if profile != PROFILE:
+            reading.take(record)
+            if reading.version != VERSION:
+                break
+    if reading.profile != PROFILE:
         raise BadRecordedRealm(name, "is no recording of a realm; `robotree record FILE` makes one")
-    if about.get("version", VERSION) != VERSION:
-        detail = f"has version {about['version']} of the format, and this robotree reads {VERSION}"
+    if reading.version != VERSION:
+        detail = f"has version {reading.version} of the format, and this robotree reads {VERSION}"
         raise BadRecordedRealm(name, f"{detail}: read it with the robotree that has recorded it")
-    if not entries:
-        raise BadRecordedRealm(name, "holds nothing that can be read: its beginning is damaged, or it is empty")
-    return Tape(about, entries, whole=whole, name=name)
+    if not reading.entries:
+        detail = "holds nothing that can be read: its beginning is damaged, or it is empty"
+        raise BadRecordedRealm(name, detail)
+    return Tape(reading.about, reading.entries, whole=reading.whole, name=name)
+
+
+class _Reading:
+    """What is known of a file while it is read."""
+
+    def __init__(self) -> None:
+        self.profile, self.whole = "", False
+        self.about: Mapping[str, str] = {}
+        self.entries = list[Entry]()
+        self._topics = dict[int, str]()
+
+    @property
+    def version(self) -> str:
+        return self.about.get("version", VERSION)
+
+    def take(self, record: McapRecord) -> None:
+        from mcap.records import Channel, Footer, Header, Message, Metadata
+
+        match record:
+            case Header():
+                self.profile = record.profile
+            case Metadata(name="robotree"):
+                self.about = dict(record.metadata)
+            case Channel():
+                self._topics[record.id] = record.topic
+            case Message():
+                content = _content(self._topics.get(record.channel_id, ""), record.data)
+                if content is not None:
+                    self.entries.append(Entry(record.log_time / 1e9, content))
+            case Footer():
+                self.whole = True
+            case _:
+                pass
 
 
 def _records(stream: BinaryIO) -> Iterable[McapRecord]:
@@ -283,20 +300,21 @@ def _records(stream: BinaryIO) -> Iterable[McapRecord]:
     return StreamReader(stream, validate_crcs=True, record_size_limit=LARGEST_RECORD).records
 
 
+_OF_ROBOTS: Final[Mapping[str, Callable[[str, bytes], Content]]] = {
+    "state": lambda name, data: RecordedState(name, msgspec.json.decode(data, type=State)),
+    "description": lambda _, data: msgspec.json.decode(data, type=RobotDescription),
+    "log": lambda name, data: RecordedLine(name, msgspec.json.decode(data, type=LoggedLine)),
+    "gone": lambda name, _: RecordedEnd(name),
+}
+"""How a message is read, by the last word of its topic."""
+
+
 def _content(topic: str, data: bytes) -> Content | None:
     """Return what a message says; None: it is said elsewhere, too, or by a later version."""
     if topic == "/events":
         return msgspec.json.decode(data, type=HistoryEvent)
     if found := _ROBOT.fullmatch(topic):
-        match found[2]:
-            case "state":
-                return RecordedState(found[1], msgspec.json.decode(data, type=State))
-            case "description":
-                return msgspec.json.decode(data, type=RobotDescription)
-            case "gone":
-                return RecordedEnd(found[1])
-            case _:
-                return RecordedLine(found[1], msgspec.json.decode(data, type=LoggedLine))
+        return _OF_ROBOTS[found[2]](found[1], data)
     if found := _VIEW.fullmatch(topic):
         said = json.loads(data)
         return RecordedPicture(found[1], str(said["frame_id"]), base64.b64decode(said["data"]))
@@ -305,9 +323,10 @@ def _content(topic: str, data: bytes) -> Content | None:
 
 def _lasting(description: RobotDescription) -> RobotDescription:
     """Leave out what states say as well: a description is new only where something else has changed."""
+    bond = description.bond
     return msgspec.structs.replace(
         description, busy="", waiting=0, readings={}, calls={}, stops=0, stopped=False, stop_reason="",
-        epoch=0, bond=None if description.bond is None else msgspec.structs.replace(description.bond, remaining=0.0),
+        epoch=0, bond=None if bond is None else msgspec.structs.replace(bond, remaining=0.0),
         kept={}, held="", paused="", abandoned=(), asks="", online=True,
     )  # fmt: skip
 

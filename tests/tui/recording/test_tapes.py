@@ -13,7 +13,14 @@ from robotree.protocol.messages import NamedValueFloat
 from robotree.protocol.tools.capture.mcap import McapWriter
 from robotree.tui.errors import BadRecordedRealm
 from robotree.tui.recording import report, summary, tape
-from robotree.tui.recording.tape import Entry, RecordedEnd, RecordedLine, RecordedPicture, RecordedState, TapeWriter
+from robotree.tui.recording.tape import (
+    Entry,
+    RecordedEnd,
+    RecordedLine,
+    RecordedPicture,
+    RecordedState,
+    TapeWriter,
+)
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import RobotDescription
 from robotree.vr.base.history_event import HistoryEvent
@@ -30,7 +37,9 @@ def written(states: int = 3, *, closed: bool = True) -> bytes:
     writer = TapeWriter(stream, {"realm": "hall"})
     writer.description(NOON, ARM)
     for number in range(states):
-        writer.state(NOON + 1 + number / 100, "arm-1", State(readings={"z": number / 10, "hot": float("nan")}))
+        writer.state(
+            NOON + 1 + number / 100, "arm-1", State(readings={"z": number / 10, "hot": float("nan")})
+        )
         writer.flush()
     writer.line("arm-1", LINE)
     writer.event(HistoryEvent(kind="stop", unix=NOON + 3, robot="arm-1", text="by hand"))
@@ -118,7 +127,7 @@ def test_another_version_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_report_escapes_what_robots_say() -> None:
-    head = report._head(read(WHOLE))
+    head = report.head(read(WHOLE))
     assert r"go\_to \| is \`too\` far \[x\]" in head
     assert "| arm-1.z | 0 | 0.2 | m |" in head
 
