@@ -70,7 +70,11 @@ class Liveliness:
         self, key_expr: str, handler: Callback[Sample], *, history: bool | None = None
     ) -> Subscriber: ...
 
+class MatchingStatus:
+    matching: bool
+
 class Publisher:
+    matching_status: MatchingStatus
     def put(self, payload: bytes) -> None: ...
 
 class SessionInfo:

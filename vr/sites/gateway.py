@@ -580,7 +580,7 @@ class Gateway:
             self._greet(site)
 
     def _greet_all(self) -> None:
-        self._pipe.publish(self._topics.here, self._keys.name.encode())
+        self._pipe.publish(self._topics.here, self._keys.name.encode(), to_all=True)
         for site in self.sites.values():
             site.tries = 0
             self._greet(site)
@@ -723,7 +723,7 @@ class Gateway:
             self._look_at(site, now)
         if now - self._hinted > HERE:
             self._hinted = now
-            self._pipe.publish(self._topics.here, self._keys.name.encode())
+            self._pipe.publish(self._topics.here, self._keys.name.encode(), to_all=True)
         if now - self._looked > LOOK:
             self._looked = now
             self._showing.look()

@@ -55,8 +55,14 @@ class LinkState(NamedTuple):
 class Pipe(Protocol):
     """The way to other machines."""
 
-    def publish(self, topic: str, body: bytes) -> None:
-        """Send to all who subscribe to a topic now. From any thread; never blocks for long; may lose it."""
+    def publish(self, topic: str, body: bytes, *, to_all: bool = False) -> None:
+        """Send to who subscribes to a topic now. From any thread; never blocks for long; may lose it.
+
+        Args:
+            topic: where.
+            body: what.
+            to_all: whether all who subscribe are meant, and not only one: they may be at several hubs.
+        """
         ...
 
     def subscribe(self, pattern: str, on_message: OnArrival) -> None:
@@ -107,7 +113,8 @@ class MemoryPipe:
         self._subscribed: list[tuple[str, OnArrival]] = []
         hub.pipes.append(self)
 
-    def publish(self, topic: str, body: bytes) -> None:
+    def publish(self, topic: str, body: bytes, *, to_all: bool = False) -> None:
+        del to_all  # there is one hub
         self._hub.carry(topic, body)
 
     def subscribe(self, pattern: str, on_message: OnArrival) -> None:

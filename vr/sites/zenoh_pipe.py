@@ -1,13 +1,15 @@
-"""The pipe over Zenoh: a client of one hub at a time, which it dials for ever.
+"""The pipe over Zenoh: a client of each hub of the list, which are dialed for ever.
+
+Hubs do not know each other: linked routers lose routes silently when they form a circle. Instead a gateway is
+a client of all of them at once, by sessions that know nothing of each other either. A message goes by the
+first hub of the list at which the other gateway is heard, which that hub tells (Zenoh's matching status). So
+two sites meet wherever both reach any hub; when a hub dies, what follows goes by the next one without a dial;
+and when it is back, nothing is cut to return to it.
 
 Scouting and gossip are off: links that they find are not made anew, and a peer next to a router is not
-reached, silently. It waits for a hub in a thread of its own, so nothing else waits for the network. All
+reached, silently. It waits for each hub in a thread of its own, so nothing else waits for the network. All
 messages have one priority: a full low one was seen to hold up the others, and the window of the stream
 (`stream.py`) keeps the line from filling.
-
-Hubs do not know each other, so sites meet only at the same one. Each site dials the first hub of its list
-that answers, and goes back to an earlier one as soon as that answers again: sites that a fault has scattered
-meet at the first hub that answers them all.
 """
 
 from __future__ import annotations
@@ -37,145 +39,133 @@ FIRST_PAUSE, LONGEST_PAUSE = 0.2, 5.0
 LOOK = 0.2
 """[s] between two looks whether the link is up."""
 
-BACK = 3.0
-"""[s] between two looks whether an earlier hub of the list answers again."""
+ANEW = 5.0
+"""[s] without a link after which a session is made anew: until then Zenoh makes the link anew by itself."""
 
 _log = logging.getLogger(__name__)
 
 
-class ZenohPipe:
-    """See the module. It is open when it is made; `close` it."""
+class _Way:
+    """The session with one hub. It is open when it is made; `close` it."""
 
-    def __init__(self, hubs: Sequence[Hub]) -> None:
-        """Begin to dial.
-
-        Args:
-            hubs: the first one first; another one while it cannot be reached.
-        """
-        self._used = 0
-        """Number of the hub that is used."""
-        self._hubs = [(address_of(hub.address), hub.fingerprint) for hub in hubs]
+    def __init__(self, hub: Hub, on_up: Callable[[], None]) -> None:
+        self.address, self._fingerprint = address_of(hub.address), hub.fingerprint
+        self.up = False
+        """Whether it can be used now."""
+        self.reason: str = "it is being dialed"
+        """Why it cannot, as a clause."""
+        self._on_up = on_up
         self._pinned: dict[HubAddress, str] = {}
-        """Certificates of hubs that have shown the one which is known, as PEM."""
+        """Certificates that have shown to be the one which is known, as PEM."""
         self._session: zenoh.Session | None = None
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._subscribed: list[tuple[str, OnArrival]] = []
         self._subscribers: list[zenoh.Subscriber] = []
-        self._hints: list[Callable[[], None]] = []
         self._lock = threading.Lock()
         self._over = threading.Event()
-        self._state = LinkState(False, self._where, "it is being dialed")
-        self._thread = threading.Thread(target=self._keep, name="hub", daemon=True)
-        atexit.register(self.close)  # an exit without it aborts the process if traffic comes at that moment
+        self._thread = threading.Thread(target=self._keep, name=f"hub {self.address.text}", daemon=True)
         self._thread.start()
 
-    @property
-    def _where(self) -> str:
-        if self._session is not None:
-            return self._hubs[self._used][0].text
-        return ", ".join(address.text for address, _ in self._hubs) or "no hub"
+    def publish(self, topic: str, body: bytes, *, unheard: bool) -> bool:
+        """Send to who subscribes to a topic at this hub; returns whether it knows of anybody who does.
 
-    def publish(self, topic: str, body: bytes) -> None:
+        Args:
+            topic: where.
+            body: what.
+            unheard: whether to send it also if not.
+        """
         with self._lock:
-            if self._session is None or self._over.is_set():
-                return
+            if self._session is None or not self.up or self._over.is_set():
+                return False
             publisher = self._publishers.get(topic)
             if publisher is None:
                 publisher = self._publishers[topic] = self._session.declare_publisher(
                     topic, congestion_control=zenoh.CongestionControl.DROP, express=True
                 )
         with suppress(zenoh.ZError):  # closed meanwhile
-            publisher.put(body)
+            heard = publisher.matching_status.matching
+            if heard or unheard:
+                publisher.put(body)
+            return heard
+        return False
 
     def subscribe(self, pattern: str, on_message: OnArrival) -> None:
+        """See `Pipe`."""
         with self._lock:
             self._subscribed.append((pattern, on_message))
             if self._session is not None:
                 self._declare(self._session, pattern, on_message)
 
-    def hint(self, on_arrival: Callable[[], None]) -> None:
-        self._hints.append(on_arrival)
-
-    def state(self) -> LinkState:
-        return self._state
+    def let_go(self) -> None:
+        """Begin to end: its thread ends at the next look."""
+        self._over.set()
 
     def close(self) -> None:
-        atexit.unregister(self.close)
-        if self._over.is_set():
-            return
-        self._over.set()
+        """Leave."""
+        self.let_go()
         self._thread.join(DIAL_WITHIN + 2.0)
         self._hang_up()
 
     # -- inside: in the own thread ----------------------------------------------------------------
 
     def _keep(self) -> None:
-        """Keep a session with the first hub that answers; its link Zenoh makes anew by itself."""
-        while not self._over.is_set():
-            self._dial_until_one_answers()
-            looked = time.monotonic()
-            while self._session is not None and not self._over.wait(LOOK):
-                up = bool(self._session.info.routers_zid())
-                state = LinkState(up, self._where, "" if up else "no hub answers")
-                if state != self._state:
-                    self._state = state
-                    if up:
-                        for on_arrival in self._hints:
-                            on_arrival()
-                if len(self._hubs) > 1 and not up:
-                    self._hang_up()
-                elif self._used and time.monotonic() - looked > BACK:
-                    looked = time.monotonic()
-                    if any(not self._look(number) for number in range(self._used)):
-                        self._hang_up()
-
-    def _dial_until_one_answers(self) -> None:
+        """Keep a session. Its link Zenoh makes anew by itself; if it does not, the session is made anew."""
         pause = FIRST_PAUSE
-        while not self._over.is_set() and self._session is None:
-            reasons = list[str]()
-            for number in range(len(self._hubs)):
-                reason = self._dial(number)
-                if not reason or self._over.is_set():
-                    break
-                reasons.append(reason)
-            if self._session is None:
-                none = "the realm has no hub: `robotree realm create NAME --hub ADDRESS`"
-                reason = "; ".join(reasons) or none
-                if reason != self._state.reason:
-                    _log.warning("no hub can be reached: %s", reason)
-                self._state = LinkState(False, self._where, reason)
+        while not self._over.is_set():
+            reason = self._dial()
+            if reason:
+                if reason != self.reason:
+                    _log.warning("a hub cannot be reached: %s", reason)
+                self.up, self.reason = False, reason
                 self._over.wait(pause)
                 pause = min(2 * pause, LONGEST_PAUSE)
+                continue
+            pause, was_up = FIRST_PAUSE, time.monotonic()
+            while not self._over.wait(LOOK) and time.monotonic() - was_up < ANEW:
+                if self._see():
+                    was_up = time.monotonic()
+            if not self._over.is_set():
+                self._hang_up()
 
-    def _dial(self, number: int) -> str:
-        """Open a session with a hub; returns why there is none, as a clause."""
-        address, _ = self._hubs[number]
-        if reason := self._look(number):
+    def _see(self) -> bool:
+        """Look whether the link is up."""
+        session = self._session
+        up = session is not None and bool(session.info.routers_zid())
+        came, self.up = up and not self.up, up
+        self.reason = "" if up else f"{self.address.text} does not answer"
+        if came:
+            self._on_up()
+        return up
+
+    def _dial(self) -> str:
+        """Open a session; returns why there is none, as a clause."""
+        if reason := self._look():
             return reason
         try:
-            session = zenoh.open(configured(self._settings(address)))
+            session = zenoh.open(configured(self._settings()))
         except zenoh.ZError:
-            return f"{address.text} does not answer as a hub"
+            return f"{self.address.text} does not answer as a hub"
         with self._lock:
-            self._session, self._used = session, number
+            self._session = session
             for pattern, on_message in self._subscribed:
                 self._declare(session, pattern, on_message)
+        self._see()
         return ""
 
     def _hang_up(self) -> None:
-        """End the session, to dial anew."""
         with self._lock:
             session, self._session = self._session, None
+            self.up = False
             self._publishers.clear()
             self._subscribers.clear()
         if session is not None:
             session.close()
 
-    def _settings(self, address: HubAddress) -> dict[str, object]:
+    def _settings(self) -> dict[str, object]:
         retry = "retry_period_init_ms=100;retry_period_max_ms=1000"
         found: dict[str, object] = {
             "mode": "client",
-            "connect/endpoints": [f"{address.endpoint}#{retry}"],
+            "connect/endpoints": [f"{self.address.endpoint}#{retry}"],
             "connect/timeout_ms": int(DIAL_WITHIN * 1000),
             "scouting/multicast/enabled": False,
             "scouting/gossip/enabled": False,
@@ -185,23 +175,23 @@ class ZenohPipe:
             "transport/link/tx/keep_alive": 4,
             "transport/shared_memory/enabled": False,
         }
-        if pem := self._pinned.get(address, ""):
+        if pem := self._pinned.get(self.address, ""):
             found["transport/link/tls/root_ca_certificate_base64"] = base64.b64encode(pem.encode()).decode()
             found["transport/link/tls/verify_name_on_connect"] = False  # the certificate itself is known
         return found
 
-    def _look(self, number: int) -> str:
-        """See whether a hub answers, with the certificate that is known; returns why not, as a clause."""
-        address, fingerprint = self._hubs[number]
+    def _look(self) -> str:
+        """See whether the hub answers, with the certificate that is known; returns why not, as a clause."""
+        address = self.address
         where = (address.host.strip("[]"), address.port)
         try:
-            if not fingerprint:
+            if not self._fingerprint:
                 with socket.create_connection(where, timeout=DIAL_WITHIN):
                     return ""
             pem = ssl.get_server_certificate(where, timeout=DIAL_WITHIN)
         except (OSError, ValueError) as error:
             return f"{address.text} does not answer ({getattr(error, 'strerror', None) or error})"
-        if fingerprint_of(pem) != fingerprint:
+        if fingerprint_of(pem) != self._fingerprint:
             return f"{address.text} is another hub than the one that was named: its certificate differs"
         self._pinned[address] = pem
         return ""
@@ -214,3 +204,57 @@ class ZenohPipe:
 
         callback = zenoh.handlers.Callback(take, None, indirect=False)
         self._subscribers.append(session.declare_subscriber(pattern, callback))
+
+
+class ZenohPipe:
+    """See the module. It is open when it is made; `close` it."""
+
+    def __init__(self, hubs: Sequence[Hub]) -> None:
+        """Begin to dial.
+
+        Args:
+            hubs: the first one first; another one where that one does not know of the other side.
+        """
+        self._hints: list[Callable[[], None]] = []
+        self._ways = [_Way(hub, self._came_up) for hub in hubs]
+        atexit.register(self.close)  # an exit without it aborts the process if traffic comes at that moment
+
+    def publish(self, topic: str, body: bytes, *, to_all: bool = False) -> None:
+        """See `Pipe`."""
+        if to_all:
+            for way in self._ways:
+                way.publish(topic, body, unheard=True)
+        elif not any(way.publish(topic, body, unheard=False) for way in self._ways):
+            for way in self._ways:  # what a hub knows of its clients may be on the way
+                way.publish(topic, body, unheard=True)
+
+    def subscribe(self, pattern: str, on_message: OnArrival) -> None:
+        """See `Pipe`."""
+        for way in self._ways:
+            way.subscribe(pattern, on_message)
+
+    def hint(self, on_arrival: Callable[[], None]) -> None:
+        """See `Pipe`."""
+        self._hints.append(on_arrival)
+
+    def state(self) -> LinkState:
+        """See `Pipe`; the hub is the first one that is reached."""
+        for way in self._ways:
+            if way.up:
+                return LinkState(True, way.address.text)
+        where = ", ".join(way.address.text for way in self._ways) or "no hub"
+        none = "the realm has no hub: `robotree realm create NAME --hub ADDRESS`"
+        return LinkState(False, where, "; ".join(way.reason for way in self._ways) or none)
+
+    def close(self) -> None:
+        """See `Pipe`."""
+        atexit.unregister(self.close)
+        ways, self._ways = self._ways, []
+        for way in ways:
+            way.let_go()
+        for way in ways:
+            way.close()
+
+    def _came_up(self) -> None:
+        for on_arrival in self._hints:
+            on_arrival()

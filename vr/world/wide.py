@@ -138,8 +138,9 @@ class WidePipe:
         self._hints: list[Callable[[], None]] = []
         area.pipes.append(self)
 
-    def publish(self, topic: str, body: bytes) -> None:
+    def publish(self, topic: str, body: bytes, *, to_all: bool = False) -> None:
         """See `Pipe`."""
+        del to_all  # there is one hub
         if self in self.area.pipes:
             self.area.carry(self.site, topic, body)
 

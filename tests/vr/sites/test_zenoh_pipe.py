@@ -45,41 +45,72 @@ def pipes() -> Iterator[list[ZenohPipe]]:
         pipe.close()
 
 
-async def test_sites_that_were_scattered_over_hubs_meet_at_the_first_that_answers(
+async def test_sites_meet_at_any_hub_that_both_reach_whichever_dies_or_comes_back(
     pipes: list[ZenohPipe],
 ) -> None:
     hubs, heard = Hubs(2), set[bytes]()
     await hubs.start(1)
     pipes += [ZenohPipe(hubs.listed), ZenohPipe(hubs.listed)]
-    pipes[1].subscribe("to/*", lambda _topic, body: heard.add(body))
+    pipes[1].subscribe("to/b", lambda _topic, body: heard.add(body))
 
-    async def meet(number: int) -> None:
-        """Wait until what the one says the other hears, both at this hub."""
-        said, where = set[bytes](), hubs.addresses[number].text
+    async def meet(what: str, one: int = 0) -> None:
+        """Wait until what the one says from now on the other hears."""
+        said = set[bytes]()
 
         def met() -> bool:
             body = os.urandom(8)
             said.add(body)
-            pipes[0].publish("to/b", body)
-            return bool(said & heard) and all(pipe.state().where == where for pipe in pipes)
+            pipes[one].publish("to/b", body)
+            return bool(said & heard)
 
-        await until(met, f"both are at hub {number}")
+        await until(met, what)
 
-    await meet(1)
+    async def both_at(number: int) -> None:
+        where = hubs.addresses[number].text
+        await until(lambda: all(pipe.state().where == where for pipe in pipes), f"all are at hub {number}")
+
+    await meet("by the only hub")
+    await both_at(1)
     await hubs.start(0)
-    await meet(0)
+    await both_at(0)
+    await meet("by the first, which is back")
+    barred = ZenohPipe(hubs.listed[1:])  # its firewall lets it reach the second one alone
+    pipes.append(barred)
+    await meet("one at both hubs and one at the second", 2)
     await hubs.end(0)
-    await meet(1)
-    late = ZenohPipe(hubs.listed)
-    pipes.append(late)
-    await until(lambda: late.state().up, "who comes later is at the same hub")
+    await both_at(1)
+    await meet("by the second, while the first is dead")
     await hubs.start(0)
-    await meet(0)
-    await until(lambda: late.state().where == hubs.addresses[0].text, "and goes with them")
-    for number in (0, 1):
-        await hubs.end(number)
+    await until(lambda: pipes[0].state().where == hubs.addresses[0].text, "the first is back")
+    await meet("by the first")
+    await hubs.end(1)
+    await until(lambda: not barred.state().up, "the second is dead")
+    await meet("by the first alone")
+    await hubs.end(0)
     await until(
         lambda: all(address.text in pipes[0].state().reason for address in hubs.addresses),
         "it says which hubs do not answer",
     )
     assert not pipes[0].state().up
+
+
+async def test_what_is_for_all_goes_by_all_hubs_and_what_is_for_one_goes_once(pipes: list[ZenohPipe]) -> None:
+    hubs, heard = Hubs(2), list[bytes]()
+    for number in (0, 1):
+        await hubs.start(number)
+    pipes += [ZenohPipe(hubs.listed), ZenohPipe(hubs.listed)]
+    pipes[1].subscribe("**", lambda _topic, body: heard.append(body))
+
+    pairs = list[tuple[bytes, bytes]]()
+
+    def goes_once() -> bool:
+        one, everybody = os.urandom(8), os.urandom(8)
+        pairs.append((one, everybody))
+        pipes[0].publish("to/b", one)
+        pipes[0].publish("here", everybody, to_all=True)
+        counts = [(heard.count(one), heard.count(everybody)) for one, everybody in pairs]
+        return (1, 2) in counts  # what was sent before, by either hub, has come then
+
+    await until(goes_once, "as soon as the hubs know who is there")
+    for number in (0, 1):
+        await hubs.end(number)
