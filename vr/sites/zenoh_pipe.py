@@ -33,7 +33,7 @@ from robotree.vr.sites.pipe import LinkState, OnArrival
 DIAL_WITHIN = 2.0
 """[s] for one try."""
 
-FIRST_PAUSE, LONGEST_PAUSE = 0.2, 5.0
+FIRST_PAUSE, LONGEST_PAUSE = 0.2, 2.0
 """[s] between two tries."""
 
 LOOK = 0.2
