@@ -365,6 +365,18 @@ class Host:
 
     # -- what `Moves` needs -------------------------------------------------------------------------
 
+    async def page_to_come(self, page: Create, sender: str, asker: Principal) -> KeptPage:
+        """Return a page that another host has sent, or has named by its hash; `sender` as in `PrepareMove`.
+
+        Raises:
+            NoSuchBundle: nobody has it.
+        """
+        whole = page
+        if page.hash:
+            found = await self.bundles.find(page.hash, asker)
+            whole = replace(request_of(found), path=page.path, wanted=page.wanted, origin=page.origin)
+        return replace(_page(bundle_of(whole), whole.origin), sender=sender)
+
     async def load(self, page: KeptPage, name: str, asker: Principal) -> tuple[VirtualRobot, Clearance]:
         """Make a robot of a page that another host has sent.
 
@@ -712,7 +724,7 @@ class Host:
 
         async def move() -> None:
             try:
-                await self.moves.migrate(name, host, name)
+                await self.moves.migrate(name, host)
             except VrError as error:
                 done(error)
             else:
@@ -766,11 +778,11 @@ class Host:
                 reason = "it lives in a process of its own (`--isolate`), which stays"
                 raise CannotMove(robot=robot, host=host, reason=reason)
             case Migrate(robot=robot, host=host):
-                return await self.moves.migrate(robot, host, person)
+                return await self.moves.migrate(robot, host, received.principal)
             case Drain():
                 return await self.moves.drain(send)
             case PrepareMove() | TakeRobot() | AskMove():
-                return await self.moves.answer(request, received.principal)
+                return await self.moves.answer(request, received.principal, received.asked)
             case ReadEvents(robot=robot) if (apart := self._apart(robot)) is not None:
                 return await apart.control(request, received.principal, 10.0)
             case ReadEvents() | VerifyEvents() if self._history is not None:

@@ -14,11 +14,12 @@ from collections.abc import Coroutine
 from typing import Any, NamedTuple, Protocol
 
 import msgspec
+from msgspec.structs import replace
 
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.unfit import unfit_reasons
 from robotree.vr.author.virtual_robot import VirtualRobot
-from robotree.vr.base.address import Address, everyone
+from robotree.vr.base.address import Address, everyone, parted
 from robotree.vr.base.chance import token
 from robotree.vr.base.envelope import same_clock, this_clock
 from robotree.vr.base.errors import (
@@ -27,10 +28,12 @@ from robotree.vr.base.errors import (
     HostReserved,
     NoSuchHost,
     NoSuchRobot,
+    NoSuchSite,
     NotDrained,
     VrError,
 )
-from robotree.vr.base.principal import Principal
+from robotree.vr.base.places import Places, here_of
+from robotree.vr.base.principal import ITSELF, Principal
 from robotree.vr.base.requests import (
     Accepted,
     AskMove,
@@ -46,7 +49,9 @@ from robotree.vr.base.requests import (
     TakeRobot,
 )
 from robotree.vr.base.transport import Transport
+from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.admission import Clearance
+from robotree.vr.bundle.requested import request_of
 from robotree.vr.core import transfer as of
 from robotree.vr.core.machine import RobotState, decode_state, encode_state
 from robotree.vr.exchange.asking import ask
@@ -63,6 +68,10 @@ LOOK = 0.0005
 """[s] between two looks whether it has."""
 ANSWERED_WITHIN = 3.0
 """[s] for the destination to take a robot, or to say what became of it, before it is asked once more."""
+SLOWEST = 20_000.0
+"""[bytes/s] of a line to another site, at least, for a robot to move over it."""
+SEEN_WITHIN = 2.0
+"""[s] for the news to come that a robot is at another site, before it is here no longer."""
 ASK_AGAIN = 0.2
 """[s] before it is asked once more."""
 KEEPS = 5
@@ -80,6 +89,8 @@ _log = logging.getLogger(__name__)
 class Expected(NamedTuple):
     """A robot that may come."""
 
+    source: str
+    """Key of the host that sends it."""
     name: str
     robot: VirtualRobot
     clearance: Clearance
@@ -91,6 +102,14 @@ class MovingHost(Protocol):
 
     address: Address
     agents: dict[str, RobotAgent]
+
+    async def page_to_come(self, page: Create, sender: str, asker: Principal) -> KeptPage:
+        """Return a page that another host has sent, or has named by its hash.
+
+        Raises:
+            NoSuchBundle: nobody has it.
+        """
+        ...
 
     async def load(self, page: KeptPage, name: str, asker: Principal) -> tuple[VirtualRobot, Clearance]:
         """Make a robot of a page, if it may run here."""
@@ -154,13 +173,13 @@ class Moves:
 
     # -- leaving ----------------------------------------------------------------------------------
 
-    async def migrate(self, robot: str, host: str, asker: str = "") -> Done:
+    async def migrate(self, robot: str, host: str, asker: Principal = ITSELF) -> Done:
         """Have a robot go on in another host; returns when it does.
 
         Args:
             robot: its name.
-            host: name of the other host.
-            asker: who wants it, for its log.
+            host: name of the other host, `SITE:NAME` at another site.
+            asker: who wants it.
 
         Raises:
             NoSuchRobot: it is not here.
@@ -170,16 +189,14 @@ class Moves:
         agent = self._host.agents.get(robot)
         if agent is None or agent.gone:
             raise NoSuchRobot(name=robot)
-        here = self._host.address.name
+        here, host = self._host.address.name, self._whole_name(robot, host)
         if host == here:
             return Done(note=f"{robot} is in {here} already")
         if robot in self.leaving:
             raise self._refusal(robot, host, f"it is on its way to {self.leaving[robot].target}")
         if self._journal is None:
             raise self._refusal(robot, host, f"{here} keeps nothing of its robots (it has no journal)")
-        if not self._transport.presence.keys(everyone("host", host)):
-            raise NoSuchHost(name=host)
-        departure = Departure(self, agent, host, self._transport, self._journal)
+        departure = Departure(self, agent, host, self._transport, self._journal, asker=asker)
         self.leaving[robot] = departure
         try:
             reason = await departure.run()
@@ -187,11 +204,37 @@ class Moves:
             self._ended(robot, departure)
         if reason:
             raise self._refusal(robot, host, reason)
-        by = f" for {asker}" if asker else ""
+        by = f" for {asker.person}" if asker.person else ""
         _log.info("%s has moved to %s%s", robot, host, by)
         return Done(
             note=f"{robot} has moved from {here} to {host}; it paused for {departure.paused * 1e3:.1f} ms"
         )
+
+    def _whole_name(self, robot: str, host: str) -> str:
+        """Return the name of a host that is there, with its site if that is another one.
+
+        Raises:
+            NoSuchHost: it is not there.
+            CannotMove: there are several.
+        """
+        site, name = parted(host)
+        places = Places(self._transport.presence)
+        if site:
+            keys = places.at("host", site, name)
+            if not keys and site not in (places.own, *places.sites()):
+                raise NoSuchSite.among(site, places.sites())
+            sites = {places.site_of(key) for key in keys}
+        else:
+            keys = self._transport.presence.keys(everyone("host", name))
+            sites = {places.site_of(key) for key in keys}
+            sites = {""} if "" in sites else sites
+        if not sites:
+            raise NoSuchHost(name=host)
+        if len(sites) > 1:
+            among = " or ".join(f"{one}:{name}" for one in sorted(sites))
+            raise self._refusal(robot, host, f"several sites have such a host: say {among}")
+        (found,) = sites
+        return f"{found}:{name}" if found else name
 
     async def drain(self, send: SendReply) -> Done:
         """Have all robots go on in other hosts, those that carry something out first.
@@ -235,7 +278,8 @@ class Moves:
 
     async def _others(self) -> dict[str, int]:
         """Return the other hosts that take robots, with how many they have."""
-        keys = [key for key in self._transport.presence.keys(everyone("host", "*")) if key != self.key]
+        presence = self._transport.presence
+        keys = [key for key in here_of(presence, presence.keys(everyone("host", "*"))) if key != self.key]
         asked = (
             ask(self._transport, key, DescribeHost(), HostDescribed, timeout=ANSWERED_WITHIN) for key in keys
         )
@@ -285,8 +329,15 @@ class Moves:
 
     # -- coming -----------------------------------------------------------------------------------
 
-    async def answer(self, request: PrepareMove | TakeRobot | AskMove, asker: Principal) -> Reply:
+    async def answer(
+        self, request: PrepareMove | TakeRobot | AskMove, asker: Principal, asked: float = 0.0
+    ) -> Reply:
         """Answer another host.
+
+        Args:
+            request: what it asks.
+            asker: who asks.
+            asked: [s] on the clock of this process, when it was asked.
 
         Raises:
             CannotMove: the robot is not wanted, or cannot be kept.
@@ -303,13 +354,19 @@ class Moves:
                 case PrepareMove():
                     return await self._prepare(request, self._journal, asker)
                 case TakeRobot():
-                    return await self._take(request, self._journal)
+                    return await self._take(request, self._journal, asker, asked)
                 case AskMove():
                     return await self._asked(request, self._journal)
 
     async def _prepare(self, request: PrepareMove, journal: HostJournal, asker: Principal) -> Reply:
         name, here = request.robot.name, self._host.address.name
-        page = _kept(request)
+        page = await self._host.page_to_come(request.page, request.sender, asker)
+        presence = self._transport.presence
+        named = here_of(presence, presence.keys(everyone("robot", name)))
+        if any(key != request.robot.key for key in named):
+            raise self._refusal(
+                name, here, f"another robot here is called {name}; one of them needs another name"
+            )
         try:
             self._host.reserve(name)
         except (DuplicateName, HostReserved) as error:
@@ -322,7 +379,7 @@ class Moves:
         if not journal.destination.prepare(request.transfer):
             self._host.release(name)
             raise self._refusal(name, here, "that move is over")
-        self._expected[request.transfer] = Expected(name, robot, clearance, page)
+        self._expected[request.transfer] = Expected(asker.agent, name, robot, clearance, page)
         asyncio.get_running_loop().call_later(PREPARED_FOR, self._expect_no_longer, request.transfer)
         self.moment("ready")
         return MoveReady(log=journal.name)
@@ -335,12 +392,14 @@ class Moves:
             self._host.release(expected.name)
         self._one.pop(transfer, None)
 
-    async def _take(self, request: TakeRobot, journal: HostJournal) -> Reply:
+    async def _take(self, request: TakeRobot, journal: HostJournal, asker: Principal, asked: float) -> Reply:
         if len(request.state) > LONGEST_PARCEL:
             raise self._refusal(request.robot.name, self._host.address.name, "its state is too large")
         self.moment("got")
         taken, expected = False, self._expected.get(request.transfer)
-        state = None if expected is None else self._arrived_state(request)
+        if expected is not None and expected.source != asker.agent:
+            raise self._refusal(request.robot.name, self._host.address.name, "another host was to send it")
+        state = None if expected is None else self._arrived_state(request, asked)
         agent: RobotAgent | None = None
         for effect in journal.destination.take(request.transfer):
             match effect:
@@ -364,16 +423,15 @@ class Moves:
             self.keep(self._go_on(agent, request.stopped, request.order))
         return MoveDecided(taken=taken)
 
-    def _arrived_state(self, request: TakeRobot) -> RobotState:
+    def _arrived_state(self, request: TakeRobot, asked: float) -> RobotState:
         try:
             state = decode_state(request.state)
         except msgspec.MsgspecError as error:
             raise self._refusal(request.robot.name, self._host.address.name, str(error)) from None
         if state.address != request.robot:
             raise self._refusal(request.robot.name, self._host.address.name, "its state is another robot's")
-        runner = self._process.runner
-        now = runner.now()
-        by = 0.0 if same_clock(request.clock) else (request.unix - request.now) - (runner.unix() - now)
+        now = self._process.runner.now()
+        by = 0.0 if same_clock(request.clock) else (asked or now) - request.now
         welcome(state, by, now, ANSWERED_WITHIN)
         state.moves += 1
         state.home = f"host {self._host.address.name}"
@@ -443,8 +501,20 @@ class Departure:
         transport: Transport,
         journal: HostJournal,
         out: MovedOut | None = None,
+        asker: Principal = ITSELF,
     ) -> None:
-        """Prepare; `out`: the process was started again while the robot was on its way."""
+        """Prepare.
+
+        Args:
+            moves: of the host.
+            agent: of the robot.
+            target: name of the other host, `SITE:NAME` at another site.
+            transport: the way there.
+            journal: of the process.
+            out: the process was started again while the robot was on its way.
+            asker: who wants it to move.
+        """
+        self._asker = asker
         self._moves, self._agent, self.target = moves, agent, target
         self._transport, self._journal = transport, journal
         self._runtime, self._name = agent.runtime, agent.robot.name
@@ -506,8 +576,9 @@ class Departure:
         request = PrepareMove(
             transfer=self.transfer,
             robot=self._agent.address,
-            page=_sent(page, self._name),
+            page=_sent(page, self._name, whole=not self._far),
             sender=page.sender,
+            asker=self._transport.gate.asker(self._asker) if self._asker.person else None,
         )
         target = self._targets()[:1]
         if not target:
@@ -527,11 +598,20 @@ class Departure:
         return of.DestinationReady(log=ready.log)
 
     def _targets(self) -> list[str]:
-        """Return the keys of the hosts that may know: the other one, and who may have its log."""
-        keys = self._transport.presence.keys
-        named = keys(everyone("host", self.target))
-        others = [key for key in keys(everyone("host", "*")) if key not in named and key != self._moves.key]
+        """Return the keys of the hosts that may know: the other one, and who may have its log.
+
+        Only those of its site may: at another one a host of the same name has a log of the same name.
+        """
+        site, name = parted(self.target)
+        places = Places(self._transport.presence)
+        there = [key for key in places.at("host", site or places.own) if key != self._moves.key]
+        named = [key for key in there if key in self._transport.presence.keys(everyone("host", name))]
+        others = [key for key in there if key not in named]
         return [*reversed(named), *(others if self.in_doubt else ())]
+
+    @property
+    def _far(self) -> bool:
+        return ":" in self.target
 
     # -- effects ----------------------------------------------------------------------------------
 
@@ -625,7 +705,6 @@ class Departure:
             robot=self._agent.address,
             state=body,
             now=runner.now(),
-            unix=runner.unix(),
             clock=this_clock(),
             stopped="" if stop is None else stop.reason,
             order="" if stop is None else stop.order,
@@ -647,6 +726,9 @@ class Departure:
 
     async def _hear(self, targets: list[str], request: TakeRobot | AskMove) -> None:
         event: of.SourceEvent = of.NoWord()
+        within = ANSWERED_WITHIN
+        if isinstance(request, TakeRobot) and self._far:
+            within += len(request.state) / SLOWEST
         for key in targets:
             with contextlib.suppress(VrError):
                 decided = await ask(
@@ -654,7 +736,7 @@ class Departure:
                     key,
                     request,
                     MoveDecided,
-                    timeout=ANSWERED_WITHIN,
+                    timeout=within,
                     sender=self._moves.key,
                 )
                 event = of.WordCame(taken=decided.taken)
@@ -668,9 +750,18 @@ class Departure:
         self._journal.barrier()
         self._moves.moment("gone")
         self._end_keeping()
+        if self._far:
+            await self._seen_there()
         await self._agent.leave()
         self._moves.gone(self._agent)
         self._settle("")
+
+    async def _seen_there(self) -> None:
+        """Wait until all of this machine know at which site the robot is: until then it would be nowhere."""
+        places, until = Places(self._transport.presence), self._now() + SEEN_WITHIN
+        while not places.site_of(self._runtime.key) and self._now() < until:  # noqa: ASYNC110 # a table, which tells nobody
+            await asyncio.sleep(0.005)
+        await self._transport.settle(ANSWERED_WITHIN)
 
     def _thaw(self, reason: str) -> None:
         self._end_keeping()
@@ -731,21 +822,13 @@ def _shortest_term(state: RobotState) -> float:
     return min((bond.lease.term for bond in state.slots.bonds().values()), default=1.0)
 
 
-def _kept(request: PrepareMove) -> KeptPage:
-    page = request.page
-    files, signed = dict(page.files), page.signed
-    return KeptPage(page.source, page.path, page.wanted, files, page.origin, signed, request.sender)
-
-
-def _sent(page: KeptPage, name: str) -> Create:
+def _sent(page: KeptPage, name: str, *, whole: bool) -> Create:
+    """Return a page as it is sent; `whole`: not only its hash."""
+    bundle = Bundle(page.source, page.path, page.wanted, page.files, page.signed, page.sender)
+    if whole:
+        return replace(request_of(bundle, name, page.origin), sender="")
     return Create(
-        name=name,
-        path=page.path,
-        source=page.source,
-        wanted=page.wanted,
-        files=dict(page.files),
-        origin=page.origin,
-        signed=page.signed,
+        name=name, path=page.path, source="", wanted=page.wanted, origin=page.origin, hash=bundle.hash
     )
 
 

@@ -269,7 +269,7 @@ class Migrate(_Message, frozen=True, kw_only=True):
     robot: str
     """Its name."""
     host: str
-    """Name of the other host."""
+    """Name of the other host, as the machine of the asked one knows it: `SITE:NAME`, if it is at another site."""
 
 
 class Drain(_Message, frozen=True, kw_only=True):
@@ -286,9 +286,11 @@ class PrepareMove(_Message, frozen=True, kw_only=True):
     """Unique for ever."""
     robot: Address
     page: Create
-    """As for a new robot; its settings do not matter."""
+    """As for a new robot; its settings do not matter. To another site it goes by its hash."""
     sender: str = ""
     """Who has sent the page unsigned, if that was not the user of the hosts."""
+    asker: Person | None = None
+    """Who wants the robot to move, if that is not the host alone."""
 
 
 class TakeRobot(_Message, frozen=True, kw_only=True):
@@ -299,9 +301,7 @@ class TakeRobot(_Message, frozen=True, kw_only=True):
     state: bytes
     """`core.machine.encode_state`"""
     now: float
-    """[s] on the monotonic clock of the host that it leaves."""
-    unix: float
-    """[s] since 1970, at the same moment."""
+    """[s] on the monotonic clock of the host that it leaves, when this was asked."""
     clock: str
     """Name of that clock: see `envelope.this_clock`."""
     stopped: str = ""

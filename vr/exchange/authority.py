@@ -127,7 +127,7 @@ NEEDS: Final[Mapping[type[AnyRequest], str]] = {
     LeaveOrder: MEMBER, CancelOrder: MEMBER, ConfirmOrder: MEMBER, ReadOrders: MEMBER, MarkSeen: MEMBER,
     ReadKnown: MEMBER, TakeAlong: MEMBER, ReleaseHolds: MEMBER, HoldOrders: STOP,
     FetchOrders: AGENTS, TakeOrder: AGENTS, TellOrders: AGENTS, RobotDeleted: AGENTS, ShareRecords: AGENTS,
-    Migrate: "migrate", PrepareMove: AGENTS, TakeRobot: AGENTS, AskMove: AGENTS,
+    Migrate: "migrate", PrepareMove: "create", TakeRobot: "create", AskMove: ANYBODY,
 }  # fmt: skip
 """The right that each request needs."""
 
@@ -201,6 +201,8 @@ def authorise(
         raise NotAllowed(who=principal.person or principal.user, what=type(request).__name__, reason=reason)
     if (gate.policy is not None or gate.trouble) and not is_own_agent(principal):
         _keep_to_policy(principal, request, state, here)
+    if isinstance(request, PrepareMove) and request.asker is not None and gate.closed:
+        _expect(gate, request.asker, "create", here.target())
     if not isinstance(request, OF_LEASES):
         return
     lease = None if state is None else state.lease.current

@@ -430,6 +430,11 @@ class Mesh:
             few = keys if isinstance(keys, KeysView) else set(keys)
             return {key for one in held for key in (one & few if len(one) < len(few) else few & one)}
 
+    def rank_elsewhere(self, key: str) -> int:
+        """Return the highest rank by which another process serves a key; 0: none does."""
+        with self._lock:
+            return max((_rank(peer, key) for peer in self._peers.values() if peer.awake), default=0)
+
     def wanted(self) -> set[str]:
         """Return the patterns to which the other processes subscribe."""
         with self._lock:

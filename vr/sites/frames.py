@@ -23,6 +23,8 @@ class AllNews(msgspec.Struct, frozen=True, array_like=True, tag=0):
     patterns: list[str]
     more: bool
     """Another one follows with the rest."""
+    ranks: dict[str, int] = {}
+    """Those of these keys that have one: see `Transport.serve`."""
 
 
 class OneNews(msgspec.Struct, frozen=True, array_like=True, tag=1):
@@ -31,6 +33,8 @@ class OneNews(msgspec.Struct, frozen=True, array_like=True, tag=1):
     topic: Announced
     key: str
     there: bool
+    rank: int = 0
+    """See `AllNews.ranks`."""
 
 
 class SiteAsk(msgspec.Struct, frozen=True, array_like=True, tag=2):
@@ -61,6 +65,8 @@ class SiteEnd(msgspec.Struct, frozen=True, array_like=True, tag=4):
     """There are no more replies."""
 
     number: int
+    elsewhere: bool = False
+    """Nobody has answered, for the agent is not at this site any more."""
 
 
 class SiteSample(msgspec.Struct, frozen=True, array_like=True, tag=5):

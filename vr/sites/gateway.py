@@ -36,7 +36,7 @@ from robotree.vr.base.requests import (
     SafeStop,
     encode,
 )
-from robotree.vr.base.transport import End, Respond, Transport
+from robotree.vr.base.transport import ELSEWHERE, End, Respond, Transport
 from robotree.vr.exchange.authority import Here
 from robotree.vr.exchange.dispatcher import Dispatcher, SendReply, not_for
 from robotree.vr.network.on_loop import LoopTurns
@@ -104,6 +104,9 @@ KEYS_AT_ONCE: Final = 200
 STILL: Final = "still"
 """Under which a sentence about unchanged states waits: a newer one takes its place."""
 
+HOSTS: Final = "host/"
+"""Begin of the keys of hosts."""
+
 GREETING, SEALED, REVOKED = b"g", b"s", b"r"
 """First byte of a message between gateways."""
 
@@ -150,6 +153,8 @@ class Gateway:
         self._sessions: dict[bytes, Site] = {}
         self._standing = Standing(ground, lambda key: partial(self._take, key))
         self._wanted = set[str]()
+        self._astray: list[tuple[float, Site, SiteExchange]] = []
+        """Requests to agents that have left a site, since when [s]; the news where they are may be on the way."""
         self._hung: list[tuple[str, str, str]] = []
         """The agents of this machine that hang, as the other sites were told."""
         self._numbers = itertools.count(1)
@@ -251,12 +256,16 @@ class Gateway:
 
     def is_local(self, key: str) -> bool:
         """Whether a key is of this machine, also if its process hangs."""
-        return key not in self._standing.where
+        return key in self._standing.local or key not in self._standing.where
 
     @property
     def local(self) -> set[str]:
         """The keys that are present here and of this machine."""
         return self._standing.local
+
+    def rank(self, key: str) -> int:
+        """Return how often an agent of this machine has moved."""
+        return self._mesh.rank_elsewhere(key)
 
     def now(self) -> float:
         """[s] on this machine's monotonic clock."""
@@ -281,6 +290,11 @@ class Gateway:
             if not there:
                 site.summaries.forget(key)
             self._showing.tell(site, key, there=there)
+
+    def _see_who_came(self) -> None:
+        """Tell all sites of agents that were at one of them and are here now."""
+        for key in self._standing.come_here():
+            self._tell(key)
 
     def _see_wanted(self) -> None:
         wanted = self._mesh.wanted()
@@ -307,8 +321,11 @@ class Gateway:
     ) -> None:
         """Pass a request on to the site of its key."""
         site, now, found = self._standing.where.get(key), self.now(), leaving(body, self.now())
-        if site is None or site.stream is None or found is None:
-            end(None)
+        if site is None and key in self._standing.local:
+            end(ELSEWHERE)
+            return
+        if site is None or site.stream is None or found is None or found.vouched:
+            end(None)  # who asks from another site, by this gateway, is to ask there itself
             return
         if found.void_at and not site.linked(now):
             reason = self.reason() or "its gateway is not heard"
@@ -317,7 +334,8 @@ class Gateway:
             return
         self._showing.introduce(site, sender_of(body))
         number = next(self._numbers)
-        site.exchanges[number] = SiteExchange(key, respond, end, found.void_at)
+        again = partial(self._pass_on, key, body, sender, urgent=urgent, respond=respond, end=end)
+        site.exchanges[number] = SiteExchange(key, respond, end, found.void_at, again)
         ask = SiteAsk(number, key, body, urgent, now, found.age, user_name(sender.user), sender.process)
         lane = Lane.URGENT if urgent else Lane.NORMAL
         self.send(site, ask, lane, until=found.void_at or float("inf"))
@@ -471,7 +489,10 @@ class Gateway:
         if isinstance(news, AllNews):
             self._take_all(site, news)
         elif news.topic is Announced.PRESENT:
-            (self._learn if news.there else self._forget)(site, news.key)
+            if news.there:
+                self._learn(site, news.key, news.rank)
+            else:
+                self._forget(site, news.key)
         else:
             (self._want if news.there else self._unwant)(site, news.key)
 
@@ -484,12 +505,28 @@ class Gateway:
             exchange.respond(answer.body)
         else:
             del site.exchanges[answer.number]
-            exchange.end(None)
+            if answer.elsewhere:
+                self._astray.append((self.now(), site, exchange))
+                self._see_astray()
+            else:
+                exchange.end(None)
+
+    def _see_astray(self) -> None:
+        """Ask where the agents are now that have left a site; one of which nobody knows is not asked."""
+        now, astray, self._astray = self.now(), self._astray, []
+        for since, left, exchange in astray:
+            where = self._standing.where.get(exchange.key)
+            if (where is None and exchange.key in self._standing.local) or where not in (None, left):
+                exchange.again()
+            elif now - since > ARRIVAL:
+                exchange.end(None)
+            else:
+                self._astray.append((since, left, exchange))
 
     def _take_all(self, site: Site, news: AllNews) -> None:
         site.fresh.update(news.keys)
         for key in news.keys:
-            self._learn(site, key)
+            self._learn(site, key, news.ranks.get(key, 0))
         for pattern in news.patterns:
             self._want(site, pattern)
         if not news.more:
@@ -497,9 +534,11 @@ class Gateway:
                 self._forget(site, key)
             site.fresh.clear()
 
-    def _learn(self, site: Site, key: str) -> None:
-        if not self._standing.claim(site, key):
+    def _learn(self, site: Site, key: str, rank: int) -> None:
+        if not self._standing.claim(site, key, rank):
             return
+        if self._astray:
+            self._see_astray()
         for since, ask in list(site.early):
             if sender_of(ask.body) == key:
                 site.early.remove((since, ask))
@@ -542,16 +581,20 @@ class Gateway:
         user = member.name if person else ask.user
         voucher = Voucher(member.name, user, ask.process, person, member.may)
         found = arrived(ask.body, age, voucher, now, known=known)
-        large = False
+        large = answered = False
 
         def reply(body: bytes | None) -> None:
-            nonlocal large
+            nonlocal large, answered
             if site.stream is not stream:
                 return  # who asked has been told that nothing comes any more
             large = large or (body is not None and len(body) > PIECE)
             lane = Lane.BULK if large else Lane.URGENT if ask.urgent else Lane.NORMAL
-            frame = SiteEnd(ask.number) if body is None else SiteReply(ask.number, body)
+            frame = SiteReply(ask.number, body) if body is not None else SiteEnd(ask.number, elsewhere=left())
+            answered = True
             self.send(site, frame, lane)
+
+        def left() -> bool:
+            return not answered and (ask.key in self._standing.where or ask.key not in self._standing.local)
 
         if found is None or ask.key not in self._standing.local:
             reply(None)
@@ -560,8 +603,13 @@ class Gateway:
             reply(None)
         else:
 
+            def on_loop(body: bytes | None) -> None:
+                if ask.key.startswith(HOSTS):  # it may have taken a robot, which is known before it says so
+                    self._see_who_came()
+                reply(body)
+
             def on_reply(body: bytes | None) -> None:
-                self._turns.put(partial(reply, body), urgent=ask.urgent)
+                self._turns.put(partial(on_loop, body), urgent=ask.urgent)
 
             self._mesh.ask(ask.key, found.body, void_at=found.void_at, urgent=ask.urgent, on_reply=on_reply)
 
@@ -622,7 +670,8 @@ class Gateway:
         local, patterns = self._showing.begin(site), sorted(self._wanted)
         for begin in range(0, max(len(local), 1), KEYS_AT_ONCE):
             keys, rest = local[begin : begin + KEYS_AT_ONCE], patterns if not begin else []
-            self.send(site, AllNews(keys, rest, begin + KEYS_AT_ONCE < len(local)), Lane.URGENT)
+            ranks = {key: rank for key in keys if (rank := self._mesh.rank_elsewhere(key))}
+            self.send(site, AllNews(keys, rest, begin + KEYS_AT_ONCE < len(local), ranks), Lane.URGENT)
         if self._keys.trust.packed:
             self.send(site, Revoked(self._keys.trust.packed), Lane.URGENT)
         if self._keys.is_authority:
@@ -716,8 +765,8 @@ class Gateway:
         self._ticked = now
         self._check_itself()
         self._see_wanted()
-        for key in self._standing.come_here():
-            self._tell(key)
+        self._see_who_came()
+        self._see_astray()
         self._mark_silent(now)
         for site in list(self.sites.values()):
             self._look_at(site, now)

@@ -15,8 +15,8 @@ class Ground(Protocol):
 
     presence: Presence
 
-    def serve(self, key: str, answer: TakeFrame) -> None:
-        """Take the requests to a key.
+    def serve(self, key: str, answer: TakeFrame, *, rank: int = 0) -> None:
+        """Take the requests to a key; `rank` as in `Transport.serve`.
 
         Raises:
             ValueError: this process serves it already.
@@ -42,6 +42,10 @@ class Ground(Protocol):
 
     def held_elsewhere(self, keys: Collection[str]) -> set[str]:
         """Return those of these keys under which another process of this machine is present and awake."""
+        ...
+
+    def rank_elsewhere(self, key: str) -> int:
+        """Return the highest rank by which another process of this machine serves a key; 0: none does."""
         ...
 
     def wanted(self) -> set[str]:

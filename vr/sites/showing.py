@@ -40,6 +40,10 @@ class WithSites(Protocol):
         """Send a frame to a site; returns whether there is a session with it."""
         ...
 
+    def rank(self, key: str) -> int:
+        """Return how often an agent of this machine has moved."""
+        ...
+
     def now(self) -> float:
         """[s] on this machine's monotonic clock."""
         ...
@@ -123,7 +127,8 @@ class Showing:
         return self._allowed(site, news.listing.address, tuple(news.listing.kinds))
 
     def _announce(self, site: Site, key: str, *, there: bool) -> None:
-        if self._gateway.send(site, OneNews(Announced.PRESENT, key, there), Lane.URGENT):
+        rank = self._gateway.rank(key) if there else 0
+        if self._gateway.send(site, OneNews(Announced.PRESENT, key, there, rank), Lane.URGENT):
             (site.told.add if there else site.told.discard)(key)
 
     def _show_anew(self, site: Site) -> None:

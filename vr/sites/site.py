@@ -23,16 +23,20 @@ GONE = 6.0
 """[s] without one after which its session ends, and it is in no list: longer than a lease."""
 
 ARRIVAL = 1.0
-"""[s] for which a request waits for the news that its asker is present."""
+"""[s] for which a request waits for the news that its asker is present, or where an agent is now."""
 
 
 class SiteExchange:
     """A request to the site that it has yet to answer."""
 
-    __slots__ = ("end", "key", "respond", "void_at")
+    __slots__ = ("again", "end", "key", "respond", "void_at")
 
-    def __init__(self, key: str, respond: Respond, end: End, void_at: float) -> None:
+    def __init__(
+        self, key: str, respond: Respond, end: End, void_at: float, again: Callable[[], None]
+    ) -> None:
         self.key, self.respond, self.end, self.void_at = key, respond, end, void_at
+        self.again = again
+        """Asks whoever has the key by now."""
 
 
 class Site:

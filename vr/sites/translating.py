@@ -24,6 +24,8 @@ class Leaving(NamedTuple):
     """[s] on the own clock, after which nobody begins with it; 0: it begins nothing."""
     ends: bool
     """It ends something, and is carried out however late it comes."""
+    vouched: bool
+    """It has come from another site already."""
 
 
 class Arrived(NamedTuple):
@@ -50,7 +52,8 @@ def leaving(body: bytes, now: float) -> Leaving | None:
         return None
     age = max(now - envelope.asked, 0.0) if same_clock(envelope.clock) else 0.0
     begins = isinstance(envelope.request, BEGINS)
-    return Leaving(age, now - age + envelope.holds if begins else 0.0, isinstance(envelope.request, ENDS))
+    void_at = now - age + envelope.holds if begins else 0.0
+    return Leaving(age, void_at, isinstance(envelope.request, ENDS), bool(envelope.proof))
 
 
 def sender_of(body: bytes) -> str:

@@ -868,9 +868,14 @@ class RealmClient:
         robot = await self.describe(name)
         if not robot.host:
             raise NotVirtual(robot=name, what="move; a proxy stays where its controller is")
-        await self.directory.resolve(host, "host")
-        client = HostClient(self._transport, await self.directory.resolve(robot.host, "host"))
-        return await self._awake(client.migrate(name, host))
+        places = self.places
+        there = places.site_of((await self.directory.resolve(host, "host")).key)
+        here = places.site_of(robot.address.key)
+        plain = parted(host)[1]
+        site = "" if there == here else there or places.own
+        source = f"{here}:{robot.host}" if here else robot.host
+        client = HostClient(self._transport, await self.directory.resolve(source, "host"))
+        return await self._awake(client.migrate(parted(name)[1], f"{site}:{plain}" if site else plain))
 
     async def drain(self, host: str, on_move: Callable[[str], object] = lambda _: None) -> list[str]:
         """Have all robots of a host go on in others; returns their names.

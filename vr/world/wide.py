@@ -32,7 +32,7 @@ class MemoryGround:
         self.subscribe, self.unsubscribe = transport.begin_hearing, transport.end_hearing
         self.publish = transport.publish
 
-    def serve(self, key: str, answer: TakeFrame) -> None:
+    def serve(self, key: str, answer: TakeFrame, *, rank: int = 0) -> None:
         """Take the requests to a key; nobody says here which are urgent.
 
         Raises:
@@ -42,11 +42,16 @@ class MemoryGround:
         def take(incoming: Incoming) -> None:
             answer(incoming.body, incoming.credentials, True, incoming.reply, incoming.end)
 
-        self._transport.begin_serving(key, take)
+        self._transport.begin_serving(key, take, rank=rank)
 
     def held_elsewhere(self, keys: Collection[str]) -> set[str]:
         """Return those of these keys under which another member is present and seen."""
         return set(filter(self._transport.held_by_others, keys))
+
+    def rank_elsewhere(self, key: str) -> int:
+        """Return the highest rank by which another member serves a key; 0: none does."""
+        others = [one for one in self._transport.network.members if one is not self._transport]
+        return max((one.ranks.get(key, 0) for one in others if key in one.served), default=0)
 
     def wanted(self) -> set[str]:
         """Return the patterns to which the other members subscribe."""
