@@ -3,105 +3,22 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from robotree.tui.exit_codes import DONE, NOBODY, REFUSED
 from tests.command_line import ROBOTREE
+from tests.plant import EXAMPLES, LINKED, Machine, Plant
 from tests.ports import free_port
 from tests.waiting import wait_until
 
 pytestmark = [pytest.mark.e2e, pytest.mark.story]
-
-EXAMPLES = Path(__file__).parents[2] / "examples"
-LINKED = 60.0
-"""[s] for two gateways to find each other on a busy machine."""
-
-
-class Machine:
-    """A machine: a user's folders of its own, and what runs there."""
-
-    def __init__(self, folder: Path, name: str) -> None:
-        self.name, self.running = name, dict[str, subprocess.Popen[str]]()
-        self.environment = {**os.environ, "ROBOTREE_REALM": "plant"}
-        for variable, part in (("XDG_RUNTIME_DIR", "run"), ("XDG_STATE_HOME", "state")):
-            path = folder / name / part
-            path.mkdir(mode=0o700, parents=True)
-            self.environment[variable] = str(path)
-
-    def start(self, called: str, *words: str) -> str:
-        """Start an agent; return what it says when it is ready."""
-        process = subprocess.Popen(
-            [*ROBOTREE, *words, "--tether"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            env=self.environment,
-        )
-        self.running[called] = process
-        assert process.stdout
-        word, _, rest = process.stdout.readline().strip().partition(" ")
-        assert word == "ready", words
-        return rest
-
-    def end(self, called: str, sign: signal.Signals = signal.SIGTERM) -> None:
-        process = self.running.pop(called)
-        process.send_signal(sign)
-        assert process.stdin
-        assert process.stdout
-        process.wait(60)
-        process.stdin.close()
-        process.stdout.close()
-
-    def say(self, *words: str, code: int = DONE) -> Any:
-        """Say a line; return the plain data that it prints last."""
-        done = subprocess.run(
-            [*ROBOTREE, *words, "--json"],
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=60,
-            env=self.environment,
-        )
-        assert done.returncode == code, (words, done.stdout, done.stderr)
-        return json.loads(done.stdout.strip().splitlines()[-1])
-
-    def until_listed(self, name: str, *, there: bool = True) -> None:
-        latest = time.monotonic() + LINKED
-        while True:
-            done = subprocess.run(
-                [*ROBOTREE, "ls", "--json"], capture_output=True, text=True, check=False, env=self.environment
-            )
-            if (f'"name": "{name}"' in done.stdout) == there:
-                return
-            assert time.monotonic() < latest, (name, done.stdout, done.stderr)
-            time.sleep(0.2)
-
-
-class Plant:
-    """A hub, and the sites lab, where the realm was made, and hall."""
-
-    def __init__(self, folder: Path) -> None:
-        self.hub, self.lab, self.hall, self.desk = (
-            Machine(folder, name) for name in ("hub", "lab", "hall", "desk")
-        )
-        self.port, self.token = free_port(), ""
-
-    @property
-    def machines(self) -> tuple[Machine, ...]:
-        return self.hub, self.lab, self.hall, self.desk
-
-    def start_hub(self) -> str:
-        return self.hub.start("hub", "hub", "--listen", f"tls:127.0.0.1:{self.port}")
 
 
 @pytest.fixture(scope="module")

@@ -751,7 +751,7 @@ class Host:
         Raises:
             VrError: it is refused, or fails.
         """
-        request, person = received.request, received.principal.person
+        request = received.request
         match request:
             case Create():
                 whole = await self._whole(request, received.principal)

@@ -29,6 +29,7 @@ from robotree.vr.base.errors import (
     NoSuchHost,
     NoSuchRobot,
     NoSuchSite,
+    NotApart,
     NotDrained,
     VrError,
 )
@@ -373,6 +374,9 @@ class Moves:
             raise self._refusal(name, here, str(error)) from None
         try:
             robot, clearance = await self._host.load(page, name, asker)
+        except NotApart as error:
+            self._host.release(name)
+            raise self._refusal(name, here, _kept_apart(here, str(error.data["level"]), page)) from None
         except BaseException:
             self._host.release(name)
             raise
@@ -830,6 +834,13 @@ def _sent(page: KeptPage, name: str, *, whole: bool) -> Create:
     return Create(
         name=name, path=page.path, source="", wanted=page.wanted, origin=page.origin, hash=bundle.hash
     )
+
+
+def _kept_apart(host: str, level: str, page: KeptPage) -> str:
+    reason = f"{host} keeps its code apart ({level}), and such robots do not move; "
+    if page.signed is None:
+        return f"{reason}choose a host that was started without `--isolate`"
+    return f"{reason}who trusts its signer can say so there: `robotree bundle trust … --isolation none`"
 
 
 def _nobody(_: str, __: str) -> None:

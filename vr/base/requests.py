@@ -269,7 +269,7 @@ class Migrate(_Message, frozen=True, kw_only=True):
     robot: str
     """Its name."""
     host: str
-    """Name of the other host, as the machine of the asked one knows it: `SITE:NAME`, if it is at another site."""
+    """Name of the other host; `SITE:NAME`, if it is at another site than the asked one."""
 
 
 class Drain(_Message, frozen=True, kw_only=True):

@@ -154,7 +154,7 @@ class Gateway:
         self._standing = Standing(ground, lambda key: partial(self._take, key))
         self._wanted = set[str]()
         self._astray: list[tuple[float, Site, SiteExchange]] = []
-        """Requests to agents that have left a site, since when [s]; the news where they are may be on the way."""
+        """Requests to agents that have left a site, and since when [s]: news of them may be on the way."""
         self._hung: list[tuple[str, str, str]] = []
         """The agents of this machine that hang, as the other sites were told."""
         self._numbers = itertools.count(1)
