@@ -26,6 +26,7 @@ from robotree.vr.base.errors import (
     CannotMove,
     DuplicateName,
     HostReserved,
+    NoSuchBundle,
     NoSuchHost,
     NoSuchRobot,
     NoSuchSite,
@@ -577,29 +578,35 @@ class Departure:
         page = self._journal.page_of(self._runtime.key)
         if page is None:
             return of.Refused(reason="its page is not kept")
-        request = PrepareMove(
-            transfer=self.transfer,
-            robot=self._agent.address,
-            page=_sent(page, self._name, whole=not self._far),
-            sender=page.sender,
-            asker=self._transport.gate.asker(self._asker) if self._asker.person else None,
-        )
-        target = self._targets()[:1]
-        if not target:
-            return of.Refused(reason=f"{self.target} is not there")
-        ready = await ask(
-            self._transport,
-            target[0],
-            request,
-            MoveReady,
-            timeout=LOADING,
-            sender=self._moves.key,
-        )
+        try:
+            ready = await self._have_prepared(page, whole=not self._far)
+        except NoSuchBundle:  # it may not read pages here, or the way was too slow
+            ready = await self._have_prepared(page, whole=True)
         children = self._agent.children
         if children is not None:
             self._entrusted = await children.entrust(self._secret)
         self._moves.moment("prepared")
         return of.DestinationReady(log=ready.log)
+
+    async def _have_prepared(self, page: KeptPage, *, whole: bool) -> MoveReady:
+        """Have the other host load the page; to another site goes only its hash, unless it is sent `whole`.
+
+        Raises:
+            VrError: it refuses, or is not there.
+        """
+        target = self._targets()[:1]
+        if not target:
+            raise NoSuchHost(name=self.target)
+        request = PrepareMove(
+            transfer=self.transfer,
+            robot=self._agent.address,
+            page=_sent(page, self._name, whole=whole),
+            sender=page.sender,
+            asker=self._transport.gate.asker(self._asker) if self._asker.person else None,
+        )
+        return await ask(
+            self._transport, target[0], request, MoveReady, timeout=LOADING, sender=self._moves.key
+        )
 
     def _targets(self) -> list[str]:
         """Return the keys of the hosts that may know: the other one, and who may have its log.

@@ -79,11 +79,11 @@ def test_a_robot_that_was_not_taken_goes_on_where_it_was(tmp_path: Path) -> None
         moves = stage.homes["h2"].host.moves
         answer, taken = moves.answer, []
 
-        async def lost(request: Any, asker: Any) -> Any:
+        async def lost(request: Any, *more: Any) -> Any:
             if isinstance(request, TakeRobot):
                 taken.append(request)
                 raise NoAnswer(key="h2", seconds=0.0)
-            return await answer(request, asker)
+            return await answer(request, *more)
 
         moves.answer = lost  # type: ignore[method-assign]
         with pytest.raises(CannotMove, match="the other host has not taken it"):
@@ -239,10 +239,10 @@ def test_a_stop_passes_a_robot_in_doubt_to_its_children_and_reaches_it_where_it_
         moves, robot = stage.homes["h2"].host.moves, stage.robot("tour")
         answer, late = moves.answer, asyncio.Event()
 
-        async def slow(request: Any, asker: Any) -> Any:
+        async def slow(request: Any, *more: Any) -> Any:
             if isinstance(request, TakeRobot):
                 await late.wait()
-            return await answer(request, asker)
+            return await answer(request, *more)
 
         moves.answer = slow  # type: ignore[method-assign]
         moving = asyncio.ensure_future(stage.migrate("tour", "h2"))
