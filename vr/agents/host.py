@@ -38,7 +38,7 @@ from robotree.vr.base.errors import (
     Unreachable,
     VrError,
 )
-from robotree.vr.base.permissions import LEVELS, Isolation
+from robotree.vr.base.permissions import LEVELS, Isolation, Permissions
 from robotree.vr.base.principal import ITSELF, Principal
 from robotree.vr.base.requests import (
     AskMove,
@@ -66,7 +66,9 @@ from robotree.vr.base.requests import (
 from robotree.vr.base.transport import Registration, Transport
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.admission import Clearance, Gate, is_own
+from robotree.vr.bundle.bundle import is_script
 from robotree.vr.bundle.loader import LIMIT
+from robotree.vr.bundle.needs import choosing
 from robotree.vr.bundle.requested import bundle_of, request_of
 from robotree.vr.core.bonds import DEFAULT_TERM
 from robotree.vr.core.machine import LONGEST_DEADLINE, RobotState
@@ -669,9 +671,10 @@ class Host:
         self._coming.add(name)
         try:
             await expect_free(self._transport, Address("robot", name, ""))
-            kept = KeptApart(request, bundle.sender, level, asker)
+            may, chooses = _reach(bundle, clearance)
+            kept = KeptApart(request, bundle.sender, level, asker, chooses)
             self.clearances[name] = clearance
-            return await self.apart.begin(kept, clearance.permissions, fresh=True)
+            return await self.apart.begin(kept, may, fresh=True)
         finally:
             self._coming.discard(name)
 
@@ -684,7 +687,7 @@ class Host:
                 bundle = replace(bundle_of(kept.create), sender=kept.sender)
                 clearance = self.gate.admit(bundle, ITSELF, self.address.name)
                 self.clearances[name] = clearance
-                await apart.begin(kept, clearance.permissions, fresh=False)
+                await apart.begin(kept, _reach(bundle, clearance)[0], fresh=False)
             except VrError as error:
                 _log.error("%s is not back: %s", name, error)
 
@@ -758,11 +761,11 @@ class Host:
                 return await self._created(whole, received.principal)
             case Reload(page=page, within=within) if (apart := self._apart(page.name)) is not None:
                 whole = await self._whole(page, received.principal)
-                _, clearance = self._admitted(bundle_of(whole), received.principal)
-                may = clearance.permissions
+                bundle, clearance = self._admitted(bundle_of(whole), received.principal)
+                may, chooses = _reach(bundle, clearance)
                 self._expect_apart(clearance, page.name, apart.kept.level)
                 again = replace(request, page=whole)
-                return await apart.control(again, received.principal, within + 10.0, may)
+                return await apart.control(again, received.principal, within + 10.0, may, chooses)
             case Reload(page=page, now=now, within=within):
                 return await self.reload(
                     bundle_of(await self._whole(page, received.principal)),
@@ -861,3 +864,18 @@ def _page(bundle: Bundle, origin: str) -> KeptPage:
 
 def _kept_bundle(page: KeptPage) -> Bundle:
     return Bundle(page.source, page.path, page.wanted, page.files, page.signed, page.sender)
+
+
+def _reach(bundle: Bundle, clearance: Clearance) -> tuple[Permissions | None, dict[str, str] | None]:
+    """Return what a page may do in a process of its own, and the slots for which it chooses children.
+
+    A page that nobody has signed has the permissions that its head declares, if it declares any.
+    """
+    if is_script(bundle.path):
+        return clearance.permissions, None
+    may = clearance.permissions
+    if may is None and bundle.signed is None:
+        from robotree.vr.bundle.requirements import declared  # most hosts need nothing of it
+
+        may = declared(bundle.source, bundle.path).permissions
+    return may, choosing(bundle.source)

@@ -415,6 +415,15 @@ class NotPermitted(CommandError):
     sentence = "{robot} may not {what}: the manifest of its page does not permit it"
 
 
+class NotItsChild(CommandError):
+    """A robot in a process of its own asks a robot that nobody has put under it."""
+
+    sentence = (
+        "{robot} may not ask {child} for {what}: nobody has put {child} under it;"
+        " `robotree enslave {robot}.SLOT {child}` does, or its page says in its head what else it may call"
+    )
+
+
 class CommandCancelled(CommandError):
     """The command was ended on request."""
 

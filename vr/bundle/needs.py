@@ -38,6 +38,18 @@ def needs(source: str, wanted: str = "") -> Permissions:
     return Permissions(_fewest(commands), _fewest(readings))
 
 
+def choosing(source: str) -> dict[str, str] | None:
+    """Return the slots for which a page chooses children itself, with kinds; None: it cannot be seen."""
+    try:
+        tree = parse(source)
+    except (SyntaxError, ValueError):
+        return {}
+    pages = pages_of(tree)
+    if any(_derives_from_elsewhere(tree, name, set(pages)) for name in pages):
+        return None
+    return {slot: kind for page in pages.values() for slot, kind in page.slots.items() if slot in page.chosen}
+
+
 def _derives_from_elsewhere(tree: ast.Module, name: str, known: set[str]) -> bool:
     """Whether a class has a base that is not in the page, so that its slots cannot be seen."""
     bases = {

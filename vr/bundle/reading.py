@@ -34,6 +34,8 @@ class Page:
         self.watches: dict[str, str] = dict(base.watches) if base else {}
         """Kind of each slot that only watches."""
         self.groups: set[str] = set(base.groups) if base else set()
+        self.chosen: set[str] = set(base.chosen) if base else set()
+        """Of both, those for which the robot chooses children itself."""
         self.declared: set[str] = set(base.declared) if base else set()
         """Settings and state."""
         self.settings: set[str] = set(base.settings) if base else set()
@@ -86,6 +88,7 @@ class Page:
         self.commands.discard(name)
         self.slots.pop(name, None)
         self.groups.discard(name)
+        self.chosen.discard(name)
         self.watches.pop(name, None)
         match value:
             case ast.Call(func=ast.Name(id="Watch"), args=[kind, *_]):
@@ -95,6 +98,8 @@ class Page:
                 self.slots[name] = _kind(kind)
                 if way == "Children":
                     self.groups.add(name)
+                if any(each.arg in ("choose", None) for each in value.keywords):
+                    self.chosen.add(name)
                 self._declare(name, "slot", value.lineno)
             case ast.Call(func=ast.Attribute(value=ast.Name(id=slot), attr="exposed"), args=given):
                 command = given[0].value if given and isinstance(given[0], ast.Constant) else name

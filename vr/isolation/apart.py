@@ -24,7 +24,7 @@ import msgspec
 
 from robotree.files import private_folder
 from robotree.vr.base.address import Address
-from robotree.vr.base.errors import NoAnswer, Unreachable, VrError
+from robotree.vr.base.errors import NoAnswer, NotItsChild, Unreachable, VrError
 from robotree.vr.base.permissions import Isolation, Permissions
 from robotree.vr.base.presence import Held, Undo
 from robotree.vr.base.principal import Principal
@@ -37,6 +37,7 @@ from robotree.vr.base.requests import (
     Reply,
     VerifyEvents,
     decode_reply,
+    encode,
 )
 from robotree.vr.base.transport import Incoming, Occupied, Registration, Transport
 from robotree.vr.isolation import pipe
@@ -96,6 +97,10 @@ class KeptApart(msgspec.Struct, frozen=True):
     level: Isolation
     asker: Principal
     """Who has made it."""
+    chooses: dict[str, str] | None = {}
+    """Kinds of the slots for which its page chooses children, by name; None: of any."""
+    children: tuple[str, ...] = ()
+    """Names of the robots that have been put under it."""
 
 
 _kept: msgspec.msgpack.Decoder[KeptApart] = msgspec.msgpack.Decoder(KeptApart)
@@ -128,7 +133,7 @@ class RobotApart:
         self.kept, self._permissions, self._setting = kept, permissions, setting
         self.name = name = kept.create.name
         self._transport, self._nursery, self._on_end = transport, nursery, on_end
-        self._judge = Judge(name, permissions)
+        self._judge = Judge(name, permissions, chooses=kept.chooses, children=kept.children)
         self.folder = None if setting.folder is None else setting.folder / APART / name
         self.page = ""
         """Hash of its page."""
@@ -356,6 +361,7 @@ class RobotApart:
         principal: Principal,
         within: float,
         permissions: Permissions | None = None,
+        chooses: dict[str, str] | None = None,
     ) -> Reply:
         """Have the robot's process answer a request to the host.
 
@@ -364,6 +370,7 @@ class RobotApart:
             principal: who asks.
             within: [s] to wait.
             permissions: of the page with which it is to go on; of a `Reload` alone.
+            chooses: the slots of that page, see `KeptApart`.
 
         Raises:
             VrError: it refuses, or does not answer.
@@ -373,6 +380,7 @@ class RobotApart:
         before = self._permissions
         if isinstance(request, Reload):
             self._permissions = permissions
+            self._judge.chooses = chooses
             self._judge.permissions = (before, permissions)  # it turns when it comes to a boundary
         self._send(pipe.Control(number, request, principal, self._permissions))
         try:
@@ -381,7 +389,7 @@ class RobotApart:
             if isinstance(reply, Raised):
                 raise reply.revive()
             if isinstance(request, Reload):
-                self.kept = msgspec.structs.replace(self.kept, create=request.page)
+                self.kept = msgspec.structs.replace(self.kept, create=request.page, chooses=chooses)
                 self._write_page()
                 before = permissions
         except TimeoutError:
@@ -392,6 +400,7 @@ class RobotApart:
             self._controls.pop(number, None)
             if isinstance(request, Reload):
                 self._permissions, self._judge.permissions = before, (before,)
+                self._judge.chooses = self.kept.chooses
 
     # -- to the process ---------------------------------------------------------------------------
 
@@ -430,6 +439,8 @@ class RobotApart:
     def _pass(self, number: int, incoming: Incoming) -> None:
         self._open[number] = incoming
         process, user = incoming.credentials
+        if self._judge.note_asked(incoming.body):
+            self._keep_children()
         self._send(pipe.Come(number, bytes(incoming.body), process, user, urgent=False))
 
     # -- from the process -------------------------------------------------------------------------
@@ -490,9 +501,22 @@ class RobotApart:
     def _ask(self, frame: pipe.Ask) -> None:
         self._judge.expect_asked(frame.key, frame.body)
         on_reply = partial(self._replied, frame.number)
+        try:
+            if self._judge.expect_child(frame.key, frame.body):
+                self._keep_children()
+        except NotItsChild as error:
+            _log.warning("%s", error)
+            self._replied(frame.number, encode(Raised.of(error)))
+            on_reply(None)
+            return
         self._transport.ask(
             frame.key, frame.body, void_at=frame.void_at, urgent=frame.urgent, on_reply=on_reply
         )
+
+    def _keep_children(self) -> None:
+        """Keep whom the robot may command: the next process of it may, too."""
+        self.kept = msgspec.structs.replace(self.kept, children=tuple(sorted(self._judge.children)))
+        self._write_page()
 
     def _reply(self, frame: pipe.ReplyBack) -> None:
         if (incoming := self._open.get(frame.number)) is not None:

@@ -2,8 +2,9 @@
 
 *Resource limits* (setrlimit(2)): memory, descriptors, size of a file, no core dump. *Landlock* (landlock(7)):
 it reads what Python and libraries need, and writes in its own folder only. *seccomp* (seccomp(2)): it starts
-no process, opens no socket, sends no signal to others, traces nobody, and mounts nothing. All three hold for
-each thread and cannot be taken back. A kernel without Landlock leaves that part out, and `confine` says so.
+no process, opens no socket, sends no signal to others, traces nobody, mounts nothing, and changes no owner,
+mode, time or attribute of a file, for which Landlock knows no right. All three hold for each thread and
+cannot be taken back. A kernel without Landlock leaves that part out, and `confine` says so.
 
 Constants are those of Linux's headers `linux/landlock.h`, `linux/seccomp.h`, `linux/bpf_common.h`,
 `linux/prctl.h`, and the system call tables of x86_64 and of the generic table (aarch64, riscv64).
@@ -44,6 +45,13 @@ _SCOPE_FROM = 6
 """The first version of Landlock that keeps signals and abstract sockets inside."""
 
 _SYSTEM = ("ld.so.cache", "localtime", "passwd", "group", "nsswitch.conf", "ssl/openssl.cnf")
+_ROOMS = ("client", "examples", "files", "front", "kinds", "protocol", "proxy", "sim", "testing", "tui", "vr")
+"""Folders of the packages of robotree in its repository."""
+_HARMLESS = (
+    *("LANG", "LC_", "TZ", "PATH", "LD_LIBRARY_PATH", "PYTHON", "VIRTUAL_ENV", "HOME", "TERM", "COLORTERM"),
+    *("OMP_", "OPENBLAS_", "MKL_"),
+)
+"""How the names begin of the variables that a process for code of others is given."""
 _READABLE = (
     *("/usr", "/lib", "/lib64"),
     *(f"/etc/{name}" for name in _SYSTEM),
@@ -117,6 +125,18 @@ _CALLS = {
             "chmod": 90,
             "chown": 92,
             "lchown": 94,
+            "fchmod": 91,
+            "fchown": 93,
+            "fsetxattr": 190,
+            "fremovexattr": 199,
+            "setxattrat": 463,
+            "removexattrat": 466,
+            "file_setattr": 469,
+            "utime": 132,
+            "utimes": 235,
+            "futimesat": 261,
+            "utimensat": 280,
+            "ioctl": 16,
             "prctl": 157,
             "fcntl": 72,
             "socketpair": 53,
@@ -175,6 +195,15 @@ _CALLS = {
             "lsetxattr": 6,
             "removexattr": 14,
             "lremovexattr": 15,
+            "fchmod": 52,
+            "fchown": 55,
+            "fsetxattr": 7,
+            "fremovexattr": 16,
+            "setxattrat": 463,
+            "removexattrat": 466,
+            "file_setattr": 469,
+            "utimensat": 88,
+            "ioctl": 29,
             "prctl": 167,
             "fcntl": 25,
             "socketpair": 199,
@@ -187,9 +216,13 @@ _CALLS = {
 }
 """For each machine: what the kernel calls it (`AUDIT_ARCH_*`), and the numbers of system calls."""
 
+_OF_OTHERS = (0x40086602, 0x40046602, 0x401C5820, 0x5412, 0x541C)
+"""FS_IOC_SETFLAGS, FS_IOC_FSSETXATTR, TIOCSTI, TIOCLINUX: for them a descriptor that only reads is enough."""
+
 _BY_ARGUMENT: tuple[tuple[str, int, int, tuple[int, ...], bool], ...] = (
     ("prctl", 16, 0xFFFFFFFF, (_PR_SET_PDEATHSIG,), False),  # it ends with its host, whatever it does
     ("fcntl", 24, 0xFFFFFFFF, (8, 10, 15), False),  # F_SETOWN, F_SETSIG, F_SETOWN_EX: signals to others
+    ("ioctl", 24, 0xFFFFFFFF, _OF_OTHERS, False),  # attributes of files; keys typed at a terminal
     ("socketpair", 24, 0xF, (1,), True),  # SOCK_STREAM: others can be sent to by name
     ("sendto", _ARG4, 0xFFFFFFFF, (0,), True),  # no address
 )
@@ -260,11 +293,23 @@ def _check(code: int, what: str) -> int:
 
 def needed() -> set[str]:
     """Return the paths that Python, its libraries and robotree need to read."""
-    package = Path(__file__).resolve().parents[2]
-    paths = {sys.prefix, sys.base_prefix, sys.exec_prefix, str(package)}
+    paths = {sys.prefix, sys.base_prefix, sys.exec_prefix, *packages()}
     paths |= {path for path in sys.path if path}
     paths |= {sysconfig.get_paths()[name] for name in ("stdlib", "platstdlib", "purelib", "platlib")}
     return paths
+
+
+def packages() -> set[str]:
+    """Return the folders of robotree's packages; in a checkout these alone, without what lies beside them."""
+    root = Path(__file__).resolve().parents[2]
+    if (root / "__init__.py").is_file():
+        return {str(root)}
+    return {str(root / room) for room in _ROOMS if (root / room).is_dir()}
+
+
+def environment() -> dict[str, str]:
+    """Return what a process for code of others gets of our environment: nothing that could be a secret."""
+    return {name: value for name, value in os.environ.items() if name.startswith(_HARMLESS)}
 
 
 def _landlock(libc: ctypes.CDLL, writable: Sequence[str]) -> bool:

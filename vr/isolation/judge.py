@@ -3,13 +3,19 @@
 The robot may be code that nobody here has read. It speaks for itself alone: under its own name, with its own
 key, to robots, lookup services and spaces, and with none of the requests by which people shape a realm.
 Whatever else it tries is no mistake of an author, so it ends the process.
+
+It commands its children alone: those that somebody has put under it, or that a slot of its page chooses. What
+it may call of other robots the permissions of its page say, if it has any; without, nothing.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+
 from robotree.vr.base.address import Address
 from robotree.vr.base.envelope import read_envelope
-from robotree.vr.base.errors import VrError
+from robotree.vr.base.errors import NotItsChild, VrError
 from robotree.vr.base.permissions import Permissions
 from robotree.vr.base.requests import (
     AcquireFence,
@@ -21,6 +27,7 @@ from robotree.vr.base.requests import (
     Describe,
     DescribeSpace,
     Detach,
+    Enslave,
     FindEntries,
     GiveUp,
     OpenTransaction,
@@ -56,8 +63,13 @@ ALLOWED: dict[str, tuple[type[AnyRequest], ...]] = {
 """What a robot may ask, by the role of whom it asks."""
 
 OF_PARENTS = (Petition, Retract, Renew, Release)
+OF_CHILDREN = (Call, Detach, Cancel, Pause, TakeStep, Continue)
+"""Requests to whom the robot commands."""
 NAMELESS = (Describe, Register, Query)
 """Requests that may come without a sender."""
+
+
+_ENSLAVE = Enslave.__name__.encode()
 
 
 class Misbehaved(Exception):
@@ -67,14 +79,29 @@ class Misbehaved(Exception):
 class Judge:
     """Judges the frames of one robot."""
 
-    def __init__(self, name: str, permissions: Permissions | None = None) -> None:
+    def __init__(
+        self,
+        name: str,
+        permissions: Permissions | None = None,
+        *,
+        chooses: Mapping[str, str] | None = MappingProxyType({}),
+        children: Iterable[str] = (),
+    ) -> None:
         """Begin with a robot whose address is not known yet.
 
         Args:
             name: of the robot.
-            permissions: of its page; None: it is not limited.
+            permissions: of its page; None: it has none, and commands its children alone.
+            chooses: kinds of the slots for which it chooses children itself, by name; None: of any.
+            children: names of the robots that were put under it before.
         """
         self.name = name
+        self.children = set(children)
+        """Names of the robots that it may command."""
+        self.chooses = chooses
+        """Kinds of the slots for which its page chooses children, by name; None: of any."""
+        self.chosen: set[str] = set()
+        """Slots for which somebody has asked it to choose a child."""
         self.permissions: tuple[Permissions | None, ...] = (permissions,)
         """Those of its page; while that is being changed, those of both."""
         self.identity = ""
@@ -94,6 +121,62 @@ class Judge:
         if self.key not in ("", key):
             raise Misbehaved(f"it wanted to be {_shown(key)} beside itself")
         self.key = key
+
+    def note_asked(self, body: bytes) -> bool:
+        """Take note of a request to the robot: whom it is to enslave it may command.
+
+        Args:
+            body: an envelope.
+
+        Returns:
+            Whether there is one more whom it may command.
+        """
+        if _ENSLAVE not in body:  # nearly all are something else
+            return False
+        try:
+            request = read_envelope(body).request
+        except VrError:
+            return False
+        if not isinstance(request, Enslave):
+            return False
+        if request.child is None:
+            self.chosen.add(request.slot)
+            return False
+        return self._take(request.child.name)
+
+    def _take(self, name: str) -> bool:
+        new = name not in self.children
+        self.children.add(name)
+        return new
+
+    def expect_child(self, key: str, body: bytes) -> bool:
+        """Refuse to command a robot that is no child of this one; for what `expect_asked` has let pass.
+
+        Args:
+            key: of whom it asks.
+            body: an envelope.
+
+        Returns:
+            Whether there is one more whom it may command.
+
+        Raises:
+            NotItsChild: it may not.
+        """
+        request, address = read_envelope(body).request, Address.parse(key)
+        if address is None or address.role != "robot" or address.name in self.children:
+            return False
+        if isinstance(request, Petition):
+            if self._may_choose(request):
+                return self._take(address.name)
+        elif not isinstance(request, OF_CHILDREN) or any(one is not None for one in self.permissions):
+            return False  # of whom has permissions, the robot that is asked looks at them
+        raise NotItsChild(robot=self.name, child=address.name, what=type(request).__name__)
+
+    def _may_choose(self, petition: Petition) -> bool:
+        if self.chooses is None:
+            return True
+        slot = petition.slot.partition("[")[0]
+        return slot in self.chosen or self.chooses.get(slot) == petition.kind
 
     def expect_asked(self, key: str, body: bytes) -> None:
         """Refuse a request that no robot makes.

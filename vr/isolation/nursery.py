@@ -14,7 +14,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from robotree.vr.isolation.confine import needed
+from robotree.vr.isolation.confine import environment, needed
 
 STARTED, ENDED = struct.Struct("<I"), struct.Struct("<Ii")
 """What the zygote says: the number of a new process; that of one that has ended, and its exit code."""
@@ -93,6 +93,7 @@ class Nursery:
                 pass_fds=[other.fileno()],
                 stdin=asyncio.subprocess.DEVNULL,
                 start_new_session=True,
+                env=environment(),
             )
         except OSError:
             own.close()
@@ -108,7 +109,11 @@ class Nursery:
         arguments = [sys.executable, "-P", "-m", _ZYGOTE, str(other.fileno()), str(os.getpid())]
         try:
             self._zygote = subprocess.Popen(
-                arguments, pass_fds=[other.fileno()], stdin=subprocess.DEVNULL, process_group=0
+                arguments,
+                pass_fds=[other.fileno()],
+                stdin=subprocess.DEVNULL,
+                process_group=0,
+                env=environment(),
             )
         except OSError:
             own.close()

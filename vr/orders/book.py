@@ -181,12 +181,11 @@ class OrderBook:
             raise NothingToConfirm(robot=order.robot, key=order.ticket, state=order.shown)
         return msgspec.structs.replace(order, confirmed_by=by)
 
-    def seen(self, keys: Iterable[str]) -> OrderNews:
-        """Take note that the results of orders have been taken."""
+    def seen(self, keys: Iterable[str], who: str) -> OrderNews:
+        """Take note that the results of orders have been taken, of those that are `who`'s (`owner_of`)."""
         found = (self.store.orders.get(key) for key in keys)
-        return self.keep(
-            orders=[msgspec.structs.replace(each, seen=True) for each in found if each and not each.seen]
-        )
+        own = (each for each in found if each and not each.seen and f"{each.who}/".startswith(f"{who}/"))
+        return self.keep(orders=[msgspec.structs.replace(each, seen=True) for each in own])
 
     def order(self, key: str) -> Order:
         """Return the order of a key.

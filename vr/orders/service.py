@@ -239,8 +239,8 @@ class DirectoryService:
             unconfirmed=tuple(sorted(set(kept.holders) - confirmed)),
         )
 
-    def _seen(self, request: MarkSeen, _: Principal) -> Reply:
-        self._spread_later(self.book.seen(request.keys))
+    def _seen(self, request: MarkSeen, principal: Principal) -> Reply:
+        self._spread_later(self.book.seen(request.keys, self.book.owner_of(principal)))
         return Done()
 
     def _take(self, request: TakeOrder, _: Principal) -> Reply:

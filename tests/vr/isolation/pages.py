@@ -9,16 +9,23 @@ import socket
 import threading
 from pathlib import Path
 
-from robotree.vr import VirtualRobot, command
+from robotree.vr import Child, VirtualRobot, command
 
 
 class Guest(VirtualRobot):
     """A guest whom nobody knows."""
 
+    helper = Child("Guest")
+
     @command
     def add(self, a: int, b: int) -> int:
         """Add."""
         return a + b
+
+    @command
+    def add_by_helper(self, a: int, b: int) -> int:
+        """Have the child add."""
+        return int(self.helper.add(a=a, b=b))
 
     @command
     def crash(self) -> None:
@@ -82,6 +89,26 @@ class Guest(VirtualRobot):
 
     def _open_up(self, where: str) -> None:
         Path(where).chmod(0o777)
+
+    def _date(self, where: str) -> None:
+        os.utime(where, (0, 0))
+
+    def _date_through(self, where: str) -> None:
+        with Path(where).open() as file:
+            os.utime(file.fileno(), (0, 0))
+
+    def _open_up_through(self, where: str) -> None:
+        with Path(where).open() as file:
+            os.fchmod(file.fileno(), 0o666)
+
+    def _freeze(self, where: str) -> None:
+        import fcntl
+
+        with Path(where).open() as file:
+            fcntl.ioctl(file, 0x40086602, b"\x40" + bytes(7))  # FS_IOC_SETFLAGS, FS_NODUMP_FL
+
+    def _environment(self, _: str) -> str:
+        return repr(dict(os.environ)) + Path("/proc/self/environ").read_text()
 
     def _stay(self, _: str) -> None:
         if ctypes.CDLL(None, use_errno=True).prctl(1, 0, 0, 0, 0):

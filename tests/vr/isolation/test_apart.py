@@ -30,6 +30,8 @@ from robotree.vr.running.process import Process
 from robotree.vr.running.runner import runner_of
 from tests.waiting import PATIENCE, until
 
+PACKAGE = apart.__file__
+"""A file that each robot may read."""
 PAGE = str(Path(__file__).with_name("pages.py"))
 
 
@@ -84,6 +86,7 @@ async def test_a_guest_can_be_called_and_can_do_no_harm(
     place: Place, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)  # where a host was started nobody may read
+    monkeypatch.setenv("TOKEN_OF_SOMETHING", "of the host")
     guest = await place.create()
     secret = tmp_path / "secret"
     secret.write_text("42")
@@ -99,6 +102,12 @@ async def test_a_guest_can_be_called_and_can_do_no_harm(
         ("write", str(tmp_path / "new"), "PermissionError"),
         ("read", "/etc/shadow", "PermissionError"),
         ("open_up", str(secret), "PermissionError"),
+        ("date", str(secret), "PermissionError"),
+        ("date_through", PACKAGE, "PermissionError"),
+        ("open_up_through", PACKAGE, "PermissionError"),
+        ("freeze", PACKAGE, "PermissionError"),
+        ("read", f"/proc/{os.getpid()}/environ", "PermissionError"),
+        ("read", str(Path(__file__)), "PermissionError"),
         ("slow", str(os.getpid()), "PermissionError"),
         ("memory", "", "PermissionError"),
         ("stay", "", "PermissionError"),
@@ -107,8 +116,25 @@ async def test_a_guest_can_be_called_and_can_do_no_harm(
     ):
         assert await guest.call("attempt", {"what": what, "where": where}) == refusal, what
     assert not (tmp_path / "new").exists()
+    seen = await guest.call("attempt", {"what": "environment"})
+    assert "PATH" in seen
+    assert "of the host" not in seen
     assert [robot.name for robot in place.host.description().robots] == ["guest"]
     assert place.host.description().pages["guest"]
+
+
+async def test_it_commands_whom_somebody_has_put_under_it(place: Place) -> None:
+    guest, helper = await place.create(), await place.create("helper")
+    with pytest.raises(VrError, match="helper"):
+        await guest.call("add_by_helper", {"a": 1, "b": 2})
+    await guest.enslave("helper", helper.address)
+    assert await guest.call("add_by_helper", {"a": 1, "b": 2}) == 3
+    apart_ = place.host.apart
+    assert apart_ is not None
+    assert [kept.children for kept in apart_.kept()] == [("helper",), ()]  # for its next process
+    apart_.robots["guest"]._judge.children.clear()  # pyright: ignore[reportPrivateUsage] # as if it had forged the bond
+    with pytest.raises(VrError, match="nobody has put helper under it"):
+        await guest.call("add_by_helper", {"a": 1, "b": 2})
 
 
 async def test_a_command_goes_on_after_a_crash_and_ends_after_a_second_one(place: Place) -> None:

@@ -7,6 +7,7 @@ import pytest
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import Listing
 from robotree.vr.base.envelope import seal, sitting_at
+from robotree.vr.base.errors import NotItsChild
 from robotree.vr.base.permissions import Permissions
 from robotree.vr.base.requests import (
     AnyRequest,
@@ -139,3 +140,36 @@ def test_it_hears_no_site_and_no_host(judge: Judge) -> None:
     for pattern in ("**", "host/*/*/log", "site/lab/1/out"):
         with pytest.raises(Misbehaved):
             judge.expect_subscribed(pattern)
+
+
+def test_it_commands_its_children_alone(judge: Judge) -> None:
+    with pytest.raises(NotItsChild, match="nobody has put arm under it"):
+        judge.expect_child(OTHER.key, body(CALL))
+    with pytest.raises(NotItsChild):
+        judge.expect_child(OTHER.key, body(petition(OWN)))
+    assert not judge.expect_child(OTHER.key, body(SafeStop(reason="it slips")))
+    assert not judge.note_asked(body(CALL))
+    assert judge.note_asked(body(Enslave(slot="arm", child=OTHER)))
+    for request in (petition(OWN), CALL):
+        judge.expect_child(OTHER.key, body(request))
+    judge.expect_child(Address("robot", "arm", "3").key, body(CALL))  # its next incarnation
+    assert judge.children == {"arm"}
+
+
+def test_a_slot_that_chooses_takes_its_kind_and_no_other(judge: Judge) -> None:
+    judge.chooses = {"arm": "Rover"}
+    with pytest.raises(NotItsChild):
+        judge.expect_child(OTHER.key, body(petition(OWN)))
+    judge.chooses = {"arm": "Arm"}
+    assert judge.expect_child(OTHER.key, body(petition(OWN)))
+    judge.expect_child(OTHER.key, body(CALL))
+
+
+def test_what_a_slot_is_asked_to_choose_and_what_a_manifest_permits_it_may() -> None:
+    judge = Judge("guest")
+    judge.note_asked(body(Enslave(slot="arm")))
+    assert judge.expect_child(OTHER.key, body(petition(OWN)))
+    limited = Judge("guest", Permissions(commands=("Arm.move",)))
+    limited.expect_child(OTHER.key, body(CALL))  # the arm looks at what it is
+    with pytest.raises(NotItsChild):
+        limited.expect_child(OTHER.key, body(petition(OWN)))

@@ -10,7 +10,15 @@ from robotree.vr.base.errors import Denied
 from robotree.vr.base.policy import PolicyGate
 from robotree.vr.base.policy_reading import read_policy
 from robotree.vr.base.principal import Voucher
-from robotree.vr.base.requests import AnyRequest, CancelOrder, LeaveOrder, Raised, Reply, decode_reply
+from robotree.vr.base.requests import (
+    AnyRequest,
+    CancelOrder,
+    LeaveOrder,
+    MarkSeen,
+    Raised,
+    Reply,
+    decode_reply,
+)
 from tests.vr.orders.conftest import Rover, Stage
 from tests.vr.orders.test_orders import remembered
 
@@ -73,3 +81,7 @@ async def test_who_may_not_order_leaves_nothing_and_ends_nothing_of_others(stage
     order = directory.book.store.orders[leave.key]
     assert (order.state, rover.done) == ("refused", [])
     assert "anna" in order.why
+    await ask_as(stage, "ben", directory.address.key, MarkSeen(keys=(leave.key,)))  # it is not his
+    assert not directory.book.store.orders[leave.key].seen
+    await ask_as(stage, "anna", directory.address.key, MarkSeen(keys=(leave.key,)))
+    assert directory.book.store.orders[leave.key].seen
