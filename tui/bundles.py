@@ -175,7 +175,8 @@ def _trust(line: Line, _realm: str) -> int:
         return _revoke(file, words)
     if not words:
         return _list(file)
-    from robotree.vr.bundle.trust import Signer, granted, read_signers
+    from robotree.vr.bundle.admission import REVOKED_FILE
+    from robotree.vr.bundle.trust import Signer, granted, read_revoked, read_signers
 
     if not line.text("--name"):
         raise ValueRefused("--name", "say whose key it is: --name anna")
@@ -188,12 +189,26 @@ def _trust(line: Line, _realm: str) -> int:
         raise ValueRefused("--may" if "permission" in str(error) else "--isolation", str(error)) from None
     key = _key(words)
     signer = Signer((line.text("--name"),), key, permissions, isolation, line.flag("--authority"))
+    revoked = file.with_name(REVOKED_FILE)
+    if key in read_revoked(_content(revoked), str(revoked)):
+        raise ValueRefused(
+            "KEY", f"that key was revoked; if that was a mistake, take its line out of {revoked}"
+        )
     before = _content(file)
     others = [one for one in before.splitlines() if not _is_of(one, key, str(file))]
+    lines = [one for one in before.splitlines() if one not in others]
+    replaced = [one for one in lines if one != signer.line()]
+    if replaced and not line.flag("--replace"):
+        reason = (
+            f"that key has a line already, {'; '.join(replaced)}; --replace puts the new one in its place"
+        )
+        raise ValueRefused("KEY", reason)
     text = "".join(f"{one}\n" for one in (*others, signer.line()))
     read_signers(text, str(file))
     _write(file, text)
-    answer(f"{signer.name} is trusted: {signer.line()}", lambda: _trusted(signer))
+    instead = "".join(f"\n  instead of: {one}" for one in replaced)
+    text = f"{signer.name} is trusted: {signer.line()}{instead}"
+    answer(text, lambda: {**_trusted(signer), "replaced": replaced})
     return exit_codes.DONE
 
 

@@ -86,18 +86,22 @@ def test_the_chapter_is_played(
         said = capsys.readouterr()
         return code, said.out + said.err
 
-    made, run, trusted = (block.splitlines() for block in blocks("")[:3])
+    made, looked, trusted, lists, ended = (block.splitlines() for block in blocks("")[:5])
     anna.sits_down(monkeypatch)
-    build, show = made
+    build, verify = made
     assert play(build)[0] == 0
+    assert "signed with a key of yours" in play(verify)[1]
+
+    bob.sits_down(monkeypatch)
+    show, create = looked
+    trust, again, created = trusted
+    (listed, replace), (revoke,) = lists, ended
+    assert again == verify
+    assert create == created == "robotree create team.bundle as team"  # tests/vr/bundle plays it on a host
     code, said = play(show)
     assert code == 0
     assert f"signer    {anna.public}" in said
     assert "calls     Arm.move" in said
-    assert "signed with a key of yours" in play(trusted[1])[1]
-
-    bob.sits_down(monkeypatch)
-    trust, verify, listed, revoke = trusted
     code, said = play(verify)
     assert code == 1
     assert f"is signed by {anna.public}, whom this machine does not trust" in said
@@ -108,11 +112,28 @@ def test_the_chapter_is_played(
         "team.bundle is as it was signed, and is signed by anna; it runs with isolation process\n",
     )
     assert f'anna namespaces="robotree-bundle" {anna.public} may=Arm.*,Rover.move' in play(listed)[1]
+    code, said = play(replace.removesuffix(" --replace"))
+    assert code != 0
+    assert "that key has a line already" in said
+    assert play(listed)[1].count("Rover.move") == 1
+    code, said = play(replace)
+    assert code == 0
+    assert "instead of: anna" in said
+    assert "Rover.move" not in play(listed)[1]
+    assert play(replace.replace("Arm.*", "Rover.*"))[0] == 0
+    code, said = play(verify)
+    assert code == 1
+    hint = said.split("`")[-2]  # it is typed as it stands there
+    assert hint.startswith("robotree bundle trust ssh-ed25519 ")
+    assert play(hint)[0] == 0
+    assert play(verify)[0] == 0
     assert play(revoke)[0] == 0
+    code, said = play(trust)
+    assert code != 0
+    assert "that key was revoked" in said
     code, said = play(f"{verify} --json")
     assert code == 1
     assert json.loads(said.splitlines()[0])["error"] == RevokedSigner.__name__
-    assert run == ["robotree create team.bundle as team"]
 
 
 def test_the_pages_of_the_chapter_say_what_it_says() -> None:

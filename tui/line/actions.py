@@ -231,12 +231,13 @@ ACTIONS: tuple[Action, ...] = (
         examples=("bundle sign team.bundle --out ours.bundle",),
     ),
     Action(
-        usage="bundle trust [KEY …] [--name WHO] [--may LIST] [--isolation LEVEL] [--authority] [--revoke]"
-        " [--trust FILE]",
+        usage="bundle trust [KEY …] [--name WHO] [--may LIST] [--isolation LEVEL] [--authority] [--replace]"
+        " [--revoke] [--trust FILE]",
         help="Let hosts of yours run what the owner of a KEY has signed; a KEY is `ssh-ed25519 AAAA…`, its"
         " file, or a bundle. --may: what it may call at most, KIND.COMMAND,…. --isolation: how it runs at"
         " least: none, process, sandbox. --authority: the key is that of a realm, and its members whose"
-        " names fit WHO are meant, such as *@plant. --revoke: end that for ever. Without KEY: list them.",
+        " names fit WHO are meant, such as *@plant. --replace: the key has another line already, which goes."
+        " --revoke: end that for ever. Without KEY: list them.",
         group=AUTHOR,
         where=Where.SHELL,
         alters=True,

@@ -950,7 +950,7 @@ class ExcessPermission(BundleError):
 
     sentence = (
         "{path} wants {permissions}, which its signer {signer} may not grant here; "
-        "`robotree bundle trust {signer} --may …` says what may be granted"
+        "`robotree bundle trust` lists who may grant what; to allow it: `robotree bundle trust {again}`"
     )
 
 

@@ -156,7 +156,8 @@ class Gate:
                 return Clearance(manifest.signer, manifest.permissions, "process", unchecked=True)
             raise
         if beyond := ", ".join(manifest.permissions.beyond(signer.permissions)):
-            raise ExcessPermission(path=path, permissions=beyond, signer=name)
+            again = signer.words(Permissions((*signer.permissions.commands, *manifest.permissions.commands)))
+            raise ExcessPermission(path=path, permissions=beyond, signer=name, again=again)
         return Clearance(name, manifest.permissions, signer.isolation)
 
     def _trusted(self, key: bytes, certificate: bytes, path: str, host: str) -> tuple[Signer, str]:

@@ -19,6 +19,7 @@ the realm's members whose names, `anna@plant`, fit. The list of revoked keys has
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Iterable
 from datetime import UTC, datetime
 from fnmatch import fnmatchcase
@@ -65,6 +66,14 @@ class Signer(NamedTuple):
         """Whether somebody of this name is meant: a pattern with `!` excludes."""
         excluded = any(fnmatchcase(name, one[1:]) for one in self.names if one.startswith("!"))
         return not excluded and any(fnmatchcase(name, one) for one in self.names)
+
+    def words(self, permissions: Permissions) -> str:
+        """Return what is typed behind `robotree bundle trust` for other permissions of this signer."""
+        may = ",".join(dict.fromkeys(permissions.commands))
+        authority = ["--authority"] * self.authority
+        name = shlex.quote(",".join(self.names))
+        words = [public_text(self.key), "--name", name, *authority, "--may", shlex.quote(may)]
+        return " ".join([*words, "--isolation", self.isolation, "--replace"])
 
     def line(self) -> str:
         """Return the line of the file that says this; without limits of time."""

@@ -128,7 +128,7 @@ class OwnerFile:
 
     def beat(self) -> None:
         if self._descriptor >= 0:
-            os.utime(self._descriptor)
+            os.pwrite(self._descriptor, os.pread(self._descriptor, 1, 0), 0)  # a robot apart may set no times
         self.expect()
 
     def close(self) -> None:
