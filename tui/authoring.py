@@ -10,7 +10,7 @@ import json
 import re
 import shlex
 import sys
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,7 @@ from msgspec import structs
 
 from robotree.tui import exit_codes
 from robotree.tui.errors import ValueRefused
-from robotree.tui.line import values
+from robotree.tui.line import sources
 from robotree.tui.line.grammar import Line
 from robotree.tui.terminal import answer
 from robotree.vr.base.extras import lacks
@@ -44,17 +44,16 @@ def check(line: Line, kinds: Kinds) -> int:
     Returns:
         The exit code: 0 when nothing was found but warnings.
     """
-    from robotree.tui.line.verbs import shipped
     from robotree.vr.bundle import Bundle
     from robotree.vr.bundle.bundle import is_script
 
-    path, wanted = values.source(line.text("FILE"))
+    path, wanted = sources.found(line.text("FILE"))
     if is_script(path):
         raise ValueRefused(
             "FILE",
             f"{path} is a script, not a page; check it with `robotree rules check {shlex.quote(path)}`",
         )
-    bundle = Bundle.read(shipped(path), wanted)
+    bundle = Bundle.read(path, wanted)
     found = findings(bundle, kinds)
     rows = [f"{path}:{one.line}: {_mark(one)}{one.what}: {one.instead}" for one in found]
     data = [{"file": path, **structs.asdict(one)} for one in found]
@@ -147,25 +146,19 @@ def new(line: Line, kinds: Kinds) -> int:
         FileExistsError: one of the files is there already; none was written.
     """
     name = line.text("NAME")
+    if not name:
+        return _list_offered()
     module = name.replace("-", "_")
     if not module.isidentifier():
         raise ValueRefused("NAME", f"{name!r} cannot be the name of a page; begin with a letter")
     if module in sys.stdlib_module_names:
         raise ValueRefused("NAME", f"Python has a module {module!r} itself; take another, such as my-{name}")
+    if line.text("--from"):
+        return _begin_with(line.text("--from"), module, name)
     kind = _kind(line.text("--over"), kinds)
     written = _files(module, kind, exposes="get_info" in kinds.get(kind, {}))
-    present = [
-        path for path in written if Path(path).exists() and path in {f"{module}.py", f"test_{module}.py"}
-    ]
-    if present:
-        raise FileExistsError(f"{', '.join(present)} is there already; nothing was written")
-    made: list[str] = []
-    for path, text in written.items():
-        if not Path(path).exists():  # settings of the editor stay as they are
-            Path(path).parent.mkdir(exist_ok=True)
-            with Path(path).open("x", encoding="utf-8") as file:
-                file.write(text)
-            made.append(path)
+    settings = {path for path in written if path not in {f"{module}.py", f"test_{module}.py"}}
+    made = _write({path: text.encode() for path, text in written.items()}, settings)
     then = [
         f"robotree check {module}.py",
         *(lack.remedy for lack in lacks("testing")),
@@ -175,6 +168,61 @@ def new(line: Line, kinds: Kinds) -> int:
     rows = [*(f"made {path}" for path in made), "", "next:", *(f"  {one}" for one in then)]
     answer("\n".join(rows), lambda: {"made": made, "next": then})
     return exit_codes.DONE
+
+
+def _list_offered() -> int:
+    """Print the pages that installed packages offer."""
+    pages = sources.offered()
+    rows = [
+        f"{one.name:<16} {one.package:<24} {one.file or f'{one.says}, which is not there'}" for one in pages
+    ]
+    if pages:
+        rows += [
+            "",
+            "robotree create PAGE as NAME makes a robot; robotree new NAME --from PAGE begins with it",
+        ]
+    data = [{**one._asdict(), "file": None if one.file is None else str(one.file)} for one in pages]
+    answer("\n".join(rows) or "no installed package offers pages (`robotree.pages`)", lambda: data)
+    return exit_codes.DONE
+
+
+def _begin_with(given: str, module: str, name: str) -> int:
+    """Copy a page, and what belongs to it, into the present folder under another name."""
+    from robotree.vr.bundle import Bundle
+    from robotree.vr.bundle.manifest import PANEL
+
+    path, wanted = sources.found(given)
+    page = Bundle.read(path, wanted)
+    old = Path(page.path)
+    own = {f"{old.stem}{PANEL}": f"{module}{PANEL}"}
+    beside = {own.get(file, file): data for file, data in page.files.items()}
+    own_file = f"{module}{old.suffix}"
+    made = _write({own_file: page.source.encode(), **beside})
+    chosen = f"{own_file}:{page.wanted}" if page.wanted else own_file
+    then = [f"robotree check {chosen}"] * (old.suffix == ".py") + [f"robotree create {chosen} as {name}"]
+    rows = [*(f"made {one}" for one in made), "", "next:", *(f"  {one}" for one in then)]
+    answer("\n".join(rows), lambda: {"made": made, "next": then})
+    return exit_codes.DONE
+
+
+def _write(files: Mapping[str, bytes], settings: Collection[str] = ()) -> list[str]:
+    """Write files into the present folder; returns which were written.
+
+    Args:
+        files: their content by path.
+        settings: of an editor, which stay as they are.
+
+    Raises:
+        FileExistsError: one of the others is there already; none was written.
+    """
+    if present := [path for path in files if Path(path).exists() and path not in settings]:
+        raise FileExistsError(f"{', '.join(present)} is there already; nothing was written")
+    made = [path for path in files if not Path(path).exists()]
+    for path in made:
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        with Path(path).open("xb") as file:
+            file.write(files[path])
+    return made
 
 
 def _checkers() -> dict[str, str]:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from robotree.tui import exit_codes
 from robotree.tui.errors import ValueRefused
-from robotree.tui.line import values
+from robotree.tui.line import sources
 from robotree.tui.line.grammar import Line
 from robotree.tui.processes.trust import gate_for, realm_keys, trust_file
 from robotree.tui.terminal import answer
@@ -77,12 +77,11 @@ def _password(path: str) -> bytes:
 
 
 def _build(line: Line, realm: str) -> int:
-    from robotree.tui.line.verbs import shipped
     from robotree.vr.bundle import Bundle
     from robotree.vr.bundle.build import signed
 
-    path, wanted = values.source(line.text("FILE"))
-    page = Bundle.read(shipped(path), wanted)
+    path, wanted = sources.found(line.text("FILE"))
+    page = Bundle.read(path, wanted)
     if page.signed is not None:
         raise ValueRefused("FILE", f"{path} is a bundle; `robotree bundle sign {path}` signs it anew")
     page.examine()

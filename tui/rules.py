@@ -18,7 +18,7 @@ import msgspec
 from robotree.tui import exit_codes
 from robotree.tui.errors import ValueRefused
 from robotree.tui.line.grammar import Line
-from robotree.tui.line.verbs import shipped
+from robotree.tui.line.sources import shipped
 from robotree.tui.terminal import answer, put
 
 if TYPE_CHECKING:  # help must not wait for the rules

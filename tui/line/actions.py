@@ -187,12 +187,13 @@ ACTIONS: tuple[Action, ...] = (
     ),
     # -- write a page
     Action(
-        usage="new NAME [--over KIND]",
+        usage="new [NAME] [--over KIND | --from PAGE]",
         help="Write a page NAME.py, its test and settings for an editor into this folder, on top of a KIND"
-        " of robotree.kinds: arm, rover, limb, head, base and others. Nothing is overwritten.",
+        " of robotree.kinds: arm, rover, limb, head, base and others; or begin with a PAGE of an installed"
+        " package, or a file. Nothing is overwritten. Without NAME: list the pages that packages offer.",
         group=AUTHOR,
         where=Where.SHELL,
-        examples=("new team --over arm",),
+        examples=("new", "new team --over arm", "new night --from patrol"),
     ),
     Action(
         usage="check FILE",
@@ -260,8 +261,8 @@ ACTIONS: tuple[Action, ...] = (
     # -- shape the tree
     Action(
         usage="create FILE as NAME [on HOST] [PARAMETER=VALUE …] [--own-host | --isolate LEVEL] [--watch]",
-        help="Make a virtual robot from FILE.py or FILE.py:Class, or from a script, FILE.yaml or FILE.clp;"
-        " PARAMETER: one of its settings. --own-host: in a process of its own, NAME-host, which"
+        help="Make a virtual robot from FILE.py or FILE.py:Class, from a script, FILE.yaml or FILE.clp, or"
+        " from a page that a package offers (`new` lists them); PARAMETER: one of its settings. --own-host: in a process of its own, NAME-host, which"
         " ends when it is deleted. --isolate process: in a process that its host makes for it, and that can"
         " harm nobody else. --watch (in a shell): go on, and reload it each time that the page or what"
         " belongs to it is saved.",

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, NoReturn, Protocol, 
 
 from robotree.files import overwrite
 from robotree.tui.errors import BadLine, OldList, SomeHang, SomeSilent, SupervisorError, ValueRefused
-from robotree.tui.line import away, checking, values
+from robotree.tui.line import away, checking, sources, values
 from robotree.tui.line.grammar import Line
 from robotree.tui.seen import absence, forest, status, unlisted, wording
 
@@ -527,8 +527,7 @@ async def _follow_log(realm_client: RealmClient, name: str, teller: Teller) -> N
 
 async def create(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
     """Make a virtual robot from a file; with `--watch`, reload it at each save."""
-    path, wanted = values.source(line.text("FILE"))
-    path = str(shipped(path))
+    path, wanted = sources.found(line.text("FILE"))
     files = _files_of(path, wanted) if line.flag("--watch") else None
     name, host = line.text("NAME"), line.text("HOST")
     settings = values.assignments(line.many("PARAMETER=VALUE"))
@@ -548,10 +547,9 @@ async def create(realm_client: RealmClient, line: Line, teller: Teller) -> Outco
 
 async def service(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """Start a service in a process of its own, or on a host; its behaviours come along."""
-    path, wanted = values.source(line.text("FILE"))
+    path, wanted = sources.found(line.text("FILE"))
     name, host = line.text("NAME"), line.text("HOST")
     settings = values.assignments(line.many("PARAMETER=VALUE"))
-    path = str(shipped(path))
     async with AsyncExitStack() as stack:
         if not host:
             host = await stack.enter_async_context(_own_host(realm_client, name, ""))
@@ -579,17 +577,6 @@ def _own_host(realm_client: RealmClient, robot: str, host: str) -> AbstractAsync
     if check_name(robot) in {one.name for one in realm_client.directory.present("robot")}:
         raise DuplicateName(role="robot", name=robot)  # before a process is started for nothing
     return own_host(realm_client.realm, robot)
-
-
-def shipped(given: str) -> Path:
-    """Return a source file; `examples/…` is in the wheel, too, where the current folder has none."""
-    path = Path(given)
-    if path.exists() or path.parts[:1] != ("examples",) or ".." in path.parts:
-        return path
-    from importlib.resources import files
-
-    found = Path(str(files("robotree.examples").joinpath(*path.parts[1:])))
-    return found if found.exists() else path
 
 
 async def enslave(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
@@ -681,8 +668,7 @@ def _process_of(realm_client: RealmClient, host: str) -> int:
 
 async def reload(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
     """Have a virtual robot go on with another page; with `--watch`, again at each save."""
-    path, wanted = values.source(line.text("FILE")) if line.text("FILE") else ("", "")
-    path = str(shipped(path)) if path else ""
+    path, wanted = sources.found(line.text("FILE")) if line.text("FILE") else ("", "")
     name, now = line.text("NAME"), line.flag("--now")
     if line.flag("--watch"):
         page = path or (await realm_client.describe(name)).page

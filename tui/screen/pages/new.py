@@ -16,6 +16,7 @@ from textual.widgets.directory_tree import DirEntry
 from textual.widgets.tree import TreeNode
 
 from robotree.files import text as text_of
+from robotree.tui.line import sources
 from robotree.tui.line.grammar import Line, Value
 from robotree.tui.screen import entry
 from robotree.tui.screen.bindings import bindings
@@ -76,10 +77,11 @@ def _is_folder(path: Path) -> bool:
 
 
 def places() -> list[tuple[str, Path]]:
-    """Return where one may want to begin: here, and in the examples that come with robotree."""
+    """Return where one may want to begin: here, in the examples, and where packages have pages."""
     from importlib.resources import files
 
-    found = [("this folder", Path.cwd())]
+    offers = {one.file.parent: one.package for one in sources.offered() if one.file is not None}
+    found = [("this folder", Path.cwd()), *((package, folder) for folder, package in offers.items())]
     try:
         examples = Path(str(files("robotree.examples").joinpath("")))
     except (ModuleNotFoundError, ValueError):
