@@ -262,10 +262,10 @@ ACTIONS: tuple[Action, ...] = (
     Action(
         usage="create FILE as NAME [on HOST] [PARAMETER=VALUE …] [--own-host | --isolate LEVEL] [--watch]",
         help="Make a virtual robot from FILE.py or FILE.py:Class, from a script, FILE.yaml or FILE.clp, or"
-        " from a page that a package offers (`new` lists them); PARAMETER: one of its settings. --own-host: in a process of its own, NAME-host, which"
-        " ends when it is deleted. --isolate process: in a process that its host makes for it, and that can"
-        " harm nobody else. --watch (in a shell): go on, and reload it each time that the page or what"
-        " belongs to it is saved.",
+        " from a page that a package offers (`new` lists them); PARAMETER: one of its settings. --own-host:"
+        " in a process of its own, NAME-host, which ends when it is deleted. --isolate process: in a process"
+        " that its host makes for it, and that can harm nobody else. --watch (in a shell): go on, and reload"
+        " it each time that the page or what belongs to it is saved.",
         group=SHAPE,
         right="create",
         run="create",

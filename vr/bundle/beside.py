@@ -15,7 +15,7 @@ from pathlib import Path, PurePosixPath
 
 from robotree.files import read
 from robotree.vr.base.errors import BrokenSource
-from robotree.vr.bundle.manifest import PANEL
+from robotree.vr.bundle.manifest import PANEL, PROGRAM
 from robotree.vr.bundle.syntax import parse
 
 LARGEST = 4_000_000
@@ -44,10 +44,13 @@ class _Collector:
         self.found: dict[str, bytes] = {}
 
     def take_panel(self) -> None:
-        """Take the panel of the page, if it has one."""
-        panel = PurePosixPath(f"{self.path.stem}{PANEL}")
-        if self.folder.joinpath(panel).is_file():
-            self._take(panel)
+        """Take the panels of the page, if it has any, and what a program among them imports."""
+        for end in (PANEL, PROGRAM):
+            panel = PurePosixPath(f"{self.path.stem}{end}")
+            if self.folder.joinpath(panel).is_file():
+                data = self._take(panel)
+                if end == PROGRAM:
+                    self.look(data.decode("utf-8-sig", "replace"), panel)
 
     def look(self, source: str, module: PurePosixPath) -> None:
         """Take what one module imports and names; a mistake in its syntax is told when it is loaded."""

@@ -14,7 +14,7 @@ from robotree.vr.base.permissions import ALL, Permissions
 from robotree.vr.base.signed_manifest import SignedManifest
 from robotree.vr.bundle.bundle import Bundle, is_script
 from robotree.vr.bundle.file import BundleFile
-from robotree.vr.bundle.manifest import PANEL, Manifest, expect_inside
+from robotree.vr.bundle.manifest import PANEL, PROGRAM, Manifest, expect_inside
 from robotree.vr.bundle.needs import needs
 from robotree.vr.bundle.requirements import declared
 from robotree.vr.bundle.trust import NAMESPACE
@@ -103,7 +103,7 @@ def manifest_of(page: Bundle, signer: str, permissions: Permissions | None = Non
     files = {path.name: page.source.encode(), **page.files}
     for file in files:
         expect_inside(file, page.path)
-    panel = f"{path.stem}{PANEL}"
+    panels = (f"{path.stem}{end}" for end in (PROGRAM, PANEL))
     return Manifest(
         name=path.stem,
         page=path.name,
@@ -111,7 +111,7 @@ def manifest_of(page: Bundle, signer: str, permissions: Permissions | None = Non
         python=head.python,
         requires=head.requires,
         permissions=wants,
-        panel=panel if panel in files else "",
+        panel=next((panel for panel in panels if panel in files), ""),
         files={file: hashlib.sha256(data).hexdigest() for file, data in sorted(files.items())},
         signer=signer,
     )

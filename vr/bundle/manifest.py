@@ -24,6 +24,8 @@ DEEPEST = 16
 """Folders in a path."""
 PANEL = ".panel.yaml"
 """End of the name of a file with a panel."""
+PROGRAM = ".panel.py"
+"""The same of one that is a program."""
 
 _HASH = re.compile(r"[0-9a-f]{64}")
 _NAME = re.compile(r"[A-Za-z_][\w-]{0,63}")

@@ -2,32 +2,45 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import PurePath
 from typing import NamedTuple
 
 from robotree.vr.base.address import everyone
 from robotree.vr.base.description import RobotDescription
-from robotree.vr.base.errors import VrError
+from robotree.vr.base.errors import BadPanel, VrError
 from robotree.vr.base.principal import ITSELF, Principal
 from robotree.vr.base.requests import BundleRead, DescribeHost, HostDescribed, ReadBundle
 from robotree.vr.base.transport import Transport
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.admission import Gate
-from robotree.vr.bundle.manifest import PANEL
+from robotree.vr.bundle.manifest import PANEL, PROGRAM
 from robotree.vr.bundle.panel import Panel, expect, read_panel
 from robotree.vr.bundle.requested import bundle_of
 from robotree.vr.exchange.asking import ask
 
 ANSWERS_WITHIN = 3.0
 """[s]"""
+LARGEST_PROGRAM = 200_000
+"""[bytes] of a panel that is a program."""
 FROM_AFAR = Principal(site="another site")
+
+
+class ProgramSource(NamedTuple):
+    """A panel that is a program, for a process of its own."""
+
+    source: str
+    path: str
+    files: Mapping[str, bytes]
+    """That belong to the page, by path."""
 
 
 class JudgedPanel(NamedTuple):
     """What is shown of a robot that brings a panel."""
 
     panel: Panel | None = None
-    """None: the generated form is shown."""
+    program: ProgramSource | None = None
+    """Of both None: the generated form is shown."""
     reason: str = ""
     """Why its own is not shown, as a sentence; empty: it brings none, or it is shown."""
 
@@ -69,14 +82,38 @@ def judged(page: Bundle, robot: RobotDescription, gate: Gate, *, here: bool) -> 
     Raises:
         BundleError: the panel is not shown; says why.
     """
-    name = f"{PurePath(page.path).stem}{PANEL}"
-    data = page.files.get(name)
-    if data is None:
+    stem = PurePath(page.path).stem
+    program, name = f"{stem}{PROGRAM}", f"{stem}{PANEL}"
+    if not {program, name} & page.files.keys():
         return JudgedPanel()
     clearance = gate.admit(page, ITSELF if here else FROM_AFAR, "this machine")
-    panel = read_panel(data, name)
-    expect(panel, robot, clearance.permissions, name)
-    return JudgedPanel(panel)
+    panel = None
+    if (data := page.files.get(name)) is not None:
+        panel = read_panel(data, name)
+        expect(panel, robot, clearance.permissions, name)
+    if (data := page.files.get(program)) is None:
+        return JudgedPanel(panel)
+    from robotree.vr.isolation.apart import lack_for  # most panels need nothing of it
+
+    if lack := lack_for("process"):
+        return JudgedPanel(
+            panel, reason=f"the panel {program} is not shown: {lack} to keep its process apart"
+        )
+    return JudgedPanel(panel, ProgramSource(_text(data, program), program, page.files))
+
+
+def _text(data: bytes, name: str) -> str:
+    """Read a program.
+
+    Raises:
+        BadPanel: it is too large, or no text.
+    """
+    if len(data) > LARGEST_PROGRAM:
+        raise BadPanel(path=name, reason=f"it has {len(data)} bytes, and {LARGEST_PROGRAM} are allowed")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise BadPanel(path=name, reason="it is not UTF-8 text") from None
 
 
 def _is_here(transport: Transport, key: str) -> bool:

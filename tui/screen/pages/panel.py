@@ -22,6 +22,7 @@ from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.command_form import CommandForm
 from robotree.tui.screen.widgets.laid_out import LaidOut, Told
 from robotree.tui.screen.widgets.marks import status_mark, tint
+from robotree.tui.screen.widgets.program_panel import ProgramPanel
 from robotree.tui.screen.widgets.readings import Readings, ShownReadings
 from robotree.tui.screen.widgets.side_pane import SidePane
 from robotree.tui.seen import wording
@@ -54,6 +55,8 @@ class PanelPage(Page):
         """Open the panel of a robot as it described itself, at a command or at the first."""
         super().__init__()
         self.robot, self._command = robot, command
+        self._ended = False
+        """Whether the program of the robot's own panel has ended here: it is not started again."""
         self._left_off: dict[str, tuple[dict[str, str], str]] = {}
         """The texts typed into forms that are made anew, and the field with the cursor, by command."""
 
@@ -108,22 +111,43 @@ class PanelPage(Page):
         found = await self.app.realm_client.panel(self.robot, gate_for(self.app.realm))
         if found.reason:
             self.app.tell(found.reason, "warning")
-        if found.panel is None:
+        own: LaidOut | ProgramPanel | None = None
+        if found.program is not None and not self._ended:
+            own = ProgramPanel(found.program, self.robot)
+            own.border_title = Text("panel")
+        elif found.panel is not None:
+            own = LaidOut(found.panel, self.robot, self._readings)
+            own.border_title = Text(seen(found.panel.title) or "panel")
+        if own is None:
             return
+        own.add_class("own-panel")
         forms = self.query_one("#forms", ContentSwitcher)
-        await forms.remove_children(LaidOut)
-        laid_out = LaidOut(found.panel, self.robot, self._readings)
-        laid_out.id, laid_out.display = self._own, False
-        laid_out.border_title = Text(seen(found.panel.title) or "panel")
-        await forms.mount(laid_out)
+        await forms.remove_children(".own-panel")
+        own.id, own.display = self._own, False
+        await forms.mount(own)
         commands = self.query_one("#commands", OptionList)
         self._list_own()
         if not self._command and commands.has_focus and commands.highlighted in (None, 0):
             commands.highlighted = len(self.robot.commands)
 
+    @on(ProgramPanel.Ended)
+    async def _lose_own(self, event: ProgramPanel.Ended) -> None:
+        """Show the generated form again, or the panel without a program, and say why."""
+        self._ended = True
+        self.app.tell(f"the panel of {self.robot.name} is not shown: {event.reason}", "warning")
+        commands = self.query_one("#commands", OptionList)
+        if event.panel.display:
+            commands.highlighted = 0 if self.robot.commands else None
+        if event.panel.has_focus:
+            commands.focus()
+        if commands.option_count > len(self.robot.commands):
+            commands.remove_option(self._own)
+        await event.panel.remove()
+        self._look_for_own()
+
     def _list_own(self) -> None:
         commands = self.query_one("#commands", OptionList)
-        if self.query(LaidOut) and commands.option_count == len(self.robot.commands):
+        if self.query(".own-panel") and commands.option_count == len(self.robot.commands):
             commands.add_option(Option(Text("its own panel", "italic"), id=self._own))
 
     @property
@@ -177,7 +201,7 @@ class PanelPage(Page):
         """Show the form of a command; it is made when it is shown first, and keeps what was typed."""
         forms, at = self.query_one("#forms", ContentSwitcher), self._at
         if at is None:
-            if self.query(LaidOut) and self.query_one("#commands", OptionList).highlighted is not None:
+            if self.query(".own-panel") and self.query_one("#commands", OptionList).highlighted is not None:
                 forms.current = self._own
             return
         wanted = _form_id(at)
@@ -195,7 +219,9 @@ class PanelPage(Page):
     @on(OptionList.OptionSelected, "#commands")
     def action_fill_in(self) -> None:
         """Go into the form in front."""
-        if form := self._ready:
+        if self._at is None:
+            self.query(ProgramPanel).focus()
+        elif form := self._ready:
             form.focus_first()
 
     @on(CommandForm.Run)
@@ -308,6 +334,8 @@ class PanelPage(Page):
             form.draw(self._readings)
         for laid_out in self.query(LaidOut):
             laid_out.draw(self._readings, store.units(name))
+        for program in self.query(ProgramPanel):
+            program.draw(self._readings, store.units(name), str(store.status(name, now)))
         # both stay: no part moves when a command ends
         if store.views and not self.app.calm:
             self.add_class("-pictures")
