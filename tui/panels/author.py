@@ -17,10 +17,15 @@ It runs in a process of its own, which reaches nothing but its region of the scr
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Mapping
-from typing import Any, ClassVar
+import asyncio
+from collections.abc import Mapping
+from typing import Any, ClassVar, Protocol
 
+from rich.color import Color
+from rich.style import Style
+from rich.text import Text
 from textual.containers import Vertical
+from textual.widgets import Static
 
 from robotree.vr.base.description import RobotDescription
 from robotree.vr.base.errors import VrError
@@ -32,15 +37,61 @@ class Refused(VrError):
     sentence = "{reason}"
 
 
+class Way(Protocol):
+    """The way out of the process."""
+
+    async def carry_out(self, command: str, arguments: Mapping[str, Any]) -> Any:
+        """Have a command carried out."""
+
+    async def look(self, view: str, camera: str, width: int, height: int) -> bytes:
+        """Fetch a picture."""
+
+
+class PanelCamera(Static):
+    """The picture of a camera, as characters; in a `RobotPanel`."""
+
+    DEFAULT_CSS = "PanelCamera { width: 1fr; height: 1fr; }"
+
+    def __init__(self, camera: str, *, period: float = 1.0, id: str | None = None) -> None:  # noqa: A002 # Textual's
+        """Look through VIEW.CAMERA every `period` seconds."""
+        super().__init__("looking …", id=id)
+        self._camera, self._period = camera, period
+
+    def on_mount(self) -> None:
+        """Begin to look."""
+        self.run_worker(self._keep_looking(), exit_on_error=False)
+
+    async def _keep_looking(self) -> None:
+        from robotree.tui.screen.halfblocks import BLOCK, decode
+
+        panel = next(one for one in self.ancestors if isinstance(one, RobotPanel))
+        while True:
+            columns, rows = self.content_size
+            try:
+                jpeg = await panel.look(self._camera, max(columns, 1) * 2, max(rows, 1) * 4)
+                runs = await asyncio.to_thread(decode, jpeg, max(columns, 1), max(rows, 1))
+            except (Refused, OSError) as error:
+                self.update(Text(str(error)))
+            else:
+                lines = (
+                    Text.assemble(*((BLOCK * many, _style(upper, lower)) for many, upper, lower in row))
+                    for row in runs
+                )
+                self.update(Text("\n").join(lines))
+            await asyncio.sleep(self._period)
+
+
+def _style(upper: tuple[int, int, int], lower: tuple[int, int, int]) -> Style:
+    return Style(color=Color.from_rgb(*upper), bgcolor=Color.from_rgb(*lower))
+
+
 class RobotPanel(Vertical):
     """A panel of one robot: any Textual widgets, and these few things of the robot."""
 
     TITLE: ClassVar[str] = ""
     DEFAULT_CSS = "RobotPanel { width: 1fr; height: 1fr; }"
 
-    def __init__(
-        self, robot: RobotDescription, call: Callable[[str, Mapping[str, Any]], Awaitable[Any]]
-    ) -> None:
+    def __init__(self, robot: RobotDescription, way: Way) -> None:
         """Made by the process of the panel."""
         super().__init__()
         self.robot = robot
@@ -51,7 +102,7 @@ class RobotPanel(Vertical):
         """Units of the readings, by name."""
         self.status = ""
         """How the robot is, in one word."""
-        self._call = call
+        self._way = way
 
     def see(self) -> None:
         """Called when `readings`, `units` or `status` have changed. Yours to write."""
@@ -68,7 +119,21 @@ class RobotPanel(Vertical):
         Raises:
             Refused: it was not carried out; says why.
         """
-        return await self._call(command, arguments)
+        return await self._way.carry_out(command, arguments)
+
+    async def look(self, camera: str, width: int = 320, height: int = 180) -> bytes:
+        """Return the picture of VIEW.CAMERA as JPEG, if the manifest of the page permits that stream.
+
+        Args:
+            camera: VIEW.CAMERA
+            width: [px] wanted.
+            height: [px] wanted.
+
+        Raises:
+            Refused: there is none; says why.
+        """
+        view, _, name = camera.partition(".")
+        return await self._way.look(view, name, width, height)
 
     def ask(self, command: str, **arguments: Any) -> None:
         """Have a command carried out in the background; `refused` says why not."""

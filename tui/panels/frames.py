@@ -81,6 +81,15 @@ class CallDone(PanelFrame, frozen=True):
     """Why not; empty: it was carried out."""
 
 
+class PictureSeen(PanelFrame, frozen=True):
+    """The picture for which the panel asked."""
+
+    number: int
+    jpeg: bytes
+    refusal: str
+    """Why there is none; empty: there is."""
+
+
 class PanelUp(PanelFrame, frozen=True):
     """The panel is there."""
 
@@ -103,6 +112,18 @@ class AskCommand(PanelFrame, frozen=True):
     arguments: dict[str, Any]
 
 
+class AskPicture(PanelFrame, frozen=True):
+    """The panel asks for a picture of a camera. Answered by `PictureSeen`."""
+
+    number: int
+    view: str
+    camera: str
+    width: int
+    """[px]"""
+    height: int
+    """[px]"""
+
+
 class PanelFailed(PanelFrame, frozen=True):
     """There is no panel."""
 
@@ -113,8 +134,8 @@ class PanelAlive(PanelFrame, frozen=True):
     """A sign of life."""
 
 
-ToPanel = BeginPanel | SeeReadings | PressKey | UseMouse | ChangeSize | CallDone
-FromPanel = PanelUp | DrawnLines | AskCommand | PanelFailed | PanelAlive
+ToPanel = BeginPanel | SeeReadings | PressKey | UseMouse | ChangeSize | CallDone | PictureSeen
+FromPanel = PanelUp | DrawnLines | AskCommand | AskPicture | PanelFailed | PanelAlive
 
 _encode = msgspec.msgpack.Encoder().encode
 to_panel: msgspec.msgpack.Decoder[ToPanel] = msgspec.msgpack.Decoder(ToPanel)

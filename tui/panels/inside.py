@@ -66,7 +66,7 @@ class PanelApp(App[None]):
         self._numbers = itertools.count(1)
         self._open: dict[int, asyncio.Future[Any]] = {}
         self._drawn: dict[int, list[frames.Span]] = {}
-        self.panel = panel_class(begin)(begin.robot, self._call)
+        self.panel = panel_class(begin)(begin.robot, self)
 
     def compose(self) -> ComposeResult:
         """Show the panel, and nothing else."""
@@ -89,11 +89,22 @@ class PanelApp(App[None]):
             self._drawn |= changed
             self._send(frames.DrawnLines(changed))
 
-    async def _call(self, command: str, arguments: Mapping[str, Any]) -> Any:
-        number, done = next(self._numbers), asyncio.get_running_loop().create_future()
-        self._open[number] = done
+    async def carry_out(self, command: str, arguments: Mapping[str, Any]) -> Any:
+        """Ask for a command of the robot, and wait for its result."""
+        number, done = self._waits()
         self._send(frames.AskCommand(number, command, dict(arguments)))
         return await done
+
+    async def look(self, view: str, camera: str, width: int, height: int) -> bytes:
+        """Ask for a picture, and wait for it."""
+        number, done = self._waits()
+        self._send(frames.AskPicture(number, view, camera, width, height))
+        return bytes(await done)
+
+    def _waits(self) -> tuple[int, asyncio.Future[Any]]:
+        number, done = next(self._numbers), asyncio.get_running_loop().create_future()
+        self._open[number] = done
+        return number, done
 
     def take(self, frame: frames.ToPanel) -> None:
         """Take what the screen says."""
@@ -107,7 +118,10 @@ class PanelApp(App[None]):
                 self._put(_mouse(frame))
             case frames.ChangeSize(width=width, height=height):
                 self._change_size(Size(width, height))
-            case frames.CallDone(number=number, value=value, refusal=refusal):
+            case (
+                frames.CallDone(number=number, value=value, refusal=refusal)
+                | frames.PictureSeen(number=number, jpeg=value, refusal=refusal)
+            ):
                 done = self._open.pop(number, None)
                 if done is not None and not done.done():
                     done.set_exception(Refused(reason=refusal)) if refusal else done.set_result(value)

@@ -6,10 +6,11 @@ clicked there: it asks for commands of its own robot, with arguments that fit. W
 
 from __future__ import annotations
 
-from robotree.tui.panels.frames import LARGEST, AskCommand, DrawnLines, FromPanel, PanelAlive, PanelUp
+from robotree.tui.panels.frames import LARGEST, AskCommand, AskPicture, DrawnLines, FromPanel
 from robotree.vr.base.arguments import check_arguments
 from robotree.vr.base.description import RobotDescription
 from robotree.vr.base.errors import VrError
+from robotree.vr.base.permissions import Permissions
 from robotree.vr.isolation.judge import Misbehaved
 
 FRAMES, BURST = 100.0, 400.0
@@ -21,7 +22,7 @@ PER_KEY = 3
 MEANT = 10.0
 """[s] after a key or click in which a panel may ask for a command."""
 MOST_OPEN = 8
-"""Commands that a panel waits for at the same time."""
+"""Commands and pictures that a panel waits for at the same time."""
 SPANS = 1000
 """Spans of a line."""
 
@@ -29,16 +30,17 @@ SPANS = 1000
 class PanelJudge:
     """Judges the frames of one panel."""
 
-    def __init__(self, robot: RobotDescription, now: float) -> None:
+    def __init__(self, robot: RobotDescription, permissions: Permissions | None, now: float) -> None:
         """Begin.
 
         Args:
             robot: whose panel it is.
+            permissions: of its page; None: it is not limited.
             now: [s]
         """
-        self.robot = robot
+        self.robot, self.permissions = robot, permissions
         self.open: set[int] = set()
-        """Numbers of the commands for which it waits."""
+        """Numbers of what it waits for."""
         self._last = now
         self._frames, self._bytes = BURST, BYTES_BURST
         self._allowed = 0
@@ -87,18 +89,30 @@ class PanelJudge:
                     raise Misbehaved("it drew lines that no screen has")
             case AskCommand():
                 return self._judged(frame, now)
-            case PanelUp() | PanelAlive() | _:
+            case AskPicture():
+                return self._looked(frame)
+            case _:
                 pass
         return ""
+
+    def _looked(self, frame: AskPicture) -> str:
+        self._expect_open(frame.number)
+        if self.permissions is not None and not self.permissions.may_see(frame.view, frame.camera):
+            return f"the manifest of its page does not permit the stream {frame.view}.{frame.camera}"[:200]
+        self.open.add(frame.number)
+        return ""
+
+    def _expect_open(self, number: int) -> None:
+        if number in self.open:
+            raise Misbehaved("it asked twice under one number")
+        if len(self.open) >= MOST_OPEN:
+            raise Misbehaved(f"it asked for more than {MOST_OPEN} things at the same time")
 
     def _judged(self, frame: AskCommand, now: float) -> str:
         command = self.robot.command(frame.command)
         if command is None:
             raise Misbehaved(f"it asked for {frame.command[:60]!r}, which {self.robot.name} does not have")
-        if frame.number in self.open:
-            raise Misbehaved("it asked twice under one number")
-        if len(self.open) >= MOST_OPEN:
-            raise Misbehaved(f"it asked for more than {MOST_OPEN} commands at the same time")
+        self._expect_open(frame.number)
         if now - self._touched > MEANT or not self._allowed:
             return f"a panel asks for {frame.command} after a key or click alone, {PER_KEY} times at most"
         try:

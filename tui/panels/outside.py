@@ -8,14 +8,15 @@ import os
 import signal
 import socket
 import sys
-from collections.abc import Awaitable, Callable, Coroutine, Mapping
-from typing import Any
+from collections.abc import Coroutine, Mapping
+from typing import Any, Protocol
 
 import msgspec
 
 from robotree.tui.panels import frames
 from robotree.tui.panels.judge import PanelJudge
 from robotree.vr.base.errors import VrError
+from robotree.vr.base.permissions import Permissions
 from robotree.vr.isolation.confine import environment
 from robotree.vr.isolation.judge import Misbehaved
 from robotree.vr.isolation.pipe import HEAD
@@ -24,12 +25,30 @@ START = 30.0
 """[s] for a panel to be there."""
 SILENT = 10.0
 """[s] without a sign of life after which a panel is ended: it hangs."""
+LARGEST_PICTURE = 1280
+"""[px] of a side."""
 BACKLOG = 1024 * 1024
 """[bytes] that a panel has not read yet after which it is ended."""
 _INSIDE = "robotree.tui.panels.inside"
 
-Carry = Callable[[str, Mapping[str, Any]], Awaitable[Any]]
-"""Carries out a command of the robot; raises `VrError`."""
+
+class PanelHands(Protocol):
+    """What the screen does for a panel."""
+
+    async def carry_out(self, command: str, arguments: Mapping[str, Any]) -> Any:
+        """Carry out a command of its robot; raises `VrError`."""
+
+    async def look(self, view: str, camera: str, width: int, height: int) -> bytes:
+        """Return the picture of a camera as JPEG; raises `VrError`."""
+
+    def draw_lines(self, lines: Mapping[int, list[frames.Span]]) -> None:
+        """Show lines that look otherwise now."""
+
+    def be_up(self, frame: frames.PanelUp) -> None:
+        """Take note that the panel is there."""
+
+    def be_over(self, reason: str) -> None:
+        """Take note that there is none any more, with the reason as a clause; not after `close`."""
 
 
 class PanelProcess:
@@ -38,24 +57,19 @@ class PanelProcess:
     def __init__(
         self,
         begin: frames.BeginPanel,
-        carry: Carry,
-        on_lines: Callable[[Mapping[int, list[frames.Span]]], None],
-        on_up: Callable[[frames.PanelUp], None],
-        on_end: Callable[[str], None],
+        permissions: Permissions | None,
+        hands: PanelHands,
     ) -> None:
         """Begin without a process.
 
         Args:
             begin: what the panel is made of.
-            carry: carries out what the panel asks for.
-            on_lines: called with lines that look otherwise.
-            on_up: called when the panel is there.
-            on_end: called once, with the reason as a clause, unless `close` was called.
+            permissions: of its page; None: it is not limited.
+            hands: what the screen does for it.
         """
-        self._begin, self._carry = begin, carry
-        self._on_lines, self._on_up, self._on_end = on_lines, on_up, on_end
+        self._begin, self._hands = begin, hands
         self._loop = asyncio.get_running_loop()
-        self.judge = PanelJudge(begin.robot, self._loop.time())
+        self.judge = PanelJudge(begin.robot, permissions, self._loop.time())
         self.pid = 0
         """Number of its process; 0: there is none."""
         self._writer: asyncio.StreamWriter | None = None
@@ -105,7 +119,7 @@ class PanelProcess:
                 task.cancel()
             if not self._closed:
                 self._closed = True
-                self._on_end(why or "its process has ended")
+                self._hands.be_over(why or "its process has ended")
 
     async def _one_process(self) -> str:
         """Have a process be the panel until it ends; returns why it did.
@@ -176,21 +190,36 @@ class PanelProcess:
     def _take(self, frame: frames.FromPanel, refusal: str) -> None:
         match frame:
             case frames.DrawnLines(lines=lines):
-                self._on_lines(lines)
+                self._hands.draw_lines(lines)
             case frames.PanelUp():
                 self._up = True
-                self._on_up(frame)
+                self._hands.be_up(frame)
             case frames.AskCommand(number=number) if refusal:
                 self.send(frames.CallDone(number, None, refusal))
             case frames.AskCommand():
                 self._keep(self._carry_out(frame))
+            case frames.AskPicture(number=number) if refusal:
+                self.send(frames.PictureSeen(number, b"", refusal))
+            case frames.AskPicture():
+                self._keep(self._look(frame))
             case _:
                 pass
+
+    async def _look(self, frame: frames.AskPicture) -> None:
+        jpeg, refusal = b"", ""
+        try:
+            size = (min(max(side, 1), LARGEST_PICTURE) for side in (frame.width, frame.height))
+            jpeg = await self._hands.look(frame.view, frame.camera, *size)
+        except VrError as error:
+            refusal = str(error)
+        finally:
+            self.judge.open.discard(frame.number)
+        self.send(frames.PictureSeen(frame.number, jpeg, refusal))
 
     async def _carry_out(self, frame: frames.AskCommand) -> None:
         value, refusal = None, ""
         try:
-            value = msgspec.to_builtins(await self._carry(frame.command, frame.arguments))
+            value = msgspec.to_builtins(await self._hands.carry_out(frame.command, frame.arguments))
         except VrError as error:
             refusal = str(error)
         finally:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 from robotree.vr.base.address import everyone
 from robotree.vr.base.description import RobotDescription
 from robotree.vr.base.errors import BadPanel, VrError
+from robotree.vr.base.permissions import Permissions
 from robotree.vr.base.principal import ITSELF, Principal
 from robotree.vr.base.requests import BundleRead, DescribeHost, HostDescribed, ReadBundle
 from robotree.vr.base.transport import Transport
@@ -33,6 +34,8 @@ class ProgramSource(NamedTuple):
     path: str
     files: Mapping[str, bytes]
     """That belong to the page, by path."""
+    permissions: Permissions | None
+    """Of the page; None: it is not limited."""
 
 
 class JudgedPanel(NamedTuple):
@@ -99,7 +102,7 @@ def judged(page: Bundle, robot: RobotDescription, gate: Gate, *, here: bool) -> 
         return JudgedPanel(
             panel, reason=f"the panel {program} is not shown: {lack} to keep its process apart"
         )
-    return JudgedPanel(panel, ProgramSource(_text(data, program), program, page.files))
+    return JudgedPanel(panel, ProgramSource(_text(data, program), program, page.files, clearance.permissions))
 
 
 def _text(data: bytes, name: str) -> str:

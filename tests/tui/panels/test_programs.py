@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
+import asyncio
+import io
 import os
 from collections.abc import AsyncIterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import pytest
+from PIL import Image
 
 from robotree.tui.panels import frames, outside
 from robotree.tui.panels.judge import MEANT, PER_KEY, PanelJudge
 from robotree.tui.panels.outside import PanelProcess
+from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import CommandSpec, FieldSpec, RobotDescription
 from robotree.vr.base.errors import VrError
+from robotree.vr.base.permissions import Permissions
+from robotree.vr.bundle import Bundle
 from robotree.vr.isolation.judge import Misbehaved
+from robotree.vr.world.network import MemoryNetwork
 from tests.tui.panels.pages import GOOD, WORST
 from tests.waiting import PATIENCE, until
 
+EXAMPLES = Path(__file__).parents[3] / "examples"
 GUIDE = RobotDescription(
     address=Address("robot", "guide", "1"),
     kinds=("Guide",),
@@ -29,24 +37,34 @@ GUIDE = RobotDescription(
 class Shown:
     """A panel with what it has drawn and asked for."""
 
-    def __init__(self, source: str) -> None:
+    def __init__(self, source: str, robot: RobotDescription = GUIDE) -> None:
         self.lines: dict[int, str] = {}
         self.asked: list[tuple[str, Mapping[str, Any]]] = []
         self.up: list[str] = []
         self.ended: list[str] = []
         self.refuses = ""
-        begin = frames.BeginPanel(source, "guide.panel.py", {}, GUIDE, 40, 8, dark=True)
-        self.process = PanelProcess(
-            begin, self._carry, self._draw, lambda frame: self.up.append(frame.title), self.ended.append
-        )
+        begin = frames.BeginPanel(source, "guide.panel.py", {}, robot, 60, 12, dark=True)
+        self.process = PanelProcess(begin, Permissions(streams=("cell.wrist",)), self)
 
-    async def _carry(self, command: str, arguments: Mapping[str, Any]) -> Any:
+    def be_up(self, frame: frames.PanelUp) -> None:
+        self.up.append(frame.title)
+
+    def be_over(self, reason: str) -> None:
+        self.ended.append(reason)
+
+    async def look(self, view: str, camera: str, width: int, height: int) -> bytes:
+        self.looked = (view, camera, width, height)
+        picture = io.BytesIO()
+        Image.new("RGB", (8, 8), "white").save(picture, "JPEG")
+        return picture.getvalue()
+
+    async def carry_out(self, command: str, arguments: Mapping[str, Any]) -> Any:
         self.asked.append((command, arguments))
         if self.refuses:
             raise VrError(detail=self.refuses)
         return f"waved {arguments['times']} times"
 
-    def _draw(self, lines: Mapping[int, list[frames.Span]]) -> None:
+    def draw_lines(self, lines: Mapping[int, list[frames.Span]]) -> None:
         self.lines |= {row: "".join(text for text, *_ in spans) for row, spans in lines.items()}
 
     @property
@@ -138,6 +156,15 @@ async def test_a_panel_reaches_nothing_but_its_region(shown: list[Shown], tmp_pa
     assert panel.text.count("PermissionError") == 5
 
 
+async def test_a_panel_sees_the_cameras_that_its_page_may_see(shown: list[Shown]) -> None:
+    cameras = "[self.mount(PanelCamera(one)) for one in ('cell.wrist', 'cell.door')]"
+    source = WORST.format(worst=cameras).replace("import RobotPanel", "import PanelCamera, RobotPanel")
+    shown.append(panel := Shown(source))
+    await until(lambda: "does not permit the stream cell.door" in " ".join(panel.text.split()))
+    await until(lambda: "▀▀" in panel.text)
+    assert panel.looked[:2] == ("cell", "wrist")
+
+
 async def test_a_panel_asks_for_nothing_that_nobody_meant(shown: list[Shown]) -> None:
     source = GOOD.replace("self.query_one(Button).focus()", "self.action_wave()")
     shown.append(panel := Shown(source))
@@ -152,7 +179,7 @@ async def test_what_is_no_panel_says_why(shown: list[Shown]) -> None:
 
 
 def test_the_judge_of_a_panel() -> None:
-    judge = PanelJudge(GUIDE, 0.0)
+    judge = PanelJudge(GUIDE, Permissions(streams=("cell.wrist",)), 0.0)
     wave = frames.AskCommand(1, "wave", {"times": 3})
     assert "after a key or click" in judge.refusal(wave, 0.0)
     judge.touched(1.0)
@@ -175,3 +202,13 @@ def test_the_judge_of_a_panel() -> None:
     with pytest.raises(Misbehaved, match="2 MB a second"):
         judge.expect_pace(2_000_000, 3.0)
     judge.expect_pace(2_000_000, 10.0)
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.panel.py")), ids=lambda path: path.name)
+async def test_the_programs_of_the_examples_are_shown(shown: list[Shown], path: Path) -> None:
+    page = await asyncio.to_thread(Bundle.read, path.with_name(path.name.replace(".panel.py", ".py")))
+    assert path.name in page.files  # it travels with its page
+    agent = RobotAgent(page.create("one"), MemoryNetwork().join("one"))
+    shown.append(panel := Shown(page.files[path.name].decode(), agent.description()))
+    await until(lambda: bool(panel.up) and len(panel.text.split()) > 5)
+    assert not panel.ended

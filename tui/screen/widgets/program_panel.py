@@ -71,14 +71,15 @@ class ProgramPanel(Part, Widget):
             height=height,
             dark=self.app.current_theme.dark,
         )
-        self._process = PanelProcess(begin, self._carry, self._draw, self._be_up, self._end)
+        self._process = PanelProcess(begin, program.permissions, self)
 
     def on_unmount(self) -> None:
         """End the process."""
         if self._process is not None:
             self._process.close()
 
-    def _be_up(self, frame: frames.PanelUp) -> None:
+    def be_up(self, frame: frames.PanelUp) -> None:
+        """Take note that the panel is there."""
         self.up = True
         if frame.title:
             self.border_title = Segment(_plain(frame.title)).text
@@ -87,11 +88,18 @@ class ProgramPanel(Part, Widget):
         if self._told is not None and self._process is not None:
             self._process.send(self._told)
 
-    def _end(self, reason: str) -> None:
+    def be_over(self, reason: str) -> None:
+        """Take note that there is no panel any more."""
         self.post_message(self.Ended(self, reason))
 
-    async def _carry(self, command: str, arguments: Mapping[str, Any]) -> Any:
+    async def carry_out(self, command: str, arguments: Mapping[str, Any]) -> Any:
+        """Carry out a command for the panel."""
         return await self.app.realm_client.call(self._robot.name, command, arguments, deadline=LIMIT)
+
+    async def look(self, view: str, camera: str, width: int, height: int) -> bytes:
+        """Fetch a picture for the panel."""
+        picture = await self.app.realm_client.look(view, camera=camera, width=width, height=height)
+        return picture.jpeg
 
     # -- what it shows -----------------------------------------------------------------------------
 
@@ -103,7 +111,8 @@ class ProgramPanel(Part, Widget):
             if self._process is not None and self.up:
                 self._process.send(told)
 
-    def _draw(self, lines: Mapping[int, list[frames.Span]]) -> None:
+    def draw_lines(self, lines: Mapping[int, list[frames.Span]]) -> None:
+        """Show lines that look otherwise now, within the region."""
         width, height = self.size
         for row, spans in lines.items():
             if row < height:
