@@ -14,6 +14,7 @@ import itertools
 import os
 import socket
 import sys
+import tempfile
 from collections.abc import Mapping
 from typing import Any
 
@@ -205,7 +206,9 @@ def main(descriptor: int, parent: int) -> None:
         "Switch",
     ):
         getattr(widgets, name)  # before there are limits: quicker than with them
-    lacks = confine([])
+    room = sys.argv[2] if len(sys.argv) > 2 else ""  # the program, its descriptor, the folder
+    tempfile.tempdir = room or None
+    lacks = confine([room] if room else [])
     with contextlib.suppress(KeyboardInterrupt):
         asyncio.run(_live(socket.socket(fileno=descriptor), lacks))
     os._exit(0)

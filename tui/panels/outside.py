@@ -8,6 +8,7 @@ import os
 import signal
 import socket
 import sys
+import tempfile
 from collections.abc import Coroutine, Mapping
 from typing import Any, Protocol
 
@@ -128,10 +129,17 @@ class PanelProcess:
             Misbehaved: it did what no panel does.
             OSError: no process can be made.
         """
+        with contextlib.ExitStack() as stack:
+            room = []
+            if self._begin.files:  # modules need a place for their files
+                room = [stack.enter_context(tempfile.TemporaryDirectory(prefix="robotree-panel-"))]
+            return await self._in_room(room)
+
+    async def _in_room(self, room: list[str]) -> str:
         own, other = socket.socketpair()
         try:
             process = await asyncio.create_subprocess_exec(
-                *(sys.executable, "-P", "-m", _INSIDE, str(other.fileno())),
+                *(sys.executable, "-P", "-m", _INSIDE, str(other.fileno()), *room),
                 pass_fds=[other.fileno()],
                 stdin=asyncio.subprocess.DEVNULL,
                 stdout=asyncio.subprocess.DEVNULL,

@@ -10,8 +10,10 @@ import asyncio
 import contextlib
 import itertools
 import os
+import shutil
 import socket
 import sys
+import tempfile
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
@@ -21,6 +23,7 @@ from typing import Any
 
 import msgspec
 
+from robotree.files import private_folder
 from robotree.vr.agents.host import Host
 from robotree.vr.agents.run import kept_by, kept_in, place_of
 from robotree.vr.base.envelope import Received
@@ -52,6 +55,8 @@ from robotree.vr.running.runner import runner_of
 
 BEAT = 0.5
 """[s] between two signs of life."""
+ROOM = "room"
+"""Name of the folder for files that nobody keeps, in that of the robot."""
 
 
 class PipeMesh:
@@ -250,11 +255,24 @@ def main(descriptor: int, parent: int) -> None:
     begin = way.receive()
     if not isinstance(begin, pipe.BeginFrame):
         os._exit(0)
-    lacks = confine(begin.writable)
+    room = _room(begin.folder)
+    lacks = confine([*begin.writable, room])
     mesh = PipeMesh(way, begin)
     with contextlib.suppress(KeyboardInterrupt):
         asyncio.run(_live(way, mesh, begin, lacks))
     os._exit(0)
+
+
+def _room(folder: str) -> str:
+    """Return a folder for files that nobody keeps, in the robot's own; nothing of another process is in it."""
+    if folder:
+        room = Path(folder, ROOM)
+        shutil.rmtree(room, ignore_errors=True)
+        private_folder(room)
+        tempfile.tempdir = str(room)
+    else:
+        tempfile.tempdir = tempfile.mkdtemp(prefix="robotree-apart-")
+    return tempfile.tempdir
 
 
 async def _live(way: RobotPipe, mesh: PipeMesh, begin: pipe.BeginFrame, lacks: list[str]) -> None:

@@ -102,7 +102,15 @@ def judged(page: Bundle, robot: RobotDescription, gate: Gate, *, here: bool) -> 
         return JudgedPanel(
             panel, reason=f"the panel {program} is not shown: {lack} to keep its process apart"
         )
-    return JudgedPanel(panel, ProgramSource(_text(data, program), program, page.files, clearance.permissions))
+    return JudgedPanel(
+        panel, ProgramSource(_text(data, program), program, _helpers(page), clearance.permissions)
+    )
+
+
+def _helpers(page: Bundle) -> Mapping[str, bytes]:
+    """Return what lies beside a page, without its panels; nothing if no module is among it."""
+    others = {file: data for file, data in page.files.items() if not file.endswith((PANEL, PROGRAM))}
+    return others if any(file.endswith(".py") for file in others) else {}
 
 
 def _text(data: bytes, name: str) -> str:

@@ -12,6 +12,7 @@ import pytest
 from msgspec.structs import replace
 from textual.widgets import Button, Input, OptionList
 
+from robotree.tui.panels import outside
 from robotree.tui.screen.pages.dialogs import Confirm
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.page import Page
@@ -22,6 +23,7 @@ from robotree.tui.screen.widgets.choice import Choice
 from robotree.tui.screen.widgets.command_form import CommandForm
 from robotree.tui.screen.widgets.field_row import FieldRow
 from robotree.tui.screen.widgets.laid_out import LaidOut, curve
+from robotree.tui.screen.widgets.program_panel import ProgramPanel
 from robotree.tui.screen.widgets.readings import Readings
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.vr import Robot, command
@@ -31,6 +33,7 @@ from robotree.vr.base.policy_reading import read_policy
 from robotree.vr.base.principal import principal_of, this_process, user_name
 from robotree.vr.bundle import Bundle
 from tests.tui.screens.rows import row
+from tests.waiting import PATIENCE
 
 if TYPE_CHECKING:
     from screens.conftest import Operate, Operator
@@ -545,3 +548,56 @@ async def test_code_of_anybody_stays_red_on_the_screen(
         await operator.until(lambda: red in operator.text, "the banner")
         await open_panel(operator, "own")
         await operator.until(lambda: red in operator.text, "the banner, on each page")
+
+
+PROGRAM = """
+from textual.widgets import Label
+
+from robotree.tui.panels.author import RobotPanel
+
+
+class Waving(RobotPanel, can_focus=True):
+    TITLE = "Waving by key"
+    BINDINGS = [("w", "wave", "wave"), ("x", "crash", "crash")]
+
+    def compose(self):
+        yield Label("press w", id="said")
+
+    def on_mount(self):
+        self.focus()
+
+    def see(self):
+        self.query_one("#said", Label).update(f"waved {self.readings.get('waved', 0):.0f} times by key")
+
+    def action_wave(self):
+        self.ask("wave", times=7)
+
+    def action_crash(self):
+        import os
+
+        os._exit(1)
+"""
+
+
+async def test_a_robot_brings_a_panel_that_is_a_program_until_that_ends(
+    realm: Realm, operate: Operate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(outside, "SILENT", PATIENCE)
+    monkeypatch.setattr(outside, "START", PATIENCE)
+    (tmp_path / "waver.py").write_text(WAVER)
+    (tmp_path / "waver.panel.py").write_text(PROGRAM)
+    await realm.realm_client.create(str(tmp_path / "waver.py"), "waver")
+    async with operate(realm.realm_client) as operator:
+        page = await open_panel(operator, "waver")
+        await operator.until(lambda: "waved 0 times by key" in operator.text, "its own panel")
+        await operator.press("enter")  # into it
+        program = page.query_one(ProgramPanel)
+        assert program.has_focus
+        await operator.press("w")
+        await operator.until(lambda: "waved 7 times by key" in operator.text, "it waved")
+        await operator.press("x")
+        await operator.until(lambda: "is not shown: its process has ended" in operator.text, "the reason")
+        await choose(operator, page, "wave")  # the generated form is there
+        assert not page.query(ProgramPanel)
+        await operator.press("escape")
+        await operator.until(lambda: not isinstance(operator.app.screen, PanelPage), "it was left")

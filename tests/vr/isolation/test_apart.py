@@ -204,6 +204,26 @@ async def test_a_process_that_cannot_be_is_said_to_who_asks(place: Place, tmp_pa
     place.host.apart = robots
 
 
+async def test_a_page_has_its_helpers_and_a_place_for_files_that_nobody_keeps(
+    place: Place, tmp_path: Path
+) -> None:
+    helped = tmp_path / "helped.py"
+    (tmp_path / "helper.py").write_text("WORD = 'helped'\n")
+    helped.write_text(
+        "import tempfile\nfrom pathlib import Path\nfrom helper import WORD\n"
+        "from robotree.vr import VirtualRobot, command\n\n\n"
+        "class Helped(VirtualRobot):\n    @command\n    def say(self) -> str:\n"
+        "        with tempfile.NamedTemporaryFile(delete=False) as file:\n"
+        "            return f'{WORD} {file.name}'\n"
+    )
+    bundle = await asyncio.to_thread(Bundle.read, helped)
+    client = HostClient(place.operator, place.host.address)
+    robot = RobotClient(place.operator, (await client.create(bundle, "helped", None, "process")).address)
+    word, file = (await robot.call("say", {})).split()
+    assert word == "helped"
+    assert file.startswith(str(place.folder / "h1" / "apart" / "helped"))
+
+
 async def test_a_host_that_keeps_its_robots_apart_runs_none_itself(place: Place) -> None:
     place.host.isolate = "process"
     bundle = Bundle.read(PAGE)

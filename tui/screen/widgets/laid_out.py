@@ -90,6 +90,8 @@ class LaidOut(Part, VerticalScroll):
 
     def draw(self, readings: Mapping[str, float], units: Mapping[str, str]) -> None:
         """Show the readings of this moment."""
+        if len(self.children) < len(self.panel.parts):
+            return  # they are still being made
         now = self.app.now()
         for number, part in enumerate(self.panel.parts):
             match part:
