@@ -264,7 +264,7 @@ def main(descriptor: int, parent: int) -> None:
 
 
 def _room(folder: str) -> str:
-    """Return a folder for files that nobody keeps, in the robot's own; nothing of another process is in it."""
+    """Return a folder for files that nobody keeps, in the robot's own; it is empty."""
     if folder:
         room = Path(folder, ROOM)
         shutil.rmtree(room, ignore_errors=True)
