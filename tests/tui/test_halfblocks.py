@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from robotree.tui.screen.halfblocks import decode, fit
+from robotree.tui.seen.halfblocks import decode, fit
 
 
 def jpeg(width: int, height: int, upper: tuple[int, int, int], lower: tuple[int, int, int]) -> bytes:

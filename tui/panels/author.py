@@ -42,9 +42,11 @@ class Way(Protocol):
 
     async def carry_out(self, command: str, arguments: Mapping[str, Any]) -> Any:
         """Have a command carried out."""
+        ...
 
     async def look(self, view: str, camera: str, width: int, height: int) -> bytes:
         """Fetch a picture."""
+        ...
 
 
 class PanelCamera(Static):
@@ -62,7 +64,7 @@ class PanelCamera(Static):
         self.run_worker(self._keep_looking(), exit_on_error=False)
 
     async def _keep_looking(self) -> None:
-        from robotree.tui.screen.halfblocks import BLOCK, decode
+        from robotree.tui.seen.halfblocks import BLOCK, decode
 
         panel = next(one for one in self.ancestors if isinstance(one, RobotPanel))
         while True:

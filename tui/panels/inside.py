@@ -16,12 +16,13 @@ import socket
 import sys
 import tempfile
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 from rich.color import Color, ColorType
 from rich.style import Style
 from textual import events, widgets
 from textual.app import App, ComposeResult
+from textual.binding import BindingType
 from textual.geometry import Size
 from textual.strip import Strip
 
@@ -48,7 +49,7 @@ class PanelApp(App[None]):
     """Shows one panel over the whole of its region."""
 
     ENABLE_COMMAND_PALETTE = False
-    BINDINGS = ()
+    BINDINGS: ClassVar[list[BindingType]] = []
 
     def __init__(self, begin: frames.BeginPanel, send: Any, lacks: list[str]) -> None:
         """Make the panel.
@@ -80,9 +81,9 @@ class PanelApp(App[None]):
 
     def post_display_hook(self) -> None:
         """Send the lines that look otherwise than before."""
-        if not self.is_mounted or not self.screen_stack:
+        if not self.screen_stack:
             return
-        lines = self.screen._compositor.render_strips()  # noqa: SLF001 # Textual has no public way
+        lines = self.screen._compositor.render_strips()  # noqa: SLF001 # pyright: ignore[reportPrivateUsage] # no public way
         changed = {
             row: spans for row, spans in enumerate(map(_spans, lines)) if self._drawn.get(row) != spans
         }
@@ -132,7 +133,7 @@ class PanelApp(App[None]):
     def _change_size(self, size: Size) -> None:
         self._drawn = {}
         if self._driver is not None:
-            self._driver._size = size  # noqa: SLF001 # as Textual's own pilot does
+            self._driver._size = size  # noqa: SLF001 # pyright: ignore[reportPrivateUsage] # as Textual's pilot
         self.post_message(events.Resize(size, size))
 
     def _put(self, event: events.Event) -> None:
@@ -232,8 +233,8 @@ async def _live(own: socket.socket, lacks: list[str]) -> None:
     hearing = asyncio.ensure_future(_hear(reader, app))
     done, _ = await asyncio.wait([running, hearing], return_when=asyncio.FIRST_COMPLETED)
     if running in done:
-        error = app._exception or running.exception()  # noqa: SLF001 # Textual has no public way
-        await _fail(writer, error or VrError(detail="it has ended by itself"))
+        fault = app._exception or running.exception()  # noqa: SLF001 # pyright: ignore[reportPrivateUsage] # no public way
+        await _fail(writer, fault or VrError(detail="it has ended by itself"))
 
 
 async def _fail(writer: asyncio.StreamWriter, error: BaseException) -> None:

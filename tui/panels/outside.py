@@ -41,6 +41,7 @@ class PanelHands(Protocol):
 
     async def look(self, view: str, camera: str, width: int, height: int) -> bytes:
         """Return the picture of a camera as JPEG; raises `VrError`."""
+        ...
 
     def draw_lines(self, lines: Mapping[int, list[frames.Span]]) -> None:
         """Show lines that look otherwise now."""

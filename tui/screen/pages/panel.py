@@ -114,7 +114,7 @@ class PanelPage(Page):
         own: LaidOut | ProgramPanel | None = None
         if found.program is not None and not self._ended:
             own = ProgramPanel(found.program, self.robot)
-            own.border_title = Text("panel")
+            own.border_title = "panel"
         elif found.panel is not None:
             own = LaidOut(found.panel, self.robot, self._readings)
             own.border_title = Text(seen(found.panel.title) or "panel")

@@ -15,11 +15,11 @@ from textual.geometry import Size
 from textual.strip import Strip
 from textual.widget import Widget
 
-from robotree.tui.screen.halfblocks import BLOCK, Colour, Run, decode
 from robotree.tui.screen.palette import reduced
 from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.seen.cells import clip, fit
+from robotree.tui.seen.halfblocks import BLOCK, Colour, Run, decode
 from robotree.tui.seen.status import span
 from robotree.vr.base.errors import VrError
 from robotree.vr.base.requests import Picture

@@ -15,7 +15,7 @@ from textual.widget import Widget
 from robotree.tui.panels import frames
 from robotree.tui.panels.outside import PanelProcess
 from robotree.tui.screen.part import Part
-from robotree.tui.seen.cells import STEERING
+from robotree.tui.terminal import STEERING
 from robotree.vr.base.description import RobotDescription
 from robotree.vr.supervision.panels import ProgramSource
 
