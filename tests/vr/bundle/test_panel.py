@@ -24,7 +24,7 @@ from robotree.vr.bundle.panel import (
     TextPart,
     read_panel,
 )
-from robotree.vr.supervision.panels import judged
+from robotree.vr.supervision.panels import JudgedPanel, judged
 from tests.vr.bundle.signed import key_of, of, page, signer, trusting
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
@@ -133,7 +133,7 @@ def test_a_trusted_panel_is_shown(tmp_path: Path) -> None:
 
 
 def test_a_robot_without_a_panel_has_the_generated_form_and_no_reason() -> None:
-    assert judged(page(), GUIDE, Gate(), here=True) == (None, "")
+    assert judged(page(), GUIDE, Gate(), here=True) == JudgedPanel()
 
 
 def test_without_trust_a_panel_is_not_shown(tmp_path: Path) -> None:
@@ -141,6 +141,24 @@ def test_without_trust_a_panel_is_not_shown(tmp_path: Path) -> None:
         judged(of("bob", files=brought()), GUIDE, Gate(trusting(tmp_path, signer("anna"))), here=True)
     with pytest.raises(NotSigned):
         judged(page(brought()), GUIDE, Gate(), here=False)
+
+
+def test_a_program_is_judged_as_a_panel_is(tmp_path: Path) -> None:
+    files = {"guide.panel.py": b"x = 1\n", "helper.py": b"y = 2\n"}
+    gate = Gate(trusting(tmp_path, signer("anna")))
+    signed = of("anna", Permissions(), files=files)
+    assert signed.signed is not None
+    assert b'"panel":"guide.panel.py"' in signed.signed.manifest
+    program = judged(signed, GUIDE, gate, here=False).program
+    assert program is not None
+    assert (program.source, program.files) == ("x = 1\n", {"helper.py": b"y = 2\n"})
+    assert program.permissions == Permissions()  # it sees no camera
+    with pytest.raises(UnknownSigner):
+        judged(of("bob", files=files), GUIDE, gate, here=True)
+    with pytest.raises(NotSigned):
+        judged(page(files), GUIDE, Gate(), here=False)
+    with pytest.raises(BadPanel, match="200000 are allowed"):
+        judged(page({"guide.panel.py": b"#" * 300_000}), GUIDE, Gate(), here=True)
 
 
 def test_a_forged_panel_is_not_shown(tmp_path: Path) -> None:
