@@ -170,8 +170,10 @@ def _start(line: Line, *, readonly: bool) -> int:
                 "check": _author, "new": _author, "info": _look, "doctor": _look, "completion": _complete,
                 "man": _man, "stop": _stop, "save": _save, "apply": _apply, "hub": _realm,
             }  # fmt: skip
-            families = {"realm": _realm, "bundle": _bundle, "policy": _policy}
-            families |= {"recording": _recorded, "export": _recorded}
+            families: dict[str, Callable[[Line, str, bool], int]] = {
+                "realm": _realm, "bundle": _bundle, "policy": _policy,
+                "recording": _recorded, "export": _recorded, "replay": _recorded,
+            }  # fmt: skip
             family = families.get(verb.partition(" ")[0], _ask)
             return apart.get(verb, family)(line, realm, readonly)
 
@@ -192,6 +194,10 @@ def _bundle(line: Line, realm: str, _readonly: bool) -> int:  # noqa: FBT001 # o
 
 def _recorded(line: Line, _realm: str, _readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike
     """Show a recording of a realm, or write it in another format."""
+    if line.verb == "replay":
+        from robotree.tui.recording.replaying import replay
+
+        return _run(replay(line), on_screen=True)
     from robotree.tui.recording import exports
 
     return exports.start(line)

@@ -101,6 +101,15 @@ ACTIONS: tuple[Action, ...] = (
         examples=("recording monday.mcap", "recording monday.mcap --at 12s"),
     ),
     Action(
+        usage="replay FILE [--from TIME] [--speed SPEED]",
+        help="Show a recording in the full screen: space holds it, left and right go back and forward by 5 s,"
+        " with shift by 30 s, `[` and `]` make it slower and faster. Nothing in it can be commanded.",
+        group=LOOK,
+        where=Where.SHELL,
+        needs=("wire", "tui"),
+        examples=("replay monday.mcap --from 2min --speed 4",),
+    ),
+    Action(
         usage="export session FILE [OUT]",
         help="Print what persons asked for in a recording as a session script, or write it into OUT:"
         " `robotree run` plays it again, and --junit makes a test of it.",

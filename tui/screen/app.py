@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from textual import work
@@ -71,7 +72,7 @@ class Supervisor(OperatorApp):
     """One operator, one realm."""
 
     TITLE = "robotree"
-    CSS_PATH = "supervisor.tcss"
+    CSS_PATH = Path(__file__).with_name("supervisor.tcss")  # beside this file, also for a subclass elsewhere
     ENABLE_COMMAND_PALETTE = True
     BINDINGS: ClassVar[list[BindingType]] = [*program_keys()]
 

@@ -10,7 +10,7 @@ import logging
 import os
 import time
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from textual import work
 
@@ -62,6 +62,9 @@ class CallListener(Protocol):
 
 class OperatorApp(ErrorBoundary, KeyGuard[int]):
     """The interface of the app for its pages and widgets."""
+
+    STOP_WORD: ClassVar[str] = "STOP"
+    """What the key of the stop does, in the line on top."""
 
     def __init__(
         self,
@@ -120,6 +123,11 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
     def now() -> float:
         """[s] on the store's clock, which is that of events."""
         return time.monotonic()
+
+    @property
+    def heading(self) -> str:
+        """Return what stands in the line on top behind the program's name."""
+        return f"realm {self.realm}{' (read-only)' if self.readonly else ''}"
 
     # -- telling -----------------------------------------------------------------------------------
 

@@ -6,8 +6,9 @@ import asyncio
 import logging
 import os
 import time
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from functools import partial
 from logging.handlers import RotatingFileHandler
 from typing import TYPE_CHECKING
 
@@ -67,6 +68,7 @@ async def supervise(
     hint: str = "",
     readonly: bool = False,
     store: Store | None = None,
+    screen: Callable[..., Supervisor] = Supervisor,
 ) -> int:
     """Show the full screen until the operator leaves; open it anew should an error end it.
 
@@ -77,6 +79,7 @@ async def supervise(
         hint: what a person can do next, as the first line of the log; empty: none.
         readonly: whether all that changes robots is absent.
         store: what the screen shows; None: a new one.
+        screen: makes the screen.
 
     Returns:
         The exit code.
@@ -88,23 +91,15 @@ async def supervise(
         store = store or Store()
         if hint:
             store.tell(hint, "good", time.monotonic())
-        return await _show(realm_client, realm, farewell, store, readonly=readonly)
+        make = partial(screen, realm_client, realm=realm, farewell=farewell, readonly=readonly)
+        return await _show(make, realm, store)
 
 
-async def _show(realm_client: RealmClient, realm: str, farewell: str, store: Store, *, readonly: bool) -> int:
+async def _show(make: Callable[..., Supervisor], realm: str, store: Store) -> int:
     keys, steps = keymap.load(), Steps(state_file(realm, STEPS_FILE))
     task, ends = asyncio.current_task(), list[float]()
     while True:
-        app = Supervisor(
-            realm_client,
-            realm=realm,
-            store=store,
-            farewell=farewell,
-            readonly=readonly,
-            keymap=keys,
-            calm=wants_calm(),
-            steps=steps,
-        )
+        app = make(store=store, keymap=keys, calm=wants_calm(), steps=steps)
         code = await app.run_async()
         if task is not None and task.cancelling():  # Textual ends at a cancel as at a key, and says nothing
             raise asyncio.CancelledError

@@ -124,9 +124,7 @@ class Page(Part, Leaving[None]):
     def draw(self) -> None:
         """Draw everything that may have changed; pages add their own."""
         app = self.app
-        self.query_one(TopBar).draw(
-            app.store, f"{app.realm} (read-only)" if app.readonly else app.realm, self.title_of_page()
-        )
+        self.query_one(TopBar).draw(app.store, app.heading, self.title_of_page())
         self.query_one(Banner).draw(app.store)
         for line in self.children:  # a query would look at each widget of the page, four times a second
             if isinstance(line, FlashLine):

@@ -28,11 +28,11 @@ class TopBar(CachedText):
     _counts: tuple[float, list[tuple[Status, int]]] = (-math.inf, [])
     """When the robots were counted last [s], and how many have each status."""
 
-    def draw(self, store: Store, realm: str, page: str) -> None:
+    def draw(self, store: Store, heading: str, page: str) -> None:
         """Draw the line."""
         muted, strong = tint(self.app, "muted"), tint(self.app, "primary", bold=True)
-        left = Text.assemble((" robotree ", strong), (" realm ", muted), realm, ("  ", muted), page)
-        stop = Text.assemble((f" {spell(BY_VERB['stop'].key)} STOP ", block(self.app)))
+        left = Text.assemble((" robotree ", strong), " ", heading, ("  ", muted), page)
+        stop = Text.assemble((f" {spell(BY_VERB['stop'].key)} {self.app.STOP_WORD} ", block(self.app)))
         robots, others = self._robots(store), self._others(store)
         width = max(self.size.width, 1)
         room = width - left.cell_len - stop.cell_len - GAP

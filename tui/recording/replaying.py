@@ -1,0 +1,189 @@
+"""The full screen over a recording: `robotree replay FILE`. Everything can be seen, nothing be commanded."""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+from typing import Any, ClassVar
+
+from textual.binding import Binding, BindingType
+
+from robotree.tui import exit_codes
+from robotree.tui.errors import NeedsTerminal, ValueRefused
+from robotree.tui.line import values
+from robotree.tui.line.grammar import Line
+from robotree.tui.recording.exports import opened
+from robotree.tui.recording.playback import Playback
+from robotree.tui.recording.tape import Tape
+from robotree.tui.recording.transport import RecordedTransport
+from robotree.tui.screen.app import Supervisor
+from robotree.tui.screen.place import NOWHERE, Place
+from robotree.tui.screen.supervise import supervise
+from robotree.tui.terminal import no_screen
+from robotree.vr.supervision.realm_client import RealmClient
+
+TICK = 0.1
+"""[s] between two steps of a recording that is played."""
+
+LEAP, LONG_LEAP = 5.0, 30.0
+"""[s] that a key goes forward or back."""
+
+SLOWEST, FASTEST = 0.125, 64.0
+"""How fast a recording is played at least and at most, as a multiple of its own speed."""
+
+AGAIN = -1
+"""The code with which the screen ends when it shall be opened at an earlier moment."""
+
+
+class Replay(Supervisor):
+    """One recording at one moment, which moves while it is played."""
+
+    STOP_WORD: ClassVar[str] = "PAUSE"
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("left", f"leap({-LEAP})", "Back", priority=True),
+        Binding("right", f"leap({LEAP})", "Forward", priority=True),
+        Binding("shift+left", f"leap({-LONG_LEAP})", show=False, priority=True),
+        Binding("shift+right", f"leap({LONG_LEAP})", show=False, priority=True),
+        Binding("left_square_bracket", "pace(0.5)", "Slower", priority=True),
+        Binding("right_square_bracket", "pace(2.0)", "Faster", priority=True),
+    ]
+
+    def __init__(self, player: Player, *args: Any, **options: Any) -> None:
+        """Show what a player plays; the rest as for a supervisor."""
+        self.player = player
+        self._zero = time.monotonic() - player.playback.position
+        super().__init__(*args, **options)
+
+    async def on_mount(self) -> None:
+        """Begin to play."""
+        await super().on_mount()
+        self.player.repeat()
+        self.set_interval(TICK, self.player.tick)
+
+    def now(self) -> float:  # type: ignore[override] # pyright: ignore[reportIncompatibleMethodOverride]
+        """[s] on the store's clock: it stands still with the recording."""
+        return self._zero + self.player.playback.position
+
+    @property
+    def asked(self) -> float:
+        """[s] when a key was pressed: nothing moves by itself between a look and a key that matters here."""
+        return self.now()
+
+    @property
+    def heading(self) -> str:
+        """Return what stands in the line on top instead of the realm."""
+        return self.player.words
+
+    def ask_for(self, verb: str, place: Place = NOWHERE) -> None:
+        """Do what a key asks for; the key of the stop holds the recording."""
+        if verb == "stop":
+            self.player.hold_or_go_on()
+        else:
+            super().ask_for(verb, place)
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Give keys to the field in which somebody types."""
+        if action in {"leap", "pace"} and self.typing:
+            return False
+        return super().check_action(action, parameters)
+
+    def action_leap(self, seconds: float) -> None:
+        """Go forward, or back: then the screen is opened anew at that moment."""
+        if seconds > 0:
+            self.player.go_to(self.player.playback.position + seconds)
+        else:
+            self.player.begin_at = max(self.player.playback.position + seconds, self.player.tape.began)
+            self.exit(AGAIN)
+
+    def action_pace(self, factor: float) -> None:
+        """Play faster or slower."""
+        self.player.speed = min(max(self.player.speed * factor, SLOWEST), FASTEST)
+
+
+class Player:
+    """Plays one recording."""
+
+    def __init__(self, tape: Tape, speed: float) -> None:
+        """Begin at the beginning, at a multiple of the recording's own speed."""
+        self.tape, self.speed = tape, speed
+        self.begin_at = tape.began
+        """[s] since 1970: where it is opened next."""
+        self.held = False
+        self.playback = Playback(tape)
+        self.transport: RecordedTransport | None = None
+
+    def open(self) -> RecordedTransport:
+        """Begin at `begin_at`; returns the way to who was there then."""
+        self.playback = Playback(self.tape)
+        self.playback.advance(self.begin_at)
+        self.transport = RecordedTransport(self.playback)
+        return self.transport
+
+    def repeat(self) -> None:
+        """Have those who listen now hear how it is."""
+        if self.transport is not None:
+            self.transport.deliver(self.playback.moment())
+
+    def tick(self) -> None:
+        """Go on by one step."""
+        if not self.held:
+            self.go_to(self.playback.position + TICK * self.speed)
+
+    def go_to(self, unix: float) -> None:
+        """Go forward to a moment."""
+        if self.transport is not None:
+            self.transport.deliver(self.playback.advance(unix))
+
+    def hold_or_go_on(self) -> None:
+        """Hold the recording, or let it go on."""
+        self.held = not self.held
+
+    @property
+    def words(self) -> str:
+        """Return which moment is shown, for people."""
+        at, length = self.playback.position - self.tape.began, self.tape.ended - self.tape.began
+        state = "held" if self.held else "ended" if self.playback.over else f"x{self.speed:g}"
+        cut = "" if self.tape.whole else ", cut off"
+        return f"REPLAY {_clock(at)} of {_clock(length)}{cut}  {state}"
+
+
+def _clock(seconds: float) -> str:
+    return f"{int(seconds) // 60}:{int(seconds) % 60:02}"
+
+
+async def replay(line: Line) -> int:
+    """Show a recording until the person leaves; returns the exit code.
+
+    Raises:
+        NeedsTerminal: this is no terminal.
+        BadRecordedRealm: the recording cannot be read.
+    """
+    if without := no_screen():
+        raise NeedsTerminal(without)
+    player = Player(opened(line.text("FILE")), _speed(line.text("--speed")))
+    if line.text("--from"):
+        player.begin_at += values.duration(line.text("--from"))
+    while True:
+        realm_client = RealmClient(player.open())
+        await realm_client.start()
+        try:
+            code = await supervise(realm_client, "", readonly=True, screen=partial(Replay, player))
+        finally:
+            await realm_client.close()
+        if code != AGAIN:
+            return code or exit_codes.DONE
+
+
+def _speed(text: str) -> float:
+    """Read how fast a recording is played.
+
+    Raises:
+        ValueRefused: it is no such number.
+    """
+    try:
+        speed = float(text.removeprefix("x") or 1.0)
+    except ValueError:
+        speed = 0.0
+    if not SLOWEST <= speed <= FASTEST:
+        raise ValueRefused("SPEED", f"{text!r} is no speed from {SLOWEST:g} to {FASTEST:g}")
+    return speed
