@@ -29,7 +29,10 @@ SERIALISERS = {"pickle", "cloudpickle", "dill", "marshal", "shelve"}
 WHERE_EXTRAS_ARE_USED = {
     "pictures": ("client/",),
     "sim": ("sim/",),
-    "tui": ("tui/screen/", "tui/panels/", "tui/seen/cells.py", "tui/seen/halfblocks.py"),
+    "tui": (
+        *("tui/screen/", "tui/panels/", "tui/seen/cells.py", "tui/seen/halfblocks.py"),
+        "tui/recording/replaying.py",
+    ),
     "scripts": ("vr/scripts/",),
     "wire": ("protocol/dialect/", "protocol/tools/", "tui/recording/tape.py"),
     "machines": ("vr/sites/", "vr/network/signed.py"),
