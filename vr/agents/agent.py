@@ -144,12 +144,10 @@ class RobotAgent:
             registrar: where it is listed while nobody has enslaved it.
             term: [s] of leases, those it grants and those it asks for.
             unix: returns seconds since 1970, and epochs come from it; None: the clock of the process.
-            obeyed: returns the epoch that what stands behind the robot obeys, None before it was heard: its
-                own go above the first.
+            obeyed: returns the epoch that what is behind the robot obeys; None: it was not heard yet.
             process: whose threads carry its commands out; None: one of its own.
             shared: what it shares with the other agents of its process; None: it is the only one.
-            state: what the robot was before its process ended, to go on with: see `take_back` and `go_on`;
-                None: it is a new one.
+            state: of the robot when its process ended, to go on with (`take_back`); None: it is a new one.
             orders: its memory of its orders; None: it takes none.
             history: what it keeps of what the robot did, and is asked for; None: its host does, or nobody.
 
