@@ -26,7 +26,7 @@ from robotree.files.opening import (
     sync_folder,
     text,
 )
-from robotree.files.private import own_folder, private_file, private_folder
+from robotree.files.private import own_folder, private_file, private_folder, shared_folder
 
 __all__ = [
     "expect_own",
@@ -41,4 +41,5 @@ __all__ = [
     "replace",
     "sync_folder",
     "text",
+    "shared_folder",
 ]

@@ -5,6 +5,7 @@ What is found open to others is closed, and the caller is told so: it may have b
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import stat
@@ -91,6 +92,45 @@ def own_folder(path: Path) -> None:
         raise PermissionError(errno.EPERM, "every user can write into it", str(path))
 
 
+def shared_folder(path: Path, owner: int, mode: int, group: int = -1) -> int:
+    """See that a folder of one user is there in which others meet; its owner makes or mends it.
+
+    Args:
+        path: of the folder; no part of it can be exchanged by anybody else than the owner, and root.
+        owner: number of the user to whom it belongs.
+        mode: its permissions.
+        group: number of the group for which it is; -1: that of its owner, or whichever it has.
+
+    Returns:
+        The number of its group.
+
+    Raises:
+        OSError: it is not there and is not ours to be made, is no folder, belongs to somebody else, or others
+            may do more in it than was said.
+    """
+    mine = os.geteuid() == owner
+    if mine:
+        with contextlib.suppress(FileExistsError):
+            path.mkdir(mode=0o700)
+    _check_parents(path, owner)
+    folder = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC | os.O_NOFOLLOW)
+    try:
+        found = os.fstat(folder)
+        if found.st_uid != owner:
+            raise PermissionError(errno.EPERM, f"it belongs to user {found.st_uid}, not {owner}", str(path))
+        if mine and group not in {-1, found.st_gid}:
+            os.fchown(folder, -1, group)
+        if mine and (stat.S_IMODE(found.st_mode) != mode or group not in {-1, found.st_gid}):
+            os.fchmod(folder, mode)
+        found = os.fstat(folder)
+    finally:
+        os.close(folder)
+    if stat.S_IMODE(found.st_mode) != mode:
+        reason = f"its mode is {stat.S_IMODE(found.st_mode):04o}, not {mode:04o}"
+        raise PermissionError(errno.EPERM, reason, str(path))
+    return found.st_gid
+
+
 def _make(path: Path, mode: int = 0o700) -> None:
     """Make a folder and those above it that are missing, for us alone: XDG's base directories ask for it."""
     try:
@@ -106,14 +146,14 @@ def _make(path: Path, mode: int = 0o700) -> None:
         raise OSError(errno.EINVAL, str(error), str(path)) from None
 
 
-def _check_parents(path: Path) -> None:
+def _check_parents(path: Path, owner: int = 0) -> None:
     """Refuse a path of which another user can exchange a part.
 
     In a folder with the sticky bit, as /tmp has it, only the owner of an entry can rename or remove it.
     """
     for parent in path.parents:
         found = parent.stat()
-        if found.st_uid not in {os.geteuid(), 0}:
+        if found.st_uid not in {os.geteuid(), 0, owner}:
             raise PermissionError(
                 errno.EPERM, f"it lies in {parent}, which belongs to user {found.st_uid}", str(path)
             )

@@ -180,6 +180,12 @@ def _start(line: Line, *, readonly: bool) -> int:
 
 def _realm(line: Line, realm: str, _readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike
     """Make, join or change a realm of several machines, or print how a hub is configured."""
+    from robotree.tui.sites import sharing
+
+    if line.verb == "realm create" and line.text("--group"):
+        return sharing.create(line.text("NAME"), line.text("--group"))
+    if line.verb == "realm join" and "@" in line.text("TOKEN"):
+        return sharing.join(line.text("TOKEN"))
     from robotree.tui.sites import realms, running
 
     return running.print_config(line) if line.verb == "hub" else realms.start(line, realm)

@@ -22,9 +22,11 @@ import psutil
 
 from robotree.tui.diagnosis.finding import Finding
 from robotree.vr.base.address import Address
+from robotree.vr.base.principal import user_name
 from robotree.vr.network.mesh import HANGS
-from robotree.vr.network.realms import process_of, realm_folder, runtime_directory
+from robotree.vr.network.realms import owner_of, process_of, realm_folder, runtime_directory
 from robotree.vr.network.rendezvous import Rendezvous
+from robotree.vr.network.shared import SharedRealm, group_name, shared_realm
 
 PRIVATE = 0o700
 
@@ -56,7 +58,7 @@ class Entry:
 
 def folder(realm: str) -> Iterator[Finding]:
     """See that the realm's folder can be used, and by nobody else."""
-    if not os.environ.get("XDG_RUNTIME_DIR"):
+    if not os.environ.get("XDG_RUNTIME_DIR") and owner_of(realm_folder(realm)) is None:
         result = f"XDG_RUNTIME_DIR is not set, so this realm lies in {realm_folder(realm).parent}"
         yield Finding(
             "folder",
@@ -65,6 +67,9 @@ def folder(realm: str) -> Iterator[Finding]:
             "set it alike in all terminals, or robots of one are not seen in others",
         )
     place = realm_folder(realm)
+    if (shared := shared_realm(place)) is not None:
+        yield _shared(shared, realm)
+        return
     for path in (place.parent, place):
         try:
             found = path.lstat()
@@ -85,6 +90,18 @@ def folder(realm: str) -> Iterator[Finding]:
             yield fault
             return
     yield Finding("folder", "good", f"{place} is yours alone")
+
+
+def _shared(shared: SharedRealm, realm: str) -> Finding:
+    """See that the folder of a realm that users share can be used, and is its owner's."""
+    owner = user_name(shared.owner)
+    try:
+        shared.prepare()
+    except OSError as error:
+        remedy = f"{owner} makes it: robotree realm create {realm} --group GROUP, with a group of yours"
+        return Finding("folder", "bad", f"{error.filename or shared.directory}: {error.strerror}", remedy)
+    group = group_name(shared.directory.stat().st_gid)
+    return Finding("folder", "good", f"{shared.directory} is shared by {owner} with the group {group}")
 
 
 def _fault(path: Path, found: os.stat_result) -> Finding | None:

@@ -746,14 +746,17 @@ ACTIONS: tuple[Action, ...] = (
         examples=("gateway --realm plant",),
     ),
     Action(
-        usage="realm create NAME [--hub ADDRESS] [--site SITE]",
+        usage="realm create NAME [--group GROUP] [--hub ADDRESS] [--site SITE]",
         help="Make a realm of several machines, with this one as its first SITE, and its authority here."
-        " ADDRESS: as `robotree hub` printed it; of several, with commas, the first that answers is used.",
+        " ADDRESS: as `robotree hub` printed it; of several, with commas, the first that answers is used."
+        " --group: share the realm with the users of a GROUP of this machine instead, by its policy.",
         group=PROCESS,
         where=Where.SHELL,
         alters=True,
-        needs=("machines",),
-        examples=("realm create plant --hub tls:hub.example:7447#FINGERPRINT --site lab",),
+        examples=(
+            "realm create plant --hub tls:hub.example:7447#FINGERPRINT --site lab",
+            "realm create cell --group robots",
+        ),
     ),
     Action(
         usage="realm invite NAME [--as KIND] [--may ROLES] [--days N]",
@@ -767,12 +770,12 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="realm join TOKEN",
-        help="Make a key on this machine, which never leaves it, and have it signed with a TOKEN.",
+        help="Make a key on this machine, which never leaves it, and have it signed with a TOKEN."
+        " TOKEN: from `realm invite`; NAME@USER for a realm that another user of this machine shares.",
         group=PROCESS,
         where=Where.SHELL,
         alters=True,
-        needs=("machines",),
-        examples=("realm join TOKEN",),
+        examples=("realm join TOKEN", "realm join cell@anna"),
     ),
     Action(
         usage="realm members",

@@ -50,9 +50,11 @@ def folder_of(realm: str) -> Path:
     """
     from robotree.files import private_folder
     from robotree.vr.base.errors import RealmUnusable
-    from robotree.vr.network.realms import realm_folder
+    from robotree.vr.network.realms import owner_of, realm_folder, runtime_directory
 
     found = realm_folder(realm)
+    if owner_of(found) is not None:  # what is private there lies apart
+        found = runtime_directory() / realm
     try:
         for folder in (found.parent, found):
             private_folder(folder, strict=True)

@@ -18,8 +18,9 @@ from robotree.vr.base.errors import Denied, PolicyUnusable
 from robotree.vr.base.policy import LONGEST, REALM, Policy, PolicyTarget, fits
 from robotree.vr.base.policy_reading import read_policy, schema
 from robotree.vr.base.principal import user_name
-from robotree.vr.network.policy_file import KEYS, POLICY, SIGNED, PolicyFile, member_of, put, state_of
+from robotree.vr.network.policy_file import KEYS, POLICY, SIGNED, PolicyFile, member_of, put
 from robotree.vr.network.realms import realm_folder, robots_in
+from robotree.vr.network.shared import FILE, policy_of
 
 
 def start(line: Line, realm: str) -> int:
@@ -30,7 +31,7 @@ def start(line: Line, realm: str) -> int:
 
 def gate_of(realm: str) -> PolicyFile:
     """Return the policy in force on this machine."""
-    gate = PolicyFile(state_of(realm))
+    gate = policy_of(realm)
     gate.refresh(time.monotonic())
     return gate
 
@@ -146,7 +147,10 @@ def _set(line: Line, realm: str) -> int:
     if place is None:
         raise NoPlaceForState
     text = policy.text if policy.text.endswith("\n") else f"{policy.text}\n"
-    put(place, _signed(place.parent, text).encode())
+    data = _signed(place.parent, text).encode()
+    put(place, data)
+    if gate.kept != gate.path.parent:  # shared with other users
+        put(gate.path, data, FILE)
     answer(
         f"version {policy.version} is in force within a second, in each process of this realm",
         lambda: {"realm": realm, "version": policy.version, "path": str(place)},

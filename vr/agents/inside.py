@@ -37,6 +37,7 @@ from robotree.vr.base.principal import Credentials, Principal
 from robotree.vr.base.requests import Described, encode
 from robotree.vr.base.system import OS
 from robotree.vr.base.transport import Occupied, OnReply
+from robotree.vr.base.whose import mark
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.admission import Clearance, Gate
 from robotree.vr.core.machine import RobotCore
@@ -199,6 +200,7 @@ class PipeMesh:
         gate = self.gate
         gate.trouble, gate.site, gate.person = frame.trouble, frame.site, frame.person
         gate.roles, gate.owner = frame.roles, frame.owner
+        mark(frame.user)
         gate.policy = read_policy(frame.text) if frame.text else None
 
     def _take_done(self, frame: pipe.Did) -> None:

@@ -63,6 +63,7 @@ from robotree.vr.base.requests import (
     TakeStep,
     WriteEntry,
 )
+from robotree.vr.base.whose import user_of
 
 FRESH = 3.0
 """[s] after which a request that begins something has expired at the latest: longer than a slow way takes,
@@ -192,11 +193,12 @@ def opened(body: bytes, credentials: Credentials, who: str, now: float, owner: i
         credentials: of the process that has sent it.
         who: is asked, for messages.
         now: [s] on the machine's monotonic clock.
-        owner: number of the user whose gateway is believed, too: the realm's; None: nobody else's.
+        owner: number of the user who shares the realm with others, and whose gateway is believed, too; None:
+            nobody else is in the realm.
 
     Raises:
         Garbled: it cannot be read.
-        NotAllowed: it says for whom it asks, and is of no gateway.
+        NotAllowed: it says for whom it asks, and is of no gateway, or speaks for another user's agent.
         NoAnswer: it has expired: its asker has given up, or is about to.
     """
     envelope = read_envelope(body)
@@ -210,6 +212,9 @@ def opened(body: bytes, credentials: Credentials, who: str, now: float, owner: i
             principal = vouched(envelope.proof, envelope.sender, envelope.terminal)
         except msgspec.MsgspecError as error:
             raise Garbled(key="a gateway", detail=str(error)) from None
+    elif owner is not None and envelope.sender and credentials.user not in (owner, user_of(envelope.sender)):
+        reason = f"it speaks for {envelope.sender}, which is no agent of this user"
+        raise NotAllowed(who=principal.user, what=type(envelope.request).__name__, reason=reason)
     received = Received(envelope.request, principal, asked, envelope.holds, envelope.may)
     received.expect_in_time(who, now)
     return received

@@ -4,8 +4,8 @@ Every error is one sentence that says whose fault it is and what to do next, and
 that a caller on the far side of the network catches the same class with the same fields.
 
     VrError
-      AddressError    BadName · DuplicateName · NameInSilence · Hanging · SeveralSites · NoSuchSite
-                      SiteAway · NoSuchRobot · NoSuchHost · NoHost · HostReserved · NotIsolated
+      AddressError    BadName · DuplicateName · NameInSilence · Hanging · SeveralSites · SeveralUsers
+                      NoSuchSite · SiteAway · NoSuchRobot · NoSuchHost · NoHost · HostReserved · NotIsolated
                       NotApart · CannotMove · NotDrained · NoSuchView · BadGroup · NoSuchGroup · GroupEmpty
       CommandError    NoSuchCommand · NoSettings · BadArgument · CommandFailed (Failed) · CommandCancelled
                       ChildCancelled · ChildTimeout · DeadlineExceeded · Busy · UnderWay
@@ -169,6 +169,12 @@ class SeveralSites(AddressError):
     """Agents of several other sites have the same name, and none of this machine has it."""
 
     sentence = "{role} {name} is at {sites}, and none was asked; write {examples}"
+
+
+class SeveralUsers(AddressError):
+    """Agents of several other users of the machine have the same name, and none of this user has it."""
+
+    sentence = "{role} {name} is there of the users {users}, and none was asked; one takes another name"
 
 
 class NoSuchSite(AddressError):

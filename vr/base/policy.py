@@ -29,7 +29,8 @@ with the whole name. In a mapping all that is written must fit.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import cached_property
 from typing import Final, NamedTuple
 
 import msgspec
@@ -302,6 +303,11 @@ class PolicyGate:
     is in the realm."""
     due: float = float("inf")
     """[s] on the monotonic clock: when `refresh` has to look again."""
+
+    @cached_property
+    def kinds_of(self) -> dict[str, Callable[[], tuple[str, ...]]]:
+        """The kinds of the robots of this process, by name: a line may be about them. Of a shared realm."""
+        return {}
 
     data: bytes = b""
     """The file in force, with its signature; empty: there is none."""

@@ -34,6 +34,10 @@ class Socket(Protocol):
         """Choose whether it waits; only False is used after `dial`."""
         ...
 
+    def getpeername(self) -> Any:
+        """Return the name under which the socket was made that this one was connected to."""
+        ...
+
     def send(self, data: Any, flags: int = 0, /) -> int:
         """Send as much as there is room for (`os_files.AT_ONCE`); returns how much that was [bytes].
 

@@ -93,6 +93,7 @@ from robotree.vr.base.requests import (
     WatchEntries,
     WriteEntry,
 )
+from robotree.vr.base.whose import user_of
 from robotree.vr.core.machine import RobotState
 
 OF_LEASES = (Petition, Retract, Renew, Release)
@@ -267,6 +268,8 @@ def _keep_to_policy(principal: Principal, request: AnyRequest, state: RobotState
     if right == MEMBER:
         if isinstance(request, Register) and (gate.policy is None or not gate.policy.names(asker)):
             _refuse(gate, asker, "see", here.target())
+        if isinstance(request, Register) and gate.owner is not None and not principal.site:
+            _expect_to_list_its_own(principal, request, gate.owner)
         return
     if isinstance(request, FindEntries) and not request.take:
         right = "see"
@@ -277,6 +280,16 @@ def _keep_to_policy(principal: Principal, request: AnyRequest, state: RobotState
     _expect(gate, asker, right, target)
     if isinstance(request, Reload):
         _expect_to_reload(gate, asker, request.page.name, here)
+
+
+def _expect_to_list_its_own(principal: Principal, request: Register, owner: int) -> None:
+    """In a shared realm nobody lists, or takes from a list, an agent of another user."""
+    listed = [one.address.key for one in request.listings] + [one.key for one, _ in request.withdrawn]
+    for key in listed:
+        user = user_of(key)
+        if principal.user not in (user_name(owner), "" if user is None else user_name(user)):
+            reason = f"{key} is no agent of this user"
+            raise NotAllowed(who=principal.user, what="Register", reason=reason)
 
 
 def _ends_its_own(principal: Principal, request: AnyRequest, state: RobotState | None) -> bool:

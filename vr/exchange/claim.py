@@ -13,10 +13,10 @@ from __future__ import annotations
 import contextlib
 
 from robotree.vr.base.address import Address, Role, check_name, everyone
-from robotree.vr.base.chance import token
 from robotree.vr.base.errors import DuplicateName, NameInSilence
 from robotree.vr.base.places import here_of
 from robotree.vr.base.transport import Occupied, Registration, Transport
+from robotree.vr.base.whose import unique
 
 SETTLE = 0.1
 """[s] after which an announcement has reached all others that live and answer, and its end too."""
@@ -29,7 +29,7 @@ def new_address(role: Role, name: str) -> Address:
     Raises:
         BadName: the name cannot be one.
     """
-    return Address(role, check_name(name), token())
+    return Address(role, check_name(name), unique())
 
 
 async def claim(transport: Transport, address: Address) -> Registration:

@@ -282,7 +282,8 @@ class RobotApart:
     def _rules(self) -> pipe.Rules:
         gate = self._transport.gate
         text = "" if gate.policy is None else gate.policy.text
-        return pipe.Rules(text, gate.trouble, gate.site, gate.person, tuple(gate.roles), gate.owner)
+        user = None if gate.owner is None else self._transport.identity.user
+        return pipe.Rules(text, gate.trouble, gate.site, gate.person, tuple(gate.roles), gate.owner, user)
 
     async def _watch_it(self) -> None:
         """End the process when it has been silent for too long; tell it who hangs, and the policy."""

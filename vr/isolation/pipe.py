@@ -36,6 +36,8 @@ class Rules(PipeFrame, frozen=True):
     person: bool
     roles: tuple[str, ...]
     owner: int | None
+    user: int | None = None
+    """Number of the user whose agent the robot is, where several users share the realm."""
 
 
 class BeginFrame(PipeFrame, frozen=True):

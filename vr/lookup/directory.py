@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import os
 from collections.abc import Callable
 
 from robotree.vr.base.address import Address, Role, everyone, parted
@@ -22,13 +23,16 @@ from robotree.vr.base.errors import (
     NoSuchSite,
     NoSuchView,
     SeveralSites,
+    SeveralUsers,
     SiteAway,
     VrError,
 )
 from robotree.vr.base.places import Places
 from robotree.vr.base.presence import Undo
+from robotree.vr.base.principal import user_name
 from robotree.vr.base.requests import Found, Listed, Query, Unlisted, decode_event
 from robotree.vr.base.transport import Registration, Transport
+from robotree.vr.base.whose import user_of
 from robotree.vr.exchange.asking import ask
 from robotree.vr.lookup.service import NEWS_PATTERN
 from robotree.vr.lookup.union import Change, Union
@@ -160,6 +164,7 @@ class Directory:
             NoSuchRobot: or NoSuchHost, NoSuchView: no living agent of this role has the name.
             Hanging: one has it whose process does not answer.
             SeveralSites: none of this machine has it, and those of several other sites have.
+            SeveralUsers: none of this user has it, and those of several others have, who share the realm.
             NoSuchSite: the site is none of the realm.
             SiteAway: it is not heard.
         """
@@ -193,9 +198,19 @@ class Directory:
     def nearest(self, found: tuple[Address, ...], role: Role, name: str) -> tuple[Address, ...]:
         """Return those of this machine, or of the only site: sites may have chosen the same name.
 
+        Users who share a realm may have done so, too: one's own comes first, as at a site.
+
         Raises:
             SeveralSites: there is none here, and several elsewhere.
+            SeveralUsers: several other users have one.
         """
+        users = {address: user_of(address.key) for address in found}
+        if len(set(users.values())) > 1 and not any(self.places.site_of(one.key) for one in found):
+            own = tuple(address for address in found if users[address] == os.geteuid())
+            if own:
+                return own
+            names = sorted("" if user is None else user_name(user) for user in set(users.values()))
+            raise SeveralUsers(role=role, name=name, users=" and ".join(names))
         if not self.places.own:
             return found
         sites = {address: self.places.site_of(address.key) for address in found}

@@ -58,6 +58,7 @@ class Door:
         wrap: Callable[[Socket], PeerLink],
         close: Callable[[PeerLink], None],
         refusals: Refusals,
+        admits: Callable[[Socket], bool] | None = None,
         clock: Callable[[], float] | None = None,
         system: System = THIS_SYSTEM,
     ) -> None:
@@ -69,12 +70,14 @@ class Door:
             wrap: makes a link of a connection.
             close: ends a link; it calls `closed`.
             refusals: takes what was refused.
+            admits: whether who has connected belongs here; None: who is of this user does.
             clock: [s]; None: the system's.
             system: of the sockets.
         """
         self._listening, self._sockets = listening, sockets
         self._wrap, self._close, self._refusals = wrap, close, refusals
         self._system, self._clock = system, clock or system.now
+        self._admits = admits
         self._strange: dict[PeerLink, float] = {}
         """Links that have not said hello, the oldest first, and when they came [s]."""
         self._of = Counter[int]()
@@ -148,7 +151,8 @@ class Door:
             if line is None:
                 return False
             link = self._wrap(line)
-            if link.far_end.user != self._system.user():
+            own = link.far_end.user == self._system.user()
+            if not (own if self._admits is None else self._admits(line)):
                 user = link.far_end.user
                 link.close()
                 self._fill_reserve()

@@ -109,4 +109,4 @@ class GroupFiles:
 
 def groups_beside(gate: PolicyGate) -> GroupFiles:
     """Return the groups of the realm of a policy."""
-    return GroupFiles(gate.path.parent if isinstance(gate, PolicyFile) else None)
+    return GroupFiles(gate.kept if isinstance(gate, PolicyFile) else None)

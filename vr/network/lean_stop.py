@@ -28,6 +28,7 @@ from robotree.vr.network.realms import (
     REALM_VARIABLE,
     all_realms,
     dial,
+    leads_to,
     members,
     places,
     realm_folder,
@@ -141,7 +142,7 @@ def send_first(words: Sequence[str], system: Files = OS_FILES) -> str:
 
 def _tell(folder: Path, tag: str, keys: Iterable[str], order: str, system: Files) -> None:
     with dial(folder, tag, DIAL_WITHIN, system) as line:
-        if system.far_end(line)[1] == system.user():
+        if leads_to(line, folder, tag, system):
             line.sendall(frames(keys, order, system.now(), system))
 
 

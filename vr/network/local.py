@@ -28,8 +28,8 @@ from robotree.vr.base.transport import (
 )
 from robotree.vr.network.mesh import GREETING, Mesh, TakeFrame
 from robotree.vr.network.on_loop import LoopTurns, Replies, SampleInbox, answered
-from robotree.vr.network.policy_file import PolicyFile, state_of
 from robotree.vr.network.rendezvous import Rendezvous, realm_name
+from robotree.vr.network.shared import policy_of, sees_sample
 
 WAITING_SAMPLES = 4096
 """Samples that may wait for one subscriber before the oldest are lost."""
@@ -68,8 +68,10 @@ async def join(
         raise
     transport = LocalTransport(mesh)
     if mesh.place.system is THIS_SYSTEM:
-        transport.gate = PolicyFile(state_of(mesh.place.realm, root))
+        transport.gate = policy_of(mesh.place.realm, root)
         transport.gate.refresh(mesh.place.system.now())
+        if mesh.place.shared is not None:
+            mesh.sees = partial(sees_sample, transport.gate, mesh.place.system.now)
     return transport
 
 

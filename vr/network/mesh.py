@@ -101,6 +101,9 @@ REPLACE: Final = "process {} runs another version of robotree; start it again wi
 MOST_MEMBERS: Final = 64
 """Members of a realm that one process may be."""
 
+LIAR: Final = "process {} says that it is another one, or speaks for the robots of others; end it"
+"""The remedy for a process that is not believed."""
+
 GREEDY: Final = "process {} announces too many keys; end it, and start its robots in several hosts"
 """The remedy for a process that announces more than `MOST_KEYS`."""
 
@@ -144,6 +147,8 @@ class _Peer:
         self.beat: Beat | None = None
         self.since = self.last_sign = now
         """[s] Since when it is known, and the last sign of life."""
+        self.user = -1
+        """Number of its user."""
         self.awake = False
         """Whether its greeting has come and it does not hang: only then it is present."""
         self.late_until = 0.0
@@ -233,6 +238,8 @@ class Mesh:
         self._ended_all: Future[None] = Future()
         self._ticked = 0.0
         """[s] When the last tick was."""
+        self.sees: Callable[[int, str, bytes], bool] | None = None
+        """Whether a user may have a sample; None: nobody else is in the realm."""
 
     # -- coming and leaving
 
@@ -603,6 +610,8 @@ class Mesh:
         """Tell all who want the samples of a key; one that is too slow misses older ones."""
         with self._lock:
             peers, own = self._listening(key), self._subscribers.of(key)
+        if self.sees is not None:
+            peers = [peer for peer in peers if self.sees(peer.user, key, body)]
         if peers:
             packed = pack(Sample(key, body))
             for peer in peers:
@@ -644,6 +653,7 @@ class Mesh:
                 wrap=partial(PeerLink, wants_to_write=self._later, system=self._system),
                 close=self._ended,
                 refusals=self._outside.refusals,
+                admits=None if self.place.shared is None else self.place.admits,
                 system=self._system,
             )
 
@@ -688,7 +698,7 @@ class Mesh:
             PeerLink(line, channel=channel, member=tag, wants_to_write=self._later, system=self._system)
             for channel, line in zip(Channel, lines, strict=True)
         ]
-        if any(link.far_end != (process_of(tag), self._system.user()) for link in links):
+        if not all(self.place.leads_to(line, tag) for line in lines):
             for link in links:
                 link.close()
             far = links[0].far_end
@@ -704,7 +714,7 @@ class Mesh:
         """Send the greeting: which process this is, and all that it announces. Under the lock."""
         if link.channel is None:
             return
-        peer.links[link.channel] = link
+        peer.links[link.channel], peer.user = link, link.far_end.user
         if link.dialed:
             self._sockets.add(link.socket, link)
         urgent = link.channel is Channel.URGENT
@@ -770,6 +780,16 @@ class Mesh:
         """
         if self._outside.announced[process_of(peer.tag)] + more > MOST_KEYS:
             raise Greedy(f"it announces more than {MOST_KEYS} keys")
+
+    def _check_owner(self, user: int, topic: Topic, key: str) -> None:
+        """Check that an agent which a process announces, or of which it publishes, is of its user.
+
+        Raises:
+            Impostor: it is another user's.
+        """
+        shared = self.place.shared
+        if shared is not None and topic is not Topic.SUBSCRIBES and not shared.may_announce(user, key):
+            raise Impostor(f"it speaks for {key}, and user {user} has no such agent")
 
     def _settle_who_dialed(self, link: PeerLink) -> _Peer | None:
         """Return the process that has dialed; None: this one has dialed it, too, and that counts.
@@ -861,9 +881,10 @@ class Mesh:
         keys = peer.known[news.topic]
         if (news.key in keys) == news.there:
             return
-        self._note_rank(peer, news)
         if news.there:
+            self._check_owner(peer.user, news.topic, news.key)
             self._check_greed(peer, 1)
+        self._note_rank(peer, news)
         (keys.add if news.there else keys.discard)(news.key)
         self._count_keys(peer, 1 if news.there else -1)
         if news.topic is Topic.SUBSCRIBES:
@@ -973,7 +994,8 @@ class Mesh:
         process = link.far_end.process
         self._outside.refusals.note(why.kind, f"process {process} is refused: {why}")
         if link.member:
-            advice = GREEDY if isinstance(why, Greedy) else REPLACE
+            liar = LIAR if isinstance(why, Impostor) else REPLACE
+            advice = GREEDY if isinstance(why, Greedy) else liar
             self._outside.strangers[link.member] = advice.format(process)
         self._ended(link)
 
@@ -1038,7 +1060,9 @@ class Mesh:
         else:
             on_reply(None)
 
-    def _take_sample(self, _: PeerLink, sample: Sample) -> None:
+    def _take_sample(self, link: PeerLink, sample: Sample) -> None:
+        if self.place.shared is not None:
+            self._check_owner(link.far_end.user, Topic.HOLDS, sample.key)
         with self._lock:
             hearers = self._subscribers.of(sample.key)
         for hear in hearers:

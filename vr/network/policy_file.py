@@ -23,6 +23,7 @@ import msgspec
 from robotree.files.opening import read
 from robotree.vr.base.errors import PolicyUnusable, VrError
 from robotree.vr.base.policy import LONGEST, Policy, PolicyGate
+from robotree.vr.base.principal import user_name
 from robotree.vr.network.realms import state_home
 
 POLICY: Final = "policy.yaml"
@@ -61,9 +62,17 @@ def state_of(realm: str, root: Path | None = None) -> Path:
 class PolicyFile(PolicyGate):
     """The policy of one realm, read again when it has changed. May be used in any thread."""
 
-    def __init__(self, folder: Path) -> None:
-        """Take the folder in which the file lies; nothing is read yet."""
+    def __init__(self, folder: Path, owner: int | None = None, kept: Path | None = None) -> None:
+        """Take the folder in which the file lies; nothing is read yet.
+
+        Args:
+            folder: of the file.
+            owner: number of the user who shares the realm with others of this machine: the policy is theirs,
+                and without one nobody obeys anybody else; None: nobody does.
+            kept: folder in which this user keeps what belongs to the realm; None: the same one.
+        """
         self.path, self._keys = folder / POLICY, folder / KEYS
+        self.owner, self.kept = owner, kept or folder
         self._seen: tuple[int, int, int, int] | None = None
         self.due = 0.0
         self._said = ""
@@ -77,6 +86,8 @@ class PolicyFile(PolicyGate):
             self._seen = None
             if self.policy is not None:
                 self._say("it was removed; the last one stays in force")
+            elif self.owner is not None:
+                self._trouble(f"{user_name(self.owner)}, who shares the realm, has set none")
             return
         except OSError as error:
             self._trouble(f"it cannot be read: {error.strerror}")
@@ -98,7 +109,8 @@ class PolicyFile(PolicyGate):
             OSError: it cannot be read.
         """
         member = member_of(self._keys)
-        if found.st_uid not in (os.geteuid(), self.owner) or not stat.S_ISREG(found.st_mode):
+        owner = os.geteuid() if self.owner is None else self.owner
+        if found.st_uid != owner or not stat.S_ISREG(found.st_mode):
             raise PolicyUnusable(path=str(self.path), reason=f"it belongs to user {found.st_uid}")
         data = read(self.path, LONGEST)
         policy = checked(data, str(self.path), member)
@@ -115,7 +127,9 @@ class PolicyFile(PolicyGate):
         policy = checked(data, "the policy of another site", member_of(self._keys))
         if self.policy is not None and policy.version <= self.policy.version:
             return False
-        put(self.path, data)
+        put(self.kept / POLICY, data)
+        if self.kept != self.path.parent:
+            put(self.path, data, 0o640)
         self.refresh(self.due)
         return True
 

@@ -30,6 +30,10 @@ DEFAULT_REALM = "default"
 LOGIN, SHARED = Path("/run/user"), Path("/tmp")  # noqa: S108 # whose folder it is, is checked
 """Where private folders of users lie: those of login sessions, and those of everybody else."""
 
+SHARES = "robotree-shared-"
+"""Begin of the name of the folder below `SHARED` with the realms that a user shares with others of the
+machine; the user's number follows."""
+
 LONGEST_LIST = 1 << 22
 """[bytes] of a list of keys that are read; a longer file is not one of ours."""
 
@@ -37,6 +41,9 @@ LOOKS = 3
 """Readings of a list of keys before it is called damaged: a reading can meet the seal half written."""
 
 _SEAL = re.compile(rb"(\d{10}) ([0-9a-f]{8})\n")
+
+SHARED_BY = "shared-by"
+"""File in what a user keeps of a realm: the number of the user who shares it."""
 
 SOCKET, HELD = ".sock", ".held"
 TAG = re.compile(r"\d{1,10}-[0-9a-f]{8}")
@@ -72,9 +79,52 @@ def realm_folder(realm: str) -> Path:
     looked at, so that a process of one joins the realm of the other. Where `$XDG_RUNTIME_DIR` names a third
     folder, the user wants realms apart.
     """
+    if (owner := shared_by(realm)) is not None:
+        return shares_of(owner) / realm
     own = runtime_directory() / realm
     other = _twin(own)
     return other if other and not inhabited(own) and inhabited(other) else own
+
+
+def shares_of(owner: int) -> Path:
+    """Return where the realms lie that a user shares with others of this machine."""
+    return SHARED.resolve() / f"{SHARES}{owner}"
+
+
+def shared_by(realm: str) -> int | None:
+    """Return the user whose shared realm this user means by a name; None: a realm of its own.
+
+    Each user says so once (`robotree realm join NAME@USER`), so that nobody is led into a realm of others.
+    """
+    try:
+        return int((state_home() / realm / SHARED_BY).read_bytes()[:20])
+    except (OSError, ValueError):
+        return None
+
+
+def owner_of(directory: Path) -> int | None:
+    """Return the user who shares the realm of a folder; None: it is private."""
+    name = directory.parent.name
+    number = name.removeprefix(SHARES)
+    return int(number) if name != number and number.isdecimal() else None
+
+
+def leads_to(line: Socket, directory: Path, tag: str, system: Files = OS_FILES) -> bool:
+    """Whether a connection leads to the process that has a tag, as the kernel says.
+
+    In a shared realm another user could have put a link there, which leads to a socket of ours in another
+    realm. The kernel knows the name under which a socket was made, whatever leads to it.
+
+    Args:
+        line: that was dialed.
+        directory: in which the entry is.
+        tag: of the process.
+        system: of the connection.
+    """
+    process, user = system.far_end(line)
+    if owner_of(directory) is None:
+        return user == system.user()
+    return process == process_of(tag) and line.getpeername() == str(directory / f".{tag}")
 
 
 def places(directory: Path, system: Files = OS_FILES) -> list[Path]:
@@ -110,6 +160,9 @@ def all_realms() -> list[Path]:
     found, own = _known_to_the_kernel(), runtime_directory()
     with contextlib.suppress(OSError):
         found |= {path for path in own.iterdir() if _has_members(path)}
+    with contextlib.suppress(OSError):
+        joined = (path.name for path in state_home().iterdir() if (path / SHARED_BY).exists())
+        found |= {path for path in map(realm_folder, joined) if _has_members(path)}
     found -= {other for path in found for other in places(path)[1:] if path < other}
     return sorted(found, key=lambda path: (path.name, path))
 
@@ -269,7 +322,9 @@ def _private(path: Path, system: Files) -> bool:
 
 def _has_members(directory: Path) -> bool:
     """Whether a folder is ours and has the entry of a living process."""
-    return _owner(directory) == os.geteuid() and any(alive(process_of(tag)) for tag in members(directory))
+    owner = owner_of(directory)
+    ours = _owner(directory) == (os.geteuid() if owner is None else owner)
+    return ours and any(alive(process_of(tag)) for tag in members(directory))
 
 
 def _known_to_the_kernel() -> set[Path]:
@@ -279,7 +334,7 @@ def _known_to_the_kernel() -> set[Path]:
     return {
         directory
         for directory, tag in found.items()
-        if directory.parent.name in roots
+        if (directory.parent.name in roots or owner_of(directory) is not None)
         and TAG.fullmatch(tag)
         and _owner(Path(f"/proc/{process_of(tag)}")) == user
     }

@@ -30,7 +30,9 @@ from pathlib import Path
 
 from robotree.vr.base.address import check_name
 from robotree.vr.base.errors import RealmUnusable
+from robotree.vr.base.principal import user_name
 from robotree.vr.base.system import THIS_SYSTEM, Socket, System
+from robotree.vr.base.whose import mark
 from robotree.vr.network.living import alive, listening
 from robotree.vr.network.realms import (
     DEFAULT_REALM,
@@ -40,12 +42,14 @@ from robotree.vr.network.realms import (
     TAG,
     dial,
     keys_of,
+    leads_to,
     places,
     process_of,
     realm_folder,
     seal,
     sealed,
 )
+from robotree.vr.network.shared import ENTRY, FILE, shared_realm
 
 BACKLOG = 4096
 """Connections that may wait for a process that hangs."""
@@ -79,8 +83,8 @@ def met(realm: str) -> bool:
 class Beat:
     """The moment of a process's last sign of life, in a file that the others read."""
 
-    def __init__(self, path: Path, system: System, *, make: bool = False) -> None:
-        """Open the file; `make` it first, if it is the own one.
+    def __init__(self, path: Path, system: System, *, make: bool = False, shared: bool = False) -> None:
+        """Open the file; `make` it first, if it is the own one, for a group if the realm is `shared`.
 
         Raises:
             OSError: it cannot be opened, or made.
@@ -88,6 +92,8 @@ class Beat:
         self._system = system
         with system.opening:
             self._handle = system.opened(path, writes=make, makes=make)
+            if shared:
+                os.fchmod(self._handle, FILE)
             system.owns(self)
 
     def in_child(self) -> Iterable[int]:
@@ -135,6 +141,12 @@ class Rendezvous:
         """
         self.realm, self.listed, self.system = realm, listed, system
         self.directory = root / realm if root else realm_folder(realm)
+        self.shared = shared_realm(self.directory)
+        """The realm, if several users of this machine share it."""
+        if self.shared is not None:
+            mark(system.user())
+        self._refused = set[str]()
+        """Entries of dead processes that only their user can remove."""
         if listed:
             self._make_folders()
         self.tag = f"{system.pid()}-{system.chance(4).hex()}"
@@ -162,12 +174,14 @@ class Rendezvous:
         door: Socket | None = None
         try:
             door = self.system.listen(hidden, BACKLOG)
+            if self.shared is not None:
+                hidden.chmod(ENTRY)
             with self._lock:
                 self._there = True
                 before, self._beat = self._beat, None  # the new one may find no room
                 if before is not None:
                     before.close()
-                self._beat = Beat(self._path(_BEAT), self.system, make=True)
+                self._beat = Beat(self._path(_BEAT), self.system, make=True, shared=self.shared is not None)
                 self._beat.write(self.system.now())
                 self._write_keys()
                 self.system.rename(hidden, self._path(SOCKET))
@@ -240,7 +254,9 @@ class Rendezvous:
             with contextlib.suppress(OSError):
                 for name in self.system.names(place):
                     tag = name.removesuffix(SOCKET).removeprefix(".")
-                    if not TAG.fullmatch(tag) or tag == self.tag:
+                    if not TAG.fullmatch(tag) or tag == self.tag or tag in self._refused:
+                        continue
+                    if self.shared is not None and not self.shared.is_own_entry(tag, name):
                         continue
                     if name == f"{tag}{SOCKET}":
                         found.append(tag)
@@ -253,6 +269,19 @@ class Rendezvous:
         line = dial(self.place_of(tag), tag, patience, self.system)
         line.setblocking(False)
         return line
+
+    def leads_to(self, line: Socket, tag: str) -> bool:
+        """Whether a connection leads to the process that has a tag, and one that belongs here."""
+        if self.system.far_end(line)[0] != process_of(tag):
+            return False
+        here = leads_to(line, self.place_of(tag), tag, self.system)
+        return here and (self.shared is None or self.shared.admits(line))
+
+    def admits(self, line: Socket) -> bool:
+        """Whether who has connected belongs here."""
+        if self.shared is not None:
+            return self.shared.admits(line)
+        return self.system.far_end(line)[1] == self.system.user()
 
     def place_of(self, tag: str) -> Path:
         """Return the folder in which a process has its entry; the own one if it has none."""
@@ -278,6 +307,8 @@ class Rendezvous:
         for end in (SOCKET, _BEAT, HELD):
             with contextlib.suppress(OSError):
                 self.system.unlink(place / f"{tag}{end}")
+        if self.shared is not None:
+            self._refused.add(tag)
 
     def living(self) -> set[str]:
         """Return the tags of all other processes of the realm that have not ended, entering ones included.
@@ -335,6 +366,8 @@ class Rendezvous:
         """
         handle = self.system.opened(path, writes=True, makes=True, empties=True)
         try:
+            if self.shared is not None:
+                os.fchmod(handle, FILE)
             if self.system.append(handle, data) != len(data):
                 raise OSError(errno.ENOSPC, "no space left on device")
         finally:
@@ -398,6 +431,13 @@ class Rendezvous:
                 self.system.unlink(hidden)
 
     def _make_folders(self) -> None:
+        if self.shared is not None:
+            try:
+                self.shared.prepare()
+            except OSError as error:
+                reason = f"{error}; ask {user_name(self.shared.owner)}, who shares it"
+                raise RealmUnusable(realm=self.realm, reason=reason) from None
+            return
         for folder in (self.directory.parent, self.directory):
             try:
                 self.system.private_folder(folder)

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 import msgspec
 
 from robotree.vr.base.address import ROLES, Address, Role, check_name, everyone, parted
-from robotree.vr.base.chance import token
 from robotree.vr.base.description import Listing, RobotDescription, Template
 from robotree.vr.base.envelope import asks_for_a_person
 from robotree.vr.base.errors import (
@@ -59,6 +58,7 @@ from robotree.vr.base.requests import (
     decode_event,
 )
 from robotree.vr.base.transport import Registration, Transport
+from robotree.vr.base.whose import unique
 from robotree.vr.exchange.asking import ask, fresh_key
 from robotree.vr.exchange.calling import CallOutcome, OnFields, OnProgress, call_and_wait
 from robotree.vr.exchange.client import (
@@ -989,7 +989,7 @@ class _Caller:
 
     def __init__(self, transport: Transport) -> None:
         self._transport = transport
-        self._key = f"caller/{token()}"
+        self._key = f"caller/{unique()}"
         self._announcing: asyncio.Task[Registration] | None = None
 
     async def key(self) -> str:

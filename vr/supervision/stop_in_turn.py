@@ -6,7 +6,6 @@ that has been asked already, under the same order id, answers again and counts o
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +13,6 @@ from pathlib import Path
 from robotree.vr.base.address import Address, everyone
 from robotree.vr.base.envelope import seal
 from robotree.vr.base.errors import NoSuchRobot, VrError
-from robotree.vr.base.os_files import OS_FILES
 from robotree.vr.base.pattern import matches
 from robotree.vr.base.requests import Done, Raised, SafeStop, decode_reply
 from robotree.vr.base.system import Socket
@@ -36,7 +34,7 @@ from robotree.vr.network.link import (
 )
 from robotree.vr.network.living import asleep
 from robotree.vr.network.mesh import LOST_FILES, held_by
-from robotree.vr.network.realms import dial, process_of
+from robotree.vr.network.realms import dial, leads_to, process_of
 from robotree.vr.network.rendezvous import Rendezvous
 from robotree.vr.supervision.stop import CONFIRM
 
@@ -98,7 +96,7 @@ class _Process:
         latest = time.monotonic() + (HOPELESS if asleep(process_of(self._tag)) else CONFIRM)
         try:
             with dial(self._place.place_of(self._tag), self._tag, HOPELESS) as line:
-                if OS_FILES.far_end(line)[1] != os.geteuid():
+                if not leads_to(line, self._place.place_of(self._tag), self._tag):
                     return
                 line.sendall(pack(Hello(VERSION, self._place.tag, Channel.URGENT, {})))
                 self._ask_new(line)

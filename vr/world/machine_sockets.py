@@ -65,6 +65,10 @@ class SimulatedSocket:
     def settimeout(self, seconds: float | None, /) -> None:
         """See `Socket.settimeout`: none waits."""
 
+    def getpeername(self) -> str:
+        """See `Socket.getpeername`: nobody shares a realm here."""
+        return ""
+
     def send(self, data: Any, flags: int = 0, /) -> int:
         del flags
         self.kernel.call()
