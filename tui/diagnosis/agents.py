@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from robotree.client.joining import joined
 from robotree.tui.diagnosis import meeting, sites
 from robotree.tui.diagnosis.finding import Finding
+from robotree.tui.diagnosis.permits import permits
 from robotree.tui.seen import status
 
 if TYPE_CHECKING:
@@ -29,6 +30,7 @@ async def agents(realm: str, name: str, entries: Sequence[meeting.Entry]) -> lis
         listed = {one.name for one in realm_client.robots()}
         hosts = await realm_client.hosts()
         elsewhere = await sites.sites(realm_client, realm, name)
+        elsewhere += permits(realm_client, robots.values(), name)
     found = [finding for robot in robots.values() for finding in condition(robot)]
     found += standing_by(hosts)
     found += [

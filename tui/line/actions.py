@@ -9,6 +9,9 @@ from __future__ import annotations
 from robotree.tui.line.action import ANYWHERE, LINES, SHOWN, About, Action, Scope, Where
 from robotree.tui.line.grammar import Shape
 
+RIGHT_NAMES = ("see", "command", "order", "create", "release", "migrate", "resume", "administrate")
+"""The rights of a policy (`vr/base/policy.py`, which help does not load; a test compares them)."""
+
 LOOK, SHAPE, COMMAND, PROCESS, SCREEN = "Look", "Shape the tree", "Command", "Run", "Screen"
 WIRE, SCRIPTS, AUTHOR = "Wire", "Scripts and roles", "Write a page"
 
@@ -814,7 +817,7 @@ ACTIONS: tuple[Action, ...] = (
     Action(
         usage="may PERSON VERB TARGET",
         help="Explain whether a PERSON may do something, with the line of the policy that decides. VERB: a"
-        " right (see, command, create, release, migrate, resume, administrate), or a verb that needs one."
+        f" right ({', '.join(RIGHT_NAMES)}), or a verb that needs one."
         " TARGET: a robot, ROBOT.COMMAND, or a host.",
         group=LOOK,
         run="may",

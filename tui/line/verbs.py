@@ -364,6 +364,11 @@ async def may(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome
     found = gate.may(asker, right, target)
     words = "may" if found.allowed else "may not"
     text = f"{name} {words} {right} {target}: {found.reason}"
+    if not gate.closed:
+        text = (
+            f"realm {realm_client.realm} has no policy, so everybody of this system's user may do"
+            " everything; `robotree policy set FILE` puts one in force"
+        )
     if not found.allowed:
         text += f"; ask {gate.ask}"
     data = {

@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from textual import work
@@ -107,6 +107,9 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         self.theme = wanted if wanted in self.available_themes and wanted not in REDUCED else ours
         self.realm_client, self.realm, self.farewell = realm_client, realm, farewell
         self.store = store or Store()
+        self.store.denies = self._denies
+        self._denied: tuple[object, dict[tuple[str, tuple[str, ...], str], str]] = (None, {})
+        """What a policy was asked, and what it said."""
         self.feed = Feed(realm_client, self.store, self.now)
         self.selection = Selection()
         """The robot that keys are about, whatever page is in front."""
@@ -145,6 +148,19 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
     def tell_dropped(self, what: str, why: str) -> None:
         """Tell which keys had no effect (`BusyForms.tell_dropped`)."""
         self.tell(f"{what}: {why}", "warning")
+
+    def _denies(self, robot: str, kinds: Sequence[str], command: str) -> str:
+        """Return why the policy denies a command to who sits here; see `Store.denies`."""
+        gate = self.realm_client.gate
+        if not gate.closed:
+            return ""
+        if self._denied[0] is not gate.policy:
+            self._denied = (gate.policy, {})
+        asked, known = (robot, tuple(kinds), command), self._denied[1]
+        if asked not in known:
+            refused = self.realm_client.refused("command", robot, kinds, command)
+            known[asked] = "" if refused is None else str(refused)
+        return known[asked]
 
     # -- the selection -----------------------------------------------------------------------------
 

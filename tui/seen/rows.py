@@ -67,6 +67,8 @@ class RobotRow:
     """The process that holds it."""
     unguarded: bool = False
     """Its controller obeys every program that reaches it: the link has no key."""
+    denied: bool = False
+    """The policy lets who sits here command nothing of it."""
 
     @property
     def name(self) -> str:
@@ -149,6 +151,7 @@ def row(
         lease=lease,
         process=process,
         unguarded=known is not None and known.unguarded,
+        denied=bool(store.denied(name)),
     )
 
 

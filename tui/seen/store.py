@@ -142,6 +142,8 @@ class LatestState:
 class Store:
     """The supervisor's memory."""
 
+    denies: Callable[[str, Sequence[str], str], str] = lambda _robot, _kinds, _command: ""
+    """Says why the policy denies a command of a robot of these kinds to who sits here; empty: it does not."""
     restarter: str = ""
     """The program that starts crashed processes again, for people; empty: a person does."""
     robots: dict[str, Listing] = field(default_factory=dict[str, Listing])
@@ -675,6 +677,17 @@ class Store:
         return status.doing(
             condition, self.progress(name), lacks=self._lacks(name), seconds=seconds, note=note
         )
+
+    def denied(self, name: str) -> str:
+        """Return why the policy denies all commands of a robot to who sits here; empty: not all of them."""
+        robot = self.described(name)
+        if robot is None:
+            return ""
+        reason = ""
+        for command in robot.commands:
+            if not (reason := self.denies(name, robot.kinds, command.name)):
+                return ""
+        return reason
 
     def by(self, name: str) -> str:
         """Return who commands a robot: its parent, or who asked for the command that runs; empty: nobody."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +15,11 @@ from robotree.tui.line.grammar import Line
 from robotree.tui.processes.state_files import state_file
 from robotree.tui.terminal import answer
 from robotree.vr.base.errors import Denied, PolicyUnusable
-from robotree.vr.base.policy import LONGEST, REALM, Policy, PolicyTarget, fits
+from robotree.vr.base.policy import BY_NAME, LONGEST, REALM, Policy, PolicyTarget, fits
 from robotree.vr.base.policy_reading import read_policy, schema
 from robotree.vr.base.principal import user_name
 from robotree.vr.network.policy_file import KEYS, POLICY, SIGNED, PolicyFile, member_of, put
-from robotree.vr.network.realms import realm_folder, robots_in
+from robotree.vr.network.realms import present_in, realm_folder
 from robotree.vr.network.shared import FILE, policy_of
 
 
@@ -77,8 +77,7 @@ def _show(line: Line, realm: str) -> int:
 def _check(line: Line, realm: str) -> int:
     path = line.text("FILE")
     policy = _read(path)
-    names = robots_in(realm_folder(realm))
-    rows = list(_rows(policy, names))
+    rows = list(_rows(policy, present_in(realm_folder(realm))))
     text = [f"{path}: version {policy.version} of realm {policy.realm} can be used; ask {policy.ask}"]
     text += [
         f"line {row['line']}: {row['role']}: {row['right']} {row['text']}"
@@ -90,13 +89,19 @@ def _check(line: Line, realm: str) -> int:
     return exit_codes.DONE
 
 
-def _rows(policy: Policy, names: list[str]) -> Any:
+def _rows(policy: Policy, there: Mapping[str, Sequence[str]]) -> Any:
+    """Say of each line whom it means now; what is present has no kinds, so of a line about them nobody can.
+
+    Args:
+        policy: whose lines.
+        there: names of the agents that are present, by role.
+    """
     for role, rules in policy.roles.items():
         for rule in rules:
-            by_name = rule.right in ("see", "command", "release", "resume", "migrate") and not rule.kinds
-            now = (
-                [name for name in names if any(fits(each, name) for each in rule.names)] if by_name else None
-            )
+            names = [name for each in rule.roles or BY_NAME[rule.right].roles for name in there.get(each, ())]
+            now = None
+            if not rule.kinds and rule.right != "administrate":
+                now = [name for name in dict.fromkeys(names) if any(fits(each, name) for each in rule.names)]
             yield {"line": rule.line, "role": role, "right": rule.right, "text": rule.text, "now": now}
 
 

@@ -51,6 +51,7 @@ _ENTRY = re.compile(rf"({TAG.pattern}){re.escape(SOCKET)}")
 _KEY = re.compile(r"[!-~]+")
 """The form of a key: printable, and without spaces."""
 _ROBOT = re.compile(r"robot/([A-Za-z0-9][A-Za-z0-9_-]{0,63})/[^/\s]+")
+_AGENT = re.compile(r"([a-z]+)/([A-Za-z0-9][A-Za-z0-9_-]{0,63})/[^/\s]+")
 _EACH = "*"
 """In a key: any name, or any incarnation."""
 
@@ -274,9 +275,18 @@ def robots_in(directory: Path) -> list[str]:
 
     Of a damaged list it is what can be understood.
     """
+    return present_in(directory).get("robot", [])
+
+
+def present_in(directory: Path) -> dict[str, list[str]]:
+    """Return the names of all agents that the living processes of a realm have written down, by role.
+
+    Of a damaged list it is what can be understood.
+    """
     living = (tag for tag in members(directory) if alive(process_of(tag)))
     keys = (key for tag in living for key in _counted(_content(directory, tag, OS_FILES) or b"").elements())
-    return sorted({found[1] for key in keys if (found := _ROBOT.fullmatch(key))})
+    found = sorted({(agent[1], agent[2]) for key in keys if (agent := _AGENT.fullmatch(key))})
+    return {role: [name for each, name in found if each == role] for role in {role for role, _ in found}}
 
 
 def dial(directory: Path, tag: str, timeout: float = 0.0, system: Files = OS_FILES) -> Socket:

@@ -183,15 +183,14 @@ class RealmClient:
         found = None if asker is None else self.gate.may(asker, right, target)
         return None if found is None or found.allowed else found
 
-    def refusal(self, right: str, name: str, kinds: Sequence[str], command: str = "") -> str:
-        """Return why the policy denies something to who asks here, as a sentence; empty: it does not."""
-        target = PolicyTarget(name, "robot", tuple(kinds), command, self.gate.site)
+    def refused(self, right: str, name: str, kinds: Sequence[str], command: str = "") -> Denied | None:
+        """Return why the policy denies something with a robot to who asks here; None: it does not."""
+        site, _, plain = name.rpartition(":")
+        target = PolicyTarget(plain, "robot", tuple(kinds), command, site or self.gate.site)
         found, asker = self.denial(right, target), self.asker
         if found is None or asker is None:
-            return ""
-        return str(
-            Denied(who=asker.name, right=right, target=str(target), reason=found.reason, ask=self.gate.ask)
-        )
+            return None
+        return Denied(who=asker.name, right=right, target=str(target), reason=found.reason, ask=self.gate.ask)
 
     def hides(self, address: Address | None, kinds: Sequence[str] = ()) -> bool:
         """Whether who asks here may not see an agent. What is in the way of a stop is named nevertheless."""

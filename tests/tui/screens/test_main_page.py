@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import os
 from typing import TYPE_CHECKING
 
 import pytest
 from textual.containers import VerticalScroll
 from textual.widgets import Button, Input, OptionList
 
+from robotree.tui.diagnosis.permits import permits
 from robotree.tui.screen.pages.dialogs import Confirm, Reading
 from robotree.tui.screen.pages.enslave import EnslaveDialog
 from robotree.tui.screen.pages.main import MainPage
@@ -19,7 +21,10 @@ from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.tui.seen.feeding import PATROL
 from robotree.vr import CommandCancelled, Robot
-from robotree.vr.base.principal import principal_of, this_process
+from robotree.vr.base.envelope import sitting_at
+from robotree.vr.base.policy import PolicyGate
+from robotree.vr.base.policy_reading import read_policy
+from robotree.vr.base.principal import principal_of, this_process, user_name
 
 if TYPE_CHECKING:
     from screens.conftest import Operate, Operator
@@ -56,6 +61,27 @@ async def test_a_robot_behind_an_open_link_is_marked_in_the_list(realm: Realm, o
     async with operate(realm.realm_client) as operator:
         await operator.sees("unguarded", "● free, open link")
         assert operator.text.count("open link") == 1
+
+
+async def test_a_robot_that_the_policy_denies_is_grey_and_says_why(
+    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gate, me = PolicyGate(), user_name(os.geteuid())
+    head = f"realm: test\nversion: 1\npersons: {{'{me}': some}}\nroles:"
+    gate.policy = read_policy(f"{head} {{some: {{see: '*', command: arm-1.grip}}}}")
+    monkeypatch.setattr(realm.realm_client._transport, "gate", gate)
+    with sitting_at("pts/3"):
+        async with operate(realm.realm_client) as operator:
+            await operator.sees("may not command arm-1.go_to: line 4 allows")
+            await operator.sees("rover-1", "● free ✗")
+            assert operator.text.count("● free ✗") == 1, "arm-1 has a command that is allowed"
+            found = list(permits(realm.realm_client, operator.app.store.descriptions.values(), ""))
+            assert [one.grade for one in found] == ["good", "doubt"]
+            assert f"the policy denies {me} to command rover-1: line 4 allows" in found[1].result
+            gate.policy = read_policy(f"{head} {{some: {{}}}}")
+            (_, hidden) = permits(realm.realm_client, (), "rover-1")
+            assert f"the policy denies {me} to see it: line 3 gives the role some" in hidden.result
+            assert hidden.grade == "bad"
 
 
 async def test_the_selected_robot_is_described_beside_the_list(realm: Realm, operate: Operate) -> None:

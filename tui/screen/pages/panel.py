@@ -88,7 +88,8 @@ class PanelPage(Page):
 
     def _denied(self, command: str) -> str:
         """Return why the policy denies a command to who sits here, as a sentence; empty: it does not."""
-        return self.app.realm_client.refusal("command", self.robot.name, self.robot.kinds, command)
+        denied = self.app.realm_client.refused("command", self.robot.name, self.robot.kinds, command)
+        return "" if denied is None else str(denied)
 
     def on_mount(self) -> None:
         """Open the first form."""

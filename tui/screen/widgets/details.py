@@ -42,7 +42,7 @@ class Details(Lines):
         self._lease(text, store, robot, now)
         self._slots(text, robot)
         self._streams(text, robot)
-        self._commands(text, robot)
+        self._commands(text, store, robot)
         self.line(text, "about", Text(wording.summary(robot.doc)))
         self.line(text, "kinds", Text(" < ".join(robot.kinds)))
         for key, value in sorted(robot.attributes.items()):
@@ -86,12 +86,17 @@ class Details(Lines):
             words.append(wording.traffic(stream) or "nobody listens", tint(self.app, "muted"))
             self.line(text, "stream", words)
 
-    def _commands(self, text: Text, robot: RobotDescription) -> None:
+    def _commands(self, text: Text, store: Store, robot: RobotDescription) -> None:
+        denied = {one.name: store.denies(robot.name, robot.kinds, one.name) for one in robot.commands}
+        for reason in dict.fromkeys(filter(None, denied.values())):
+            self.line(text, "policy", Text(reason, tint(self.app, "warning")))
+            break  # the others differ in the name of the command
         muted = tint(self.app, "muted")
         words = Text()
         for command in robot.commands:
             words.append("  " if words else "")
-            words.append(command.name, "bold" if command.available else muted)
+            can = command.available and not denied[command.name]
+            words.append(command.name + (" ✗" if denied[command.name] else ""), "bold" if can else muted)
             names = ", ".join(field.name for field in command.parameters)
             words.append(f"({names})", muted)
             if count := robot.calls.get(command.name):

@@ -38,6 +38,9 @@ STATES = 26
 """Cells that states like to have: their words change all the time, and no column may move with them."""
 
 
+DENIED = " ✗"
+"""Beside a robot of which the policy denies all commands to who sits here."""
+
 PERSON = 12
 """Cells for the name of a person who commands a robot: `anna@pts/12`."""
 
@@ -240,7 +243,7 @@ class RobotTable(Part, ScrollView, can_focus=True):
         sign, colour = STATUSES[shown.status]
         tinted = tint_on_panel if under_cursor else tint
         strong = base + tinted(self.app, colour, bold=shown.status == "hangs")
-        plain = muted if shown.old else base
+        plain = muted if shown.old or shown.denied else base
         cells: list[Segment] = []
         gap = " " * GAP  # of the style before it: what is the same to the terminal is sent as one
         for column in self._columns:
@@ -249,7 +252,8 @@ class RobotTable(Part, ScrollView, can_focus=True):
                 case "ROBOT":
                     lead = _lead(shown.placement, room - 1)
                     fresh = base + tint(self.app, "accent", bold=True)
-                    name = muted if shown.old else fresh if shown.fresh else base + Style(bold=True)
+                    known = fresh if shown.fresh else base + Style(bold=True)
+                    name = muted if shown.old or shown.denied else known
                     cells.append(Segment("*" if shown.marked else " ", fresh))
                     cells.append(Segment(lead, muted))
                     cells.append(Segment(fit(shown.name, room - 1 - cell_len(lead)) + gap, name))
@@ -258,6 +262,7 @@ class RobotTable(Part, ScrollView, can_focus=True):
                     tail = (f", {UNGUARDED}" if room >= STATES else " open") if shown.unguarded else ""
                     tail += " stale" if shown.unlisted else ""
                     tail = f" ({self.app.keymap.spelled('enslave')})" if shown.status == "needs" else tail
+                    tail += DENIED if shown.denied else ""
                     text = clip(shown.state, max(room - 2 - len(tail), 0)) + tail
                     cells += [Segment(fit(sign, min(2, room)), strong)]
                     cells += [Segment(fit(text, max(room - 2, 0)) + gap, words)]
