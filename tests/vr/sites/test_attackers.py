@@ -147,3 +147,30 @@ async def test_the_machine_of_a_person_speaks_for_nobody_else(sites: dict[str, S
     assert anna.gateway.send(to_hall, lie, Lane.NORMAL)
     await until(lambda: len(hall.asked) == 2, "it has come")
     assert (hall.asked[-1][1].user, hall.asked[-1][1].site) == ("anna", "anna")
+
+
+async def test_who_has_no_key_is_counted_and_told_and_has_nothing_done(
+    sites: dict[str, SiteOfTest], hub: MemoryHub, caplog: pytest.LogCaptureFixture
+) -> None:
+    lab, hall = sites["lab"], sites["hall"]
+    stream = lab.gateway.sites["hall"].stream
+    assert stream is not None
+    sealed = stream.session + bytes([Lane.URGENT]) + (1 << 40).to_bytes(8, "big") + bytes(60)
+    # one that was due already would count as sent again, and one that is not due yet as early: of this lane
+    # every later one is looked at
+    expected = bytes([Lane.SAMPLES]) + (1 << 40).to_bytes(8, "big")
+    foreign = Realm("plant", 9).gateway("lab")
+    for number in range(1000):
+        hub.inject("robotree/plant/to/hall", b"g" + foreign.greet("hall", float(number)))
+        hub.inject("robotree/plant/to/hall", b"s" + sealed)
+        hub.inject("robotree/plant/to/hall", b"s" + stream.session + expected + bytes(60))
+        hub.inject("robotree/plant/to/hall", b"s" + bytes(90))
+    refused = hall.gateway.refused
+    await until(lambda: refused.total() >= 2000, "all of it was taken")
+    assert sum(count for reason, count in refused.items() if "has not signed" in reason) == 1000
+    assert sum(count for reason, count in refused.items() if "changed" in reason) == 1000
+    assert len(refused) < 10
+    assert hall.asked == []
+    assert any("1000 times" in record.getMessage() for record in caplog.records), "it is in the log"
+    assert await ask(lab, call()) == Done(note="moved"), "and the session goes on"
+    assert len(hall.gateway._handshakes) < 64
