@@ -2,23 +2,36 @@
 
 from __future__ import annotations
 
+import os
+
 import msgspec
 import pytest
 
+from robotree.vr.base.address import Address
 from robotree.vr.base.envelope import Envelope, this_clock
 from robotree.vr.base.errors import Denied
 from robotree.vr.base.policy import PolicyGate
 from robotree.vr.base.policy_reading import read_policy
-from robotree.vr.base.principal import Voucher
+from robotree.vr.base.principal import Credentials, Voucher, principal_of, vouched
 from robotree.vr.base.requests import (
     AnyRequest,
+    AskMove,
     CancelOrder,
+    Create,
+    FetchOrders,
     LeaveOrder,
     MarkSeen,
+    PrepareMove,
     Raised,
     Reply,
+    RobotDeleted,
+    ShareRecords,
+    TakeOrder,
+    TakeRobot,
+    TellOrders,
     decode_reply,
 )
+from robotree.vr.exchange.authority import AGENTS, NEEDS, Here, authorise
 from tests.vr.orders.conftest import Rover, Stage
 from tests.vr.orders.test_orders import remembered
 
@@ -36,8 +49,9 @@ roles:
 
 
 async def ask_as(stage: Stage, person: str, key: str, request: AnyRequest) -> Reply:
-    """Ask for a person with a key of the realm, as a gateway does."""
-    proof = msgspec.msgpack.encode(Voucher(person, person, 7, member=True))
+    """Ask for a person with a key of the realm, or for somebody at a site, as a gateway does."""
+    name, _, site = person.partition("@")
+    proof = msgspec.msgpack.encode(Voucher(site or name, name, 7, member=not site))
     transport = stage.transports["operator"]
     body = msgspec.msgpack.encode(Envelope(request, "", stage.loop.time(), 5.0, this_clock(), proof, "pts/1"))
     async for reply in transport.request(key, body, timeout=5.0):
@@ -85,3 +99,61 @@ async def test_who_may_not_order_leaves_nothing_and_ends_nothing_of_others(stage
     assert not directory.book.store.orders[leave.key].seen
     await ask_as(stage, "anna", directory.address.key, MarkSeen(keys=(leave.key,)))
     assert directory.book.store.orders[leave.key].seen
+
+
+WORDS = """
+persons: {"robots@hall": worker, "boss@hall": boss}
+roles:
+  worker: {see: "*", command: "*", order: "*", create: "*", release: "*", migrate: "*", resume: "*"}
+  boss: {administrate: yes}
+"""
+R1, TRANSFER, CLOCK = Address("robot", "r1", "1"), "t1", "c"
+AMONG_AGENTS = (
+    FetchOrders(identity="i1"),
+    TakeOrder(key="0123456789abcdef", identity="i1"),
+    TellOrders(orders=(), now=0.0),
+    RobotDeleted(identity="i1"),
+    ShareRecords(now=0.0),
+    PrepareMove(transfer=TRANSFER, robot=R1, page=Create(name="r1", path="r1.py", source="")),
+    TakeRobot(transfer=TRANSFER, robot=R1, state=b"", now=0.0, unix=0.0, clock=CLOCK),
+    AskMove(transfer=TRANSFER, robot=R1, log="l"),
+)
+"""Requests of robots, hosts and directories to each other: they are believed in what they say of others."""
+
+
+@pytest.mark.parametrize("request_", AMONG_AGENTS, ids=lambda one: type(one).__name__)
+def test_who_speaks_as_an_agent_from_elsewhere_must_be_allowed_to_administrate(request_: AnyRequest) -> None:
+    """All other rights together are not enough, also not for a process that has no terminal."""
+    assert {type(one) for one in AMONG_AGENTS} == {kind for kind, right in NEEDS.items() if right == AGENTS}
+    gate, me = PolicyGate(), os.geteuid()
+    gate.policy, here = read_policy(f"realm: test\nversion: 1\n{WORDS}"), Here("directory", "d1", gate)
+    for terminal in ("", "pts/1"):
+        worker = vouched(msgspec.msgpack.encode(Voucher("hall", "robots", 7)), "host/h/1", terminal)
+        with pytest.raises(Denied, match=r"robots@hall may not administrate realm"):
+            authorise(worker, request_, None, here)
+        boss = vouched(msgspec.msgpack.encode(Voucher("hall", "boss", 7)), "", terminal)
+        authorise(boss, request_, None, here)
+    authorise(principal_of(Credentials(7, me), "host/h/1", ""), request_, None, here)
+    gate.owner = me + 1  # several users of this machine share the realm
+    other = me + 70_002
+    with pytest.raises(Denied, match=f"{other} may not administrate realm"):
+        authorise(principal_of(Credentials(7, other), "", ""), request_, None, here)
+
+
+async def test_records_of_another_site_change_nothing_without_the_right(stage: Stage) -> None:
+    stage.network.gate = gate = PolicyGate()
+    directory = await stage.directory("d1")
+    await stage.person()
+    await remembered(stage)
+    gate.policy = read_policy(f"realm: test\nversion: 1\n{WORDS}")
+    agents = directory.book.store.agents
+    (known,) = [one for one in agents.values() if one.name == "r1"]
+    forged = ShareRecords(
+        now=0.0, agents=(msgspec.structs.replace(known, deleted=1.0, seen=known.seen + 9.0),)
+    )
+    for request in (forged, RobotDeleted(identity=known.identity)):
+        with pytest.raises(Denied, match="robots@hall may not administrate realm"):
+            await ask_as(stage, "robots@hall", directory.address.key, request)
+        assert not agents[known.identity].deleted
+    await ask_as(stage, "boss@hall", directory.address.key, RobotDeleted(identity=known.identity))
+    assert agents[known.identity].deleted, "who may administrate is believed: so the test could fail"
