@@ -8,6 +8,7 @@ from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from robotree.vr.base.address import Address
@@ -34,7 +35,7 @@ from robotree.vr.exchange.dispatcher import Dispatcher
 from robotree.vr.network.local import join
 from robotree.vr.network.policy_file import PolicyFile
 from robotree.vr.sites.frames import SiteStopped, StillSo
-from robotree.vr.sites.gateway import Gateway
+from robotree.vr.sites.gateway import TICK, Gateway
 from robotree.vr.sites.invitations import read_token, request_to_join, token_of
 from robotree.vr.sites.keys import RealmKeys, create
 from robotree.vr.sites.keys import join as join_realm_keys
@@ -52,6 +53,8 @@ class SiteOfTest:
     def __init__(self, place: Path, hub: MemoryHub, keys: RealmKeys) -> None:
         self.place, self.hub, self.keys = place, hub, keys
         self.asked: list[tuple[Any, Principal]] = []
+        self.ahead = 0.0
+        """[s] by which its clock is ahead."""
 
     async def open(self) -> None:
         self.place.mkdir(mode=0o700, exist_ok=True)
@@ -66,7 +69,13 @@ class SiteOfTest:
 
         self.pipe = MemoryPipe(self.hub)
         self.gateway = Gateway(
-            self.gate, self.pipe, self.keys, ground=self.gate.mesh, stop_here=stop_here, version="1.2.3"
+            self.gate,
+            self.pipe,
+            self.keys,
+            ground=self.gate.mesh,
+            stop_here=stop_here,
+            version="1.2.3",
+            wall=lambda: time.time() + self.ahead,
         )
         await self.gateway.open()
 
@@ -453,3 +462,29 @@ async def test_states_of_idle_robots_cross_as_one_sentence(sites: list[SiteOfTes
         assert len(lab.gateway.sites["hall"].mirrors.still(StillSo([(1, 0)]))[1]) == 1
     finally:
         publishing.cancel()
+
+
+async def test_a_certificate_that_ends_in_a_live_session_ends_it(
+    sites: list[SiteOfTest], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also of a machine that does not want to know: the others look at each of their ticks."""
+    lab, hall, _ = sites
+    with sitting_at("pts/3"):
+        assert await ask(lab, call()) == Done(note="moved")
+        assert TICK <= 10.0, "so long at most it goes on"
+        known = lab.gateway.sites["hall"]
+        assert known.member is not None
+        ends = known.member.ends
+        monkeypatch.setattr(hall.keys.trust, "check", lambda *_: None)  # it goes on as if nothing were
+        lab.ahead = ends - time.time() + 1.0
+        monkeypatch.setattr(lab.gateway, "_own", msgspec.structs.replace(lab.gateway._own, ends=ends + 1e6))
+        lab.gateway._tick()
+        assert known.stream is None
+        assert not lab.member.presence.there(ROBOT), "its robots are not there"
+        await until(lambda: any("ended" in reason for reason in lab.gateway.refused), "it comes again")
+        assert known.stream is None
+        lab.ahead = 0.0
+        await until(
+            lambda: known.stream is not None and lab.member.presence.there(ROBOT), "so it is the date"
+        )
+        assert await ask(lab, call("k2")) == Done(note="moved")
