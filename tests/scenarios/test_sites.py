@@ -14,6 +14,7 @@ import pytest
 
 from robotree.tui.exit_codes import DONE, NOBODY, REFUSED
 from tests.command_line import ROBOTREE
+from tests.listening import listening
 from tests.plant import EXAMPLES, LINKED, Machine, Plant
 from tests.ports import free_port
 from tests.waiting import wait_until
@@ -67,6 +68,19 @@ def test_each_sees_the_robots_of_the_other(plant: Plant) -> None:
     lab.start("host", "host", "host-lab")
     lab.until_listed("r1")
     assert [row["name"] for row in hall.say("ls", "--hosts")] == ["host-lab"]
+
+
+def test_nothing_listens_off_loopback_without_keys(plant: Plant) -> None:
+    """A hub may, for who dials it proves a key; and so the listing shows that it sees what it must."""
+    port = free_port()
+    plant.desk.start("hub", "hub", "--listen", f"tls:0.0.0.0:{port}")
+    try:
+        processes = [one.pid for machine in plant.machines for one in machine.running.values()]
+        found = listening(processes)
+        assert {one.port for one in found} >= {plant.port, port}
+        assert [(one.protocol, one.port) for one in found if not one.address.is_loopback] == [("tcp", port)]
+    finally:
+        plant.desk.end("hub")
 
 
 def test_a_command_goes_there_and_the_log_there_names_who_asked(plant: Plant) -> None:
