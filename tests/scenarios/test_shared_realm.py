@@ -34,7 +34,7 @@ from robotree.vr.network.link import (
 from robotree.vr.network.local import join
 from robotree.vr.network.realms import dial, members, realm_folder
 from tests.users import MachineUser, Running, machine_of_users, only_root
-from tests.waiting import wait_until
+from tests.waiting import until, wait_until
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(400), only_root]
 
@@ -214,9 +214,10 @@ async def _attack(realm: str, home: Path) -> dict[str, Any]:
                 told[name] = await _answer(transport, whom, request, sender)
             told["speak for a site"] = await _answer(transport, key, SafeStop(), "", proof=True)
             told["stop"] = await _answer(transport, key, SafeStop(), "")
-        await asyncio.sleep(1.0)  # a state is published each half of a second
+        seen = "robot/lamp-b/"
+        await until(lambda: sum(one.startswith(seen) for one in heard) >= 4, "the other one's are heard")
         told["heard of her robot"] = sum(one.startswith(key) for one in heard)
-        told["heard of what Eve may see"] = any(one.startswith("robot/lamp-b/") for one in heard)
+        told["heard of what Eve may see"] = any(one.startswith(seen) for one in heard)
         await asyncio.to_thread(_mislead, folder, theirs, home)
         return told
     finally:

@@ -105,12 +105,16 @@ class Publisher:
         """Publish from now on."""
         self._stopped = False
         self._leave_rounds = self._rounds.add(self._repeat)
+        gate = self._runtime.here.gate
+        if gate.owner is not None:  # other users of the machine may see some kinds alone
+            gate.kinds_of[self._address.name] = self._runtime.kinds
         self._beat()
 
     def stop(self) -> None:
         """Publish no more, after the last lines of the log."""
         self._publish_log()
         self._stopped = True
+        self._runtime.here.gate.kinds_of.pop(self._address.name, None)
         if self._leave_rounds is not None:
             self._leave_rounds()
         if self._timer is not None:

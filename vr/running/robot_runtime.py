@@ -10,7 +10,6 @@ from __future__ import annotations
 import inspect
 import logging
 import math
-import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
 from functools import partial
@@ -181,8 +180,6 @@ class RobotRuntime:
         self.principal = principal_of(transport.identity, self.key, "")
         """The robot where it asks for something."""
         self.here = Here("robot", robot.name, transport.gate, self.kinds)
-        if transport.gate.owner is not None:
-            transport.gate.kinds_of[robot.name] = partial(_kinds_of, weakref.ref(self))
         self._policy = transport.gate.policy  # to which its commands have kept
         self.isolated = robot.isolated  # its commands always run on workers of their own
         if isinstance(robot, VirtualRobot):
@@ -1252,11 +1249,6 @@ def _copied(value: object) -> object:
     """Return a copy of what a page can change in place; None of everything else."""
     plain = (list, dict, set, bytearray)
     return copy(cast("object", value)) if isinstance(value, plain) else None
-
-
-def _kinds_of(found: weakref.ref[RobotRuntime]) -> tuple[str, ...]:
-    runtime = found()
-    return () if runtime is None else runtime.kinds()
 
 
 def _ignore(_: Reply | None) -> None:
