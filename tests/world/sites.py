@@ -197,7 +197,7 @@ class Realm:
     """All processes of a story."""
 
     def __init__(self, world: SitesWorld, folder: Path, *, offset: float = 1000.0) -> None:
-        self.world, self.folder, self.judge = world, folder, Judge(world)
+        self.world, self.folder, self.judge = world, folder, self.judge_of(world)
         self.offsets = {site: number * offset for number, site in enumerate(SITES)}
         self.processes: dict[str, SiteProcess] = {}
         self.gateways: dict[str, Gateway] = {}
@@ -206,6 +206,10 @@ class Realm:
         for site in SITES:
             for role in ("gateway", "lookup", "rover", "team", "operator"):
                 self.start(f"{site}.{role}")
+
+    def judge_of(self, world: SitesWorld) -> Judge:
+        """Return who judges a story."""
+        return Judge(world)
 
     def start(self, name: str) -> None:
         """Start a process, or start it again."""

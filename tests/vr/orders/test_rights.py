@@ -7,7 +7,6 @@ import os
 import msgspec
 import pytest
 
-from robotree.vr.base.address import Address
 from robotree.vr.base.envelope import Envelope, this_clock
 from robotree.vr.base.errors import Denied
 from robotree.vr.base.policy import PolicyGate
@@ -15,19 +14,15 @@ from robotree.vr.base.policy_reading import read_policy
 from robotree.vr.base.principal import Credentials, Voucher, principal_of, vouched
 from robotree.vr.base.requests import (
     AnyRequest,
-    AskMove,
     CancelOrder,
-    Create,
     FetchOrders,
     LeaveOrder,
     MarkSeen,
-    PrepareMove,
     Raised,
     Reply,
     RobotDeleted,
     ShareRecords,
     TakeOrder,
-    TakeRobot,
     TellOrders,
     decode_reply,
 )
@@ -107,18 +102,14 @@ roles:
   worker: {see: "*", command: "*", order: "*", create: "*", release: "*", migrate: "*", resume: "*"}
   boss: {administrate: yes}
 """
-R1, TRANSFER, CLOCK = Address("robot", "r1", "1"), "t1", "c"
 AMONG_AGENTS = (
     FetchOrders(identity="i1"),
     TakeOrder(key="0123456789abcdef", identity="i1"),
     TellOrders(orders=(), now=0.0),
     RobotDeleted(identity="i1"),
     ShareRecords(now=0.0),
-    PrepareMove(transfer=TRANSFER, robot=R1, page=Create(name="r1", path="r1.py", source="")),
-    TakeRobot(transfer=TRANSFER, robot=R1, state=b"", now=0.0, unix=0.0, clock=CLOCK),
-    AskMove(transfer=TRANSFER, robot=R1, log="l"),
 )
-"""Requests of robots, hosts and directories to each other: they are believed in what they say of others."""
+"""Requests of robots and directories to each other: they are believed in what they say of others."""
 
 
 @pytest.mark.parametrize("request_", AMONG_AGENTS, ids=lambda one: type(one).__name__)
