@@ -12,7 +12,7 @@ import robotree.vr.network
 import robotree.vr.running
 from robotree.vr.agents import callers
 from robotree.vr.base import presence
-from tests.world import crashes, host, mesh, sites, story, threads, whole
+from tests.world import crashes, host, mesh, rights, sites, story, threads, whole
 
 Played = tuple[str, list[str]]
 """The digest of a trace, and the laws that were broken."""
@@ -65,6 +65,11 @@ def _sites(seed: int) -> Played:
     return digest, judge.broken
 
 
+def _rights(seed: int) -> Played:
+    digest, judge = rights.play(seed)
+    return digest, judge.broken
+
+
 FAMILIES: dict[str, Callable[[int], Played]] = {
     "realm": _realm,
     "mesh": _mesh,
@@ -72,6 +77,7 @@ FAMILIES: dict[str, Callable[[int], Played]] = {
     "disk": _disk,
     "host": _host,
     "host at statements": lambda seed: _host(seed, running()),
+    "rights": _rights,
     "sites": _sites,
     "whole": _whole,
     "whole at statements": lambda seed: _whole(seed, (*network(), *running())),

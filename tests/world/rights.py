@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from robotree.vr import command
 from robotree.vr.author.robot import Robot
@@ -208,7 +209,9 @@ class RightsStory(Story):
         self.ask(asker, call, f"probes {site}")
 
     def revoke(self) -> None:
-        """Yard is no member any more; lab is the authority."""
+        """Yard is no member any more, and does not want to know; lab is the authority."""
+        yard: Any = self.realm.gateways["yard"]._keys  # of a liar
+        yard.take_revocations = lambda *_: False
         RealmKeys(self.realm.folder / "lab" / "keys").revoke("yard")
         self.judge.revoked = self.world.runner.now() + REVOKED
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import robotree.vr.exchange.authority
 import robotree.vr.exchange.claim
 import robotree.vr.journal.recovery
 import robotree.vr.journal.segments
@@ -49,6 +50,7 @@ from robotree.vr.network.rendezvous import Rendezvous
 from robotree.vr.running.child_call import ChildCall
 from robotree.vr.running.replay import Replay
 from robotree.vr.running.robot_runtime import RobotRuntime
+from robotree.vr.sites.gateway import Gateway
 from robotree.vr.sites.site import Site
 from robotree.vr.sites.stopping import SiteStops
 from robotree.vr.supervision.releases import Releases
@@ -207,6 +209,13 @@ def _wherever(_presence: Any, keys: Any) -> list[str]:
 _arrived = robotree.vr.sites.gateway.arrived
 
 SAFEGUARDS = {
+    "a request needs the right that the policy gives": (
+        Safeguard(robotree.vr.exchange.authority, "_keep_to_policy", lambda *_: None),
+    ),
+    "a command ends when its asker may not have it any more": (
+        Safeguard(RobotRuntime, "keep_to_policy", lambda _: None),
+    ),
+    "a revocation is handed on to all sites": (Safeguard(Gateway, "_spread", lambda _: None),),
     "a request tells another machine its age": (
         Safeguard(robotree.vr.sites.gateway, "arrived", _asked_just_now),
     ),

@@ -17,6 +17,7 @@ MANY = {
     "disk": 2000,
     "host": 1000,
     "host at statements": 300,
+    "rights": 300,
     "sites": 300,
     "whole": 300,
     "whole at statements": 60,
