@@ -1,6 +1,9 @@
 """Calls between machines: through a hub and two gateways, against a bare Zenoh query through the same hub.
 
-    python bench/sites.py [--rounds 6] [--robots 10,100,1000]
+    python bench/sites.py [--rounds 6] [--robots 10,100,1000] [--lan]
+
+With --lan each site and the hub are machines of their own at one bridge, where namespaces are allowed (as
+root); without it all is on loopback.
 
 Prints medians in turns of: a call on one machine, one through both gateways and the hub, a bare Zenoh query
 of 200 bytes through the hub; how long a site needs to join; and, for numbers of robots on
@@ -15,7 +18,6 @@ import asyncio
 import datetime as dt
 import logging
 import os
-import socket
 import statistics
 import subprocess
 import sys
@@ -43,6 +45,9 @@ from robotree.vr.sites.keys import join as join_realm_keys
 from robotree.vr.sites.pipe import MemoryHub, MemoryPipe
 from robotree.vr.sites.zenoh_pipe import ZenohPipe
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from tests.laboratory.ground import Ground, Loopback, best
+
 BODY = bytes(200)
 CALL = Call(key="k" * 18, command="step", arguments={"x": 1.0}, epoch=1, deadline=60.0)
 KEY = "robot/echo/1"
@@ -53,10 +58,10 @@ LONGEST = 60.0
 """[s] for anything here."""
 
 
-def spawn(*words: str) -> subprocess.Popen[str]:
-    """Start this file as another process, and wait until it is up."""
+def spawn(*words: str, on: list[str]) -> subprocess.Popen[str]:
+    """Start this file as another process, and wait until it is up; `on` are the words that start it there."""
     process = subprocess.Popen(
-        [sys.executable, __file__, *words], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        [*on, sys.executable, __file__, *words], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
     if process.stdout is not None:
         process.stdout.readline()
@@ -83,7 +88,9 @@ def be_gateway(root: str, keys: str) -> None:
     async def run() -> None:
         transport = await join("plant", root=Path(root))
         known = RealmKeys(Path(keys))
-        gateway = Gateway(transport, ZenohPipe(known.hubs), known, stop_here=stop_nothing)
+        gateway = Gateway(
+            transport, ZenohPipe(known.hubs), known, ground=transport.mesh, stop_here=stop_nothing
+        )
         await gateway.open()
         await asyncio.to_thread(wait_for_the_end)
         await gateway.close()
@@ -193,23 +200,22 @@ def realm_of(folder: Path, hubs: tuple[Hub, ...], names: list[str]) -> list[Real
     return found
 
 
-def trips(folder: Path, rounds: int) -> None:
+def trips(folder: Path, rounds: int, ground: Ground) -> None:
     """Measure calls, and a join."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        address = f"tls:127.0.0.1:{free.getsockname()[1]}"
+    on = ground.prefix
+    address = f"tls:{ground.listens('hub')}"
     certificate = certificate_in(folder / "tls", dt.datetime.now(dt.UTC))
-    running = [spawn("hub", address, str(folder / "tls"))]
+    running = [spawn("hub", address, str(folder / "tls"), on=on("hub"))]
     hub = Hub(address, certificate.fingerprint)
     keys = realm_of(folder, (hub,), ["lab", "hall"])
     roots = {name: folder / f"run-{name}" for name in ("lab", "hall")}
     for root in roots.values():
         root.mkdir(mode=0o700)
     running += [
-        spawn("robots", str(roots["hall"]), "1"),
-        spawn("bare", address, str(certificate.certificate)),
+        spawn("robots", str(roots["hall"]), "1", on=on("hall")),
+        spawn("bare", address, str(certificate.certificate), on=on("hall")),
     ]
-    running += [spawn("gateway", str(roots[one.name]), str(one.folder)) for one in keys]
+    running += [spawn("gateway", str(roots[one.name]), str(one.folder), on=on(one.name)) for one in keys]
     near, far = (Mesh(Rendezvous("plant", roots[name])) for name in ("hall", "lab"))
     for mesh in (near, far):
         mesh.open()
@@ -246,6 +252,17 @@ def trips(folder: Path, rounds: int) -> None:
         process.communicate()
 
 
+async def on_ground(folder: Path, rounds: int, *, lan: bool) -> None:
+    """Lay the ground, and measure on it."""
+    ground = best(0.0, 0.0) if lan else Loopback(0.0, 0.0, 0.0)
+    await ground.open(("lab", "hall"), ("hub",))
+    print(f"on {ground.name}:")
+    try:
+        await asyncio.to_thread(trips, folder, rounds, ground)
+    finally:
+        await ground.close()
+
+
 async def crowd(folder: Path, robots: int, sites: int) -> None:
     """Measure sites that know many robots: 10 gateways and 10 meshes in one process, over memory."""
     hub, names = MemoryHub(), [f"site-{number}" for number in range(sites)]
@@ -263,7 +280,8 @@ async def crowd(folder: Path, robots: int, sites: int) -> None:
         root.mkdir(mode=0o700)
         transports.append(await join("plant", root=root))
         members.append(await join("plant", root=root))
-        gateways.append(Gateway(transports[-1], MemoryPipe(hub), one, stop_here=stop_nothing))
+        pipe, near = MemoryPipe(hub), transports[-1]
+        gateways.append(Gateway(near, pipe, one, ground=near.mesh, stop_here=stop_nothing))
         await gateways[-1].open()
     await asyncio.to_thread(until, lambda: all(linked(one) == sites - 1 for one in gateways))
     before, process_before, begin = rss(), time.process_time(), time.perf_counter()
@@ -315,12 +333,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--rounds", type=int, default=6)
     parser.add_argument("--robots", default="10,100,1000")
+    parser.add_argument("--lan", action="store_true")
     given = parser.parse_args()
     logging.disable()  # that sites are linked is no news here
     with tempfile.TemporaryDirectory(prefix="rt-") as folder:
         if given.rounds:
             (Path(folder) / "trips").mkdir()
-            trips(Path(folder) / "trips", given.rounds)
+            asyncio.run(on_ground(Path(folder) / "trips", given.rounds, lan=given.lan))
         for robots in map(int, filter(None, given.robots.split(","))):
             place = Path(folder) / f"crowd-{robots}"
             place.mkdir()
