@@ -54,6 +54,8 @@ class RobotRow:
     about: str
     fresh: bool = False
     """It has just come."""
+    place: str = ""
+    """The other site at which it is, and how old what is shown of it is: the end of `state`."""
     old: bool = False
     """Whether its own report is old."""
     marked: bool = False
@@ -140,6 +142,7 @@ def row(
         kind=wording.kind(agent.kind, agent.attributes) if agent else "",
         status=store.status(name, now),
         state=store.doing(name, now) if known or absent else "does not answer",
+        place=store.place(name, now),
         by=store.by(name),
         host=known.host if known else absent.host if absent else "",
         about=wording.summary(known.doc) if known else "",

@@ -259,11 +259,14 @@ class RobotTable(Part, ScrollView, can_focus=True):
                     cells.append(Segment(fit(shown.name, room - 1 - cell_len(lead)) + gap, name))
                 case "STATE":
                     words = strong if shown.status not in CALM else plain
-                    tail = (f", {UNGUARDED}" if room >= STATES else " open") if shown.unguarded else ""
+                    place = f" · {shown.place}" if shown.place else ""  # is read however little room there is
+                    long = room >= STATES + len(place)
+                    tail = (f", {UNGUARDED}" if long else " open") if shown.unguarded else ""
                     tail += " stale" if shown.unlisted else ""
                     tail = f" ({self.app.keymap.spelled('enslave')})" if shown.status == "needs" else tail
                     tail += DENIED if shown.denied else ""
-                    text = clip(shown.state, max(room - 2 - len(tail), 0)) + tail
+                    tail = place + tail if shown.state.endswith(place) else tail
+                    text = clip(shown.state.removesuffix(place), max(room - 2 - len(tail), 0)) + tail
                     cells += [Segment(fit(sign, min(2, room)), strong)]
                     cells += [Segment(fit(text, max(room - 2, 0)) + gap, words)]
                 case "KIND":
