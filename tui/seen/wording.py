@@ -237,7 +237,8 @@ def portrait(robot: RobotDescription) -> str:
             for slot in robot.slots
         ]
         chosen = [f"  {slot.name} was chosen: {slot.why}" for slot in robot.slots if slot.why]
-        blocks.append("\n".join(["slots", columns(rows), *chosen]))
+        far = [f"  {slot.name}: {delay(slot)}" for slot in robot.slots if slot.way]
+        blocks.append("\n".join(["slots", columns(rows), *chosen, *far]))
     if robot.streams:
         blocks.append("streams\n" + columns([stream_row(stream) for stream in robot.streams]))
     if settings(robot):
@@ -262,6 +263,12 @@ def inhabitant(slot: SlotSpec) -> str:
     if slot.watched:
         return f"{slot.watched.name}, watched"
     return slot.child.name if slot.child else ""
+
+
+def delay(slot: SlotSpec) -> str:
+    """Say how far away the child of a slot is, and what delay its lease bears."""
+    name = slot.child.name if slot.child else ""
+    return f"{slot.way:.1f} s to {name} and back; its lease bears {slot.bears:.1f} s more, or a cut as long"
 
 
 def stream_row(stream: StreamSpec) -> tuple[str, str, str, str]:

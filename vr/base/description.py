@@ -147,6 +147,10 @@ class SlotSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Whether a robot in it is only watched: no lease is taken, and it cannot be commanded."""
     watched: Address | None = None
     """The robot that is watched, in its latest life; it may be away."""
+    way: float = 0.0
+    """[s] for the way to the child and back, as measured by the renewals of its lease; 0: less than 0.05."""
+    bears: float = 0.0
+    """[s] for which that way may be cut, or longer than it is, before the lease ends; 0: not told."""
 
     @property
     def filled(self) -> bool:

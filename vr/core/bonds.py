@@ -435,6 +435,12 @@ class GrantedLease(msgspec.Struct, kw_only=True):
             raise CycleOfBonds(parent=parent.name, child=self.robot, lineage=" > ".join(lineage))
 
 
+def _delays(lease: HeldLease) -> dict[str, float]:
+    """Return what is told of the way to a child, in steps: each change is news to all who watch."""
+    way = round(lease.round_trip, 1)
+    return {"way": way, "bears": math.floor(2 * lease.bears) / 2} if way else {}
+
+
 class HeldLease(msgspec.Struct, kw_only=True):
     """The parent's side: when to ask again, and when to believe the lease lost."""
 
@@ -484,6 +490,18 @@ class HeldLease(msgspec.Struct, kw_only=True):
         if self.last_asked > self.confirmed:
             return self.last_asked + max(least, min(self.patience, self.term / 3))
         return self.confirmed + max(least, min(self.term / 3, self.term - 3 * self.patience))
+
+    @property
+    def bears(self) -> float:
+        """[s] for which nothing may arrive, wherever in the term that begins, and the lease still holds.
+
+        The worst moment to begin is when a renewal leaves, which is lost then. The next one that is not lost
+        leaves at the latest one pause after the cut has ended, and must be back before the term ends.
+        """
+        least = self.term / 10
+        before = max(least, min(self.term / 3, self.term - 3 * self.patience))
+        pause = max(least, min(self.patience, self.term / 3))
+        return max(self.term - before - pause - self.round_trip, 0.0)
 
     def asked(self, now: float) -> None:
         """Note that a request leaves."""
@@ -691,6 +709,7 @@ class Slots(msgspec.Struct):
             msgspec.structs.replace(
                 slot.spec,
                 child=None if slot.bond is None else slot.bond.child,
+                **({} if slot.bond is None else _delays(slot.bond.lease)),
                 lost=slot.lost,
                 was=slot.was,
                 why="" if slot.bond is None else slot.bond.why,
