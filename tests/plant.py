@@ -71,6 +71,19 @@ class Machine:
         assert done.returncode == code, (words, done.stdout, done.stderr)
         return json.loads(done.stdout.strip().splitlines()[-1])
 
+    def text(self, *words: str) -> str:
+        """Say a line; return what it prints for people, and nothing if it is refused."""
+        done = subprocess.run(
+            [*ROBOTREE, *words],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=120,
+            env=self.environment,
+        )
+        return done.stdout if done.returncode == DONE else ""
+
     def until_listed(self, name: str, *, there: bool = True) -> None:
         latest = time.monotonic() + LINKED
         while True:
