@@ -299,7 +299,7 @@ async def _live(way: RobotPipe, mesh: PipeMesh, begin: pipe.BeginFrame, lacks: l
         except Exception as error:  # noqa: BLE001 # the host is told, and tells who has asked
             way.send(pipe.FailedFrame(encode(refusal(error, begin.name))))
             return
-        for lack in lacks:
+        for lack in (*lacks, *filter(None, (begin.note,))):
             agent.runtime.log.say("warning", lack)
         mesh.on_control = lambda frame: _control(loop, host, way, frame)
         way.send(pipe.Up(encode(Described(robot=agent.description())), host.page_of(begin.name)))
@@ -386,7 +386,7 @@ tasks: set[Future[None]] = set()
 
 async def _beat(way: RobotPipe, host: Host) -> None:
     while True:
-        way.send(pipe.Alive(list(host.description().abandoned)))
+        way.send(pipe.Alive([name for agent in list(host.agents.values()) for name in agent.abandoned]))
         await asyncio.sleep(BEAT)
 
 

@@ -50,6 +50,8 @@ LOOK = 0.25
 """[s] between two looks at who hangs."""
 SILENT = 10.0
 """[s] without a sign of life after which a process is ended: its page holds the interpreter."""
+STUBBORN = 5.0
+"""[s] for which the code of a command may go on that was ended, before its process is."""
 CRASHES = 2
 """Ends of a process in one command after which the command ends."""
 GIVES_UP = 5
@@ -160,6 +162,12 @@ class RobotApart:
         self._crashes = 0
         self._held = ""
         """Why the open commands end when the next process goes on; empty: they go on."""
+        self._ready = False
+        """Whether its process answers."""
+        self._note = ""
+        """What the next process writes into the robot's log."""
+        self._stubborn_since = float("inf")
+        """[s] from then on code of commands runs that were ended."""
         self._leaving = self._for_good = False
         """Whether its process is to end; whether nothing of the robot stays then."""
         self._tasks: set[asyncio.Future[Any]] = set()
@@ -216,6 +224,9 @@ class RobotApart:
                 self.over = f"its process has ended ({_how(code)}), and the host keeps no robots"
                 break
             create, now = None, self._loop.time()
+            if self._note:  # it was we who ended it, and what else it was doing goes on
+                _log.warning("%s: %s", self.name, self._note)
+                continue
             if now - began > RECOVERS:
                 self._crashes = in_a_row = 0
             self._crashes, in_a_row = self._crashes + 1, in_a_row + 1
@@ -241,11 +252,13 @@ class RobotApart:
         folder = str(self.folder or "")
         start = partial(self._nursery.start_boxed, folder) if boxed else self._nursery.start
         self.pid, own = await start(partial(_settle, ended))
+        self._stubborn_since, self.abandoned = float("inf"), ()
         reader, self._writer = await asyncio.open_connection(sock=own, limit=2**20)
         self._last_sign = self._loop.time() + self._setting.limit + START
         watch = self._loop.create_task(self._watch_it())
         try:
             self._send(self._first_frame(create, abandon))
+            self._note = ""
             self._undo = self._transport.presence.watch("**", self._tell_presence)
             await self._read(reader)
         finally:
@@ -275,6 +288,7 @@ class RobotApart:
             level=self.kept.level,
             permissions=self._permissions,
             abandon=abandon,
+            note=self._note,
             rules=self._rules(),
             writable=[folder] if folder else [],
         )
@@ -303,6 +317,10 @@ class RobotApart:
             if now - self._last_sign > SILENT:
                 self._held = f"it held the interpreter for {SILENT:.0f} s, so its process was ended"
                 self._kill()
+            elif now - self._stubborn_since > STUBBORN and not self._note:
+                what = ", ".join(self.abandoned)
+                self._note = f"{what} went on after it was ended, so its process was ended; a new one goes on"
+                self._kill()
 
     def _kill(self) -> None:
         if self.pid:  # 0 would be the host's own group
@@ -310,7 +328,7 @@ class RobotApart:
                 os.kill(self.pid, signal.SIGKILL)
 
     def _lose_process(self) -> None:
-        self.pid = 0
+        self.pid, self._ready = 0, False
         if self._writer is not None:
             self._writer.close()
             self._writer = None
@@ -432,7 +450,7 @@ class RobotApart:
         number = next(self._numbers)
         if self.over or len(self._open) + len(self._waiting) >= MOST_OPEN:
             incoming.end(None)
-        elif self._writer is None:
+        elif not self._ready:  # it is made, or goes on after a crash
             self._waiting.append((number, incoming))
         else:
             self._pass(number, incoming)
@@ -533,6 +551,8 @@ class RobotApart:
 
     def _note_alive(self, frame: pipe.Alive) -> None:
         self.abandoned = tuple(str(each)[:100] for each in frame.abandoned[:20])
+        since = self._stubborn_since
+        self._stubborn_since = min(since, self._loop.time()) if self.abandoned else float("inf")
 
     def _take_answer(self, frame: pipe.Answered) -> None:
         if (control := self._controls.get(frame.number)) is not None and not control.done():
@@ -578,6 +598,7 @@ class RobotApart:
             raise Misbehaved("it described another robot")
         self.page = str(frame.page)[:64]
         self._judge.identity = self._judge.identity or reply.robot.identity
+        self._ready = True
         waiting, self._waiting = self._waiting, []
         for number, incoming in waiting:
             self._pass(number, incoming)

@@ -67,6 +67,8 @@ class BeginFrame(PipeFrame, frozen=True):
     """Of its page, which the host has admitted; None: it is not limited."""
     abandon: str
     """Why its open commands end before it goes on; empty: they go on."""
+    note: str
+    """What is written into its log first; empty: nothing."""
     rules: Rules
     writable: list[str]
     """Folders in which it may write."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import signal
@@ -45,6 +46,14 @@ class Guest(VirtualRobot):
     def hold(self, seconds: int) -> None:
         """Hold the interpreter."""
         ctypes.PyDLL(None).sleep(seconds)
+
+    @command
+    def defy(self, mark: str) -> None:
+        """Swallow every exception in an endless loop."""
+        Path(mark).write_text("begun")
+        while True:
+            with contextlib.suppress(BaseException):
+                threading.Event().wait(0.1)
 
     @command
     def pid(self) -> int:

@@ -161,6 +161,24 @@ async def test_who_holds_the_interpreter_harms_itself_alone(
     assert await guest.call("add", {"a": 1, "b": 1}) == 2
 
 
+async def test_a_command_that_ignores_every_cancel_is_ended_with_its_process_and_that_is_said(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(apart, "STUBBORN", 0.5)
+    guest = await place.create()
+    first, mark = place.pid(), place.folder / "h1" / "apart" / "guest" / "mark"
+    defying = asyncio.ensure_future(guest.call("defy", {"mark": str(mark)}, key="defying"))
+    await until(mark.exists)
+    await guest.cancel("defying", reason="enough")
+    with pytest.raises(VrError):
+        async with asyncio.timeout(PATIENCE):
+            await defying
+    await until(lambda: place.pid() not in (0, first))
+    assert await guest.call("add", {"a": 2, "b": 2}) == 4
+    said = await guest.read_log()
+    assert any("defy went on after it was ended, so its process was ended" in line.text for line in said)
+
+
 async def test_it_is_back_with_its_host_and_gone_when_it_is_deleted(place: Place) -> None:
     guest = await place.create()
     pid = place.pid()
