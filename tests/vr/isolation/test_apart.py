@@ -16,6 +16,7 @@ import pytest
 from robotree.vr.agents.host import Host
 from robotree.vr.agents.run import kept_by
 from robotree.vr.base.errors import CommandFailed, NotApart, NotIsolated, VrError
+from robotree.vr.base.permissions import Isolation
 from robotree.vr.base.principal import Principal
 from robotree.vr.base.requests import ReadEvents
 from robotree.vr.bundle import Bundle
@@ -24,6 +25,7 @@ from robotree.vr.bundle.loader import LIMIT
 from robotree.vr.exchange.client import HostClient, RobotClient
 from robotree.vr.isolation import apart, pipe
 from robotree.vr.isolation.apart import ApartSetting, RobotsApart
+from robotree.vr.isolation.nursery import BOX
 from robotree.vr.journal.journal import HostJournal
 from robotree.vr.network.local import LocalTransport, join
 from robotree.vr.running.process import Process
@@ -60,9 +62,9 @@ class Place:
         self.journal.close()
         await self.transport.close()
 
-    async def create(self, name: str = "guest") -> RobotClient:
+    async def create(self, name: str = "guest", level: Isolation = "process") -> RobotClient:
         bundle = await asyncio.to_thread(Bundle.read, PAGE)
-        robot = await HostClient(self.operator, self.host.address).create(bundle, name, None, "process")
+        robot = await HostClient(self.operator, self.host.address).create(bundle, name, None, level)
         return RobotClient(self.operator, robot.address)
 
     operator: LocalTransport
@@ -220,6 +222,37 @@ async def test_a_process_that_cannot_be_is_said_to_who_asks(place: Place, tmp_pa
     with pytest.raises(NotIsolated):
         await client.create(bundle, "broken", None, "process")
     place.host.apart = robots
+
+
+async def test_without_bubblewrap_a_sandbox_is_refused_and_nothing_less_is_taken(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(apart, "BOX", None)
+    with pytest.raises(NotIsolated, match="bubblewrap is not installed"):
+        await place.create(level="sandbox")
+    assert not place.host.description().robots
+
+
+@pytest.mark.skipif(BOX is None, reason="bubblewrap is not installed")
+async def test_in_a_sandbox_there_are_no_folders_of_anybody(place: Place, tmp_path: Path) -> None:
+    guest = await place.create(level="sandbox")
+    secret = tmp_path / "secret"
+    secret.write_text("42")
+    assert await guest.call("add", {"a": 1, "b": 2}) == 3
+    assert await guest.call("pid", {}) != place.pid()  # it counts from 1, and knows of no others
+    for what, where, refusal in (
+        ("read", str(secret), "FileNotFoundError"),
+        ("fork", "", "PermissionError"),
+        ("dial", "", "PermissionError"),
+        ("signal", str(os.getpid()), "PermissionError"),
+        ("eat", "", "MemoryError"),
+    ):
+        assert await guest.call("attempt", {"what": what, "where": where}) == refusal, what
+    pid = place.pid()
+    with pytest.raises(CommandFailed, match="has ended in it twice"):
+        await guest.call("crash", {})
+    assert place.pid() != pid
+    assert await guest.call("add", {"a": 1, "b": 1}) == 2
 
 
 async def test_a_page_has_its_helpers_and_a_place_for_files_that_nobody_keeps(
