@@ -47,11 +47,11 @@ _SCOPE_FROM = 6
 _SYSTEM = ("ld.so.cache", "localtime", "passwd", "group", "nsswitch.conf", "ssl/openssl.cnf")
 _ROOMS = ("client", "examples", "files", "front", "kinds", "protocol", "proxy", "sim", "testing", "tui", "vr")
 """Folders of the packages of robotree in its repository."""
-_HARMLESS = (
-    *("LANG", "LC_", "TZ", "PATH", "LD_LIBRARY_PATH", "PYTHON", "VIRTUAL_ENV", "HOME", "TERM", "COLORTERM"),
-    *("OMP_", "OPENBLAS_", "MKL_"),
+_HARMLESS = frozenset(
+    ("LANG", "LANGUAGE", "TZ", "PATH", "LD_LIBRARY_PATH", "VIRTUAL_ENV", "HOME", "TERM", "COLORTERM")
 )
-"""How the names begin of the variables that a process for code of others is given."""
+_HARMLESS_SORTS = ("LC_", "PYTHON", "OMP_", "OPENBLAS_", "MKL_")
+"""Names of the variables that a process for code of others is given, and how such names may begin."""
 _READABLE = (
     *("/usr", "/lib", "/lib64"),
     *(f"/etc/{name}" for name in _SYSTEM),
@@ -309,7 +309,8 @@ def packages() -> set[str]:
 
 def environment() -> dict[str, str]:
     """Return what a process for code of others gets of our environment: nothing that could be a secret."""
-    return {name: value for name, value in os.environ.items() if name.startswith(_HARMLESS)}
+    given = os.environ.items()
+    return {name: value for name, value in given if name in _HARMLESS or name.startswith(_HARMLESS_SORTS)}
 
 
 def _landlock(libc: ctypes.CDLL, writable: Sequence[str]) -> bool:
