@@ -91,9 +91,11 @@ async def measure(level: Isolation, robots: int, calls: int, folder: Path) -> di
             began = time.perf_counter()
             await one.call("add", {"a": number, "b": 1})
             took.append(time.perf_counter() - began)
-        own = [_own(apart.robots[address.name].pid) for address in addresses if level != "none"]
+        processes = [apart.robots[address.name].pid for address in addresses if level != "none"]
+        own = [*map(_own, processes)]
         return {
             "level": level,
+            "cpu_ms_mean": round(statistics.mean(map(_cpu, processes)), 0) if processes else None,
             "first_ms": round(1000 * first, 1),
             "ready_ms_p50": round(1000 * statistics.median(ready), 1),
             "ready_ms_max": round(1000 * max(ready), 1),
@@ -106,6 +108,12 @@ async def measure(level: Isolation, robots: int, calls: int, folder: Path) -> di
         journal.close()
         await operator.close()
         await transport.close()
+
+
+def _cpu(pid: int) -> float:
+    """Return the processor time of a process so far [ms]: user and system (proc(5), stat 14 and 15)."""
+    user, system = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[11:13]
+    return 1000 * (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
 
 
 def _own(pid: int) -> float:
