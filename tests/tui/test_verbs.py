@@ -17,7 +17,8 @@ from robotree.tui.line import grammar
 from robotree.tui.line.action import Where
 from robotree.tui.line.actions import ACTIONS, shapes
 from robotree.tui.line.carrying import function_of
-from robotree.tui.line.verbs import Outcome, shipped
+from robotree.tui.line.sources import shipped
+from robotree.tui.line.verbs import Outcome
 from robotree.vr.base.errors import (
     BadArgument,
     BrokenSource,
