@@ -86,7 +86,9 @@ async def test_each_line_of_the_guide_can_be_typed(  # noqa: C901 # a case for e
                 case "orders":
                     assert [one["ticket"] for one in data["orders"]] == [ticket]
                 case "stop":
+                    assert data["held"] == ["rover-1"]
                     assert (await say("robotree orders"))["holds"]
+                    assert "held by" in (await say("robotree ls"))[0]["state"]
                 case "resume":
                     assert not (await say("robotree orders"))["holds"]
                 case _:

@@ -37,6 +37,12 @@ async def test_the_advice_of_the_error_can_be_typed() -> None:
     assert client.orders.asked == ["", "ab12"]
 
 
+@pytest.mark.parametrize("text", ["soon", "25:00", "12:x", "1 week", "-5min"])
+def test_what_is_no_end_is_refused_with_all_forms_that_are_one(text: str) -> None:
+    with pytest.raises(ValueRefused, match=r"30min, 2h or 3d .* 18:00"):
+        ordering.until(text)
+
+
 async def test_a_call_at_once_needs_no_identity() -> None:
     with pytest.raises(ValueRefused, match="--queue"):
         await ordering.call_or_leave(Client(), parse(["call", "r1.move", "--robot", "ab12"]), None)  # type: ignore[arg-type]

@@ -145,16 +145,28 @@ def until(text: str) -> float:
     if not text:
         return USUAL_END
     if ":" not in text:
-        return values.duration(text)
+        try:
+            return values.duration(text)
+        except ValueRefused:
+            raise _no_end(text) from None
     try:
         hour, minute = (int(part) for part in text.split(":"))
     except ValueError:
-        raise ValueRefused("WHEN", f"{text!r} is no time; write for example 2h, or 18:00") from None
+        raise _no_end(text) from None
     if not (0 <= hour < 24 and 0 <= minute < 60):
-        raise ValueRefused("WHEN", f"{text!r} is no time of the day; write for example 18:00")
+        raise _no_end(text)
     now = time.localtime()
     seconds = (hour - now.tm_hour) * 3600 + (minute - now.tm_min) * 60 - now.tm_sec
     return float(seconds if seconds > 0 else seconds + 86400)
+
+
+def _no_end(text: str) -> ValueRefused:
+    """Return why a text does not say until when an order may begin."""
+    return ValueRefused(
+        "WHEN",
+        f"{text!r} says no end: write how long from now, as 30min, 2h or 3d (s, min, h, d; 30 days at most),"
+        " or the next time that a clock shows, as 18:00",
+    )
 
 
 async def orders(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:

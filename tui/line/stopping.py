@@ -16,7 +16,7 @@ from robotree.tui.errors import NothingToAsk, sentence
 from robotree.tui.line import away
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.shell import Console, once
-from robotree.tui.line.verbs import Outcome, held_away, hold, stopped
+from robotree.tui.line.verbs import HeldOrders, Outcome, held_away, hold, stopped
 from robotree.tui.processes.realm import nothing_to_ask, visited
 from robotree.tui.processes.state_files import KEYS
 from robotree.tui.terminal import complain, error_data, note
@@ -51,7 +51,7 @@ def stop(line: Line, realm: str, run: Run) -> int:
     if name is not None and not everywhere and GroupFiles(state_of(realm_folder(realm).name)).has(name):
         return run(once(line, realm))
     folders = all_realms() if everywhere else [realm_folder(realm)]
-    order, answers, held = line.order or token(), dict[Path, Answer](), dict[Path, Sequence[str]]()
+    order, answers, held = line.order or token(), dict[Path, Answer](), dict[Path, HeldOrders]()
     work = _stop_all(folders, name, order, console, answers, held)
     try:
         if run(work) == exit_codes.INTERRUPTED:
@@ -63,13 +63,15 @@ def stop(line: Line, realm: str, run: Run) -> int:
         answers = {folder: _in_turn(folder, name, order) for folder in folders}
     if name is None:
         answers = {
-            folder: _left(folder, answer, console, held.get(folder, ())) for folder, answer in answers.items()
+            folder: _left(folder, answer, console, held.get(folder, HeldOrders()).by)
+            for folder, answer in answers.items()
         }
     if everywhere:
-        return _report_all(answers, console)
+        return _report_all(answers, held, console)
     given = answers[folders[0]]
     answer = nothing_to_ask(realm, stopping=True) if given is None else given
-    if isinstance(answer, NoSuchRobot) and held.get(folders[0]) and name:
+    absent = held.get(folders[0], HeldOrders())
+    if isinstance(answer, NoSuchRobot) and absent.by and name:
         console.outcome(held_away(name))
         return exit_codes.DONE
     if isinstance(answer, NoSuchRobot):
@@ -77,7 +79,7 @@ def stop(line: Line, realm: str, run: Run) -> int:
     if isinstance(answer, Exception):
         console.error(answer)
         return exit_codes.code_of(answer)
-    console.outcome(stopped(answer))
+    console.outcome(stopped(answer, absent.robots))
     return exit_codes.DONE
 
 
@@ -87,7 +89,7 @@ async def _stop_all(
     order: str,
     console: Console,
     answers: dict[Path, Answer],
-    held: dict[Path, Sequence[str]],
+    held: dict[Path, HeldOrders],
 ) -> int:
     """Stop the robots of all these realms at once, and note the answers, and the directories that hold."""
 
@@ -136,7 +138,7 @@ def _in_turn(folder: Path, name: str | None, order: str) -> Answer:
         return error
 
 
-def _report_all(answers: dict[Path, Answer], console: Console) -> int:
+def _report_all(answers: dict[Path, Answer], held: dict[Path, HeldOrders], console: Console) -> int:
     """Print what came of a stop in several realms; return the highest exit code."""
     known = {folder: answer for folder, answer in answers.items() if answer is not None}
     meant = {folder: answer for folder, answer in known.items() if not isinstance(answer, NoSuchRobot)}
@@ -151,7 +153,7 @@ def _report_all(answers: dict[Path, Answer], console: Console) -> int:
             data.append({**about, **error_data(answer)})
             complain(f"realm {folder.name}: {sentence(answer)}") if not console.as_json else None
         else:
-            done = stopped(answer)
+            done = stopped(answer, held.get(folder, HeldOrders()).robots)
             data.append({**about, **done.data})
             lines.append(f"realm {folder.name}: {done.text}")
     console.outcome(Outcome({"realms": data}, "\n".join(lines)))

@@ -166,15 +166,9 @@ def _orders(book: OrderBook, line: Line) -> Outcome:
 
 
 def _one(book: OrderBook, ticket: str) -> Order:
-    from robotree.vr.base.errors import NoSuchOrder, SeveralOrders
+    from robotree.vr.base.order import the_one
 
-    found = [each for each in book.store.orders.values() if each.key.startswith(ticket)]
-    if not found:
-        raise NoSuchOrder(key=ticket)
-    if len(found) > 1:
-        keys = ", ".join(sorted(each.key for each in found)[:5])
-        raise SeveralOrders(key=ticket, count=len(found), keys=keys)
-    return found[0]
+    return the_one(book.store.orders.values(), ticket)
 
 
 def _order_show(book: OrderBook, line: Line) -> Outcome:

@@ -85,8 +85,6 @@ Run = Callable[["RealmClient", Line, Teller], Awaitable[Outcome]]
 
 async def ls(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """List robots, also those that are away where a directory knows them, views, hosts or lookup services."""
-    import time
-
     if line.flag("--lookups"):
         names = sorted(realm_client.services)
         silent = _silent(realm_client, "lookup", names)
@@ -126,7 +124,7 @@ async def ls(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     known = {one.name for one in found}
     found = [*found, *(_unknown(name) for name in hanging if name not in known)]
     away = await absent_robots(realm_client, {*states, *(one.name for one in found)})
-    states |= {each.name: absence.how(each, time.time()) for each in away}
+    states |= await absent_states(realm_client, away)
     found = [*found, *(_listing_of(each) for each in away)]
     listed = _listed(
         found,
@@ -316,8 +314,6 @@ def _listed(
 
 async def tree(realm_client: RealmClient, _line: Line, _teller: Teller) -> Outcome:
     """Show the robots as trees; below them those that are away."""
-    import time
-
     hanging, robots = await _hanging(realm_client), await realm_client.tree()
     unheard, incomplete = _unheard(realm_client, {robot.name for robot in robots}, hanging)
     elsewhere = await realm_client.elsewhere()
@@ -325,7 +321,7 @@ async def tree(realm_client: RealmClient, _line: Line, _teller: Teller) -> Outco
     drawn = {name for root in roots for name in forest.names(root)}
     lost = {name: state for name, state in sorted(unheard.items()) if name not in drawn}
     away = await absent_robots(realm_client, drawn | lost.keys())
-    lost |= {each.name: absence.how(each, time.time()) for each in away}
+    lost |= await absent_states(realm_client, away)
     rest: list[dict[str, Any]] = [
         {"name": name, "kind": "", "state": state, "children": []} for name, state in lost.items()
     ]
@@ -820,6 +816,16 @@ async def absent_robots(realm_client: RealmClient, here: Collection[str]) -> lis
     ]
 
 
+async def absent_states(realm_client: RealmClient, away: Sequence[KnownAgent]) -> dict[str, str]:
+    """Return how robots that are away are absent, and whether a stop holds them, by name."""
+    import time
+
+    if not away:
+        return {}
+    now, holds = time.time(), await realm_client.orders.holds()
+    return {each.name: absence.with_holds(each, holds, now) for each in away}
+
+
 async def _saved(thing: Any, path: Path) -> Outcome:
     """Write the picture in a result into a file."""
     import asyncio
@@ -889,7 +895,7 @@ async def stop(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome
         try:
             return stopped(await realm_client.stop(name, on_late=teller.warn))
         except NoSuchRobot:
-            if not await held:
+            if not (await held).by:
                 raise
             return held_away(name)
         finally:
@@ -899,21 +905,37 @@ async def stop(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome
         await held
     except NotConfirmed as error:
         await held
-        for sentence in away.leave_stop(realm_client.realm, error.data["told"], held.result()):
+        for sentence in away.leave_stop(realm_client.realm, error.data["told"], held.result().by):
             teller.warn(sentence)
         raise
-    for sentence in away.leave_stop(realm_client.realm, names, held.result()):
+    for sentence in away.leave_stop(realm_client.realm, names, held.result().by):
         teller.warn(sentence)
-    return stopped(names)
+    return stopped(names, held.result().robots)
 
 
 def held_away(name: str) -> Outcome:
     """Return the result of a stop of a robot that is away."""
-    text = f"{name} is away: it begins nothing that was ordered before `robotree resume {name}`"
-    return Outcome({"stopped": [], "held": [name]}, text)
+    return Outcome({"stopped": [], "held": [name]}, _held_words([name], f"robotree resume {name}"))
 
 
-async def hold(realm_client: RealmClient, name: str, teller: Teller) -> Sequence[str]:
+def _held_words(names: Sequence[str], ends: str) -> str:
+    several = len(names) > 1
+    return (
+        f"{', '.join(names)} {'are' if several else 'is'} away: {'they begin' if several else 'it begins'}"
+        f" nothing that was ordered before `{ends}`"
+    )
+
+
+class HeldOrders(NamedTuple):
+    """What a stop found in the directories."""
+
+    by: Sequence[str] = ()
+    """Names of the directories that keep robots from beginning what was ordered."""
+    robots: Sequence[str] = ()
+    """Names of the robots that are away, and held."""
+
+
+async def hold(realm_client: RealmClient, name: str, teller: Teller) -> HeldOrders:
     """Have the directories keep robots from beginning what was ordered; returns those that do.
 
     Args:
@@ -922,19 +944,26 @@ async def hold(realm_client: RealmClient, name: str, teller: Teller) -> Sequence
         teller: hears which directories have not confirmed it.
     """
     if not await realm_client.orders.met():
-        return ()
+        return HeldOrders()
     holding, silent = await realm_client.orders.hold(name)
     if silent and not name:
         teller.warn(
             f"directory {', '.join(silent)} has not confirmed the stop: a robot that is away may begin what"
             " it finds there; stop again"
         )
-    return holding
+    absent = [] if name else await absent_robots(realm_client, ())
+    return HeldOrders(holding, [each.name for each in absent] if holding else [])
 
 
-def stopped(names: Sequence[str]) -> Outcome:
-    """Return the result of a stop that these robots have confirmed."""
-    return Outcome({"stopped": sorted(names)}, f"stopped: {', '.join(sorted(names)) or 'there is no robot'}")
+def stopped(names: Sequence[str], held: Sequence[str] = ()) -> Outcome:
+    """Return the result of a stop that these robots have confirmed, and that holds others that are away."""
+    text = f"stopped: {', '.join(sorted(names)) or 'there is no robot'}"
+    if held:
+        return Outcome(
+            {"stopped": sorted(names), "held": sorted(held)},
+            f"{text}\n{_held_words(sorted(held), 'robotree resume')}",
+        )
+    return Outcome({"stopped": sorted(names)}, text)
 
 
 async def resume(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:

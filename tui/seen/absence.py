@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from robotree.tui.seen.status import span
 
 if TYPE_CHECKING:  # help must not wait for the agents
-    from robotree.vr.base.order import KnownAgent
+    from robotree.vr.base.order import KnownAgent, OrderHold
 
 DAY = 86400.0
 """[s]"""
@@ -24,6 +24,12 @@ def how(known: KnownAgent, now: float) -> str:
     if known.deleted:
         return f"deleted, {age(known.deleted, now)}"
     return f"away since {clock(known.seen)} ({span(max(now - known.seen, 0.0))})"
+
+
+def with_holds(known: KnownAgent, holds: Iterable[OrderHold], now: float) -> str:
+    """Return the same, and which stop keeps it from beginning what was ordered, if one does."""
+    held = next((hold for hold in holds if hold.holds(known.identity)), None)
+    return f"{how(known, now)}, held by {held.by}" if held and not known.deleted else how(known, now)
 
 
 def age(time_of: float, now: float) -> str:

@@ -187,9 +187,10 @@ class Feed:
             self.store.take_away({})
             return
         present = {address.name for address in self.realm_client.present("robot")}
+        holds = await orders.holds()
         self.store.take_away(
             {
-                each.name: Away(each.robot, each.readings, absence.how(each, now))
+                each.name: Away(each.robot, each.readings, absence.with_holds(each, holds, now))
                 for each in await orders.known()
                 if each.robot is not None and not each.deleted and each.name not in present
             }

@@ -1253,6 +1253,12 @@ class NoSuchOrder(OrderError):
     sentence = "no directory that answers has an order {key}; `robotree orders` lists them"
 
 
+class ShortTicket(OrderError):
+    """So few letters could be those of an order that nobody meant."""
+
+    sentence = "{key!r} is too short for a ticket: write at least {least} letters, as `robotree orders` shows"
+
+
 class SeveralOrders(OrderError):
     """Several keys begin like this."""
 

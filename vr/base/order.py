@@ -18,6 +18,7 @@ import msgspec
 
 from robotree.vr.base.address import Role
 from robotree.vr.base.description import CommandSpec, FieldSpec, RobotDescription
+from robotree.vr.base.errors import NoSuchOrder, SeveralOrders, ShortTicket
 from robotree.vr.base.principal import Principal
 
 OrderState = Literal["waiting", "cancelled", "expired", "taken", "refused", "doubt", "done", "failed"]
@@ -37,6 +38,9 @@ RANK: Mapping[OrderState, int] = {
 
 OPEN: frozenset[OrderState] = frozenset({"waiting", "taken"})
 """States of an order that can still move its robot."""
+
+SHORTEST_TICKET = 4
+"""Letters of a key that a person must write: one letter easily names an order that nobody meant."""
 
 LONGEST_ORDER = 30 * 86400.0
 """[s] that an order may wait: every order has an end, for a robot forgets at some time what it has done."""
@@ -153,6 +157,34 @@ class OrderHold(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     def holds(self, identity: str) -> bool:
         """Whether it keeps a robot from beginning what was ordered."""
         return not self.released and self.identity in ("", identity) and identity not in self.freed
+
+
+def expect_ticket(ticket: str) -> None:
+    """Refuse a ticket that is too short to be meant.
+
+    Raises:
+        ShortTicket: it is.
+    """
+    if len(ticket) < SHORTEST_TICKET:
+        raise ShortTicket(key=ticket, least=SHORTEST_TICKET)
+
+
+def the_one(orders: Iterable[Order], ticket: str) -> Order:
+    """Return the one order whose key begins like this.
+
+    Raises:
+        ShortTicket: that is too short to name one.
+        NoSuchOrder: there is none.
+        SeveralOrders: there are several.
+    """
+    expect_ticket(ticket)
+    found = [each for each in orders if each.key.startswith(ticket)]
+    if not found:
+        raise NoSuchOrder(key=ticket)
+    if len(found) > 1:
+        keys = ", ".join(sorted(each.key for each in found)[:5])
+        raise SeveralOrders(key=ticket, count=len(found), keys=keys)
+    return found[0]
 
 
 def mark_of(command: CommandSpec) -> str:

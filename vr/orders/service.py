@@ -121,6 +121,8 @@ class DirectoryService:
         """What has been read since the last time that it was written, by identity."""
         self._asked: dict[str, dict[str, float]] = {}
         """How each robot read when its commands that are remembered were called last, by identity."""
+        self._busy: dict[str, str] = {}
+        """What each robot carries out, by identity: when it is done, what it answers is another thing."""
         self._behind: dict[str, None] = {}
         """Keys of directories that may lack something."""
         self._answers: dict[type[Any], Callable[[Any, Principal], Reply | Awaitable[Reply]]] = {
@@ -367,6 +369,7 @@ class DirectoryService:
             return
         identity = self._here.pop(address, "")
         self._asked.pop(identity, None)
+        self._busy.pop(identity, None)
         known = self._latest(identity)
         if known is not None:
             self._read.pop(identity, None)
@@ -466,7 +469,11 @@ class DirectoryService:
                 self._read[known.identity] = msgspec.structs.replace(
                     known, readings=_finite(state.readings), read=now, seen=now, online=state.online
                 )
-                if state.online and not known.online and known.identity not in self._asked:
+                done = self._busy.pop(known.identity, "")
+                if state.busy:
+                    self._busy[known.identity] = state.busy
+                back = not known.online and known.identity not in self._asked
+                if state.online and (back or (done and done != state.busy)):
                     self._do(self._remember(address, known.robot))
 
     def _write_readings(self) -> None:

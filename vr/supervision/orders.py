@@ -17,7 +17,6 @@ from robotree.vr.base.errors import (
     NoDirectory,
     NoSuchOrder,
     NotRemembered,
-    SeveralOrders,
     SeveralRobots,
     TransportError,
     VrError,
@@ -26,12 +25,14 @@ from robotree.vr.base.order import (
     KnownAgent,
     Order,
     OrderHold,
+    expect_ticket,
     merged,
     merged_hold,
     merged_known,
     shifted,
     shifted_hold,
     shifted_known,
+    the_one,
 )
 from robotree.vr.base.requests import (
     AnyRequest,
@@ -63,6 +64,8 @@ MEETING = 1.0
 """[s] in which a directory is heard by a program that has just come."""
 USUAL_END = 86400.0
 """[s] in which an order must begin if nobody says."""
+NO_KEY = "-"
+"""Of no order: who asks for it gets the holds alone."""
 PATTERN = everyone("directory")
 """Presence pattern of all directories."""
 
@@ -200,20 +203,21 @@ class OrderDesk:
         by_age = sorted(orders.values(), key=lambda each: (each.left, each.key))
         return OrderBoard(by_age, sorted(holds.values(), key=lambda each: each.at), silent)
 
+    async def holds(self) -> Sequence[OrderHold]:
+        """Return the holds that are in force; none if no directory answers."""
+        try:
+            return (await self.board(key=NO_KEY)).holds
+        except NoDirectory:
+            return ()
+
     async def order(self, ticket: str) -> Order:
         """Return the order whose key begins like this.
 
         Raises:
-            NoSuchOrder: there is none.
-            SeveralOrders: there are several.
+            OrderError: as `the_one`.
         """
-        found = (await self.board(key=ticket)).orders
-        if not found:
-            raise NoSuchOrder(key=ticket)
-        if len(found) > 1:
-            keys = ", ".join(each.key for each in found[:5])
-            raise SeveralOrders(key=ticket, count=len(found), keys=keys)
-        return found[0]
+        expect_ticket(ticket)
+        return the_one((await self.board(key=ticket)).orders, ticket)
 
     async def inbox(self) -> Sequence[Order]:
         """Return the results that wait for this user, the oldest first."""

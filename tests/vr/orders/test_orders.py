@@ -18,6 +18,7 @@ from robotree.vr.base.errors import (
     NotOrdered,
     NotRemembered,
     OrderOver,
+    ShortTicket,
 )
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.orders.ledger import Ledger, LedgerEntry
@@ -86,6 +87,8 @@ async def test_bad_input_is_refused_in_a_sentence_and_nothing_is_kept(stage: Sta
         await person.orders.leave("r1", "drive", {"x": 1.0}, begin_within=1e9)
     with pytest.raises(NoSuchOrder):
         await person.orders.cancel("beef")
+    with pytest.raises(ShortTicket, match="at least 4 letters"):
+        await person.orders.cancel("b")
     assert not directory.book.store.orders
 
 
@@ -390,6 +393,20 @@ async def test_what_only_reads_is_remembered_where_its_author_allows_it(stage: S
     assert known is not None
     assert known.answers["place"][1] == 3.0
     assert known.readings == {"x": 3.0}
+
+
+async def test_what_a_robot_answered_last_is_not_older_than_its_last_command(stage: Stage) -> None:
+    directory = await stage.directory("d1")
+    person = await stage.person()
+    agent = await stage.robot(Rover("r1"))
+    await stage.until(lambda: "place" in directory._latest("r1-for-life").answers)  # type: ignore[union-attr]
+    client = RobotClient(person._transport, agent.address)
+    await client.call("drive", {"x": 2.0, "seconds": 1.0}, caller="anna@desk")
+    await asyncio.sleep(1)
+    await stage.switch_off(agent)
+    known = await person.orders.robot("r1")
+    assert known is not None
+    assert known.answers["place"][1] == known.readings["x"] == 2.0
 
 
 async def test_a_robot_that_is_deleted_is_not_away(stage: Stage) -> None:
