@@ -148,9 +148,9 @@ def _start(line: Line, *, readonly: bool) -> int:
     realm = chosen(line.text("--realm"))
     tether = line.flag("--tether")
     match line.verb:
-        case "supervise":
+        case "supervise" | "user" as verb:
             _take_calm(line)
-            return _run(_supervise(realm, readonly=readonly), on_screen=True)
+            return _run(_supervise(realm, readonly=readonly, user=verb == "user"), on_screen=True)
         case "demo":
             return _demo(line, readonly=readonly)
         case "run":
@@ -426,13 +426,15 @@ def _find_room_for_a_loop() -> None:
             end.close()
 
 
-async def _supervise(realm: str, *, readonly: bool) -> int:
-    """Join the realm and show the full screen."""
+async def _supervise(realm: str, *, readonly: bool, user: bool = False) -> int:
+    """Join the realm and show the full screen, or the page for people who do not operate robots."""
     if without := no_screen():
         raise NeedsTerminal(without)
     from robotree.client.joining import joined
     from robotree.tui.screen import keymap
+    from robotree.tui.screen.app import Supervisor
     from robotree.tui.screen.supervise import supervise
+    from robotree.tui.screen.user_app import UserApp
 
     keymap.load()  # one that is wrong is told before anything begins
     from robotree.tui.line import taken
@@ -440,7 +442,8 @@ async def _supervise(realm: str, *, readonly: bool) -> int:
 
     async with joined(realm) as realm_client:
         await taken.merge(realm_client, Silent())
-        return await supervise(realm_client, realm, readonly=readonly)
+        app = UserApp if user else Supervisor
+        return await supervise(realm_client, realm, readonly=readonly, app=app)
 
 
 async def _agent(line: Line, realm: str, *, tether: bool) -> int:

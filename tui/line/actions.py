@@ -660,6 +660,16 @@ ACTIONS: tuple[Action, ...] = (
         needs=("tui",),
     ),
     Action(
+        usage="user",
+        help="The page for people who do not operate robots: what robots can do, in plain words; begin it,"
+        " watch it, order it for later, answer questions, take results, choose a role, write a script."
+        " 40 by 20 characters are enough; without a network it shows what was taken along.",
+        group=PROCESS,
+        where=Where.SHELL,
+        needs=("tui",),
+        examples=("user", "user --calm"),
+    ),
+    Action(
         usage="run FILE [--junit FILE]",
         help="Play a script of verbs and `expect CONDITION within TIME` (- for standard input);"
         " --junit: write the steps as a JUnit report, too.",

@@ -19,7 +19,7 @@ class PageKey:
     """One key of one page."""
 
     page: str
-    """`panel`, `teleop`, `new`, `question`, `text`."""
+    """`panel`, `teleop`, `new`, `user`, `doing`, `question`, `text`."""
     name: str
     """Its action, in a word; `page.name` is its name in a keymap file."""
     key: str
@@ -181,6 +181,47 @@ PAGE_KEYS: tuple[PageKey, ...] = (
         label="Back",
         help="Leave the page; a robot that is just being made is made nevertheless.",
         while_busy=True,
+    ),
+    # -- the page for people who do not operate robots
+    PageKey(
+        page="user", name="open", key="enter", action="open", label="Choose", help="Open what is chosen."
+    ),
+    PageKey(
+        page="user",
+        name="leave",
+        key="q",
+        action="leave",
+        label="Quit",
+        help="Leave; what goes on by itself goes on.",
+        verb="quit",
+    ),
+    PageKey(
+        page="doing",
+        name="back",
+        key="escape",
+        action="back",
+        label="Back",
+        help="Back to the list; what runs goes on.",
+        while_busy=True,
+    ),
+    PageKey(
+        page="doing",
+        name="begin",
+        key="ctrl+r",
+        action="begin",
+        label="Begin",
+        help="Begin, as it is filled in.",
+    ),
+    PageKey(
+        page="writing",
+        name="back",
+        key="escape",
+        action="back",
+        label="Back",
+        help="Back to the list; what was written is not kept.",
+    ),
+    PageKey(
+        page="writing", name="make", key="ctrl+r", action="make", label="Make it", help="Check and make it."
     ),
     # -- questions and texts over a page
     PageKey(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -135,23 +135,75 @@ def offline(line: Line, realm: str, teller: Teller) -> Outcome | None:
         return outcome
 
 
-def _call(book: OrderBook, line: Line) -> Outcome:
+def left_here(
+    realm: str, robot: str, command: str, arguments: Mapping[str, Any], begin_within: float
+) -> Order:
+    """Leave an order in what was taken along.
+
+    Args:
+        realm: of the robot.
+        robot: its name.
+        command: of it.
+        arguments: numbers in the declared units, or text with units.
+        begin_within: [s] in which it must begin.
+
+    Raises:
+        VrError: it is refused.
+    """
+    with opened(realm) as book:
+        return _left(book, robot, command, arguments, begin_within)
+
+
+def cancelled_here(realm: str, key: str) -> Order:
+    """End an order that was left in what was taken along.
+
+    Raises:
+        VrError: it is over, or there is none.
+    """
+    with opened(realm) as book:
+        order = book.cancel(key, book.owner)
+        book.keep(orders=[order])
+        return order
+
+
+def _left(
+    book: OrderBook,
+    robot: str,
+    command: str,
+    arguments: Mapping[str, Any],
+    begin_within: float,
+    may_take: float = CALL_LIMIT,
+    identity: str = "",
+) -> Order:
     from robotree.vr.base.chance import token
     from robotree.vr.base.principal import principal_of, this_process
     from robotree.vr.base.requests import LeaveOrder
 
-    robot, command = values.dotted(line.text("ROBOT.COMMAND"), "ROBOT.COMMAND")
     request = LeaveOrder(
         key=token(),
         robot=robot,
         command=command,
-        arguments=dict(values.assignments(line.many("PARAMETER=VALUE"))),
-        begin_within=ordering.until(line.text("--until")),
-        may_take=values.duration(line.text("--within")) if line.text("--within") else CALL_LIMIT,
-        identity=line.text("--robot"),
+        arguments=dict(arguments),
+        begin_within=begin_within,
+        may_take=may_take,
+        identity=identity,
     )
     order = book.leave(request, principal_of(this_process(), "", ""))
     book.keep(orders=[order])
+    return order
+
+
+def _call(book: OrderBook, line: Line) -> Outcome:
+    robot, command = values.dotted(line.text("ROBOT.COMMAND"), "ROBOT.COMMAND")
+    order = _left(
+        book,
+        robot,
+        command,
+        values.assignments(line.many("PARAMETER=VALUE")),
+        ordering.until(line.text("--until")),
+        values.duration(line.text("--within")) if line.text("--within") else CALL_LIMIT,
+        line.text("--robot"),
+    )
     end = absence.clock(order.begin_by)
     text = f"order {order.ticket}: {robot}.{command} is left here, to begin by {end}; no directory has it yet"
     return Outcome({**ordering.data_of(order), "confirmed": [], "unconfirmed": []}, text)

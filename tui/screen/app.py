@@ -27,6 +27,7 @@ from robotree.tui.screen.driver import outliving
 from robotree.tui.screen.operator_app import OperatorApp
 from robotree.tui.screen.pages.dialogs import Reading
 from robotree.tui.screen.pages.main import MainPage, main_page
+from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.place import NOWHERE, Place
 from robotree.tui.screen.teleoperable import bounds
@@ -47,10 +48,10 @@ CONTROL_FILTER = ControlFilter()
 """Every line of every widget goes through it."""
 
 
-def program_keys() -> Iterable[Binding]:
-    """Make the keys of the whole program from the registry."""
+def program_keys(*verbs: str) -> Iterable[Binding]:
+    """Make the keys of the whole program from the registry: all of them, or those of these verbs."""
     for action in ACTIONS:
-        if action.scope is not Scope.PROGRAM:
+        if action.scope is not Scope.PROGRAM or (verbs and action.verb not in verbs):
             continue
         first, asked = (
             bool(action.typing_key or action.while_busy),
@@ -92,10 +93,15 @@ class Supervisor(OperatorApp):
         asyncio.get_running_loop().set_task_factory(None)
 
     async def on_mount(self) -> None:
-        """Show the main page and begin to listen."""
-        await self.push_screen(MainPage())
+        """Show the first page and begin to listen."""
+        first = self.first_page()
+        await self.push_screen(first)
         await self.feed.open()
-        self.main.draw()
+        first.draw()
+
+    def first_page(self) -> Page:
+        """Return the page to begin with."""
+        return MainPage()
 
     async def on_unmount(self) -> None:
         """Stop to listen."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from textual.app import ReturnType
 from textual.events import Event, Key
-from textual.widgets import Input
+from textual.widgets import Input, TextArea
 
 from robotree.tui.line.actions import BY_VERB
 from robotree.tui.screen.busy import BusyForms, carried_out
@@ -63,7 +63,8 @@ class KeyGuard(BusyForms[ReturnType]):
     @property
     def typing(self) -> bool:
         """Whether keys are letters now."""
-        return bool(self.screen_stack) and isinstance(self.focused, Input) and not carried_out(self.focused)
+        front = self.focused if self.screen_stack else None
+        return isinstance(front, Input | TextArea) and not carried_out(front)
 
     async def on_event(self, event: Event) -> None:
         """Notice who types on and has not looked yet; stops overtake the letters before them."""

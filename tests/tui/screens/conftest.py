@@ -21,6 +21,7 @@ from textual.widgets import Input
 from robotree.tui.screen import key_guard, keys_in_order
 from robotree.tui.screen.app import Supervisor
 from robotree.tui.screen.keymap import Keymap
+from robotree.tui.screen.user_app import UserApp
 from robotree.tui.seen import feeding
 from robotree.vr.agents import publisher, shared
 from tests.screen import at_rest, press, shows, text_of
@@ -220,13 +221,14 @@ def operate() -> Operate:
         readonly: bool = False,
         keymap: Keymap | None = None,
         calm: bool = False,
+        kind: type[Supervisor] = Supervisor,
     ) -> AsyncGenerator[Operator]:
-        app = Supervisor(
-            realm_client, realm="test", farewell=farewell, readonly=readonly, keymap=keymap, calm=calm
-        )
+        app = kind(realm_client, realm="test", farewell=farewell, readonly=readonly, keymap=keymap, calm=calm)
         async with app.run_test(size=size) as pilot:
             operator = Operator(app, pilot)
-            await operator.until(lambda: app.store.joined and len(app.screen_stack) > 1, "the main page")
+            await operator.until(
+                lambda: (app.store.joined or kind is UserApp) and len(app.screen_stack) > 1, "the main page"
+            )
             yield operator
             assert app.fatal is not None or operator.text
         assert app.fatal is None

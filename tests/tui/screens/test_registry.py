@@ -23,6 +23,8 @@ from robotree.tui.screen.pages.new import NewPage
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.pages.teleop import TeleopPage
+from robotree.tui.screen.pages.user import DoingPage, UserPage
+from robotree.tui.screen.pages.write import WritePage
 from robotree.tui.screen.place import Place
 
 if TYPE_CHECKING:
@@ -65,6 +67,9 @@ def test_only_what_is_on_the_screen_is_about_something_there() -> None:
         ("question", Confirm),
         ("question", EnslaveDialog),
         ("text", Reading),
+        ("user", UserPage),
+        ("doing", DoingPage),
+        ("writing", WritePage),
     ],
 )
 def test_every_key_of_a_page_comes_from_the_registry_and_is_explained(name: str, page: type[Screen]) -> None:

@@ -9,7 +9,7 @@ from textual.app import ComposeResult
 from textual.events import Resize
 from textual.screen import Screen
 from textual.widget import Widget
-from textual.widgets import Footer, Input
+from textual.widgets import Footer, Input, TextArea
 from textual.widgets._footer import FooterKey
 
 from robotree.tui.line.actions import BY_VERB
@@ -73,7 +73,7 @@ class KeyLine(Part, Footer):
 
     def _help(self) -> FooterKey:
         """Return the key of the help where a question is in front, or somebody types."""
-        typing = isinstance(self.screen.focused, Input)
+        typing = isinstance(self.screen.focused, Input | TextArea)
         key = HELP.typing_key if typing else HELP.key
         return FooterKey(key, spell(key), HELP.label, "app.verb('help')").data_bind(compact=Footer.compact)
 
