@@ -32,8 +32,8 @@ from robotree.tui.demo import cast
 from robotree.tui.line.actions import BY_VERB
 from robotree.tui.processes.crew import Crew
 from robotree.tui.screen.app import Supervisor
-from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.place import Place
+from robotree.tui.screen.user_app import UserApp
 from robotree.tui.wire.security import realm_key
 from robotree.vr.base.envelope import sitting_at
 from robotree.vr.supervision.realm_client import RealmClient
@@ -42,7 +42,15 @@ HERE = Path(__file__).parent
 EXAMPLES = HERE.parent / "examples"
 REALM = "demo"
 BIG, USUAL, SMALL, COLOURS, SIXTEEN = "160x48", "80x24", "50x15", "256-colours", "16-colours"
-SIZES = {BIG: (160, 48), USUAL: (80, 24), SMALL: (50, 15), COLOURS: (120, 32), SIXTEEN: (80, 24)}
+TINY = "40x20"
+SIZES = {
+    BIG: (160, 48),
+    USUAL: (80, 24),
+    SMALL: (50, 15),
+    COLOURS: (120, 32),
+    SIXTEEN: (80, 24),
+    TINY: (40, 20),
+}
 REDUCED = {COLOURS: 256, SIXTEEN: 16}
 """Number of colours, where they are not all."""
 TERMINAL = "tty3"
@@ -172,6 +180,24 @@ async def help(stage: Stage) -> None:  # noqa: A001 # the scene is named after t
     await stage.open("help")
 
 
+@scene(TINY)
+async def user(stage: Stage) -> None:
+    """What people see who do not operate robots."""
+    stage.app.perform(stage.app.prompt.parse(["call", "lever.close"]))
+    await stage.settle()
+
+
+@scene(TINY)
+async def doing(stage: Stage) -> None:
+    """The form of something that can be done."""
+    await stage.pilot.press("down", "enter")
+    await stage.settle()
+
+
+FOR_USERS = frozenset({"user", "doing"})
+"""Scenes of the page for users."""
+
+
 async def prepare(realm_client: RealmClient) -> None:
     """Put virtual robots on top of the demo's."""
     for file, name in (
@@ -209,10 +235,10 @@ async def take(
         "COLORTERM": "" if colours else "truecolor",
     }
     os.environ.update(terminal)
-    app = Supervisor(realm_client, realm=REALM)
+    app = (UserApp if name in FOR_USERS else Supervisor)(realm_client, realm=REALM)
     async with app.run_test(size=size) as pilot:
         stage = Stage(realm_client, app, pilot)
-        while not (app.store.joined and any(isinstance(one, MainPage) for one in app.screen_stack)):
+        while not (app.store.joined and len(app.screen_stack) > 1):
             await pilot.pause(0.05)
         await stage.settle()
         await SCENES[name][0](stage)
