@@ -109,3 +109,27 @@ def test_larger_and_not_larger_exclude_each_other(number: float, bound: float) -
     larger = condition(f"result > {bound!r}").judge(there).holds
     assert larger != condition(f"result <= {bound!r}").judge(there).holds
     assert larger == (number > bound)
+
+
+def test_what_is_expected_of_a_group_is_judged_of_each_member() -> None:
+    idle, busy = arm(free=True), mover(busy="move")
+    robots = {robot.name: robot for robot in (idle, busy)}
+    both = Scene(
+        robots=robots,
+        readings={"arm-1": {"battery": 40.0}, "mover": {"battery": 20.0}},
+        groups={"team": ("arm-1", "mover"), "nobody": ()},
+    )
+    holds = {
+        "all of team idle": False,
+        "any of team idle": True,
+        "all of team reading battery > 30": False,
+        "all of team reading battery > 10": True,
+        "any of team enslaved by mover.arm": False,
+        "all of nobody idle": False,
+        "all of strangers idle": False,
+    }
+    assert {text: condition(text).judge(both).holds for text in holds} == holds
+    assert "mover: busy: move" in condition("all of team idle").judge(both).seen
+    assert condition("all of team idle").group == "team"
+    with pytest.raises(ValueRefused):
+        condition("all of team happy")

@@ -667,7 +667,7 @@ ACTIONS: tuple[Action, ...] = (
         group=PROCESS,
         where=Where.SHELL,
         needs=("tui",),
-        examples=("user", "user --calm"),
+        examples=("user",),
     ),
     Action(
         usage="run FILE [--junit FILE]",

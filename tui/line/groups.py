@@ -159,10 +159,11 @@ async def group(realm_client: RealmClient, line: Line, _teller: Teller) -> Outco
 
 
 def _rule(where: str, near: str) -> str:
+    from robotree.vr.base.group import rule_of
+
     if '"' in near or "'" in near:
         raise ValueRefused("PLACE", f"{near!r} cannot be the name of a place")
-    place = f"near '{near}'" if near else ""
-    return f"({where}) and {place}" if where and place else where or place
+    return rule_of(where, near)
 
 
 async def _shown(realm_client: RealmClient, group: RobotGroup) -> Outcome:

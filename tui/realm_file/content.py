@@ -13,6 +13,7 @@ import msgspec
 from robotree.tui.errors import BadRealmFile
 from robotree.tui.line.actions import BY_VERB
 from robotree.tui.line.grammar import Blank
+from robotree.vr.base.group import RobotGroup, rule_of
 from robotree.vr.base.written import Mark, Word
 
 STANDS_BY = "standby-for"
@@ -116,6 +117,27 @@ class RobotEntry(msgspec.Struct, frozen=True, kw_only=True):
         return f"robot {self.name}"
 
 
+class GroupEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """One group that there should be."""
+
+    name: str
+    mark: Mark = Mark()
+    robots: tuple[Word, ...] = ()
+    where: str = ""
+    near: str = ""
+
+    @property
+    def id(self) -> str:
+        """The name for steps."""
+        return f"group {self.name}"
+
+    @property
+    def meant(self) -> RobotGroup:
+        """The group as the realm keeps it."""
+        names = tuple(dict.fromkeys(robot.text for robot in self.robots))
+        return RobotGroup(name=self.name, names=names, rule=rule_of(self.where, self.near))
+
+
 class RealmFile(msgspec.Struct, frozen=True, kw_only=True):
     """A whole realm."""
 
@@ -124,6 +146,7 @@ class RealmFile(msgspec.Struct, frozen=True, kw_only=True):
     """Of all links that name none: a file, `realm` or `none`; empty: as the environment says."""
     processes: tuple[ProcessEntry, ...] = ()
     robots: tuple[RobotEntry, ...] = ()
+    groups: tuple[GroupEntry, ...] = ()
 
     @property
     def folder(self) -> Path:

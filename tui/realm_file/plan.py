@@ -115,6 +115,7 @@ class _Planner:
 
     def plan(self) -> Plan:
         self._strangers()
+        self._groups()
         for process in self._wanted.processes:
             self._process(process)
         for robot in self._wanted.robots:
@@ -135,6 +136,25 @@ class _Planner:
             return ""
         homes = [entry.host.text] if entry.host else self._wanted.section("host")
         return next((host for host in homes if host in self._starting), "")
+
+    def _groups(self) -> None:
+        """Make the groups of the file; a rule may name one that stands before it."""
+        before: set[str] = set()
+        for entry in self._wanted.groups:
+            meant, known = entry.meant, self._there.groups.get(entry.name)
+            if meant != known:
+                values: dict[str, str | tuple[str, ...]] = {"GROUP": entry.name}
+                values |= {"ROBOT": meant.names} if meant.names else {}
+                values |= {"--where": meant.rule} if meant.rule else {}
+                self._verb("~" if known else "+", entry.id, Line("group", values), set(before))
+                before.add(entry.id)
+        wanted = {entry.name for entry in self._wanted.groups}
+        for name in self._there.groups.keys() - wanted:
+            if self._prune:
+                line = Line("group", {"GROUP": name, "--delete": True})
+                self._verb("-", f"delete group {name}", line)
+            else:
+                self._left.append(f"group {name} is not in the file")
 
     # -- what is not in the file -------------------------------------------------------------------
 

@@ -18,6 +18,7 @@ from robotree.tui.processes.state_files import kept_hosts
 from robotree.tui.realm_file.content import SECTIONS
 from robotree.tui.realm_file.controllers import Controller
 from robotree.vr.base.errors import VrError
+from robotree.vr.base.group import RobotGroup
 
 if TYPE_CHECKING:
     from robotree.vr.base.address import Role
@@ -69,6 +70,8 @@ class Present(msgspec.Struct, frozen=True, kw_only=True):
     """Robots that do not answer: where they are, by name."""
     controllers: Mapping[str, Controller] = {}
     """Simulated ones that live, by their names in the file."""
+    groups: Mapping[str, RobotGroup] = msgspec.field(default_factory=dict[str, RobotGroup])
+    """Of the realm, by name."""
     keepers: frozenset[str] = frozenset()
     """Names of hosts that bring robots back when they are started."""
 
@@ -107,6 +110,7 @@ async def present(realm_client: RealmClient, known: Mapping[str, Controller]) ->
         others=others,
         silent=silent,
         controllers=known,
+        groups=realm_client.groups.all(),
         keepers=kept_hosts(realm_client.realm),
     )
 

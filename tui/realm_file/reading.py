@@ -17,6 +17,9 @@ robots:
     settings: {speed: 20 cm/s}
     slots: {arm: arm-1}                     # several children of a group: [rover-1, rover-2]
     watches: {seen: arm-2}                  # without a lease, beside whoever commands it
+groups:
+  carriers: [rover-1, rover-2]
+  strong: {where: kind = Rover & battery > 30, near: hall}   # and robots: [rover-1]
 """
 
 from __future__ import annotations
@@ -32,6 +35,7 @@ from robotree.tui.realm_file.content import (
     KIND,
     NAMELESS,
     SECTIONS,
+    GroupEntry,
     ProcessEntry,
     RealmFile,
     RobotEntry,
@@ -39,7 +43,8 @@ from robotree.tui.realm_file.content import (
 )
 from robotree.vr.base import literal
 from robotree.vr.base.address import check_name
-from robotree.vr.base.errors import BadName, BrokenScript
+from robotree.vr.base.errors import BadName, BrokenScript, VrError
+from robotree.vr.base.group import checked
 from robotree.vr.base.permissions import LEVELS
 from robotree.vr.base.written import (
     Entries,
@@ -54,11 +59,13 @@ from robotree.vr.base.written import (
     value_of,
     word,
 )
+from robotree.vr.scripts.requirement import requirement
 
 ROBOT_KEYS = ("page", "hash", "host", "isolate", "settings", "role", "slots", "watches")
 NOUNS = {NAMELESS: "controller", "space serve": "space"}
 """The name of a process whose verb is no noun."""
-KEYS = ("key", *SECTIONS, "robots")
+GROUP_KEYS = ("robots", "where", "near")
+KEYS = ("key", *SECTIONS, "robots", "groups")
 HASH = re.compile(r"[0-9a-f]{8,64}")
 
 Kinds = Mapping[str, Collection[str]]
@@ -90,12 +97,14 @@ def _read(root: Written, path: str) -> RealmFile:
     root.expect(KEYS, "a realm")
     processes = [process for section, verb in SECTIONS.items() for process in _processes(root, section, verb)]
     robots = [_robot(name, facets) for name, facets in entries(root.get("robots"), "robots", root.mark)]
+    groups = [_group(name, given) for name, given in entries(root.get("groups"), "groups", root.mark)]
     key = root.get("key")
     return RealmFile(
         path=path,
         key="" if key is None else word(key, "key", root.mark).text,
         processes=tuple(processes),
         robots=tuple(robots),
+        groups=tuple(groups),
     )
 
 
@@ -174,6 +183,30 @@ def _robot(name: Word, given: Written) -> RobotEntry:
     )
 
 
+def _group(name: Word, given: Written) -> GroupEntry:
+    """Read a group: a list of names, or what its members are."""
+    _expect_name(name)
+    if isinstance(given, Items | Word):
+        found = GroupEntry(name=name.text, mark=name.mark, robots=_children(name, given))
+    else:
+        facets = entries(given, f"group {name.text}", name.mark)
+        facets.expect(GROUP_KEYS, "a group")
+        robots, where, near = (facets.get(key) for key in GROUP_KEYS)
+        found = GroupEntry(
+            name=name.text,
+            mark=name.mark,
+            robots=() if robots is None else _children(name, robots),
+            where="" if where is None else word(where, "where", name.mark).text,
+            near="" if near is None else word(near, "near", name.mark).text,
+        )
+    try:
+        checked(found.meant)
+        requirement(found.meant.rule)
+    except VrError as error:
+        raise name.mark.error(str(error)) from None
+    return found
+
+
 def _setting(thing: Written) -> Word:
     """Return a setting as it is typed on the command line."""
     return thing if isinstance(thing, Word) else Word(literal.write(_plain(thing)), thing.mark)
@@ -207,6 +240,9 @@ def _check(found: RealmFile, kinds: Kinds) -> None:
     for process in found.processes:
         _check_process(process, found, kinds.get(process.verb, ()))
     proxies, hosts = found.section("proxy"), found.section("host")
+    for group in found.groups:
+        if group.name in names_in(found):
+            raise group.mark.error(f"{group.name!r} is also a robot: a group needs a name of its own")
     for robot in found.robots:
         if robot.name in proxies:
             line = proxies[robot.name].mark.line

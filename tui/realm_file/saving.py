@@ -17,6 +17,7 @@ from robotree.tui.realm_file.content import (
     KEYWORDS,
     KIND,
     SECTIONS,
+    GroupEntry,
     ProcessEntry,
     RealmFile,
     RobotEntry,
@@ -83,7 +84,13 @@ class _Saving:
             f"{name} in {where} is not in the file: it does not answer"
             for name, where in sorted(there.silent.items())
         ]
-        file = RealmFile(path=path, key=key, processes=tuple(processes), robots=tuple(robots))
+        groups = [
+            GroupEntry(name=name, robots=tuple(map(_word, group.names)), where=group.rule)
+            for name, group in sorted(there.groups.items())
+        ]
+        file = RealmFile(
+            path=path, key=key, processes=tuple(processes), robots=tuple(robots), groups=tuple(groups)
+        )
         return file, self._notes
 
     def _key(self, given: str) -> str:

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Iterator
 
 from robotree.tui.line.actions import BY_VERB
-from robotree.tui.realm_file.content import SECTIONS, ProcessEntry, RealmFile, RobotEntry
+from robotree.tui.realm_file.content import SECTIONS, GroupEntry, ProcessEntry, RealmFile, RobotEntry
 from robotree.vr.base.written import Word
 
 _BARE = re.compile(r"[A-Za-z0-9./_][A-Za-z0-9./_+ -]*(?<! )|[A-Za-z0-9_./-]+\.py:[A-Za-z_]\w*")
@@ -29,6 +29,8 @@ def write_file(found: RealmFile, *, comments: Iterable[str] = ()) -> str:
         lines += ["", "robots:"]
         for robot in found.robots:
             lines += _robot(robot)
+    if found.groups:
+        lines += ["", "groups:", *map(_group, found.groups)]
     return "\n".join([*lines, ""])
 
 
@@ -46,6 +48,16 @@ def _section(section: str, processes: list[ProcessEntry]) -> Iterator[str]:
             for key, word in process.facets.items()
         )
         yield f"  {_text(process.name)}: {{{', '.join(facets)}}}"
+
+
+def _group(group: GroupEntry) -> str:
+    names = f"[{', '.join(map(_word, group.robots))}]"
+    if not (group.where or group.near):
+        return f"  {_text(group.name)}: {names}"
+    facets = [f"robots: {names}"] if group.robots else []
+    facets += [f"where: {_text(group.where)}"] if group.where else []
+    facets += [f"near: {_text(group.near)}"] if group.near else []
+    return f"  {_text(group.name)}: {{{', '.join(facets)}}}"
 
 
 def _robot(robot: RobotEntry) -> Iterator[str]:

@@ -9,6 +9,8 @@
     expect mover paused                        its commands wait before each step
     expect mover on host-2                     it lives there
     expect reading cell.lever_angle > 0.75     a view's or a robot's reading
+    expect all of carriers idle                of each member of a group; `any of`: of one at least
+    expect all of carriers reading battery > 30
     expect result.z >= 0.29                    of the last `call`; `result` alone for a single value
     expect result.points[0].x > 0.1            of what lies in it
     expect refused                             the last `try …` was refused; also with the error's name
@@ -64,6 +66,8 @@ class Scene:
     """Descriptions of those robots that the condition wants to know and that answered."""
     readings: Mapping[str, Mapping[str, float]] = field(default_factory=dict[str, Mapping[str, float]])
     """Readings by name of view or robot."""
+    groups: Mapping[str, Sequence[str]] = field(default_factory=dict[str, Sequence[str]])
+    """Names of the members of groups, by name of the group; one that there is not is left out."""
     result: Any = None
     """Result of the last `call`."""
     refusal: str = ""
@@ -88,6 +92,8 @@ class Condition:
     """The robots whose descriptions the scene must have."""
     readings: tuple[str, ...] = ()
     """The robots whose readings the scene must have."""
+    group: str = ""
+    """The group whose members, with their descriptions and readings, the scene must have."""
     settled: bool = False
     """It is about what is over: waiting does not change it."""
 
@@ -120,7 +126,8 @@ def condition(text: str) -> Condition:
     raise ValueRefused(
         "expect",
         f"{text!r} is no condition; use NAME listed|gone|idle, NAME on HOST, NAME enslaved by PARENT.SLOT, "
-        "PARENT.SLOT empty|holds CHILD, reading NAME.READING > NUMBER, result > VALUE, refused or done",
+        "PARENT.SLOT empty|holds CHILD, reading NAME.READING > NUMBER, all of GROUP idle, result > VALUE,"
+        " refused or done",
     )
 
 
@@ -216,6 +223,29 @@ def _slot(found: re.Match[str]) -> Condition:
         return Verdict(held == child, f"holds {held}" if held else "empty")
 
     return Condition(found[0], judge, robots=(parent,))
+
+
+@_form(rf"(all|any)\s+of\s+{_NAME}\s+(?:reading\s+(.+)|(.+))")
+def _of_group(found: re.Match[str]) -> Condition:
+    quantity, group, reading, rest = found.groups()
+
+    def of(name: str) -> Condition:
+        return condition(f"reading {name}.{reading}" if reading else f"{name} {rest}")
+
+    of("member")  # what is no condition of one is none of a group
+    wanted = all if quantity == "all" else any
+
+    def judge(scene: Scene) -> Verdict:
+        members = scene.groups.get(group)
+        if members is None:
+            return Verdict(holds=False, seen=f"there is no group {group}")
+        verdicts = {name: of(name).judge(scene) for name in members}
+        if not verdicts:
+            return Verdict(holds=False, seen=f"nobody is in {group} now")
+        seen = "; ".join(f"{name}: {verdict.seen}" for name, verdict in verdicts.items())
+        return Verdict(wanted(verdict.holds for verdict in verdicts.values()), seen)
+
+    return Condition(found[0], judge, group=group)
 
 
 @_form(rf"reading\s+{_NAME}\.([\w.-]+?){_COMPARED}")

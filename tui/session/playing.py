@@ -7,7 +7,7 @@ import errno
 import json
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -146,14 +146,28 @@ class Player:
 
     async def _scene(self, expect: Expect) -> Scene:
         wanted = expect.condition
-        robots = {name: await self._described(name) for name in wanted.robots}
+        members = await self._members(wanted.group) if wanted.group else None
+        names = (*wanted.robots, *(members or ()))
+        robots = {name: await self._described(name) for name in names}
         return Scene(
             listed=frozenset(one.name for one in self.realm_client.robots()),
             robots={name: robot for name, robot in robots.items() if robot},
-            readings={name: await self._readings(name) for name in wanted.readings},
+            readings={name: await self._readings(name) for name in (*wanted.readings, *(members or ()))},
+            groups={} if members is None else {wanted.group: members},
             result=self.result,
             refusal=self.refusal,
         )
+
+    async def _members(self, group: str) -> Sequence[str] | None:
+        """Return the members of a group; None: there is no such group, or it cannot be read."""
+        from robotree.vr.base.errors import VrError
+        from robotree.vr.supervision.groups import members_of
+
+        try:
+            found = await members_of(self.realm_client, self.realm_client.groups.find(group))
+        except VrError:
+            return None
+        return [member.name for member in found if member.sure]
 
     async def _described(self, name: str) -> RobotDescription | None:
         from robotree.vr.base.errors import VrError

@@ -33,6 +33,17 @@ class RobotGroup(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         return " and ".join([*parts, *([f"all where {self.rule}"] if self.rule else [])])
 
 
+def rule_of(where: str, near: str) -> str:
+    """Return the rule of those that fulfil `where` and are near a place; empty: neither is said.
+
+    Args:
+        where: a rule; empty: none.
+        near: name of a place, without quotes in it; empty: none.
+    """
+    place = f"near '{near}'" if near else ""
+    return f"({where}) and {place}" if where and place else where or place
+
+
 def checked(group: RobotGroup) -> RobotGroup:
     """Return a group if it can be one.
 

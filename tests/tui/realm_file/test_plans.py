@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import msgspec
+import pytest
 
+from robotree.tui.errors import BadRealmFile
 from robotree.tui.realm_file.plan import Page, Plan, plan
 from robotree.tui.realm_file.present import Present
 from robotree.tui.realm_file.reading import read_file
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import BondSpec, RobotDescription, SlotSpec
+from robotree.vr.base.group import RobotGroup
 
 PAGE = Page("/pages/a.py", "0123456789")
 
@@ -200,3 +203,41 @@ def test_a_child_waits_for_the_parent_that_its_host_brings_back() -> None:
         "- release up.arm",
         "+ enslave up.arm low",
     ]
+
+
+GROUPS = """\
+groups:
+  carriers: [rover-1, rover-2]
+  strong: {where: kind = Rover & battery > 30, near: hall}
+"""
+
+
+def test_groups_of_the_file_are_made_and_changed_and_others_go_only_when_pruned() -> None:
+    wanted = read_file(GROUPS, "cell.yaml")
+    kept = RobotGroup(name="carriers", names=("rover-1", "rover-2"))
+    other = RobotGroup(name="others", names=("arm-1",))
+    there = Present(realm="cell", groups={"carriers": kept, "others": other})
+    found = plan(wanted, there, {})
+    (line,) = [step.line for step in found.steps]
+    assert line is not None
+    assert (line.verb, line.text("GROUP")) == ("group", "strong")
+    assert line.text("--where") == "(kind = Rover & battery > 30) and near 'hall'"
+    assert found.left == ("group others is not in the file",)
+    changed = Present(realm="cell", groups={"carriers": RobotGroup(name="carriers", names=("rover-1",))})
+    assert [step.sign for step in plan(wanted, changed, {}).steps] == ["~", "+"]
+    ended = [step.line for step in plan(wanted, there, {}, prune=True).steps if step.sign == "-"]
+    assert [line.text("GROUP") for line in ended if line] == ["others"]
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("groups:\n  strong: {where: battery >}\n", "2: .*battery >"),
+        ("groups:\n  strong: {}\n", "2: .*it has nobody"),
+        ("groups:\n  strong: {of: [r1]}\n", "2: .*of"),
+        ("robots:\n  a: {page: a.py}\ngroups:\n  a: [r1]\n", "4: .*also a robot"),
+    ],
+)
+def test_a_group_that_cannot_be_is_told_with_its_line(text: str, why: str) -> None:
+    with pytest.raises(BadRealmFile, match=why):
+        read_file(text, "cell.yaml")

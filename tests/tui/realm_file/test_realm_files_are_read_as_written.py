@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as some
 from msgspec import structs
 
-from robotree.tui.realm_file.content import ProcessEntry, RealmFile, RobotEntry
+from robotree.tui.realm_file.content import GroupEntry, ProcessEntry, RealmFile, RobotEntry
 from robotree.tui.realm_file.reading import read_file
 from robotree.tui.realm_file.writing import write_file
 from robotree.vr.base.written import Mark, Word
@@ -55,7 +55,11 @@ def files(draw: some.DrawFn) -> RealmFile:
     hosts = [
         ProcessEntry(verb="host", name=name) for name in draw(some.lists(NAMES, unique=True, max_size=3))
     ]
-    return RealmFile(path="cell.yaml", processes=(*hosts, last), robots=tuple(robots))
+    others = draw(some.sampled_from(["", "battery > 30", "kind = 'a b' or near hall"]))
+    groups = (
+        GroupEntry(name="all-of-them", robots=tuple(Word(name, Mark()) for name in names), where=others),
+    )
+    return RealmFile(path="cell.yaml", processes=(*hosts, last), robots=tuple(robots), groups=groups)
 
 
 def bare(found: RealmFile) -> RealmFile:
@@ -80,7 +84,10 @@ def bare(found: RealmFile) -> RealmFile:
         )
         for robot in found.robots
     ]
-    return structs.replace(found, processes=tuple(processes), robots=tuple(robots))
+    groups = [
+        structs.replace(group, mark=Mark(), robots=tuple(map(word, group.robots))) for group in found.groups
+    ]
+    return structs.replace(found, processes=tuple(processes), robots=tuple(robots), groups=tuple(groups))
 
 
 @given(files())
