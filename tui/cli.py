@@ -225,7 +225,7 @@ def _offline(line: Line) -> bool:
 def _author(line: Line, _realm: str, _readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike
     """Write or check a page."""
     from robotree.tui import authoring
-    from robotree.tui.rules import known_kinds
+    from robotree.tui.line.known_kinds import known_kinds
 
     return (authoring.check if line.verb == "check" else authoring.new)(line, known_kinds())
 

@@ -18,11 +18,11 @@ import msgspec
 from robotree.tui import exit_codes
 from robotree.tui.errors import ValueRefused
 from robotree.tui.line.grammar import Line
+from robotree.tui.line.known_kinds import known_kinds
 from robotree.tui.line.sources import shipped
 from robotree.tui.terminal import answer, put
 
 if TYPE_CHECKING:  # help must not wait for the rules
-    from robotree.vr.base.description import CommandSpec
     from robotree.vr.scripts.program import Program
     from robotree.vr.scripts.trial import Played, Rehearsal, Trial
 
@@ -58,14 +58,6 @@ def _program(given: str) -> Program:
     program = read_program(_source(path), str(given))
     check_known(program, known_kinds())
     return program
-
-
-def known_kinds() -> dict[str, dict[str, CommandSpec]]:
-    """Return the commands of the kinds of robots that come with robotree, by name of the kind."""
-    from robotree import kinds
-    from robotree.vr.author.kind import promises_of
-
-    return {name: {one.name: one for one in promises_of(getattr(kinds, name))} for name in kinds.__all__}
 
 
 def known_choices() -> dict[str, list[tuple[str, str]]]:

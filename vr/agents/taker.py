@@ -13,12 +13,14 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any, TypeVar
 
 import msgspec
 
+from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.arguments import check_arguments
 from robotree.vr.base.description import lacking
 from robotree.vr.base.errors import (
@@ -68,6 +70,13 @@ NOTE = 0.5
 """[s] that the end of a process waits for the end of an order to be written down."""
 TOUCHES = 1.0
 """[s] between two notes that a person has commanded the robot."""
+
+LENGTHS = {"x": "m", "y": "m", "z": "m"}
+ANGLES = {"twist": "rad", "heading": "rad", "yaw": "rad"}
+"""Readings that say where a robot stands, and their units."""
+MOVED, TURNED = 0.05, 0.1
+"""[m], [rad] by which a robot that is at rest stands elsewhere if somebody has moved it: no controller drifts
+so far, and no odometer errs so much."""
 
 _R = TypeVar("_R", bound=Reply)
 _log = logging.getLogger(__name__)
@@ -127,6 +136,8 @@ class OrderTaker:
         self._told: dict[str, set[str]] = {}
         """Which directories know how an order stands, by its key."""
         self._touched = 0.0
+        self._moves = False
+        """Whether a command has been given since it was last seen at rest."""
 
     @property
     def has_taken(self) -> bool:
@@ -166,7 +177,13 @@ class OrderTaker:
 
     def _called(self, call: Call, reads: bool) -> None:  # noqa: FBT001 # of `RobotRuntime.on_call`
         """Take note that somebody commands the robot other than by an order. In any thread."""
-        if reads or call.epoch is not None or call.key in self._ledger.entries:
+        if reads:
+            return
+        self._moves = True
+        if self._identity in self._ledger.rest:
+            with contextlib.suppress(RuntimeError):  # the loop is closed
+                self._loop.call_soon_threadsafe(lambda: self._loop.create_task(self._leave_rest()))
+        if call.epoch is not None or call.key in self._ledger.entries:
             return
         now = self._unix()
         if now - self._touched >= TOUCHES:
@@ -177,6 +194,51 @@ class OrderTaker:
     async def _touch(self, now: float) -> None:
         with contextlib.suppress(DirectoryUnusable):
             await self._written(partial(self._ledger.touch, self._identity, now))
+
+    async def _leave_rest(self) -> None:
+        """Take note that the robot is about to move: if it is killed then, nobody has moved it by hand."""
+        with contextlib.suppress(DirectoryUnusable):
+            await self._written(partial(self._ledger.note_rest, self._identity, None))
+
+    def _place(self) -> dict[str, float]:
+        """Return where the robot stands; empty: it does not say.
+
+        What a virtual robot reads is its author's code, and it stands where its children do.
+        """
+        robot = self._runtime.robot
+        if isinstance(robot, VirtualRobot):
+            return {}
+        units = {**LENGTHS, **ANGLES}
+        try:
+            found = robot.readings()
+        except Exception:  # noqa: BLE001 # an author's code
+            return {}
+        own = robot.reading_units
+        return {
+            name: float(found[name])
+            for name, unit in units.items()
+            if own.get(name) == unit and math.isfinite(found.get(name, math.nan))
+        }
+
+    async def _notice_hands(self) -> None:
+        """Take note if the robot, which nobody has commanded, stands elsewhere than it came to rest.
+
+        It is looked at while nothing runs. Where its controller counts from another beginning after it was
+        switched off, it stands elsewhere, too: nobody can tell that apart, so a person is asked.
+        """
+        rest, place = self._ledger.rest.get(self._identity), self._place()
+        under_way = any(
+            entry.begun and entry.order.state == "taken" for entry in self._ledger.entries.values()
+        )
+        if not place or under_way or not self._runtime.robot.online:
+            return
+        moves, self._moves = self._moves, False
+        if not moves and rest is not None:
+            if not _elsewhere(rest, place):
+                return
+            self._runtime.log.say("info", f"{self._runtime.name} was moved by hand since it came to rest")
+            await self._written(partial(self._ledger.touch, self._identity, self._unix()))
+        await self._written(partial(self._ledger.note_rest, self._identity, place))
 
     async def _run(self) -> None:
         """Take orders until the robot ends."""
@@ -196,6 +258,8 @@ class OrderTaker:
 
     async def _round(self) -> bool:
         """Look what there is to do, and do it; returns whether there may be more."""
+        if not self._runtime.look(lambda state: bool(state.calls.live)):
+            await self._notice_hands()
         orders, holds = await self._fetch()
         await self._tell_again(orders)
         self._ledger.forget(self._unix())
@@ -206,6 +270,7 @@ class OrderTaker:
                 return False  # their release is news
             if not await self._until_free():
                 return True
+            await self._notice_hands()
             if not await self._take(order):
                 return False
         return False
@@ -269,7 +334,8 @@ class OrderTaker:
                 and not lacking(state.slots.specs())
             )
 
-        return robot.online and not robot.halted and self._runtime.look(look)
+        known = self._identity not in self._ledger.rest or bool(self._place())
+        return robot.online and not robot.halted and known and self._runtime.look(look)
 
     async def _take(self, order: Order) -> bool:
         """Begin an order, if it may be; returns whether the next one may be looked at."""
@@ -299,7 +365,7 @@ class OrderTaker:
         touched = self._ledger.touched.get(self._identity, 0.0)
         if order.confirmed_by or touched <= order.left:
             return ""
-        return f"somebody has commanded {order.robot} since it was ordered; shall it still begin?"
+        return f"somebody has commanded or moved {order.robot} since it was ordered; shall it still begin?"
 
     async def _unfit(self, order: Order) -> str:
         """Return why an order cannot be carried out any more; empty: it can."""
@@ -431,6 +497,8 @@ class OrderTaker:
     async def _settle(self, order: Order) -> None:
         """Write down how an order ended, and tell the directories."""
         await self._put(LedgerEntry(order))
+        if order.state in {"done", "failed", "doubt"}:
+            await self._leave_rest()
         self._runtime.log.say(
             "info", f"order {order.ticket} of {order.who} ({order.command}) is {order.shown}"
         )
@@ -506,6 +574,17 @@ def _handed(
 
     with contextlib.suppress(RuntimeError):
         loop.call_soon_threadsafe(hand)
+
+
+def _elsewhere(rest: dict[str, float], place: dict[str, float]) -> bool:
+    """Whether two places of a robot differ by more than it can drift; angles go round."""
+    for name in rest.keys() & place.keys():
+        by = place[name] - rest[name]
+        if name in LENGTHS and abs(by) > MOVED:
+            return True
+        if name in ANGLES and abs(math.remainder(by, 2 * math.pi)) > TURNED:
+            return True
+    return False
 
 
 def _nothing() -> None:

@@ -50,6 +50,7 @@ class _Identity(msgspec.Struct, frozen=True):
 
 _encode = msgspec.msgpack.Encoder().encode
 _decode = msgspec.msgpack.Decoder(LedgerEntry).decode
+_decode_place = msgspec.msgpack.Decoder(dict[str, float]).decode
 
 
 class Ledger:
@@ -70,7 +71,10 @@ class Ledger:
         self.entries: dict[str, LedgerEntry] = {}
         """By the key of the order."""
         self.touched: dict[str, float] = {}
-        """When a person commanded each robot last, other than by an order, by identity: [s] since 1970."""
+        """When somebody commanded or moved each robot last, other than by an order, by identity: [s] since
+        1970."""
+        self.rest: dict[str, dict[str, float]] = {}
+        """Where each robot came to rest, by identity, as far as it says; not known while it moves."""
         self._lock = threading.Lock()
         self._file: sqlite3.Connection | None = None
         if path is None:
@@ -83,11 +87,14 @@ class Ledger:
                 "PRAGMA synchronous=FULL",
                 "CREATE TABLE IF NOT EXISTS entry (key TEXT PRIMARY KEY, body BLOB NOT NULL)",
                 "CREATE TABLE IF NOT EXISTS touched (identity TEXT PRIMARY KEY, at REAL NOT NULL)",
+                "CREATE TABLE IF NOT EXISTS rest (identity TEXT PRIMARY KEY, place BLOB NOT NULL)",
             ):
                 self._file.execute(order)
             for key, body in self._file.execute("SELECT key, body FROM entry"):
                 self.entries[key] = _decode(body)
             self.touched.update(self._file.execute("SELECT identity, at FROM touched"))
+            for identity, place in self._file.execute("SELECT identity, place FROM rest"):
+                self.rest[identity] = _decode_place(place)
         except (OSError, sqlite3.Error, msgspec.MsgspecError) as error:
             self.close()
             raise DirectoryUnusable(where=self.where, reason=str(error)) from None
@@ -120,6 +127,22 @@ class Ledger:
             if self._file is not None:
                 self._file.execute("INSERT OR REPLACE INTO touched VALUES (?, ?)", (identity, at))
         self.touched[identity] = at
+
+    def note_rest(self, identity: str, place: dict[str, float] | None) -> None:
+        """Take note where a robot came to rest; None: it moves, or is about to.
+
+        Raises:
+            DirectoryUnusable: it is not kept.
+        """
+        with self._explained():
+            if self._file is not None and place is None:
+                self._file.execute("DELETE FROM rest WHERE identity = ?", (identity,))
+            elif self._file is not None:
+                self._file.execute("INSERT OR REPLACE INTO rest VALUES (?, ?)", (identity, _encode(place)))
+        if place is None:
+            self.rest.pop(identity, None)
+        else:
+            self.rest[identity] = place
 
     def forget(self, now: float) -> None:
         """Forget what has expired everywhere; `now` [s] since 1970.

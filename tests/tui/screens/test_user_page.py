@@ -11,8 +11,9 @@ import pytest
 from textual.widgets import Button, Input, OptionList, TextArea
 
 from robotree.tui.line import taken
+from robotree.tui.line.known_kinds import checked_script
 from robotree.tui.screen.pages.user import DoingPage, UserPage
-from robotree.tui.screen.pages.write import WritePage, checked, template
+from robotree.tui.screen.pages.write import WritePage, template
 from robotree.tui.screen.user_app import UserApp
 from robotree.vr import Robot, command
 from robotree.vr.agents.agent import RobotAgent
@@ -210,4 +211,4 @@ async def test_a_script_is_written_checked_and_made(
 
 
 def test_the_template_of_a_script_is_a_script_also_where_nobody_is() -> None:
-    assert checked(template("mine", []), "mine.yaml") == 2
+    assert checked_script(template("mine", []), "mine.yaml") == 2

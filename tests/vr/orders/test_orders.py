@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Mapping
+from pathlib import Path
+from typing import ClassVar
 
 import msgspec
 import pytest
@@ -343,6 +346,52 @@ async def test_a_robot_that_somebody_moved_since_asks_before_it_begins(stage: St
     await stage.until(lambda: directory.book.store.orders[key].over)
     with pytest.raises(NothingToConfirm):
         await person.orders.confirm(key)
+
+
+class Measured(Rover):
+    """A rover that says where it stands."""
+
+    reading_units: ClassVar[Mapping[str, str]] = {"x": "m"}
+
+
+async def test_a_robot_that_was_moved_by_hand_asks_and_one_that_moved_by_order_does_not(
+    stage: Stage, tmp_path: Path
+) -> None:
+    directory = await stage.directory("d1")
+    person = await stage.person()
+    ledger, rover = Ledger(tmp_path / "ledger.db"), Measured("r1")
+    agent = await stage.robot(rover, ledger)
+    await stage.until(lambda: ledger.rest == {"r1-for-life": {"x": 0.0}})
+    await stage.until(lambda: bool(directory.book.store.agents))
+    await stage.switch_off(agent)
+    first, second = [(await person.orders.leave("r1", "drive", {"x": 1.0})).order.key for _ in range(2)]
+    ledger.close()
+    ledger = Ledger(tmp_path / "ledger.db")
+    again = Measured("r1")
+    again.x = 0.02  # it was switched on where it stood
+    agent = await stage.robot(again, ledger)
+    orders = directory.book.store.orders
+    await stage.until(lambda: orders[second].over)
+    assert (orders[first].state, orders[second].state) == ("done", "done"), "its own way is no hand"
+    await stage.until(lambda: "r1-for-life" in ledger.rest)
+    third = await person.orders.leave("r1", "drive", {"x": 1.0})
+    await stage.until(lambda: orders[third.order.key].over)
+    await asyncio.sleep(6)
+    await stage.switch_off(agent)
+    await asyncio.sleep(1)
+    fourth = (await person.orders.leave("r1", "drive", {"x": 1.0})).order.key
+    carried = Measured("r1")
+    carried.x = again.x + 0.3
+    await stage.robot(carried, ledger)
+    await stage.until(lambda: "moved r1" in orders[fourth].asks)
+    assert not carried.done
+    fifth = (await person.orders.leave("r1", "drive", {"x": 1.0})).order.key
+    await asyncio.sleep(10)
+    assert not carried.done, "what was left later waits for the answer"
+    await person.orders.confirm(fourth)
+    await stage.until(lambda: orders[fifth].over)
+    assert orders[fourth].state == orders[fifth].state == "done"
+    ledger.close()
 
 
 async def test_clocks_that_differ_by_hours_neither_expire_nor_prolong_an_order(stage: Stage) -> None:

@@ -17,6 +17,7 @@ from robotree.files import text as read_text
 from robotree.tui.errors import SupervisorError
 from robotree.tui.line.carrying import Refusal, carry_out
 from robotree.tui.line.grammar import Line
+from robotree.tui.line.known_kinds import checked_script
 from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.widgets.flash import FlashLine
@@ -98,7 +99,7 @@ class WritePage(Page):
         """Say whether the text is a script; returns whether it is."""
         source, name = self.query_one(TextArea).text, self._named
         try:
-            rules = await asyncio.to_thread(checked, source, f"{name}.yaml")
+            rules = await asyncio.to_thread(checked_script, source, f"{name}.yaml")
         except (VrError, SupervisorError, ImportError) as error:
             self._say(f"✗ {error}", "error")
             return False
@@ -132,23 +133,6 @@ class WritePage(Page):
     def action_back(self) -> None:
         """Go back to the list; the text is not kept."""
         self.dismiss()
-
-
-def checked(source: str, name: str) -> int:
-    """Check a script against the kinds of robots that come with robotree; returns how many rules it has.
-
-    Raises:
-        VrError: something is wrong, with line and column.
-    """
-    from robotree.tui.rules import known_kinds
-    from robotree.vr.scripts.engine import Engine
-    from robotree.vr.scripts.known import check_known
-    from robotree.vr.scripts.script import read_program
-
-    program = read_program(source, name)
-    check_known(program, known_kinds())
-    Engine(program)  # CLIPS takes each rule
-    return len(program.rules)
 
 
 def keep(path: Path, source: str) -> None:
