@@ -30,6 +30,7 @@ from robotree.vr.base.errors import (
     VrError,
     WrongKind,
 )
+from robotree.vr.base.places import Places
 from robotree.vr.base.presence import Undo
 from robotree.vr.base.principal import ITSELF, Principal
 from robotree.vr.base.requests import ANSWER_WITHIN, Granted, Petition, Raised, Renew, Reply, Resume
@@ -84,6 +85,10 @@ class ChildKeeper:
         """Those that bind a lost child again, by slot."""
         self._lives: dict[str, Undo] = {}
         """The robots whose lives are watched, by slot that watches."""
+        self._homes: dict[str, tuple[str, str]] = {}
+        """Site and identity of each robot that is watched, as it was seen last, by slot."""
+        self._considering: dict[asyncio.Task[None], None] = {}
+        """Looks whether a robot that has come is one that is watched."""
         self._closed = self._keeps = False
         self._entrusted = ""
         """The secret of a move under way, from which the children have what they know the next process by."""
@@ -190,22 +195,51 @@ class ChildKeeper:
                 robot=self._parent.name, slot=slot, wanted=wanted, child=robot.name, kind=found.kind
             )
         self._runtime.post(on.Watching(slot=slot, robot=robot, principal=asker))
-        self._follow_lives(slot, robot)
+        self._follow_lives(slot, robot, found.identity)
         self._runtime.changed()
 
-    def _follow_lives(self, slot: str, robot: Address) -> None:
-        """Watch the next lives of a robot, too, as soon as they are there."""
+    def _follow_lives(self, slot: str, robot: Address, identity: str = "") -> None:
+        """Watch the next lives of a robot, too, as soon as they are there, at whichever host or site.
 
-        def look(key: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
-            life = Address.parse(key)
+        Another site may have a robot of the same name: it is followed there only by its identity.
+        """
+        self._homes[slot] = Places(self._presence).site_of(robot.key), identity
+
+        def look(_key: str, _there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
             watched = self._watched().get(slot)
-            if there and life is not None and watched is not None and life != watched:
-                self._runtime.post(on.Watching(slot=slot, robot=life))
+            if watched is None:
+                return
+            if self._presence.there(watched.key):
+                _, known = self._homes.get(slot, ("", ""))
+                self._homes[slot] = Places(self._presence).site_of(watched.key), known
+            else:
+                for key in self._presence.keys(everyone(watched.role, watched.name)):
+                    if life := Address.parse(key):
+                        task = asyncio.ensure_future(self._consider(slot, watched, life))
+                        self._considering[task] = None
+                        task.add_done_callback(self._considering.pop)
             self._runtime.changed()
 
         if before := self._lives.pop(slot, None):
             before()
         self._lives[slot] = self._presence.watch(everyone(robot.role, robot.name), look)
+
+    async def _consider(self, slot: str, watched: Address, life: Address) -> None:
+        """Watch a robot of the name of one that has gone, if it is that one."""
+        try:
+            found = await self._client_of(life).describe()
+        except VrError:
+            return  # it has gone again, or hangs: its presence will tell
+        site, identity = self._homes.get(slot, ("", ""))
+        here = Places(self._presence).site_of(life.key)
+        same = identity and identity == found.identity
+        if self._watched().get(slot) != watched or self._presence.there(watched.key):
+            return
+        if not same and here != site:
+            return  # another robot of this name
+        self._homes[slot] = here, found.identity
+        self._runtime.post(on.Watching(slot=slot, robot=life))
+        self._runtime.changed()
 
     def _watched(self) -> dict[str, Address]:
         """Return who is watched, by slot."""
@@ -244,6 +278,10 @@ class ChildKeeper:
         """Hold the children of a restored robot again, or try to bind those that have let go."""
         for slot, robot in self._watched().items():
             self._follow_lives(slot, robot)
+            if self._presence.there(robot.key):
+                with contextlib.suppress(VrError):
+                    found = await self._client_of(robot).describe()
+                    self._homes[slot] = self._homes[slot][0], found.identity
         await asyncio.gather(*(self._take_back_one(slot, bond) for slot, bond in self._bonds().items()))
 
     async def _take_back_one(self, slot: str, bond: Bond) -> None:
@@ -279,6 +317,8 @@ class ChildKeeper:
         self._closed = True
         for unwatch in self._lives.values():
             unwatch()
+        for look in list(self._considering):  # those that are done have left it
+            look.cancel()
         self._lives.clear()
         for task in self._returning.values():
             task.cancel()

@@ -12,9 +12,13 @@ import pytest
 from robotree.vr import Child, SlotEmpty, Stream, Unit, VirtualRobot, Watch, command
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.base.errors import SlotOccupied, WrongKind
+from robotree.vr.base.places import place_key, site_key
 from robotree.vr.core.machine import decode_state, encode_state
+from robotree.vr.lookup.registrar import Registrar
+from robotree.vr.orders.ledger import Ledger, OrderMemory
 from robotree.vr.running.feed import MOST_KEPT
-from tests.vr.core.conftest import Realm, member, refusal
+from robotree.vr.running.process import Process
+from tests.vr.core.conftest import Realm, member, refusal, runner_here
 from tests.waiting import until
 
 
@@ -208,6 +212,44 @@ async def test_it_goes_on_with_the_next_life_of_the_robot(realm: Realm) -> None:
     slot = listener.description().slot("robot")
     assert slot is not None
     assert slot.watched == later.address
+
+
+async def test_it_follows_the_robot_to_another_site_and_no_other_one_of_its_name(realm: Realm) -> None:
+    gateway = realm.network.join("gateway")
+    await gateway.announce(site_key("hall"))
+
+    async def at_hall(process_name: str, orders: OrderMemory) -> RobotAgent:
+        transport = realm.network.join(process_name)
+        realm.processes.append(process := Process(runner_here()))
+        agent = RobotAgent(
+            Reporter("reporter"),
+            transport,
+            registrar=Registrar(transport),
+            unix=lambda: realm.unix,
+            process=process,
+            orders=orders,
+        )
+        await gateway.announce(place_key("hall", agent.address.key))  # before the agent, as gateways do it
+        await agent.start()
+        realm.agents.append(agent)
+        return agent
+
+    its = OrderMemory(Ledger(None), "the-reporter")
+    reporter = await realm.start(Reporter("reporter"), orders=its)
+    listener = await realm.start(Listener("listener"))
+    await realm.client(listener).enslave("robot", reporter.address)
+    realm.kill(reporter)
+    foreign = await at_hall("a process of hall", OrderMemory(Ledger(None), "another"))
+    await asyncio.sleep(10)
+
+    def watched() -> object:
+        slot = listener.description().slot("robot")
+        return slot and slot.watched
+
+    assert watched() == reporter.address, "the robot of its name at hall is another one"
+    realm.kill(foreign)
+    moved = await at_hall("another process of hall", its)
+    await until(lambda: watched() == moved.address, "it is followed to hall")
 
 
 async def test_what_is_refused(realm: Realm) -> None:

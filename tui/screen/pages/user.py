@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, cast
 
 from rich.text import Text
@@ -176,9 +177,9 @@ class UserPage(PlainPage):
             return
         listed = self.query_one(OptionList)
         if [row.id for row in rows] == [row.id for row in self._rows]:
-            for at, (row, before) in enumerate(zip(rows, self._rows, strict=True)):
+            for place, (row, before) in enumerate(zip(rows, self._rows, strict=True)):
                 if row.text != before.text:
-                    listed.replace_option_prompt_at_index(at, row.text)
+                    listed.replace_option_prompt_at_index(place, row.text)
             self._rows = rows
             return
         at = listed.highlighted
@@ -233,7 +234,7 @@ class UserPage(PlainPage):
                     f"asks:{order.key}",
                     order.asks,
                     known.get((order.robot, order.command), order.command),
-                    lambda order=order: self._ask_about(order),
+                    partial(self._ask_about, order),
                     sign="?",
                     colour="warning",
                 )
@@ -243,7 +244,7 @@ class UserPage(PlainPage):
                     f"doubt:{name}",
                     robot.asks,
                     name,
-                    lambda robot=robot: self.app.push_screen(DoubtDialog(robot), self._decided(robot.name)),
+                    partial(self._ask_doubt, robot),
                     sign="?",
                     colour="warning",
                 )
@@ -266,7 +267,7 @@ class UserPage(PlainPage):
                     f"runs:{at}",
                     errand.title,
                     errand.words(now),
-                    lambda errand=errand: self._end(errand.robot, errand.title),
+                    partial(self._end, errand.robot, errand.title),
                     sign="◐",
                     colour="accent",
                 )
@@ -281,7 +282,7 @@ class UserPage(PlainPage):
                 f"busy:{name}",
                 title,
                 about,
-                lambda name=name, title=title: self._end(name, title),
+                partial(self._end, name, title),
                 sign="◐",
                 colour="accent",
             )
@@ -298,7 +299,7 @@ class UserPage(PlainPage):
                     f"over:{at}:{errand.began}",
                     errand.title,
                     errand.words(now),
-                    lambda errand=errand: self.desk.settle([errand]),
+                    partial(self.desk.settle, [errand]),
                     sign="✗" if errand.why else "✓",
                     colour="error" if errand.why else "success",
                 )
@@ -308,7 +309,7 @@ class UserPage(PlainPage):
                     f"result:{order.key}",
                     known.get((order.robot, order.command), order.command),
                     f"{absence.clock(order.at)}  {order.shown}: {ordering.about(order)}".rstrip(": "),
-                    lambda order=order: self._take(order),
+                    partial(self._take, order),
                     sign="✓" if order.state == "done" else "✗",
                     colour="success" if order.state == "done" else "error",
                 )
@@ -321,7 +322,7 @@ class UserPage(PlainPage):
                     f"order:{order.key}",
                     known.get((order.robot, order.command), order.command),
                     f"{taken}, to begin by {absence.clock(order.begin_by)}",
-                    lambda order=order: self._ask_about(order),
+                    partial(self._ask_about, order),
                     sign="·",
                 )
 
@@ -332,7 +333,7 @@ class UserPage(PlainPage):
                 f"can:{one.key}",
                 one.title,
                 f"tell {one.robot.name}" if one.told else one.state,
-                lambda one=one: self.app.push_screen(DoingPage(one)),
+                partial(self._open, one),
                 sign=sign,
                 dim=not one.possible,
             )
@@ -347,7 +348,7 @@ class UserPage(PlainPage):
                     f"role:{name}",
                     f"How {name} behaves",
                     f"not allowed: {why}" if why else f"as {role}; choose another role",
-                    lambda name=name, roles=roles, role=role, why=why: self._role(name, roles, role, why),
+                    partial(self._role, name, roles, role, why),
                     dim=bool(why),
                 )
         if not (self.desk.alone or self.app.readonly):
@@ -367,6 +368,12 @@ class UserPage(PlainPage):
                 self.desk.decide_order(order, answer)
 
         self.app.push_screen(OrderQuestion(order), answered)
+
+    def _ask_doubt(self, robot: RobotDescription) -> None:
+        self.app.push_screen(DoubtDialog(robot), self._decided(robot.name))
+
+    def _open(self, behaviour: Behaviour) -> None:
+        self.app.push_screen(DoingPage(behaviour))
 
     def _take(self, order: Order) -> None:
         self.desk.decide_order(order, "seen")
