@@ -30,6 +30,8 @@ def read(text: str) -> Line:
 @st.composite
 def filled(draw: st.DrawFn, parts: tuple[Part, ...]) -> dict[str, Value]:
     found: dict[str, Value] = {}
+    left_out = False
+    """Whether a blank may be left out and is: the next value would be taken for it."""
     for part in parts:
         match part:
             case Word():
@@ -39,8 +41,11 @@ def filled(draw: st.DrawFn, parts: tuple[Part, ...]) -> dict[str, Value]:
             case Blank(name):
                 found[name] = draw(texts)
             case Group(inner):
-                if draw(st.booleans()):
+                bare = isinstance(inner[0], Blank)
+                if not (bare and left_out) and draw(st.booleans()):
                     found |= draw(filled(inner))
+                else:
+                    left_out = left_out or bare
     return found
 
 
