@@ -443,7 +443,7 @@ async def _supervise(realm: str, *, readonly: bool, user: bool = False) -> int:
     async with joined(realm) as realm_client:
         await taken.merge(realm_client, Silent())
         app = UserApp if user else Supervisor
-        return await supervise(realm_client, realm, readonly=readonly, app=app)
+        return await supervise(realm_client, realm, readonly=readonly, screen=app)
 
 
 async def _agent(line: Line, realm: str, *, tether: bool) -> int:
