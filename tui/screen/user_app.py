@@ -130,7 +130,8 @@ class UserApp(Supervisor, inherit_bindings=False):
         def refusal(right: str, robot: RobotDescription, command: str) -> str:
             if self.readonly:
                 return "this is read-only"
-            return self.realm_client.refusal(right, robot.name, robot.kinds, command)
+            denied = self.realm_client.refused(right, robot.name, robot.kinds, command)
+            return "" if denied is None else str(denied)
 
         ordering_works = self.alone or bool(self.realm_client.orders.directories)
         return Known(robots, how, refusal, ordering=ordering_works).behaviours()

@@ -343,7 +343,8 @@ class UserPage(PlainPage):
             roles = robot.attributes.get("roles", "").split()
             if len(roles) > 1:
                 role = robot.attributes.get("role", "")
-                why = self.app.realm_client.refusal("command", name, robot.kinds, "play")
+                denied = self.app.realm_client.refused("command", name, robot.kinds, "play")
+                why = "" if denied is None else str(denied)
                 yield self._row(
                     f"role:{name}",
                     f"How {name} behaves",
