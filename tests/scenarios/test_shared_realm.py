@@ -135,6 +135,13 @@ def test_users_of_a_group_meet_and_each_may_what_the_policy_says(
     code, said = say(ben, "resume", "lamp-a")
     assert f"NOT by lamp-a ({BEN} may not" in said
     assert code != DONE
+    assert say(anna, "resume")[0] == DONE
+    eve = user(EVE, GROUP)
+    assert eve.say("realm", "join", f"{realm}@{ANNA}")[0] == DONE
+    assert say(eve, "stop") == (DONE, "stopped: lamp-a, lamp-b\n"), "of all users, by who may nothing else"
+    shutil.rmtree(f"/tmp/robotree-shared-{ANNA}")  # noqa: S108 # as the product has it
+    wait_until(lambda: say(ben, "call", "lamp-b.on")[0] == REFUSED, "Anna's processes make it again")
+    assert say(eve, "stop") == (DONE, "stopped: lamp-a, lamp-b\n")
 
 
 # -- an attacker in the group ----------------------------------------------------------------------

@@ -145,8 +145,8 @@ class Rendezvous:
         """The realm, if several users of this machine share it."""
         if self.shared is not None:
             mark(system.user())
-        self._refused = set[str]()
-        """Entries of dead processes that only their user can remove."""
+        self._refused = dict[str, int]()
+        """Entries of dead processes that only their user can remove, with the numbers of their sockets."""
         if listed:
             self._make_folders()
         self.tag = f"{system.pid()}-{system.chance(4).hex()}"
@@ -254,9 +254,9 @@ class Rendezvous:
             with contextlib.suppress(OSError):
                 for name in self.system.names(place):
                     tag = name.removesuffix(SOCKET).removeprefix(".")
-                    if not TAG.fullmatch(tag) or tag == self.tag or tag in self._refused:
+                    if not TAG.fullmatch(tag) or tag == self.tag:
                         continue
-                    if self.shared is not None and not self.shared.is_own_entry(tag, name):
+                    if self.shared is not None and not self._is_told_by_its_user(tag, name):
                         continue
                     if name == f"{tag}{SOCKET}":
                         found.append(tag)
@@ -305,10 +305,11 @@ class Rendezvous:
         """Remove the files of a process that has ended."""
         place = self.place_of(tag)
         for end in (SOCKET, _BEAT, HELD):
-            with contextlib.suppress(OSError):
+            try:
                 self.system.unlink(place / f"{tag}{end}")
-        if self.shared is not None:
-            self._refused.add(tag)
+            except OSError:
+                if self.shared is not None and end == SOCKET:
+                    self._refused[tag] = self._number_of(tag)
 
     def living(self) -> set[str]:
         """Return the tags of all other processes of the realm that have not ended, entering ones included.
@@ -323,6 +324,19 @@ class Rendezvous:
         return {tag for tag in (listen | seen) - {self.tag} if alive(process_of(tag), self.system)}
 
     # -- inside
+
+    def _is_told_by_its_user(self, tag: str, name: str) -> bool:
+        """Whether an entry of a shared realm is of the user whose process it names, and may live."""
+        if tag in self._refused and self._refused[tag] == self._number_of(tag):
+            return False
+        return self.shared is not None and self.shared.is_own_entry(tag, name)
+
+    def _number_of(self, tag: str) -> int:
+        """Return the number of the socket of an entry: a process that comes back makes another one."""
+        try:
+            return self.system.status(self.directory / f"{tag}{SOCKET}").st_ino
+        except OSError:
+            return 0
 
     def _path(self, end: str) -> Path:
         return self.directory / f"{self.tag}{end}"

@@ -88,6 +88,8 @@ class SharedRealm:
         _, user, group = _CREDENTIALS.unpack(
             line.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
         )
+        if self._group < 0:  # who only visits has made nothing
+            self._group = self.directory.lstat().st_gid
         if user in {self.owner, os.geteuid()} or group == self._group:
             return True
         try:
