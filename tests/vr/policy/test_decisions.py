@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from robotree.tui.line.actions import RIGHT_NAMES
 from robotree.vr.base.errors import BrokenScript
 from robotree.vr.base.policy import (
     BY_NAME,
@@ -261,3 +262,7 @@ def test_a_line_more_takes_nothing_away(
     if before:
         site = person.site or person.name
         assert written(content).may_anybody_of(site, right, PolicyTarget(name))
+
+
+def test_the_help_names_all_rights() -> None:
+    assert tuple(right.name for right in RIGHTS) == RIGHT_NAMES
