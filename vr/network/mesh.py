@@ -924,11 +924,21 @@ class Mesh:
             del self._outside.announced[process]
 
     def _check_room(self, topic: Topic, key: str) -> None:
-        """Check that the others take one more key of this process. Under the lock."""
+        """Check that the others take one more key of this process. Under the lock.
+
+        Raises:
+            TooManyKeys: they do not, for it announces too many.
+            RealmUnusable: they do not, for it names nobody's agent, or another user's.
+        """
         if len(key.encode()) > LONGEST_KEY or (
             key not in self._known[topic] and sum(map(len, self._known.values())) >= MOST_KEYS
         ):
             raise TooManyKeys(key=key, most=MOST_KEYS, longest=LONGEST_KEY)
+        try:
+            self._check_owner(self._system.user(), topic, key)
+        except Impostor:  # the others would throw this process out
+            reason = f"{key} is of a time when nobody shared it; delete the robot, and make it anew"
+            raise RealmUnusable(realm=self.place.realm, reason=reason) from None
 
     def _announce_change(self, topic: Topic, key: str, *, there: bool) -> None:
         """Change what this process announces, and send the change to the others. Under the lock."""
