@@ -589,6 +589,7 @@ async def _host(line: Line, realm: str, ready: Ready) -> None:
         past=history_folder(realm, only) if only else folder,
         gate=gate_of(line, realm),
         isolate=values.isolation(line.text("--isolate")) or "none",
+        most=values.number_of("--most", line.text("--most")),
         ready=ready,
     )
 

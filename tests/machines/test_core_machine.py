@@ -33,6 +33,7 @@ from robotree.vr.base.errors import (
     Stopped,
     VrError,
 )
+from robotree.vr.base.hosting import Placement
 from robotree.vr.base.principal import ITSELF, Principal
 from robotree.vr.base.requests import Call, Done, Raised, Returned
 from robotree.vr.core import events as on
@@ -50,6 +51,7 @@ from robotree.vr.core.events import (
     StopSettled,
 )
 from robotree.vr.core.machine import LONGEST_QUEUE, Calls, RobotCore, RobotState, encode_state
+from robotree.vr.core.placement import Placing
 from robotree.vr.core.stop import HARDWARE, Stop
 from tests.machines.checkpoint import decoded
 
@@ -766,6 +768,12 @@ class CoreMachine(RuleBasedStateMachine):
             return
         self.expect_news_of_pause(order)
         assert pause.may_pass("k/1")
+
+    @rule(mode=st.sampled_from(["manual", "advise", "auto"]), moves=st.integers(0, 3))
+    def its_placing_is_set(self, mode: Placement, moves: int) -> None:
+        placing = Placing(mode=mode, why="it is nearer", moved=UNIX, moves=moves)
+        assert self.handle(on.PlacingSet(placing=placing)) == []
+        assert self.core.state.placing == placing
 
     def expect_news_of_pause(self, order: CoreEvent) -> None:
         """Its children hear of it at once."""

@@ -105,7 +105,7 @@ CHANGES = {
     *("create", "enslave", "group", "release", "delete", "role", "call", "cancel", "decide", "resume"),
     *("pause", "step", "continue"),
     *("wire replay", "wire inject", "set", "reload", "apply"),
-    *("migrate", "drain", "service"),
+    *("migrate", "drain", "place", "service"),
     *("wire conform", "bundle trust", "policy set"),
     *("order cancel", "order confirm"),
     *("realm create", "realm invite", "realm join", "realm revoke", "realm renew"),

@@ -395,6 +395,17 @@ ACTIONS: tuple[Action, ...] = (
         alters=True,
     ),
     Action(
+        usage="place NAME PLACEMENT",
+        help="Say how a virtual robot is moved. PLACEMENT: manual, by people alone; advise, it says where its"
+        " calls would take less time; auto, it moves there by itself. `show` and `why` say the reason.",
+        group=SHAPE,
+        run="place",
+        right="migrate",
+        examples=("place tour auto", "place tour advise"),
+        guide=("robotree.vr.core.placement",),
+        alters=True,
+    ),
+    Action(
         usage="drain HOST [--end]",
         help="Have all robots of a host go on in the other hosts, those that carry something out first;"
         " --end: then end the host.",
@@ -710,7 +721,7 @@ ACTIONS: tuple[Action, ...] = (
     Action(
         usage="host NAME [--only ROBOT | --forget | --standby-for HOST] [--after TIME] [--journal URL]"
         " [--trust FILE] [--requirements POLICY] [--allow-packages LIST] [--insecure-any-signer]"
-        " [--isolate LEVEL]",
+        " [--isolate LEVEL] [--most N]",
         help="Run virtual robots that are created, and keep them; --only: this one alone, until it ends."
         " --forget: begin without those that were kept, and keep none."
         " --standby-for: wait, and have the robots of HOST when it is away for TIME (3s). --journal: keep"
@@ -719,7 +730,7 @@ ACTIONS: tuple[Action, ...] = (
         " with pages of others that need packages: refuse (as it does by itself), allowlist, locked;"
         " --allow-packages: names, for the allowlist. --insecure-any-signer: run what anybody has signed, or"
         " nobody; for a trial alone, and red on the screen. --isolate process: each robot in a process of"
-        " its own.",
+        " its own. --most: run N robots at most.",
         group=PROCESS,
         where=Where.SHELL,
         examples=("host host-1", "host host-2 --standby-for host-1 --after 5s"),

@@ -79,10 +79,30 @@ async def why(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
     kept = await kept_events(realm_client, ReadEvents(key=key, robot="" if key == name else name))
     for note in kept.notes:
         teller.warn(note)
-    chain = explain(key, kept.events())
-    if chain is None:
+    chain, place = explain(key, kept.events()), await _place(realm_client, name)
+    if chain is None and not place:
         raise NoHistory(name=name, detail=_nothing("", kept))
-    return Outcome({"person": chain.person, **plain(chain)}, chain_text(chain))
+    text = "\n".join(f"{word}: {sentence}" for word, sentence in place.items())
+    if chain is None:
+        return Outcome({"place": place}, text)
+    data = {"person": chain.person, **plain(chain)} | ({"place": place} if place else {})
+    return Outcome(data, "\n\n".join(filter(None, (chain_text(chain), text))))
+
+
+async def _place(realm_client: RealmClient, name: str) -> dict[str, str]:
+    """Return why a robot is where it is, as far as anything but people has to do with it."""
+    from robotree.vr.base.errors import VrError
+
+    if "/" in name:
+        return {}
+    try:
+        robot = await realm_client.describe(name)
+    except VrError:  # it is away: only what it did is known
+        return {}
+    if robot.placement == "manual" and not robot.placed:
+        return {}
+    facts = {"placement": robot.placement, "placed": robot.placed, "advice": robot.advice}
+    return {word: text for word, text in facts.items() if text}
 
 
 # -- who has kept it -------------------------------------------------------------------------------

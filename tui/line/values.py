@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Literal
 from robotree.tui.errors import ValueRefused
 
 if TYPE_CHECKING:
+    from robotree.vr.base.hosting import Placement
     from robotree.vr.base.permissions import Isolation
 
 Scalar = float | int | bool | str
@@ -101,6 +102,33 @@ def scalar(text: str) -> Scalar:
     except ValueError:
         return text
     return number if math.isfinite(number) and "_" not in text else text
+
+
+def placement(text: str) -> Placement:
+    """Read how a robot is moved.
+
+    Raises:
+        ValueRefused: there is no such placement.
+    """
+    from robotree.vr.base.hosting import PLACEMENTS
+
+    for one in PLACEMENTS:
+        if one == text:
+            return one
+    raise ValueRefused("PLACEMENT", f"{text!r} is none; it is one of: {', '.join(PLACEMENTS)}")
+
+
+def number_of(word: str, text: str) -> int | None:
+    """Read how many there may be; None: the word was not given.
+
+    Raises:
+        ValueRefused: it is no number above 0.
+    """
+    if not text:
+        return None
+    if not (text.isdecimal() and int(text)):
+        raise ValueRefused(word, f"{text!r} is no number above 0")
+    return int(text)
 
 
 def isolation(text: str) -> Isolation | Literal[""]:

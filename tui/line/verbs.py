@@ -28,7 +28,7 @@ if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.description import FieldSpec, Listing, RobotDescription
     from robotree.vr.base.order import KnownAgent
     from robotree.vr.base.presence import Held
-    from robotree.vr.base.requests import Level, LoggedLine, Reloaded, SpaceDescribed, State
+    from robotree.vr.base.requests import HostDescribed, Level, LoggedLine, Reloaded, SpaceDescribed, State
     from robotree.vr.supervision.realm_client import Elsewhere, RealmClient
 
 CALL_LIMIT = 120.0
@@ -101,13 +101,20 @@ async def ls(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
                 "stands_by": one.stands_by,
                 "instead_of": one.instead_of,
                 "trouble": one.trouble,
+                "load": plain(one.load),
+                "ways": host_ways(one, hosts),
             }
             for one in hosts
         ]
         silent = _silent(realm_client, "host", [one["name"] for one in data])
-        rows = [(one["name"], ", ".join(one["robots"]) or "-", _condition(one)) for one in data]
-        rows += [(name, MUTE, "") for name, _, _ in silent]
-        text = wording.columns([("HOST", "ROBOTS", ""), *rows]) if rows else "no host is running"
+        rows = [
+            (one["name"], wording.load(host.load), wording.ways(one["ways"]), names, _condition(one))
+            for one, host in zip(data, hosts, strict=True)
+            for names in [", ".join(one["robots"]) or "-"]
+        ]
+        rows += [(name, "", "", MUTE, "") for name, _, _ in silent]
+        head = ("HOST", "LOAD", "WAY TO OTHERS", "ROBOTS", "")
+        text = wording.columns([head, *rows]) if rows else "no host is running"
         return Outcome([*data, *_mute(silent)], text, SomeSilent(silent) if silent else None)
     what: Literal["view", "robot"] = "view" if line.flag("--views") else "robot"
     doubt = OldList() if realm_client.stale else None
@@ -153,6 +160,12 @@ def _listing_of(known: KnownAgent) -> Listing:
         host=robot.host,
         attributes=robot.attributes,
     )
+
+
+def host_ways(host: HostDescribed, hosts: Sequence[HostDescribed]) -> dict[str, float]:
+    """Return the round trips [s] from a host to the others, by name."""
+    names = {one.address.key: one.address.name for one in hosts}
+    return {names[key]: way for key, way in sorted(host.ways.items()) if key in names}
 
 
 def _condition(host: Mapping[str, str]) -> str:
@@ -642,6 +655,13 @@ async def migrate(realm_client: RealmClient, line: Line, _teller: Teller) -> Out
     name, host = line.text("NAME"), line.text("HOST")
     note = await realm_client.migrate(name, host)
     return Outcome({"migrated": name, "host": host}, note)
+
+
+async def place(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
+    """Say how a virtual robot is moved."""
+    name, placement = line.text("NAME"), values.placement(line.text("PLACEMENT"))
+    note = await realm_client.place(name, placement)
+    return Outcome({"placed": name, "placement": placement, "note": note}, note)
 
 
 async def drain(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:

@@ -16,6 +16,7 @@ from robotree.tui.seen.angles import IN_DEGREES, as_shown, in_degrees
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.description import CommandSpec, FieldSpec, RobotDescription, SlotSpec, StreamSpec
+    from robotree.vr.base.hosting import HostLoad
     from robotree.vr.base.requests import LoggedLine
 
 
@@ -220,6 +221,9 @@ def portrait(robot: RobotDescription) -> str:
         ("kinds", " < ".join(robot.kinds)),
         ("about", summary(robot.doc)),
         ("host", robot.host),
+        ("placement", "" if robot.placement == "manual" else robot.placement),
+        ("placed", robot.placed),
+        ("advice", robot.advice),
         ("isolated", APART.get(robot.isolation, "")),
         ("state", status.text(robot)),
         ("stopped", robot.stop_reason),
@@ -233,7 +237,7 @@ def portrait(robot: RobotDescription) -> str:
     blocks = [columns([fact for fact in facts if fact[1]])]
     if robot.slots:
         rows = [
-            (f"  {slot.name}", slot.kind, inhabitant(slot) or slot.lost or vacant(slot))
+            (f"  {slot.name}", slot.kind, inhabitant(slot) or slot.lost or vacant(slot), bond(slot))
             for slot in robot.slots
         ]
         chosen = [f"  {slot.name} was chosen: {slot.why}" for slot in robot.slots if slot.why]
@@ -256,6 +260,34 @@ def portrait(robot: RobotDescription) -> str:
     if commands:
         blocks.append("commands\n" + columns(commands))
     return "\n\n".join(blocks)
+
+
+def load(of: HostLoad | None) -> str:
+    """Say what a host has to do; `-`: it does not say."""
+    if of is None:
+        return "-"
+    room = "" if of.room is None else f", room for {of.room}"
+    return f"{of.running} running, {of.cpu:.0%} of a processor{room}"
+
+
+def ways(found: Mapping[str, float]) -> str:
+    """Say how far other hosts are: `host-2 0.4 ms`."""
+    return ", ".join(f"{name} {way(seconds)}" for name, seconds in found.items()) or "-"
+
+
+def way(seconds: float) -> str:
+    """Write a round trip: `0.4 ms`, `150 ms`."""
+    from robotree.vr.core.placement import milliseconds
+
+    return milliseconds(seconds)
+
+
+def bond(slot: SlotSpec) -> str:
+    """Say how far a child is, and what goes to and fro; empty: nothing is known."""
+    if slot.child is None or not slot.way:
+        return ""
+    size = f", {slot.bytes / 1000:.1f} kB/s" if slot.bytes else ""
+    return f"{way(slot.way)} there and back, {slot.calls:.1f} calls/s{size}"
 
 
 def inhabitant(slot: SlotSpec) -> str:

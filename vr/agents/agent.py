@@ -48,6 +48,7 @@ from robotree.vr.base.errors import (
     VrError,
     WrongKind,
 )
+from robotree.vr.base.hosting import Placement
 from robotree.vr.base.permissions import Permissions
 from robotree.vr.base.presence import Undo
 from robotree.vr.base.principal import Principal
@@ -78,6 +79,7 @@ from robotree.vr.base.requests import (
     Resume,
     Retract,
     SafeStop,
+    SetPlacement,
     State,
     StreamSample,
     TakeStep,
@@ -105,6 +107,12 @@ from robotree.vr.running.runner import runner_of
 
 PARTING = 0.5
 """[s] in which commands may end by themselves when their robot's process ends; the others end with it."""
+
+WHO_PLACES: dict[Placement, str] = {
+    "manual": "people alone",
+    "advise": "people, and says where it would be better off",
+    "auto": "its host, which moves it where its calls take less time",
+}
 
 _AT_THE_END = (Describe, Release, SafeStop, Delete)
 """Requests that it answers also while it ends."""
@@ -693,7 +701,7 @@ class RobotAgent:
         if asker.person:
             self.runtime.log.say("info", f"{order} by {asker.person}")
 
-    def _reply(self, request: AnyRequest, asker: Principal) -> Reply:  # noqa: PLR0911 # one for each
+    def _reply(self, request: AnyRequest, asker: Principal) -> Reply:  # noqa: C901, PLR0911 # one for each
         """Answer a request that takes no time.
 
         Raises:
@@ -712,6 +720,8 @@ class RobotAgent:
                 return self._pauses().pause(asker)
             case Continue():
                 return self._pauses().go_on(asker)
+            case SetPlacement():
+                return self._place(request, asker)
             case Retract():
                 return self._retract(request, asker)
             case Renew():
@@ -726,6 +736,23 @@ class RobotAgent:
         self.runtime.post(on.DoubtSettled(answer=request.answer, epoch=request.epoch, principal=asker))
         self._note_order(f"answered with {request.answer}", asker)
         return Done()
+
+    def _place(self, request: SetPlacement, asker: Principal) -> Reply:
+        """Take how the robot may be moved.
+
+        Raises:
+            NotVirtual: it is a proxy.
+        """
+        self._virtual("move: it stays where its controller is")
+        mode, robot = request.placement, self.robot
+        placing = self.runtime.look(lambda state: state.placing)
+        self.runtime.post(on.PlacingSet(placing=msgspec.structs.replace(placing, mode=mode), principal=asker))
+        self.runtime.advice = ""
+        self.runtime.changed()
+        self._note_order(f"placement {mode}", asker)
+        pinned = mode != "manual" and isinstance(robot, VirtualRobot) and robot.pinned
+        note = f"{robot.name} is placed by {WHO_PLACES[mode]}"
+        return Done(note=f"{note}; its author has pinned it, so it stays where it is" if pinned else note)
 
     def _pauses(self) -> Pauses:
         children = self._virtual("be paused: it has no steps; pause its parent, or stop it")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -22,6 +23,7 @@ from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.behaviours import behaviours_of, own_slots
 from robotree.vr.agents.bundles import KnownBundles
 from robotree.vr.agents.moving import Moves
+from robotree.vr.agents.placing import PlaceFinder
 from robotree.vr.agents.shared import Shared
 from robotree.vr.author.service import Service
 from robotree.vr.author.virtual_robot import VirtualRobot
@@ -30,6 +32,7 @@ from robotree.vr.base.envelope import Received
 from robotree.vr.base.errors import (
     CannotMove,
     DuplicateName,
+    HostFull,
     HostReserved,
     NoSuchRobot,
     NotApart,
@@ -45,6 +48,7 @@ from robotree.vr.base.requests import (
     Create,
     Described,
     DescribeHost,
+    Done,
     Drain,
     EventsRead,
     EventsVerified,
@@ -117,6 +121,10 @@ class Host:
     """The level of robots for which nobody asks for another one."""
     instead_of: str = ""
     """Name of the host whose robots it has taken over with the journal; empty: they are its own."""
+    most: int | None = None
+    """How many robots it runs at most; None: any number."""
+    placing: PlaceFinder | None = None
+    """Looks after the places of its robots; None: nobody does."""
     log_folder: Path | None = None
     """Where others leave a stop for its robots while it is away; None: nowhere."""
 
@@ -202,6 +210,34 @@ class Host:
     def here(self) -> Here:
         """The host, as the rights of askers name it."""
         return Here("host", self.address.name, self._transport.gate, robot=self._robot_here)
+
+    def finds_places(self, used: Callable[[], float] = time.process_time) -> None:
+        """Measure the ways to others from now on, and look after the places of the robots.
+
+        Args:
+            used: [s] of processor time that the process has had.
+        """
+        self.placing = PlaceFinder(self, self._transport, unix=self._process.runner.unix, used=used)
+        self.moves.keep(self.placing.run())
+
+    def has_room(self) -> int | None:
+        """How many robots it still takes; None: any number."""
+        if self.most is None:
+            return None
+        return max(self.most - len(self.agents.keys() | self._coming), 0)
+
+    def expect_room(self) -> None:
+        """Refuse another robot where there is no room.
+
+        Raises:
+            HostFull: there is none.
+        """
+        if self.has_room() == 0:
+            raise HostFull(host=self.address.name, most=self.most)
+
+    async def move(self, robot: str, host: str) -> Done:
+        """Have a robot go on in another host; see `Moves.migrate`."""
+        return await self.moves.migrate(robot, host)
 
     def opens(self) -> None:
         """Take robots, though nobody sees this host: it is the inside of a robot apart."""
@@ -416,11 +452,13 @@ class Host:
         Raises:
             DuplicateName: somebody has it.
             HostReserved: the host runs another robot alone.
+            HostFull: it has no room.
         """
         if self._only not in ("", name):
             raise HostReserved(host=self.address.name, robot=self._only)
         if name in self._coming or name in self.agents:
             raise DuplicateName(role="robot", name=name)
+        self.expect_room()
         self._coming.add(name)
 
     def release(self, name: str) -> None:
@@ -460,6 +498,7 @@ class Host:
             BadName: the name cannot be one.
             DuplicateName: a living robot has it.
             HostReserved: the host runs another robot alone.
+            HostFull: it has no room.
             BadArgument: a setting cannot have its value, or there is none of this name.
             BundleError: the source cannot be used.
         """
@@ -468,6 +507,7 @@ class Host:
             raise HostReserved(host=self.address.name, robot=self._only)
         if name in self._coming:
             raise DuplicateName(role="robot", name=name)
+        self.expect_room()
         self._coming.add(name)
         try:
             bundle, clearance = self._admitted(bundle, asker)
@@ -746,7 +786,7 @@ class Host:
             self.clearances.pop(name, None)
         self._ended = [ended for ended in (*self._ended, agent) if ended.abandoned]
 
-    async def answer(  # noqa: C901, PLR0911 # one for each request
+    async def answer(  # noqa: C901, PLR0911, PLR0912 # one for each request
         self, received: Received, send: SendReply = lambda _: None
     ) -> Reply:
         """Answer a request to this host, once it is authorised; `send` sends replies before the last one.
@@ -775,6 +815,8 @@ class Host:
                     within=within,
                     asker=received.principal,
                 )
+            case DescribeHost(ways_to=keys) if keys and self.placing is not None:
+                return replace(self.description(), ways=await self.placing.measured(keys))
             case ReadBundle() | ReadHistory() | DescribeHost():
                 return self._told(request)
             case Migrate(robot=robot, host=host) if self._apart(robot) is not None:
@@ -854,6 +896,8 @@ class Host:
             keeps=self._journal is not None,
             alone=self._only,
             on_way={name: departure.target for name, departure in self.moves.leaving.items()},
+            load=None if self.placing is None else self.placing.load(),
+            ways={} if self.placing is None else self.placing.distances(),
         )
 
 

@@ -17,6 +17,7 @@ import msgspec
 from msgspec.structs import replace
 
 from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.agents.placing import takes_robots
 from robotree.vr.agents.unfit import unfit_reasons
 from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.address import Address, everyone, parted
@@ -25,6 +26,7 @@ from robotree.vr.base.envelope import same_clock, this_clock
 from robotree.vr.base.errors import (
     CannotMove,
     DuplicateName,
+    HostFull,
     HostReserved,
     NoSuchBundle,
     NoSuchHost,
@@ -129,6 +131,7 @@ class MovingHost(Protocol):
         Raises:
             DuplicateName: somebody has it.
             HostReserved: the host runs another robot alone.
+            HostFull: it has no room.
         """
         ...
 
@@ -289,9 +292,7 @@ class Moves:
         return {
             one.address.name: len(one.robots)
             for one in found
-            if isinstance(one, HostDescribed)
-            and one.keeps
-            and not (one.stands_by or one.alone or one.trouble)
+            if isinstance(one, HostDescribed) and takes_robots(one)
         }
 
     def find_out(self, agent: RobotAgent, out: MovedOut) -> None:
@@ -371,7 +372,7 @@ class Moves:
             )
         try:
             self._host.reserve(name)
-        except (DuplicateName, HostReserved) as error:
+        except (DuplicateName, HostReserved, HostFull) as error:
             raise self._refusal(name, here, str(error)) from None
         try:
             robot, clearance = await self._host.load(page, name, asker)

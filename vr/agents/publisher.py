@@ -12,6 +12,7 @@ import contextlib
 import inspect
 import logging
 import math
+from collections.abc import Mapping
 from contextvars import Context
 from functools import lru_cache
 from typing import Any
@@ -23,13 +24,14 @@ from robotree.vr.agents.shared import ROUND, Shared
 from robotree.vr.agents.streams import Streams
 from robotree.vr.author.fields import StateField
 from robotree.vr.author.virtual_robot import VirtualRobot
-from robotree.vr.base.description import BondSpec, Listing, RobotDescription
+from robotree.vr.base.description import BondSpec, Listing, RobotDescription, SlotSpec
 from robotree.vr.base.errors import TransportError, VrError
 from robotree.vr.base.permissions import Isolation
 from robotree.vr.base.presence import Undo
 from robotree.vr.base.requests import LogLines, State, encode
 from robotree.vr.base.transport import Transport
 from robotree.vr.core.machine import RobotState
+from robotree.vr.core.traffic import NO_FLOW, Flow
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.running.robot_runtime import RobotRuntime
 
@@ -255,6 +257,8 @@ class Publisher:
         runtime, readings = self._runtime, self._readings()
         runtime.look_at_robot()
         now, streams = runtime.process.runner.now(), self._streams.specs()
+        flows = runtime.traffic.flows(now)
+        placement = runtime.placement
 
         def describe(state: RobotState) -> RobotDescription:
             bond = None
@@ -269,7 +273,10 @@ class Publisher:
                 )
             return RobotDescription(
                 commands=runtime.specs(state),
-                slots=state.slots.specs(),
+                slots=tuple(_with_flow(slot, state, flows) for slot in state.slots.specs()),
+                placement=placement,
+                placed=state.placing.why,
+                advice=runtime.advice,
                 bond=bond,
                 readings=readings,
                 units={str(name): str(unit) for name, unit in runtime.robot.reading_units.items()},
@@ -368,6 +375,17 @@ class Publisher:
             "host": self._host,
             "attributes": {str(name): str(value) for name, value in robot.attributes.items()},
         }
+
+
+def _with_flow(slot: SlotSpec, state: RobotState, flows: Mapping[str, Flow]) -> SlotSpec:
+    """Return a slot with the way to the child in it, and what goes to and fro."""
+    bond = state.slots[slot.name].bond
+    if bond is None:
+        return slot
+    calls, size = flows.get(bond.child.key, NO_FLOW)
+    return msgspec.structs.replace(
+        slot, round_trip=round(bond.lease.round_trip, 6), calls=round(calls, 2), bytes=round(size)
+    )
 
 
 @lru_cache(1024)

@@ -105,6 +105,7 @@ async def run_host(  # noqa: PLR0913 # what people may choose
     returns: float = RETURNS,
     gate: Gate | None = None,
     isolate: Isolation = "none",
+    most: int | None = None,
     ready: Ready = _nobody,
 ) -> None:
     """Be a host in a realm until cancelled; one that runs one robot alone: until that has ended.
@@ -119,6 +120,7 @@ async def run_host(  # noqa: PLR0913 # what people may choose
         returns: [s] that the children of its robots wait for it after a crash.
         gate: decides which pages run; None: this user's own alone.
         isolate: where its robots run for which nobody asks for another level.
+        most: how many robots it runs at most; None: any number.
         ready: told the key once robots can be made, and those that were kept are back; or once it stands by.
 
     Raises:
@@ -143,7 +145,7 @@ async def run_host(  # noqa: PLR0913 # what people may choose
                     journal=journal, gate=gate, ledger=ledger)  # fmt: skip
         host.instead_of, host.log_folder = "" if of == name else of, _folder_of(keep)
         setting = ApartSetting(name, realm_name(realm), term, returns, LIMIT, host.log_folder)
-        host.apart, host.isolate = RobotsApart(setting, transport), isolate
+        host.apart, host.isolate, host.most = RobotsApart(setting, transport), isolate, most
         stack.push_async_callback(host.close)
         await _live(host, history, ready, alone=bool(only))
 
@@ -176,6 +178,7 @@ async def _live(host: Host, history: HistoryWriter | None, ready: Ready, *, alon
     """Be a host until it is cancelled, or until the only robot has ended."""
     await host.start()
     await host.restore()
+    host.finds_places()
     if history is not None:
         host.keeps_history(history)
     ready(host.address.key)

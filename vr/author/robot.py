@@ -264,7 +264,10 @@ class Robot:
 HOOKS = ("readings", "safe_stop", "resume", "on_resume", "thaw", "verify")
 """Methods that the agent calls, so that an author may write them: with the parameters of `Robot`."""
 OPTIONS = frozenset(
-    {"begins", "one_at_a_time", "reading_units", "isolated", "online", "halted", "attributes", "witness"}
+    {
+        *("begins", "one_at_a_time", "reading_units", "isolated", "online", "halted", "attributes"),
+        *("witness", "placement", "pinned"),
+    }
 )
 """Attributes that an author may set for the agent."""
 

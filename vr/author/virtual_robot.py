@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Any, Self, cast
+from typing import Any, ClassVar, Self, cast
 
 import msgspec
 
@@ -18,6 +18,7 @@ from robotree.vr.author.stream import DeclaredStream
 from robotree.vr.author.usage import used_commands
 from robotree.vr.author.watch import Watch
 from robotree.vr.base.description import SlotSpec, offered
+from robotree.vr.base.hosting import PLACEMENTS, Placement
 from robotree.vr.base.units import Unit
 from robotree.vr.core.bonds import Slots
 
@@ -34,13 +35,18 @@ class VirtualRobot(Robot):
 
     field_values: Kept
     """Its settings and declared state."""
+    placement: ClassVar[Placement] = "manual"
+    """How it is moved unless a person says otherwise: by people alone (`manual`), by people who are told
+    where it would be better off (`advise`), or by itself (`auto`)."""
+    pinned: ClassVar[bool] = False
+    """Whether it is never moved by itself, whatever a person says of its placement."""
 
     def __init_subclass__(cls) -> None:
         """Find settings and state, and refuse what cannot work: wrong hooks, and slots that are none.
 
         Raises:
             TypeError: a hook cannot be called, the kind of a slot lacks an exposed command, an attribute is a
-                list of `Child`, or a setting or state is declared wrongly.
+                list of `Child`, a setting or state is declared wrongly, or there is no such placement.
             ValueError: a unit of a reading is not known.
         """
         super().__init_subclass__()
@@ -68,6 +74,10 @@ class VirtualRobot(Robot):
                     f"{cls.__name__}.{name} is a {type(value).__name__} of Child, which makes no slots; "
                     f"write: {name} = Children({kinds[0]!r}, least={count}, most={count})"
                 )
+        if cls.placement not in PLACEMENTS:
+            raise TypeError(
+                f"{cls.__name__}.placement is {cls.placement!r}; it can be {', '.join(PLACEMENTS)}"
+            )
         expect_hooks(cls)
         declare(cls)
 

@@ -13,6 +13,7 @@ from typing import Any, Literal, NamedTuple
 import msgspec
 
 from robotree.vr.base.address import Address
+from robotree.vr.base.hosting import Placement
 from robotree.vr.base.permissions import Isolation
 
 ParameterType = Literal["float", "int", "bool", "str", "choice", "list", "tuple", "dict", "record", "bytes"]
@@ -151,6 +152,12 @@ class SlotSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """[s] for the way to the child and back, as measured by the renewals of its lease; 0: less than 0.05."""
     bears: float = 0.0
     """[s] for which that way may be cut, or longer than it is, before the lease ends; 0: not told."""
+    round_trip: float = 0.0
+    """[s] of a renewal to the child and its answer, smoothed; 0: not known."""
+    calls: float = 0.0
+    """[1/s] Calls of the child, of late."""
+    bytes: float = 0.0
+    """[bytes/s] to and from the child, of late, where it is in another process."""
 
     @property
     def filled(self) -> bool:
@@ -287,6 +294,12 @@ class RobotDescription(_Agent, frozen=True, kw_only=True, omit_defaults=True):
     """Name of the host to which it is moving; empty: it is not."""
     in_doubt: bool = False
     """Whether it is not known at the moment if it has arrived there."""
+    placement: Placement = "manual"
+    """How it is moved: see `hosting.Placement`."""
+    placed: str = ""
+    """Why it has moved to where it is, as a sentence; empty: people have put it there."""
+    advice: str = ""
+    """What the latest look at its place has shown, as a sentence; empty: nobody has looked."""
     calls: dict[str, int] = {}
     """How often each command was called, over all incarnations of this name."""
     unchecked: bool = False

@@ -58,6 +58,7 @@ from robotree.vr.base.requests import (
     RobotDeleted,
     RollBack,
     SafeStop,
+    SetPlacement,
     TakeAlong,
     TakeOrder,
     TakeStep,
@@ -71,7 +72,7 @@ and longer than it takes to see that a process hangs, so that an asker who gives
 
 BEGINS = (
     *(Call, Decide, Resume, Enslave, Free, Delete, Create, Reload),
-    *(Pause, TakeStep, Continue, Migrate, Drain),
+    *(Pause, TakeStep, Continue, Migrate, Drain, SetPlacement),
     *(WriteEntry, FindEntries, OpenTransaction, CloseTransaction, AcquireFence),
     *(LeaveOrder, ConfirmOrder, TakeOrder, TakeAlong, ReleaseHolds),
 )

@@ -249,6 +249,12 @@ class HostReserved(AddressError):
     sentence = "host {host!r} runs {robot} alone; start another with `robotree host NAME`, or: --own-host"
 
 
+class HostFull(AddressError):
+    """The host has as many robots as it may have."""
+
+    sentence = "host {host!r} is full: it runs {most} robots at most (`robotree host --most`)"
+
+
 class NotIsolated(AddressError):
     """The host makes no processes for robots."""
 

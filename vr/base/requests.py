@@ -18,6 +18,7 @@ from robotree.vr.base.description import CommandSpec, FieldSpec, Listing, RobotD
 from robotree.vr.base.entry import Entry
 from robotree.vr.base.errors import Garbled, VrError
 from robotree.vr.base.history_event import NumberedEvent
+from robotree.vr.base.hosting import HostLoad, Placement
 from robotree.vr.base.order import KnownAgent, Order, OrderHold
 from robotree.vr.base.own_class import OwnClass
 from robotree.vr.base.permissions import Isolation
@@ -111,6 +112,12 @@ class TakeStep(_Message, frozen=True, kw_only=True):
 
 class Continue(_Message, frozen=True, kw_only=True):
     """End the pause of a robot and of those below it. Answered by `Done`."""
+
+
+class SetPlacement(_Message, frozen=True, kw_only=True):
+    """Say how a virtual robot may be moved. Answered by `Done` with a note for people."""
+
+    placement: Placement
 
 
 class Petition(_Message, frozen=True, kw_only=True):
@@ -334,6 +341,9 @@ class ReadBundle(_Message, frozen=True, kw_only=True):
 
 class DescribeHost(_Message, frozen=True, kw_only=True):
     """Ask a host what it runs. Answered by `HostDescribed`."""
+
+    ways_to: tuple[str, ...] = ()
+    """Keys of agents to which it is to measure the way."""
 
 
 # -- asked of a lookup service ---------------------------------------------------------------------
@@ -839,6 +849,10 @@ class HostDescribed(_Message, frozen=True, kw_only=True):
     """Name of the one robot that it runs; empty: it runs any number."""
     on_way: dict[str, str] = {}
     """The hosts to which its robots are moving, by the robot's name."""
+    load: HostLoad | None = None
+    """What it has to do; None: it does not say."""
+    ways: dict[str, float] = {}
+    """[s] Round trips to the other hosts, and to those for whom it was asked, by key, as far as known."""
 
 
 class SiteSeen(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -1166,6 +1180,7 @@ class StreamSample(_Message, frozen=True, kw_only=True):
 
 AnyRequest = (
     Describe | Call | Detach | Cancel | Decide | Pause | TakeStep | Continue | Petition | Retract | Renew
+    | SetPlacement
     | Release | SafeStop | Resume | Enslave | Free | Delete | Create | Reload | ReadLog | ReadHistory
     | DescribeHost | Register | Query | Look | DescribeView | WriteEntry | FindEntries | GiveUp | RenewEntry
     | OpenTransaction | CloseTransaction | RollBack | AcquireFence | RenewFence | WatchEntries

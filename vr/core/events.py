@@ -11,6 +11,7 @@ from robotree.vr.base.description import RobotDescription, SlotSpec
 from robotree.vr.base.principal import ITSELF, Principal
 from robotree.vr.base.requests import ANSWER_WITHIN, Call, Done, Raised, Returned
 from robotree.vr.core.bonds import Bond
+from robotree.vr.core.placement import Placing
 
 
 class _Value(msgspec.Struct, frozen=True, kw_only=True, tag=True, omit_defaults=True):
@@ -369,6 +370,12 @@ class ContinueAsked(_Event, frozen=True, kw_only=True):
     """The pause ends."""
 
 
+class PlacingSet(_Event, frozen=True, kw_only=True):
+    """How it is moved, or why it is where it is, has changed."""
+
+    placing: Placing
+
+
 class Restored(_Event, frozen=True, kw_only=True):
     """The robot goes on from its encoded state: who carried out effects before has ended."""
 
@@ -404,7 +411,7 @@ CoreEvent = (
     | Prolong | EndLease | Obeyed | Reserve | Unreserve | Bind | FreeAsked | Lose | Renewed
     | Watching | WatchEnded
     | ChildDescribed | Set | PageReloaded | StopAsked | Halted | Restored | StopAnswered | ReleaseAsked
-    | PauseAsked | StepLet | ContinueAsked
+    | PauseAsked | StepLet | ContinueAsked | PlacingSet
 )  # fmt: skip
 
 

@@ -58,6 +58,7 @@ from robotree.vr.core.events import (
     StopTaken,
 )
 from robotree.vr.core.pause import PauseState
+from robotree.vr.core.placement import Placing
 from robotree.vr.core.stop import HARDWARE, Stop
 
 LONGEST_DEADLINE = 7 * 24 * 3600.0
@@ -308,6 +309,8 @@ class RobotState(msgspec.Struct, kw_only=True):
     """How often it has moved to another host: the host where it is has the highest number."""
     secret: str = ""
     """Of its last move: by this its children know that it is the same robot; see `heirs`."""
+    placing: Placing = Placing()
+    """What it takes along about its place."""
 
     @property
     def lineage(self) -> tuple[str, ...]:
@@ -863,6 +866,10 @@ class RobotCore:
         """Have those look again that wait, and have the children hear of it at once."""
         return [PauseChanged(), *self._keep_bonds(now, all_of_them=True)]
 
+    def _place(self, event: on.PlacingSet, _: float) -> Effects:
+        self.state.placing = event.placing
+        return []
+
     # -- after a crash ----------------------------------------------------------------------------
 
     def _restored(self, event: on.Restored, _: float) -> Effects:
@@ -930,6 +937,7 @@ class RobotCore:
         on.PauseAsked: _pause,
         on.StepLet: _let_step,
         on.ContinueAsked: _continue,
+        on.PlacingSet: _place,
     }
 
 

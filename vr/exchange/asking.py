@@ -39,6 +39,7 @@ def send_request(  # noqa: PLR0913 # what is asked, of whom and how
     sender: str = "",
     urgent: bool = False,
     may: Permissions | None = None,
+    count: Callable[[int], object] | None = None,
 ) -> None:
     """Ask the agent that serves a key without waiting. In any thread.
 
@@ -52,11 +53,14 @@ def send_request(  # noqa: PLR0913 # what is asked, of whom and how
         sender: key under which the asker is present.
         urgent: ahead of everything else.
         may: what the page of the asker may do; None: it is not limited.
+        count: told the size [bytes] of the request and of each reply.
     """
 
     def read(body: bytes | None) -> None:
         reply: Reply | None = None
         if body is not None:
+            if count is not None:
+                count(len(body))
             try:
                 reply = decode_reply(body, key=key)
             except VrError as error:
@@ -64,6 +68,8 @@ def send_request(  # noqa: PLR0913 # what is asked, of whom and how
         on_reply(reply)
 
     sealed = seal(request, now=now, within=within, sender=sender, may=may)
+    if count is not None:
+        count(len(sealed.body))
     transport.ask(key, sealed.body, void_at=sealed.void_at, urgent=urgent, on_reply=read)
 
 

@@ -83,6 +83,7 @@ from robotree.vr.base.requests import (
     RobotDeleted,
     RollBack,
     SafeStop,
+    SetPlacement,
     ShareRecords,
     TakeAlong,
     TakeOrder,
@@ -128,7 +129,8 @@ NEEDS: Final[Mapping[type[AnyRequest], str]] = {
     LeaveOrder: MEMBER, CancelOrder: MEMBER, ConfirmOrder: MEMBER, ReadOrders: MEMBER, MarkSeen: MEMBER,
     ReadKnown: MEMBER, TakeAlong: MEMBER, ReleaseHolds: MEMBER, HoldOrders: STOP,
     FetchOrders: AGENTS, TakeOrder: AGENTS, TellOrders: AGENTS, RobotDeleted: AGENTS, ShareRecords: AGENTS,
-    Migrate: "migrate", PrepareMove: "create", TakeRobot: "create", AskMove: ANYBODY,
+    Migrate: "migrate", SetPlacement: "migrate", PrepareMove: "create", TakeRobot: "create",
+    AskMove: ANYBODY,
 }  # fmt: skip
 """The right that each request needs."""
 
@@ -159,7 +161,10 @@ class Here(NamedTuple):
 ANYWHERE: Final = Here()
 
 
-OF_PEOPLE = (Create, Reload, Enslave, Free, Delete, Decide, Resume, Pause, TakeStep, Continue)
+OF_PEOPLE = (
+    *(Create, Reload, Enslave, Free, Delete, Decide, Resume, Pause, TakeStep, Continue),
+    SetPlacement,
+)
 """Requests that shape the tree, or decide something: no page of somebody else makes them."""
 
 

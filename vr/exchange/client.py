@@ -13,6 +13,7 @@ import msgspec
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import Arguments, RobotDescription
 from robotree.vr.base.errors import NoAnswer, Unreachable, VrError
+from robotree.vr.base.hosting import Placement
 from robotree.vr.base.permissions import Isolation
 from robotree.vr.base.requests import (
     ANSWER_WITHIN,
@@ -52,6 +53,7 @@ from robotree.vr.base.requests import (
     Resume,
     Retract,
     SafeStop,
+    SetPlacement,
     TakeStep,
     ViewDescribed,
 )
@@ -266,6 +268,14 @@ class RobotClient:
             LeaseError: its parent commands it.
         """
         return (await self._ask(Continue(), Done)).note
+
+    async def place(self, placement: Placement) -> str:
+        """Say how it may be moved; returns a note for people.
+
+        Raises:
+            NotVirtual: it stays where its controller is.
+        """
+        return (await self._ask(SetPlacement(placement=placement), Done)).note
 
     async def safe_stop(
         self,

@@ -286,6 +286,7 @@ class ChildCall(Started):
         """
         if not call.oneway:
             self._neighbour = child
+        self.frame.runtime.traffic.note(child.key, self.frame.worker.now(), calls=1)
         turn = nested and not child.isolated and self.frame.depth < DEEPEST
         self._given = call
         while True:

@@ -38,6 +38,7 @@ from robotree.vr.base.errors import (
     OnItsWay,
     VrError,
 )
+from robotree.vr.base.hosting import Placement
 from robotree.vr.base.permissions import Permissions
 from robotree.vr.base.principal import ITSELF, Principal, is_person, principal_of
 from robotree.vr.base.requests import (
@@ -56,6 +57,7 @@ from robotree.vr.core import events as on
 from robotree.vr.core.bonds import Bond, Lease
 from robotree.vr.core.events import Begin, CoreEffect, CoreEvent, Interrupt, Settled
 from robotree.vr.core.machine import Calls, Lap, RobotCore, RobotState
+from robotree.vr.core.traffic import BondTraffic
 from robotree.vr.exchange.asking import TakeReply, send_request
 from robotree.vr.exchange.authority import OF_LEASES, Here, authorise, expect_still
 from robotree.vr.running.ice import AtWork, Frozen, Ice
@@ -141,6 +143,10 @@ class RobotRuntime:
     """Whether it is not known if it has arrived there."""
     came: bool = False
     """Whether it has come from another host, where its commands have begun: they go on in any case."""
+    advice: str = ""
+    """What the latest look at its place has shown, as a sentence; empty: nobody has looked."""
+    advised: str = ""
+    """Name of the host where it would be better off, by that look; empty: nowhere."""
     _at_work = ("", 0)
     """The call that runs and how many wait, as it was last published."""
 
@@ -201,6 +207,8 @@ class RobotRuntime:
         self.neighbours = process.robots  # the robots in this process
         self.log.know(self.core.state.calls.live)
         self._life = _life_of(process, core.state.moves)
+        self.traffic = BondTraffic(self._runner.now, self._runner.lock())
+        """What goes to and fro between it and those with whom it has to do."""
         self.paused = core.state.pause.in_force != ""  # then commands look before each step: see `may_pass`
         self._held: dict[str, HeldStep] = {}  # those before which commands wait, by key, the oldest first
         self._ledgers: dict[str, _Ledger] = {}  # the numbered calls of each distant child: parent/slot/epoch
@@ -565,6 +573,16 @@ class RobotRuntime:
         if changed := {name: value for name, value in values.items() if now.get(name) != value}:
             self._keep(changed)
 
+    # -- its place --------------------------------------------------------------------------------
+
+    @property
+    def placement(self) -> Placement:
+        """How it is moved: as a person has set it, else as its class says; a proxy stays."""
+        mode = self.look(lambda state: state.placing.mode)
+        if mode is not None:
+            return mode
+        return self.robot.placement if isinstance(self.robot, VirtualRobot) else "manual"
+
     # -- pauses -----------------------------------------------------------------------------------
 
     def may_pass(self, step: str) -> bool:
@@ -835,6 +853,7 @@ class RobotRuntime:
             turn=turn,
             accepted=accepted,
         )
+        self.traffic.note(principal.agent, self._runner.now(), calls=1)
         if self.on_call is not None:
             self.on_call(call, reads)
 
@@ -1175,6 +1194,8 @@ class RobotRuntime:
     ) -> None:
         """Ask another agent in the name of this robot, without waiting; see `send_request`."""
         now = self._runner.now() if now is None else now
+        if isinstance(request, Call):
+            self.traffic.note(key, now, calls=1)
         send_request(
             self._transport,
             key,
@@ -1185,6 +1206,7 @@ class RobotRuntime:
             sender=self.key,
             urgent=urgent,
             may=self.permissions,
+            count=partial(self.traffic.carried, key),
         )
 
 

@@ -32,6 +32,7 @@ from robotree.vr.base.errors import (
     Unreachable,
     VrError,
 )
+from robotree.vr.base.hosting import Placement
 from robotree.vr.base.permissions import Isolation
 from robotree.vr.base.policy import BY_NAME, REALM, Decision, Person, PolicyGate, PolicyTarget
 from robotree.vr.base.presence import Held
@@ -664,6 +665,10 @@ class RealmClient:
     async def pause(self, name: str) -> str:
         """Have a virtual robot, and those below it, wait before each step; see `RobotClient.pause`."""
         return await self._ask(name, lambda robot: robot.pause())
+
+    async def place(self, name: str, placement: Placement) -> str:
+        """Say how a virtual robot may be moved; returns a note for people. See `RobotClient.place`."""
+        return await self._ask(name, lambda robot: robot.place(placement))
 
     async def step(self, name: str) -> str:
         """Let one step of a paused robot pass; see `RobotClient.step`."""

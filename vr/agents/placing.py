@@ -1,0 +1,277 @@
+"""Finds the right place of the robots of a host: measures, lets `core/placement.py` judge, and moves.
+
+The ways to other hosts are measured seldom, as long as there is another host. The rest costs nothing while no
+robot is placed by `advise` or `auto`. Lives on the event loop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import time
+from collections.abc import Callable, Iterable
+from typing import Protocol
+
+from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.agents.unfit import unfit_reasons
+from robotree.vr.agents.ways import Ways
+from robotree.vr.author.virtual_robot import VirtualRobot
+from robotree.vr.base.address import Address, everyone
+from robotree.vr.base.errors import TransportError, VrError
+from robotree.vr.base.hosting import HostLoad
+from robotree.vr.base.places import Places
+from robotree.vr.base.requests import Done, HostDescribed
+from robotree.vr.base.transport import Transport
+from robotree.vr.core import events as on
+from robotree.vr.core.machine import RobotState
+from robotree.vr.core.placement import (
+    HostSeen,
+    Partner,
+    PlaceAdvice,
+    PlacedRobot,
+    PlaceWatch,
+    seated,
+)
+from robotree.vr.core.traffic import NO_FLOW
+
+LOOK = 1.0
+"""[s] between two looks at the places of robots."""
+SURVEY = 10.0
+"""[s] between two measurements of the ways to the other hosts, while no robot is looked after."""
+METERED = 1.0
+"""[s] over which the load of the process is taken, at least."""
+
+_log = logging.getLogger(__name__)
+
+
+class LoadMeter:
+    """How busy this process is."""
+
+    def __init__(self, now: Callable[[], float], used: Callable[[], float] = time.process_time) -> None:
+        """Begin.
+
+        Args:
+            now: [s] on a monotonic clock.
+            used: [s] of processor time that the process has had.
+        """
+        self._now, self._used = now, used
+        self._before, self._cpu = (now(), used()), 0.0
+
+    def cpu(self) -> float:
+        """Return which part of one processor it has used of late; it may be more than 1."""
+        now, used = self._now(), self._used()
+        began, before = self._before
+        if now - began >= METERED:
+            self._cpu, self._before = (used - before) / (now - began), (now, used)
+        return self._cpu
+
+
+class PlacingHost(Protocol):
+    """A host, as the places of its robots know it."""
+
+    address: Address
+    agents: dict[str, RobotAgent]
+
+    def has_room(self) -> int | None:
+        """How many robots it still takes; None: any number."""
+        ...
+
+    async def move(self, robot: str, host: str) -> Done:
+        """Have a robot go on in another host; see `Moves.migrate`."""
+        ...
+
+
+class PlaceFinder:
+    """See the module."""
+
+    def __init__(
+        self,
+        host: PlacingHost,
+        transport: Transport,
+        *,
+        unix: Callable[[], float],
+        used: Callable[[], float] = time.process_time,
+    ) -> None:
+        """Begin; `run` looks.
+
+        Args:
+            host: whose robots it looks after.
+            transport: the way to the other hosts.
+            unix: [s] since 1970.
+            used: [s] of processor time that the process has had.
+        """
+        self._host, self._transport, self._unix = host, transport, unix
+        self.ways = Ways(transport, host.address.key)
+        self._meter = LoadMeter(asyncio.get_running_loop().time, used)
+        self._watches: dict[str, PlaceWatch] = {}
+        """By key of the robot."""
+        self._surveyed = -SURVEY
+
+    # -- what the host says of itself --------------------------------------------------------------
+
+    def load(self) -> HostLoad:
+        """Return what the host has to do."""
+        agents = [agent for agent in self._host.agents.values() if not agent.gone]
+        running = sum(agent.runtime.look(_running) for agent in agents)
+        cpu = round(self._meter.cpu(), 2)
+        return HostLoad(robots=len(agents), running=running, cpu=cpu, room=self._host.has_room())
+
+    def distances(self, keys: Iterable[str] = ()) -> dict[str, float]:
+        """Return the round trips [s] to the other hosts, and to those of these keys that are known."""
+        return self.ways.round_trips([*self._other_keys(), *keys])
+
+    async def measured(self, keys: Iterable[str]) -> dict[str, float]:
+        """Return the same, measured anew where that is needed; robots of the host are at no distance."""
+        keys = list(keys)
+        here = {agent.address.key: 0.0 for agent in self._host.agents.values()}
+        far = await self.ways.measure([key for key in keys if key not in here])
+        return {**self.distances(), **far, **{key: way for key, way in here.items() if key in keys}}
+
+    def _other_keys(self) -> list[str]:
+        return [
+            key
+            for key in self._transport.presence.keys(everyone("host", "*"))
+            if key != self._host.address.key
+        ]
+
+    # -- looking ----------------------------------------------------------------------------------
+
+    async def run(self) -> None:
+        """Look again and again, until it is cancelled."""
+        while True:
+            await asyncio.sleep(LOOK)
+            try:
+                await self.look()
+            except TransportError:  # it is closed: the process ends
+                return
+            except Exception:  # noqa: BLE001 # no robot's place is worth the host
+                _log.exception("a look at the places of robots failed")
+
+    async def look(self) -> None:
+        """Look once: say where robots would be better off, and move those that are to move."""
+        cared = {
+            agent.address.key: agent
+            for agent in self._host.agents.values()
+            if agent.runtime.placement != "manual" and not (agent.gone or agent.runtime.is_on_way)
+        }
+        self._watches = {key: watch for key, watch in self._watches.items() if key in cared}
+        now = _now()
+        if cared or now - self._surveyed > SURVEY:
+            self._surveyed = now
+            await asyncio.gather(*map(self.ways.ask, self._other_keys()))
+        if not cared:
+            return
+        robots = {key: self._placed(agent) for key, agent in cared.items()}
+        keys = {partner.key for robot in robots.values() for partner in robot.partners}
+        here = HostSeen(
+            self._host.address.name,
+            self._host.address.key,
+            await self.measured(sorted(keys)),
+            self.load(),
+        )
+        others = await self._others(tuple(sorted(keys)))
+        advice: dict[str, PlaceAdvice] = {}
+        for key, robot in robots.items():
+            watch = self._watches.setdefault(key, PlaceWatch(self._since(cared[key])))
+            advice[key] = watch.look(robot, here, others, _now())
+        await self._follow(cared, advice, {host.name: host.load.room for host in others})
+
+    def _since(self, agent: RobotAgent) -> float:
+        """[s] when a robot has come here; long ago, if it was made here."""
+        return _now() if agent.runtime.came else float("-inf")
+
+    async def _others(self, keys: tuple[str, ...]) -> list[HostSeen]:
+        """Return the hosts that take robots, with the ways from them."""
+        asked = (self.ways.ask(key, keys) for key in self._other_keys())
+        found = [one for one in await asyncio.gather(*asked) if one is not None]
+        places = Places(self._transport.presence)
+        return [
+            HostSeen(_whole_name(places, one.address), one.address.key, one.ways, one.load)
+            for one in found
+            if one.load is not None and takes_robots(one)
+        ]
+
+    def _placed(self, agent: RobotAgent) -> PlacedRobot:
+        runtime, robot = agent.runtime, agent.robot
+        assert isinstance(robot, VirtualRobot)  # noqa: S101 # no other one has a placement
+        flows = runtime.traffic.flows(runtime.process.runner.now())
+        family, placing = runtime.look(lambda state: (_family(state), state.placing))
+        partners = [
+            Partner(key, name, calls)
+            for key, name in family.items()
+            if (calls := flows.get(key, NO_FLOW).calls)
+        ]
+        strangers = sum(flow.calls for key, flow in flows.items() if key not in family)
+        return PlacedRobot(
+            name=robot.name,
+            mode=runtime.placement,
+            partners=partners,
+            strangers=strangers,
+            pinned=robot.pinned,
+            unfit="; ".join(unfit_reasons(runtime)),
+            urgent=runtime.look(_running) > 0,
+            stay=placing.stay(self._unix()),
+        )
+
+    async def _follow(
+        self, cared: dict[str, RobotAgent], advice: dict[str, PlaceAdvice], rooms: dict[str, int | None]
+    ) -> None:
+        """Say what was found, and move those that are to move, the most urgent first."""
+        go, wait = seated(advice, rooms)
+        for key, one in advice.items():
+            full = f"; {one.target} is full, and others go first" if key in wait else ""
+            self._say(cared[key], one, one.why + full)
+        for key in go:
+            await self._move(cared[key], advice[key])
+
+    def _say(self, agent: RobotAgent, one: PlaceAdvice, text: str) -> None:
+        runtime, before = agent.runtime, agent.runtime.advice
+        runtime.advice = text
+        target = runtime.advised
+        if one.target and one.target != target and runtime.placement == "advise":
+            runtime.log.say("info", f"it would be better off on {one.target}: {text}")
+        runtime.advised = one.target
+        if before != text:
+            runtime.changed()
+
+    async def _move(self, agent: RobotAgent, one: PlaceAdvice) -> None:
+        runtime, name = agent.runtime, agent.robot.name
+        before = runtime.look(lambda state: state.placing)
+        runtime.log.say("info", f"it moves to {one.target}: {one.why}")
+        try:
+            runtime.post(on.PlacingSet(placing=before.moving(one.why, self._unix())))
+            await self._host.move(name, one.target)
+        except VrError as error:
+            runtime.advice = f"{one.why}; but {error}"
+            runtime.log.say("warning", f"it has not moved: {error}")
+            with contextlib.suppress(VrError):
+                runtime.post(on.PlacingSet(placing=before))
+            if (watch := self._watches.get(agent.address.key)) is not None:
+                watch.refused(one.target, _now())
+
+
+def takes_robots(host: HostDescribed) -> bool:
+    """Whether robots can move to a host, as it says of itself."""
+    return host.keeps and not (host.stands_by or host.alone or host.trouble)
+
+
+def _whole_name(places: Places, host: Address) -> str:
+    """Return the name of a host, with its site if that is another one."""
+    site = places.site_of(host.key)
+    return f"{site}:{host.name}" if site else host.name
+
+
+def _family(state: RobotState) -> dict[str, str]:
+    """Return children and parent of a robot: names by key."""
+    lease = state.lease.current
+    parent = {} if lease is None else {lease.parent.key: lease.parent.name}
+    return {bond.child.key: bond.child.name for bond in state.slots.bonds().values()} | parent
+
+
+def _running(state: RobotState) -> int:
+    return sum(1 for call in state.calls.live.values() if call.running)
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()
