@@ -312,9 +312,9 @@ def _demo(line: Line, *, readonly: bool) -> int:
     companion, crash = demo_companion.wanted(line.text("STORY")), line.flag("--crash")
     if companion and crash:
         raise ValueRefused("--crash", "the host of the cell is killed, not that of the companion's flat")
-    sites = line.text("STORY") == demo_companion.SITES
+    sites = line.text("STORY") in {demo_companion.SITES, demo_companion.TRAVEL}
     if line.text("--delay") and not sites:
-        raise ValueRefused("--delay", "only `demo sites` has a line between sites")
+        raise ValueRefused("--delay", "only `demo sites` and `demo travel` have a line between sites")
     extras = ["scripts"] * companion + ["machines"] * sites
     require("demo", *extras, *([] if headless or without else ["tui"]))
     if not (headless or without):
@@ -353,22 +353,25 @@ def _demo_sites(line: Line, *, headless: bool, readonly: bool) -> Coroutine[Any,
     Raises:
         ValueRefused: it has no such option.
     """
-    from robotree.tui import demo_sites
+    from robotree.tui import demo_companion, demo_sites, demo_travel
     from robotree.tui.errors import ValueRefused
     from robotree.tui.wire import security
 
+    story = line.text("STORY")
+    travel = story == demo_companion.TRAVEL
     for option in ("--crash", "--can", "--classic", "--pictures"):
         if line.flag(option) or line.text(option):
             raise ValueRefused(
-                option, "`demo sites` has a course of its own; it takes --headless, --delay and --speedup"
+                option, f"`demo {story}` has a course of its own; it takes --headless, --delay and --speedup"
             )
     return demo_sites.demo(
         headless=headless,
         delay=demo_sites.delay_of(line.text("--delay", f"{demo_sites.DELAY}")),
         realm=line.text("--realm"),
-        speedup=line.text("--speedup", "1"),
+        speedup=line.text("--speedup", demo_travel.SPEEDUP if travel else "1"),
         readonly=readonly,
         key=security.wanted(line, security.REALM),
+        make=demo_travel.Travel if travel else None,
     )
 
 

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 NAME = "companion"
 SITES = "sites"
 AWAY = "away"
-STORIES = ("", "cell", NAME, SITES, AWAY)
+TRAVEL = "travel"
+STORIES = ("", "cell", NAME, SITES, AWAY, TRAVEL)
 """The demos by name; the cell needs none."""
 ROBOT, SCRIPT, VIEW = "companion", "evening", "flat"
 PEOPLE = {11: "anna", 12: "bela", 13: "cleo"}

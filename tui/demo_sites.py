@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from robotree.tui.processes.crew import Member
     from robotree.tui.seen.store import Weight
     from robotree.vr.base.history_event import HistoryEvent
+    from robotree.vr.sites.keys import RealmKeys
     from robotree.vr.supervision.realm_client import RealmClient
 
 NAME = "sites"
@@ -123,6 +124,7 @@ async def demo(
     speedup: str = "1",
     readonly: bool = False,
     key: str = REALM,
+    make: type[Sites] | None = None,
 ) -> int:
     """Start both sites and the hubs, hand over to a person or close the lever, and end everything.
 
@@ -133,6 +135,7 @@ async def demo(
         speedup: seconds of the simulated world in a second.
         readonly: whether the screen leaves out all that changes robots.
         key: of the links between controllers and proxies: a file, `realm`, or `none`.
+        make: what becomes of them; None: the hub between them is killed.
 
     Returns:
         The exit code.
@@ -141,7 +144,7 @@ async def demo(
     try:
         with _places() as places:
             async with AsyncExitStack() as stack:
-                sites = Sites(places, realm, delay, speedup, stack)
+                sites = (make or Sites)(places, realm, delay, speedup, stack)
                 note(f"starting two sites and two hubs of realm {realm!r}, {delay} ms apart …")
                 await sites.open(await asyncio.to_thread(key_file, key, realm))
                 desk = places[DESK].environment
@@ -183,6 +186,9 @@ def _places() -> Generator[dict[str, _Place]]:
 class Sites:
     """Both sites and their hubs."""
 
+    story = f"{LEVER} closes its lever from here, and the hub between them is killed meanwhile"
+    """What the screen says of what comes."""
+
     def __init__(
         self, places: dict[str, _Place], realm: str, delay: int, speedup: str, stack: AsyncExitStack
     ) -> None:
@@ -196,7 +202,7 @@ class Sites:
             stack: ends what is started.
         """
         self.realm, self.delay = realm, delay
-        self._places, self._speedup, self._stack = places, speedup, stack
+        self.places, self._speedup, self._stack = places, speedup, stack
         self._hub: Member | None = None
         self.join_s = 0.0
 
@@ -223,7 +229,7 @@ class Sites:
         keys = await asyncio.to_thread(create, self._keys(DESK), self.realm, DESK, tuple(near), now=now)
         desk, plant = await self._crew(DESK, key), await self._crew(PLANT, key)
         controller = ("sim", "arm", "--listen", "tcp:127.0.0.1:0", "--state", "none")
-        options = ("--speedup", self._speedup, "--log", str(self._goals))
+        options = ("--speedup", self._speedup, "--log", str(self.goals))
         starting = asyncio.gather(
             desk.start_all(("gateway",), ("lookup", "lookup-1"), ("host", HOST)),
             plant.start_all((*controller, *options), ("lookup", "lookup-2")),
@@ -241,10 +247,20 @@ class Sites:
             ("gateway",),
             ("proxy", "arm", ARM, "--connect", table.address),
             ("view", VIEW, "--connect", table.address),
+            *await asyncio.to_thread(self.plant_hosts, keys),
         )
 
+    def plant_hosts(self, keys: RealmKeys) -> list[tuple[str, ...]]:
+        """Return the hosts that the plant has, as they are started.
+
+        Args:
+            keys: of the desk.
+        """
+        del keys
+        return []
+
     async def _crew(self, name: str, key: Path | None) -> Crew:
-        place = self._places[name]
+        place = self.places[name]
         crew = Crew(
             self.realm,
             key=str(key or NOTHING),
@@ -256,15 +272,15 @@ class Sites:
 
     def _keys(self, site: str) -> Path:
         """Return the folder of a site's keys; that of the realm is there then."""
-        folder = self._places[site].state / state_home().name / self.realm
+        folder = self.places[site].state / state_home().name / self.realm
         folder.parent.mkdir(mode=0o700, exist_ok=True)
         folder.mkdir(mode=0o700, exist_ok=True)
         return folder / KEYS
 
     @property
-    def _goals(self) -> Path:
+    def goals(self) -> Path:
         """The file into which the controller writes the goals that it begins."""
-        return self._places[PLANT].state / CONTROLLER
+        return self.places[PLANT].state / CONTROLLER
 
     # -- the course -------------------------------------------------------------------------------
 
@@ -274,19 +290,27 @@ class Sites:
         Raises:
             MemberFailed: the plant is not seen.
         """
+        await self.see_plant(realm_client)
+        for page, name in (("move_to.py", MOVER), ("open_close_lever.py", LEVER)):
+            await realm_client.create(str(EXAMPLES / page), name, HOST)
+        await realm_client.enslave(MOVER, "arm", ARM)
+        await realm_client.enslave(LEVER, "mover", MOVER)
+
+    async def see_plant(self, realm_client: RealmClient) -> None:
+        """Wait until the arm and the view of the plant answer.
+
+        Raises:
+            MemberFailed: they do not.
+        """
         latest = time.monotonic() + LINKED
         while True:
             with suppress(VrError):
                 await realm_client.describe_view(VIEW)
                 if (await realm_client.describe(ARM)).online:
-                    break
+                    return
             if time.monotonic() > latest:
                 raise MemberFailed(("gateway",), "failed", f"site {PLANT} is not seen from site {DESK}")
             await asyncio.sleep(0.1)
-        for page, name in (("move_to.py", MOVER), ("open_close_lever.py", LEVER)):
-            await realm_client.create(str(EXAMPLES / page), name, HOST)
-        await realm_client.enslave(MOVER, "arm", ARM)
-        await realm_client.enslave(LEVER, "mover", MOVER)
 
     async def play(self) -> int:
         """Close the lever without a person; the last line is one JSON object."""
@@ -316,18 +340,16 @@ class Sites:
                 hint = f"{ARM} and {VIEW} are at site {PLANT}, {self.delay} ms from here"
                 return await supervise(realm_client, self.realm, farewell=FAREWELL, hint=hint, readonly=True)
             await self.build(realm_client)
-            beside = asyncio.create_task(self._accompany(realm_client, tell))
-            hint = (
-                f"{ARM} is at site {PLANT}, {self.delay} ms away; {LEVER} closes its lever from here, and "
-                "the hub between them is killed meanwhile; ? shows all keys"
-            )
+            beside = asyncio.create_task(self.accompany(realm_client, tell))
+            hint = f"{ARM} is at site {PLANT}, {self.delay} ms away; {self.story}; ? shows all keys"
             try:
                 return await supervise(realm_client, self.realm, farewell=FAREWELL, hint=hint, store=store)
             finally:
                 beside.cancel()
                 await asyncio.gather(beside, return_exceptions=True)
 
-    async def _accompany(self, realm_client: RealmClient, tell: Tell) -> None:
+    async def accompany(self, realm_client: RealmClient, tell: Tell) -> None:
+        """Close the lever beside the screen, and say what came of it."""
         await asyncio.sleep(OPENING)
         verdict = await self.course(realm_client, tell, stops=False)
         figures = f"{verdict.twice} steps twice, {verdict.lost} lost, {verdict.doubts} in doubt"
@@ -344,10 +366,10 @@ class Sites:
             tell: takes what happens.
             stops: whether all robots are stopped in the end.
         """
-        began, since, before = time.monotonic(), time.time(), len(begun_in(self._goals))
+        began, since, before = time.monotonic(), time.time(), len(begun_in(self.goals))
         tell(f"{LEVER} closes its lever at site {PLANT}")
         call = asyncio.ensure_future(realm_client.call(LEVER, "close", {}, deadline=LONGEST))
-        while not call.done() and len(begun_in(self._goals)) < before + AT:  # noqa: ASYNC110 # a file
+        while not call.done() and len(begun_in(self.goals)) < before + AT:  # noqa: ASYNC110 # a file
             await asyncio.sleep(LOOKS)
         kills, back = list[float](), 0.0
         if not call.done():
@@ -361,7 +383,7 @@ class Sites:
         readings = (await realm_client.describe_view(VIEW)).readings
         crash = verdict_of(
             kills,
-            begun_in(self._goals)[before:],
+            begun_in(self.goals)[before:],
             await self._events(realm_client, since),
             angle=readings.get("lever"),
             force=readings.get("peak_force"),

@@ -647,8 +647,9 @@ ACTIONS: tuple[Action, ...] = (
         " [--delay MS] [--key FILE | --open]",
         help="A whole cell: simulated robots, proxies, lookups, a host, the full screen; --can: over CAN FD."
         " STORY: companion, a flat with visitors instead of the cell; sites, a lever that is closed from"
-        " another site, --delay milliseconds away (150), while the hub between them is killed; away, a rover"
-        " that is switched off and takes its orders when it is back."
+        " another site, --delay milliseconds away (150), while the hub between them is killed; travel, the"
+        " same by robots near the operator, near the arm, moved in between, and left to themselves; away, a"
+        " rover that is switched off and takes its orders when it is back."
         " --crash: close the lever, kill the host of its robots meanwhile, and see them go on."
         " Its links are signed with the realm's own key, with --open they are not. --speedup: as for sim.",
         group=PROCESS,
@@ -659,6 +660,7 @@ ACTIONS: tuple[Action, ...] = (
             "demo --crash",
             "demo companion --headless",
             "demo sites --headless --delay 150",
+            "demo travel --headless --delay 150",
             "demo away --headless",
             "demo --headless --can --classic",
         ),
