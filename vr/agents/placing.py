@@ -223,10 +223,13 @@ class PlaceFinder:
             full = f"; {one.target} is full, and others go first" if key in wait else ""
             self._say(cared[key], one, one.why + full)
         for key in go:
-            await self._move(cared[key], advice[key])
+            if cared[key].runtime.placement == "auto":
+                await self._move(cared[key], advice[key])
 
     def _say(self, agent: RobotAgent, one: PlaceAdvice, text: str) -> None:
         runtime, before = agent.runtime, agent.runtime.advice
+        if runtime.placement == "manual":  # a person has just said so
+            return
         runtime.advice = text
         target = runtime.advised
         if one.target and one.target != target and runtime.placement == "advise":
