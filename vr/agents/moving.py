@@ -63,7 +63,7 @@ from robotree.vr.exchange.client import LOADING
 from robotree.vr.exchange.dispatcher import SendReply
 from robotree.vr.journal.journal import HostJournal
 from robotree.vr.journal.records import KeptPage, MovedOut
-from robotree.vr.journal.recovery import welcome
+from robotree.vr.journal.recovery import see_from, welcome
 from robotree.vr.running.process import Process
 
 STAND_WITHIN = 1.0
@@ -81,7 +81,10 @@ ASK_AGAIN = 0.2
 KEEPS = 5
 """How often in the term of a lease the children of a robot on its way are asked to prolong it."""
 AT_ONCE = 8
-"""Robots of a host that move at the same time when all leave it."""
+"""Robots of a host that carry something out and move at the same time when all leave it: each pauses longer for
+the others."""
+IDLE_AT_ONCE = 32
+"""Robots that carry nothing out, likewise: nobody waits for them, and their moves mostly wait for the disk."""
 PREPARED_FOR = 60.0
 """[s] for which a destination waits for a robot."""
 LONGEST_PARCEL = 16 << 20
@@ -256,11 +259,11 @@ class Moves:
         here, moved, reasons = self._host.address.name, list[str](), list[str]()
         apart = {robot.name for robot in self._host.description().robots} - self._host.agents.keys()
         reasons += [f"{name} lives in a process of its own, which stays" for name in sorted(apart)]
-        turns, counts = asyncio.Semaphore(AT_ONCE), dict(hosts)
+        busy, idle, counts = asyncio.Semaphore(AT_ONCE), asyncio.Semaphore(IDLE_AT_ONCE), dict(hosts)
 
         async def move(agent: RobotAgent) -> None:
             name = agent.robot.name
-            async with turns:
+            async with idle if _urgency(agent)[0] else busy:
                 if not counts:
                     reasons.append(f"{name}: no other host keeps its robots and takes any")
                     return
@@ -405,7 +408,7 @@ class Moves:
         taken, expected = False, self._expected.get(request.transfer)
         if expected is not None and expected.source != asker.agent:
             raise self._refusal(request.robot.name, self._host.address.name, "another host was to send it")
-        state = None if expected is None else self._arrived_state(request, asked)
+        state = None if expected is None else self._arrived_state(request, asker, asked)
         agent: RobotAgent | None = None
         for effect in journal.destination.take(request.transfer):
             match effect:
@@ -429,7 +432,7 @@ class Moves:
             self.keep(self._go_on(agent, request.stopped, request.order))
         return MoveDecided(taken=taken)
 
-    def _arrived_state(self, request: TakeRobot, asked: float) -> RobotState:
+    def _arrived_state(self, request: TakeRobot, asker: Principal, asked: float) -> RobotState:
         try:
             state = decode_state(request.state)
         except msgspec.MsgspecError as error:
@@ -439,6 +442,8 @@ class Moves:
         now = self._process.runner.now()
         by = 0.0 if same_clock(request.clock) else (asked or now) - request.now
         welcome(state, by, now, ANSWERED_WITHIN)
+        if asker.site:
+            see_from(state, asker, Places(self._transport.presence).own)
         state.moves += 1
         state.home = f"host {self._host.address.name}"
         return state

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 import msgspec
 
 from robotree.vr.base.errors import DamagedJournal, OtherJournal, VrError
+from robotree.vr.base.principal import ITSELF, Principal
 from robotree.vr.core import events as on
 from robotree.vr.core.machine import RobotCore, RobotState, shift
 from robotree.vr.journal.records import (
@@ -234,6 +235,38 @@ def welcome(state: RobotState, by: float, now: float, term: float) -> None:
         lease.current = msgspec.structs.replace(lease.current, expires=expires)
     for bond in state.slots.bonds().values():
         bond.lease.confirmed = bond.lease.last_asked = now - bond.lease.term / 2
+
+
+def see_from(state: RobotState, sender: Principal, here: str) -> None:
+    """Name the principals in the state of a robot that comes from another site as this one sees them.
+
+    Who was at that site is at another one now, and who was at this one is near.
+
+    Args:
+        state: of the robot.
+        sender: the host that has sent it.
+        here: name of this site.
+    """
+
+    def seen(principal: Principal) -> Principal:
+        if principal == ITSELF:
+            return principal
+        if not principal.site:
+            user = sender.user if sender.member else principal.user
+            return msgspec.structs.replace(
+                principal, user=user, site=sender.site, member=sender.member, roles=sender.roles
+            )
+        if principal.site == here:
+            return msgspec.structs.replace(principal, site="", member=False, roles=())
+        return principal
+
+    lease = state.lease
+    if lease.current is not None:
+        lease.current = msgspec.structs.replace(lease.current, principal=seen(lease.current.principal))
+    if lease.silent is not None:
+        lease.silent = msgspec.structs.replace(lease.silent, principal=seen(lease.silent.principal))
+    for call in state.calls.live.values():
+        call.principal = seen(call.principal)
 
 
 def _forget_questions(state: RobotState) -> None:
