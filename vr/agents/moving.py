@@ -81,10 +81,10 @@ ASK_AGAIN = 0.2
 KEEPS = 5
 """How often in the term of a lease the children of a robot on its way are asked to prolong it."""
 AT_ONCE = 8
-"""Robots of a host that carry something out and move at the same time when all leave it: each pauses longer for
-the others."""
+"""Robots of a host that carry something out and move at the same time when all leave it: each pauses longer
+for the others."""
 IDLE_AT_ONCE = 32
-"""Robots that carry nothing out, likewise: nobody waits for them, and their moves mostly wait for the disk."""
+"""Robots that carry nothing out, likewise: nobody waits for them, and their moves mostly wait."""
 PREPARED_FOR = 60.0
 """[s] for which a destination waits for a robot."""
 LONGEST_PARCEL = 16 << 20
