@@ -578,10 +578,11 @@ class RobotRuntime:
     @property
     def placement(self) -> Placement:
         """How it is moved: as a person has set it, else as its class says; a proxy stays."""
-        mode = self.look(lambda state: state.placing.mode)
+        mode: Placement | None = self.look(lambda state: state.placing.mode)
         if mode is not None:
             return mode
-        return self.robot.placement if isinstance(self.robot, VirtualRobot) else "manual"
+        robot = self.robot
+        return robot.placement if isinstance(robot, VirtualRobot) else "manual"
 
     # -- pauses -----------------------------------------------------------------------------------
 

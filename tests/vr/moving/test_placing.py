@@ -9,6 +9,7 @@ import pytest
 
 from robotree.vr.base.requests import DescribeHost, HostDescribed
 from robotree.vr.exchange.asking import ask
+from robotree.vr.exchange.client import RobotClient
 from robotree.vr.sites.pipe import MemoryHub
 from tests.vr.moving.test_between_sites import Home, homes
 from tests.vr.moving.test_moves import LEAF, TOUR
@@ -49,7 +50,7 @@ async def test_a_robot_moves_beside_the_one_that_it_calls_and_says_why(
 ) -> None:
     near, far = homes["lab:h1"], homes["hall:h2"]
     slow(hub)
-    robots = {}
+    robots: dict[str, RobotClient] = {}
     for name, page in {"placed": tour(AUTO), "pinned": tour(AUTO, "pinned = True"), "asked": tour()}.items():
         leaf = await far.create(f"leaf-{name}", LEAF)
         robots[name] = await near.create(name, page)
