@@ -19,8 +19,8 @@ from robotree.vr.core.placement import (
     REFUSED_FOR,
     SHARE,
     STAY,
+    Contact,
     HostSeen,
-    Partner,
     PlaceAdvice,
     PlacedRobot,
     PlaceWatch,
@@ -41,7 +41,7 @@ def host(
 
 
 def robot(mode: Placement = "auto", calls: float = 3.0, **other: object) -> PlacedRobot:
-    return PlacedRobot("tour", mode, [Partner(ARM, "arm", calls)], **other)  # type: ignore[arg-type]
+    return PlacedRobot("tour", mode, [Contact(ARM, "arm", calls)], **other)  # type: ignore[arg-type]
 
 
 FAR = host("desk", {ARM: 0.3, "host/plant/1": 0.3})

@@ -93,29 +93,7 @@ async def ls(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
         text = "\n".join(lines) or "no lookup service is running"
         return Outcome([*data, *_mute(silent)], text, SomeSilent(silent) if silent else None)
     if line.flag("--hosts"):
-        hosts = sorted(await realm_client.hosts(), key=lambda host: host.address.name)
-        data = [
-            {
-                "name": one.address.name,
-                "robots": [each.name for each in one.robots],
-                "stands_by": one.stands_by,
-                "instead_of": one.instead_of,
-                "trouble": one.trouble,
-                "load": plain(one.load),
-                "ways": host_ways(one, hosts),
-            }
-            for one in hosts
-        ]
-        silent = _silent(realm_client, "host", [one["name"] for one in data])
-        rows = [
-            (one["name"], wording.load(host.load), wording.ways(one["ways"]), names, _condition(one))
-            for one, host in zip(data, hosts, strict=True)
-            for names in [", ".join(one["robots"]) or "-"]
-        ]
-        rows += [(name, "", "", MUTE, "") for name, _, _ in silent]
-        head = ("HOST", "LOAD", "WAY TO OTHERS", "ROBOTS", "")
-        text = wording.columns([head, *rows]) if rows else "no host is running"
-        return Outcome([*data, *_mute(silent)], text, SomeSilent(silent) if silent else None)
+        return await _hosts(realm_client)
     what: Literal["view", "robot"] = "view" if line.flag("--views") else "robot"
     doubt = OldList() if realm_client.stale else None
     if realm_client.stale:
@@ -160,6 +138,33 @@ def _listing_of(known: KnownAgent) -> Listing:
         host=robot.host,
         attributes=robot.attributes,
     )
+
+
+async def _hosts(realm_client: RealmClient) -> Outcome:
+    """List the hosts: what they have to do, how far they are from each other, and their robots."""
+    hosts = sorted(await realm_client.hosts(), key=lambda host: host.address.name)
+    data = [
+        {
+            "name": one.address.name,
+            "robots": [each.name for each in one.robots],
+            "stands_by": one.stands_by,
+            "instead_of": one.instead_of,
+            "trouble": one.trouble,
+            "load": plain(one.load),
+            "ways": host_ways(one, hosts),
+        }
+        for one in hosts
+    ]
+    silent = _silent(realm_client, "host", [one["name"] for one in data])
+    rows = [
+        (one["name"], wording.load(host.load), wording.ways(one["ways"]), names, _condition(one))
+        for one, host in zip(data, hosts, strict=True)
+        for names in [", ".join(one["robots"]) or "-"]
+    ]
+    rows += [(name, "", "", MUTE, "") for name, _, _ in silent]
+    head = ("HOST", "LOAD", "WAY TO OTHERS", "ROBOTS", "")
+    text = wording.columns([head, *rows]) if rows else "no host is running"
+    return Outcome([*data, *_mute(silent)], text, SomeSilent(silent) if silent else None)
 
 
 def host_ways(host: HostDescribed, hosts: Sequence[HostDescribed]) -> dict[str, float]:

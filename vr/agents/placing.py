@@ -26,8 +26,8 @@ from robotree.vr.base.transport import Transport
 from robotree.vr.core import events as on
 from robotree.vr.core.machine import RobotState
 from robotree.vr.core.placement import (
+    Contact,
     HostSeen,
-    Partner,
     PlaceAdvice,
     PlacedRobot,
     PlaceWatch,
@@ -198,7 +198,7 @@ class PlaceFinder:
         flows = runtime.traffic.flows(runtime.process.runner.now())
         family, placing = runtime.look(lambda state: (_family(state), state.placing))
         partners = [
-            Partner(key, name, calls)
+            Contact(key, name, calls)
             for key, name in family.items()
             if (calls := flows.get(key, NO_FLOW).calls)
         ]

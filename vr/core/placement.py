@@ -73,7 +73,7 @@ class Placing(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         return msgspec.structs.replace(self, why=why, moved=unix, moves=recent + 1)
 
 
-class Partner(NamedTuple):
+class Contact(NamedTuple):
     """One with whom a robot has to do."""
 
     key: str
@@ -97,7 +97,7 @@ class PlacedRobot(NamedTuple):
 
     name: str
     mode: Placement
-    partners: Sequence[Partner]
+    partners: Sequence[Contact]
     strangers: float = 0.0
     """[1/s] Calls of those who are not its parent."""
     pinned: bool = False

@@ -143,6 +143,10 @@ class RobotRuntime:
     """Whether it is not known if it has arrived there."""
     came: bool = False
     """Whether it has come from another host, where its commands have begun: they go on in any case."""
+    neighbours: dict[Address, RobotRuntime]
+    """The robots in this process."""
+    traffic: BondTraffic
+    """What goes to and fro between it and those with whom it has to do."""
     advice: str = ""
     """What the latest look at its place has shown, as a sentence; empty: nobody has looked."""
     advised: str = ""
@@ -201,14 +205,12 @@ class RobotRuntime:
         self._commands, self._exposures = commands_of(type(robot)), exposures_of(type(robot))
         self.log = Log(self._runner.now, self._runner.unix, self._runner.lock())
         """The output of its code, and the ends of its commands."""
+        self.traffic = BondTraffic(self._runner.now, self._runner.lock())
         self._bereft: dict[str, dict[Callable[[VrError], None], None]] = {}
         """Those who are told when the child in a slot is gone, by slot, in their order."""
         self._unremind: Callable[[], None] = _nothing
-        self.neighbours = process.robots  # the robots in this process
+        self.neighbours, self._life = process.robots, _life_of(process, core.state.moves)
         self.log.know(self.core.state.calls.live)
-        self._life = _life_of(process, core.state.moves)
-        self.traffic = BondTraffic(self._runner.now, self._runner.lock())
-        """What goes to and fro between it and those with whom it has to do."""
         self.paused = core.state.pause.in_force != ""  # then commands look before each step: see `may_pass`
         self._held: dict[str, HeldStep] = {}  # those before which commands wait, by key, the oldest first
         self._ledgers: dict[str, _Ledger] = {}  # the numbered calls of each distant child: parent/slot/epoch
