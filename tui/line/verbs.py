@@ -143,7 +143,7 @@ def _listing_of(known: KnownAgent) -> Listing:
 async def _hosts(realm_client: RealmClient) -> Outcome:
     """List the hosts: what they have to do, how far they are from each other, and their robots."""
     hosts = sorted(await realm_client.hosts(), key=lambda host: host.address.name)
-    data = [
+    data: list[dict[str, Any]] = [
         {
             "name": one.address.name,
             "robots": [each.name for each in one.robots],
@@ -155,11 +155,16 @@ async def _hosts(realm_client: RealmClient) -> Outcome:
         }
         for one in hosts
     ]
-    silent = _silent(realm_client, "host", [one["name"] for one in data])
+    silent = _silent(realm_client, "host", [one.address.name for one in hosts])
     rows = [
-        (one["name"], wording.load(host.load), wording.ways(one["ways"]), names, _condition(one))
+        (
+            host.address.name,
+            wording.load(host.load),
+            wording.ways(host_ways(host, hosts)),
+            ", ".join(each.name for each in host.robots) or "-",
+            _condition(one),
+        )
         for one, host in zip(data, hosts, strict=True)
-        for names in [", ".join(one["robots"]) or "-"]
     ]
     rows += [(name, "", "", MUTE, "") for name, _, _ in silent]
     head = ("HOST", "LOAD", "WAY TO OTHERS", "ROBOTS", "")
