@@ -284,10 +284,10 @@ def way(seconds: float) -> str:
 
 def bond(slot: SlotSpec) -> str:
     """Say how far a child is, and what goes to and fro; empty: nothing is known."""
-    if slot.child is None or not slot.way:
+    if slot.child is None or not slot.round_trip:
         return ""
     size = f", {slot.bytes / 1000:.1f} kB/s" if slot.bytes else ""
-    return f"{way(slot.way)} there and back, {slot.calls:.1f} calls/s{size}"
+    return f"{way(slot.round_trip)} there and back, {slot.calls:.1f} calls/s{size}"
 
 
 def inhabitant(slot: SlotSpec) -> str:

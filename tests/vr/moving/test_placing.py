@@ -80,7 +80,7 @@ async def test_a_robot_moves_beside_the_one_that_it_calls_and_says_why(
     assert (await robots["pinned"].describe()).advice == "its author has pinned it"
     assert "hall:h2 is nearer" in (await robots["asked"].describe()).advice
     (slot,) = (await robots["asked"].describe()).slots
-    assert slot.way > 1.5 * DELAY
+    assert slot.round_trip > 1.5 * DELAY
     described = await ask(
         near.site.member, near.host.address.key, DescribeHost(), HostDescribed, timeout=PATIENCE
     )
