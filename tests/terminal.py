@@ -30,10 +30,10 @@ os.execvp(sys.argv[1], sys.argv[1:])
 class Terminal:
     """A terminal, and the session in it."""
 
-    def __init__(self, *words: str) -> None:
+    def __init__(self, *words: str, columns: int = 140, lines: int = 44) -> None:
         """Start a program as the leader of a session whose terminal this is."""
         self._master, inside = os.openpty()
-        fcntl.ioctl(inside, termios.TIOCSWINSZ, struct.pack("HHHH", 44, 140, 0, 0))
+        fcntl.ioctl(inside, termios.TIOCSWINSZ, struct.pack("HHHH", lines, columns, 0, 0))
         self._leader = subprocess.Popen(
             [sys.executable, "-c", LEADER, *words],
             stdin=inside,
@@ -85,8 +85,8 @@ class Terminal:
 class Person(Terminal):
     """A person at a terminal with the full screen of a realm, or one line, in it."""
 
-    def __init__(self, realm: str, *words: str) -> None:
-        super().__init__(*ROBOTREE, "--realm", realm, *words)
+    def __init__(self, realm: str, *words: str, columns: int = 140, lines: int = 44) -> None:
+        super().__init__(*ROBOTREE, "--realm", realm, *words, columns=columns, lines=lines)
 
     def types(self, keys: str, *, sees: str) -> None:
         """Press keys, all at once, and wait for words that are drawn after it."""
