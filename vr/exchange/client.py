@@ -71,6 +71,9 @@ MOVING = 60.0
 """[s] for a robot to move: its page is loaded there, and it may have to come to a wait."""
 DRAINING = 600.0
 """[s] for all robots of a host."""
+PICTURE_WITHIN = 20.0
+"""[s] for a picture: 27 kB take 3.5 s on a line of 64 kbit/s that carries nothing else, and one that is given
+up has filled the line in vain."""
 RELOADING = 10.0
 """[s] for a running command to end before a page is reloaded."""
 
@@ -601,4 +604,4 @@ class ViewClient:
             TransportError: the view cannot be reached or does not answer.
         """
         request = Look(camera=camera, width=width, height=height, quality=quality)
-        return await ask(self._transport, self.address.key, request, Picture, timeout=ANSWER_WITHIN)
+        return await ask(self._transport, self.address.key, request, Picture, timeout=PICTURE_WITHIN)
