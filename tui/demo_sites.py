@@ -142,12 +142,12 @@ async def demo(
     """
     realm = realm or "demo"
     try:
-        with _places() as places:
+        with places() as folders:
             async with AsyncExitStack() as stack:
-                sites = (make or Sites)(places, realm, delay, speedup, stack)
+                sites = (make or Sites)(folders, realm, delay, speedup, stack)
                 note(f"starting two sites and two hubs of realm {realm!r}, {delay} ms apart …")
                 await sites.open(await asyncio.to_thread(key_file, key, realm))
-                desk = places[DESK].environment
+                desk = folders[DESK].environment
                 line = " ".join(f"{name}={folder}" for name, folder in desk.items())
                 note(f"the desk in a second terminal: {line} robotree --realm {realm} ls")
                 if headless:
@@ -162,7 +162,7 @@ async def demo(
 
 
 @contextmanager
-def _places() -> Generator[dict[str, _Place]]:
+def places() -> Generator[dict[str, _Place]]:
     """Make the folders of both sites and of the hubs, and be at the desk meanwhile."""
     with tempfile.TemporaryDirectory(prefix="rt-") as folder:
         found: dict[str, _Place] = {}
