@@ -257,8 +257,11 @@ class PanelPage(Page):
     @property
     def _in_front(self) -> CommandForm | None:
         """The form of the chosen command; None: it is still being made."""
-        form, at = self.query_one("#forms", ContentSwitcher).visible_content, self._at
-        return form if isinstance(form, CommandForm) and at is not None and form.id == _form_id(at) else None
+        forms, at = self.query_one("#forms", ContentSwitcher), self._at
+        if at is None or forms.current != _form_id(at):
+            return None
+        found = (form for form in forms.children if form.id == forms.current)  # it may just be taken out
+        return next((form for form in found if isinstance(form, CommandForm)), None)
 
     @property
     def _ready(self) -> CommandForm | None:
