@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import msgspec
 
-from robotree.protocol.messages import Gripper, GripperState, Tool, Verb
+from robotree.protocol.messages import Gripper, GripperState, MavComponent, Tool, Verb
 from robotree.proxy.guard import Limits, Span
 from robotree.proxy.motion import Hold, Motion
-from robotree.proxy.robot_proxy import RobotProxy
+from robotree.proxy.robot_proxy import CarriedCamera, RobotProxy, Streamed
+from robotree.proxy.shown import OFTEN, PICTURES, CameraPicture, ToolForce, ToolPose
 from robotree.proxy.translate import twist_of
 from robotree.vr.author.command import command
+from robotree.vr.author.stream import Stream
 from robotree.vr.base.units import Unit
 
 LIMITS: Limits = {
@@ -29,6 +31,8 @@ controller knows. The finger tips reach 0.02 m below the tool point, and the tab
 force grows with speed: 35 N at 0.05 m/s, 130 N at 0.2 m/s against a hard table."""
 OPEN, CLOSED = LIMITS["width"].upper, LIMITS["width"].lower
 """[m] Widths of the open and of the closed gripper."""
+QUATERNION = 32767.0
+"""Of the wire: 1 in each component of a unit quaternion."""
 USUAL_SPEED = 0.15
 """[m/s] when the caller names none. The proxy always sends a speed: a command then means the
 same to every controller, whatever it would do without one (docs/decisions/0008)."""
@@ -87,10 +91,27 @@ class ArmInfo(msgspec.Struct, frozen=True, kw_only=True):
     busy: Annotated[bool, "whether it moves to a goal"]
 
 
+def _force(m: Tool) -> ToolForce:
+    return ToolForce(m.fx, m.fy, m.fz)
+
+
+def _pose(m: Tool) -> ToolPose:
+    w, x, y, z = (each / QUATERNION for each in m.q)
+    return ToolPose(m.x, m.y, m.z, w, x, y, z)
+
+
 class Arm(RobotProxy):
     """A compliant arm: goes to points, gripper down, yields when pushed, and feels what it touches."""
 
     limits = LIMITS
+    camera: ClassVar[CarriedCamera | None] = CarriedCamera("wrist", MavComponent.CAMERA2)
+    force: Stream[ToolForce] = Stream(ToolForce, "what the tool feels", rate=OFTEN)
+    pose: Stream[ToolPose] = Stream(ToolPose, "where the tool is", rate=OFTEN)
+    pictures: Stream[CameraPicture] = Stream(CameraPicture, "of the camera at its wrist", rate=PICTURES)
+    streamed = (
+        Streamed("force", Tool, _force),
+        Streamed("pose", Tool, _pose),
+    )
 
     @command(effect="repeat", offline="queue")
     def go_to(self, x: X, y: Y, z: Z, twist: Twist, speed: ToolSpeed = USUAL_SPEED) -> None:

@@ -10,8 +10,10 @@ from typing import Annotated
 from robotree.protocol.messages import BaseState, LocalPositionNed, SysStatus, Verb
 from robotree.proxy.guard import Limits, Span
 from robotree.proxy.motion import Motion
+from robotree.proxy.robot_proxy import Streamed
 from robotree.proxy.rover import LIMITS as ROVER_LIMITS
 from robotree.proxy.rover import Rover, RoverInfo
+from robotree.proxy.shown import FloorPlace
 from robotree.proxy.translate import READERS, UNITS, MessageReaders
 from robotree.vr.author.command import command
 from robotree.vr.base.units import Unit
@@ -85,6 +87,10 @@ def _base(m: BaseState) -> dict[str, float]:
     return {"heading": m.heading, "lean": m.lean, "balance": m.balance, "nearest_person": m.nearest}
 
 
+def _place(m: BaseState) -> FloorPlace:
+    return FloorPlace(m.x, m.y, math.remainder(m.heading, math.tau))
+
+
 def _status(m: SysStatus) -> dict[str, float]:
     return {"battery": m.battery_remaining / 100.0} if m.battery_remaining >= 0 else {}
 
@@ -104,6 +110,7 @@ class Base(Rover):
     limits = LIMITS
     readers = BASE_READERS
     reading_units = BASE_UNITS
+    streamed = (Streamed("place", BaseState, _place),)
 
     @command(effect="repeat", offline="queue")
     def drive(self, x: X, y: Y, heading: Heading, speed: BaseSpeed = USUAL_SPEED) -> None:

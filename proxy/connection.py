@@ -84,6 +84,7 @@ class Connection:
         url: where it listens, such as `tcp:127.0.0.1:5760`.
         session: decides what is sent.
         on_event: called on the loop with each event of the session.
+        on_message: called on the loop with each message of the controller that the session has taken.
         dial: opens a link.
         chance: for the jitter of the waits between attempts.
         security: the keys of our links.
@@ -96,6 +97,7 @@ class Connection:
         session: ControllerSession,
         *,
         on_event: Callable[[SessionEvent], None],
+        on_message: Callable[[AnyMessage], None] | None = None,
         dial: Dial = connect,
         chance: random.Random | None = None,
         security: LinkSecurity = UNSIGNED,
@@ -109,6 +111,7 @@ class Connection:
         self._signed = self._believed = self._refused = 0
         self._rejection = ""
         self._on_event = on_event
+        self._on_message = on_message
         self._dial = dial
         self._backoff = Backoff(chance or random.Random())
         self._told_offline = False
@@ -329,6 +332,8 @@ class Connection:
         if effects := self.session.receive(frame, self.runner.now()):
             self._acted = True
             self._carry_out(effects)
+        if self._on_message is not None and frame.component == self.session.controller.component:
+            self._on_message(frame.message)
         if self._awaited:
             for kind, since, wake in tuple(self._awaited):  # threads enter and leave meanwhile
                 if self.session.twin.after(kind, since) is not None:

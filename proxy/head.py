@@ -8,12 +8,14 @@ from typing import Annotated, ClassVar
 
 import msgspec
 
-from robotree.protocol.messages import Speech, Tags, Verb
+from robotree.protocol.messages import Joints, MavComponent, Speech, Tags, Verb
 from robotree.proxy.guard import Limits, Span
 from robotree.proxy.motion import Motion
-from robotree.proxy.robot_proxy import RobotProxy
+from robotree.proxy.robot_proxy import CarriedCamera, RobotProxy, Streamed
+from robotree.proxy.shown import OFTEN, PICTURES, CameraPicture, Gaze
 from robotree.proxy.translate import READERS, MessageReaders, goal_key
 from robotree.vr.author.command import command
+from robotree.vr.author.stream import Stream
 from robotree.vr.base.errors import BadArgument
 from robotree.vr.base.units import Range, Unit
 
@@ -91,6 +93,10 @@ def _tags(m: Tags) -> dict[str, float]:
     return {"tags": float(sum(1 for age in m.age[: m.count] if age < 200))}
 
 
+def _gaze(m: Joints) -> Gaze:
+    return Gaze(m.position[0], m.position[1])
+
+
 HEAD_READERS: MessageReaders = {**READERS, Tags: _tags, Speech: lambda _: {}}
 """How the telemetry of a head reads."""
 
@@ -101,6 +107,10 @@ class Head(RobotProxy):
     limits = LIMITS
     readers = HEAD_READERS
     reading_units: ClassVar[Mapping[str, str]] = {"tags": "count"}
+    camera = CarriedCamera("left", MavComponent.CAMERA2)
+    gaze: Stream[Gaze] = Stream(Gaze, "how the neck is turned", rate=OFTEN)
+    pictures: Stream[CameraPicture] = Stream(CameraPicture, "of the left eye", rate=PICTURES)
+    streamed = (Streamed("gaze", Joints, _gaze),)
 
     def readings(self) -> dict[str, float]:
         """Return the last known readings; the last utterance heard is beside them, as an attribute."""

@@ -90,6 +90,8 @@ class Limb(Arm):
     """An arm of a body: goes to points before the body, takes postures, yields when pushed, and feels."""
 
     limits = LIMITS
+    camera = None
+    pictures = None  # type: ignore[assignment] # its wrist has none
 
     @command(effect="repeat", offline="queue")
     def go_to(self, x: X, y: Y, z: Z, twist: Twist, speed: HandSpeed = USUAL_SPEED) -> None:

@@ -8,11 +8,12 @@ file of yours).
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 from weakref import WeakKeyDictionary
 
 from robotree.protocol.links.security import UNSIGNED, LinkSecurity
@@ -36,6 +37,7 @@ from robotree.proxy.session import (
     OnlineChanged,
     SessionEvent,
 )
+from robotree.proxy.shown import PATIENT, PictureShow
 from robotree.proxy.translate import (
     READERS,
     UNITS,
@@ -45,9 +47,11 @@ from robotree.proxy.translate import (
     goal_key,
     time_to_live,
 )
+from robotree.proxy.view import WorkspaceView
 from robotree.vr.author.command import command, commands_of
 from robotree.vr.author.context import Activity, running
 from robotree.vr.author.robot import Robot
+from robotree.vr.author.stream import Sending
 from robotree.vr.base.chance import bits
 from robotree.vr.base.description import LINK, OPEN_LINK, SIGNED_LINK, Effect
 from robotree.vr.base.errors import CommandCancelled, CommandFailed, DeadlineExceeded
@@ -70,6 +74,25 @@ NEXT = "look after the controller, the proxy goes on dialling"
 """The advice for a robot that is offline."""
 
 
+class Streamed(NamedTuple):
+    """A stream that is telemetry."""
+
+    stream: str
+    """Its name."""
+    message: type[Any]
+    """The message of the controller of which each is passed on."""
+    read: Callable[[Any], Any]
+    """Makes the value of such a message."""
+
+
+class CarriedCamera(NamedTuple):
+    """A camera that a robot carries."""
+
+    name: str
+    component: int
+    """Of the controller."""
+
+
 class RobotProxy(Robot):
     """Stands for one robot, which its controller moves."""
 
@@ -79,6 +102,10 @@ class RobotProxy(Robot):
     """How its telemetry is read; a kind may set its own."""
     reading_units = UNITS
     """Units of the readings; a kind with its own readers adds theirs."""
+    streamed: ClassVar[Sequence[Streamed]] = ()
+    """Its streams that are telemetry."""
+    camera: ClassVar[CarriedCamera | None] = None
+    """The camera of its stream `pictures`; None: it has none."""
     settled_at: float = 0.0
     """When the last motion ended [s]: what was heard before shows the robot as it was."""
 
@@ -133,16 +160,27 @@ class RobotProxy(Robot):
             url,
             self._session,
             on_event=self._handle,
+            on_message=self._pass_on if self.streamed else None,
             dial=dial,
             chance=chance,
             security=security,
             runner=runner,
         )
+        view = partial(WorkspaceView, name, url, dial=dial, chance=chance, security=security)
+        self._show = self._show_of(view)
         self._pending = PendingGoals(self._connection)
         self._mode_requests = ModeRequests(name)
         self._epochs = EpochCheck(name)
         self._sent: WeakKeyDictionary[Activity, int] = WeakKeyDictionary()
         """Number of the last motion that each running command has asked for, from 0 on."""
+
+    def _show_of(self, view: Callable[..., WorkspaceView]) -> PictureShow | None:
+        """Return what streams the pictures of its camera, over a view of its own; None: it has no camera."""
+        if self.camera is None:
+            return None
+        name, component = self.camera
+        opened = partial(view, cameras={name: component}, answer_within=PATIENT)
+        return PictureShow(partial(getattr, self, "pictures"), opened, name)
 
     async def run(self) -> None:
         """Keep the connection up until cancelled.
@@ -150,9 +188,13 @@ class RobotProxy(Robot):
         Raises:
             BadUrl: the controller's address means nothing.
         """
+        show = None if self._show is None else asyncio.ensure_future(self._show.run())
         try:
             await self._connection.run()
         finally:
+            if show is not None:
+                show.cancel()
+                await asyncio.gather(show, return_exceptions=True)
             self._pending.close("its proxy has ended")
 
     @property
@@ -286,6 +328,14 @@ class RobotProxy(Robot):
         return self._connection.now()
 
     # -- inside ------------------------------------------------------------------------------------
+
+    def _pass_on(self, message: AnyMessage) -> None:
+        """Stream what a message of the controller tells. On the loop."""
+        for one in self.streamed:
+            if type(message) is one.message:
+                sending: Sending[Any] = getattr(self, one.stream)
+                if sending.wanted:
+                    sending.send(one.read(message))
 
     def _send_stop(self, request: ModeRequest) -> None:
         self._mode_requests.add("safe_stop", request)

@@ -10,9 +10,11 @@ import msgspec
 from robotree.protocol.messages import LocalPositionNed, Verb
 from robotree.proxy.guard import Limits, Span
 from robotree.proxy.motion import Motion
-from robotree.proxy.robot_proxy import RobotProxy
+from robotree.proxy.robot_proxy import RobotProxy, Streamed
+from robotree.proxy.shown import OFTEN, FloorPlace
 from robotree.proxy.translate import readings_of
 from robotree.vr.author.command import command
+from robotree.vr.author.stream import Stream
 from robotree.vr.base.errors import BadArgument
 from robotree.vr.base.units import Unit
 
@@ -73,10 +75,16 @@ class RoverInfo(msgspec.Struct, frozen=True, kw_only=True):
     vy: Annotated[float, Unit("m/s"), "to the left"]
 
 
+def _place(m: LocalPositionNed) -> FloorPlace:
+    return FloorPlace(m.x, -m.y, 0.0)
+
+
 class Rover(RobotProxy):
     """A rover: it moves by a distance, forward and aside."""
 
     limits = LIMITS
+    place: Stream[FloorPlace] = Stream(FloorPlace, "where it stands", rate=OFTEN)
+    streamed = (Streamed("place", LocalPositionNed, _place),)
 
     @command(offline="queue")
     def move(self, x: Ahead, y: Aside, speed: DriveSpeed = USUAL_SPEED) -> None:

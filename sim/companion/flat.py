@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 from robotree.sim.companion.figure import XML
 from robotree.sim.physics import scenery
 from robotree.sim.physics.engine import mujoco
+from robotree.sim.physics.marker import PREFIX as MARKER
 
 PREFIX: Final = "companion/"
 
@@ -92,6 +93,10 @@ WAIST: Final = 0.13
 """[m] radius of a visitor."""
 PALM: Final = 0.055
 """[m] radius of a visitor's open hand."""
+TAG_UP: Final = 0.68
+"""Share of a visitor's height at which the middle of the tag is worn."""
+CUP_TAG, BODY_TAG, TAG_THICK = 0.042, 0.07, 0.002
+"""[m] half the side of a printed tag on a cup and on a chest, and half of its thickness."""
 _SKIN: Final = (0.92, 0.76, 0.64, 1.0)
 
 
@@ -138,6 +143,30 @@ def _cup(cell: mujoco.MjSpec, cup: Cup, colour: tuple[float, float, float, float
         group=2,
         rgba=(0.97, 0.97, 0.95, 1),
     )
+    # Towards the robot when it stands before the table.
+    _tag(body, cup.tag, (-CUP_RADIUS - TAG_THICK, 0.0, -0.008), CUP_TAG, quat=(0.0, 0.0, 0.0, 1.0))
+
+
+def _tag(
+    body: mujoco.MjsBody,
+    number: int,
+    at: tuple[float, float, float],
+    half: float,
+    quat: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0),
+) -> None:
+    """A plate with a marker, towards x of the body unless turned; it weighs nothing and touches nothing."""
+    body.add_geom(
+        name=f"{MARKER}{number}",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        pos=at,
+        quat=quat,
+        size=(TAG_THICK, half, half),
+        contype=0,
+        conaffinity=0,
+        mass=0,
+        group=2,
+        rgba=(0.98, 0.98, 0.98, 1),
+    )
 
 
 def _visitor(cell: mujoco.MjSpec, place: int, figurine: Figurine) -> None:
@@ -167,15 +196,7 @@ def _visitor(cell: mujoco.MjSpec, place: int, figurine: Figurine) -> None:
         size=(0.072 * tall, 0, 0),
         rgba=_SKIN,
     )
-    body.add_geom(
-        name=f"{figurine.name}_tag",
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        pos=(WAIST, 0, 0.68 * tall),
-        size=(0.004, 0.05, 0.05),
-        contype=0,
-        conaffinity=0,
-        rgba=(0.98, 0.98, 0.98, 1),
-    )
+    _tag(body, figurine.tag, (WAIST + TAG_THICK, 0.0, TAG_UP * tall), BODY_TAG)
     hand = cell.worldbody.add_body(name=f"{figurine.name}_hand", pos=(at[0], at[1], 0.5 * tall), mocap=True)
     hand.add_geom(
         name=f"{figurine.name}_hand",

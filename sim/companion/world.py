@@ -21,6 +21,7 @@ from robotree.sim.companion.flat import (
     OUTSIDE,
     PREFIX,
     START,
+    TAG_UP,
     VISITORS,
     spec,
 )
@@ -210,7 +211,7 @@ class Flat:
         for tag in self._cup_bodies:
             tags[tag] = _point(self.cup(tag))
         for visitor in self.visitors:
-            tags[visitor.looks.tag] = (visitor.x, visitor.y, 0.68 * visitor.looks.height)
+            tags[visitor.looks.tag] = (visitor.x, visitor.y, TAG_UP * visitor.looks.height)
             if visitor.offers:
                 tags[visitor.looks.tag + 10] = visitor.hand
         return tags

@@ -18,6 +18,7 @@ from PIL import Image
 
 from robotree.sim.physics.cell import STATE
 from robotree.sim.physics.engine import mujoco
+from robotree.sim.physics.marker import ACROSS, number_of, printed
 from robotree.sim.physics.vectors import Matrix, Picture, Vector
 
 LARGEST: Final = 1920 * 1080
@@ -37,6 +38,10 @@ _GLOSS: Final = 0.22
 _SHARPNESS: Final = 5
 """The highlight falls with the 2^(1 + this)th power of the cosine."""
 _SQUARE: Final = 0.4
+_INK: Final = 0.04
+"""Share of the light that black ink gives back."""
+_INKED: Final = 0.6
+"""Added to the number of a geom where ink is seen: more than what counts as a change."""
 _FADE: Final = (3.0, 16.0)
 _CORNERS: Final = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
 
@@ -77,6 +82,11 @@ class Renderer:
         floors = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
         self._is_floor: Planes = np.append(floors, 0).astype(np.float32)
         self._lamp: Vector = np.array(model.light_pos[0])
+        self._markers = {
+            geom: printed(number)
+            for geom in range(model.ngeom)
+            if (number := number_of(model.geom(geom).name)) is not None
+        }
 
     def picture(self, state: Vector, camera: str, width: int, height: int) -> Picture:
         """Draw.
@@ -115,11 +125,15 @@ class Renderer:
         geoms, distances, normals = self._cast(eye, rays)
         towards = _planes(rays)
         points = _planes(eye + rays * distances[:, None])
-        colours = self._shade(points, towards, normals, geoms)
+        printing = self._printing(points, geoms)
+        colours = self._shade(points, towards, normals, geoms, printing)
         sky = _HORIZON + (_ZENITH - _HORIZON) * np.sqrt(np.maximum(towards[2], 0.0))
         haze = self._haze(points, geoms)
         colours += (sky - colours) * haze
-        return colours, np.vstack((normals, geoms.astype(np.float32)))
+        # Where a printed module ends, the surface changes as where a geom ends.
+        seen: Planes = geoms.astype(np.float32)
+        seen += _INKED * (1.0 - printing)
+        return colours, np.vstack((normals, seen))
 
     def _cast(self, origin: Vector, rays: Matrix) -> tuple[NDArray[np.int32], Vector, Planes]:
         """The hits of `rays` (n, 3) from `origin`: geoms (n,) or -1, distances (n,), normals (3, n)."""
@@ -130,8 +144,24 @@ class Renderer:
         )
         return geoms, distances, _planes(normals.reshape(-1, 3))
 
-    def _shade(self, points: Planes, rays: Planes, normals: Planes, geoms: NDArray[np.int32]) -> Planes:
-        colours = self._albedo[:, geoms]
+    def _printing(self, points: Planes, geoms: NDArray[np.int32]) -> Planes:
+        """(n,) 0 where black ink of a marker is seen, else 1."""
+        light = np.ones(geoms.size, np.float32)
+        for geom, white in self._markers.items():
+            seen = np.flatnonzero(geoms == geom)
+            if not seen.size:
+                continue
+            at = (points[:, seen].T - self._data.geom_xpos[geom]) @ self._data.geom_xmat[geom].reshape(3, 3)
+            thick, wide, high = self._model.geom_size[geom]
+            column = np.clip((at[:, 1] / wide + 1.0) / 2.0 * ACROSS, 0, ACROSS - 1).astype(int)
+            row = np.clip((1.0 - at[:, 2] / high) / 2.0 * ACROSS, 0, ACROSS - 1).astype(int)
+            light[seen] = np.where(at[:, 0] > thick / 2.0, white[row, column], True)
+        return light
+
+    def _shade(
+        self, points: Planes, rays: Planes, normals: Planes, geoms: NDArray[np.int32], printing: Planes
+    ) -> Planes:
+        colours = self._albedo[:, geoms] * (_INK + (1.0 - _INK) * printing)
         floor = self._is_floor[geoms]
         squares = np.floor(points[0] / _SQUARE) + np.floor(points[1] / _SQUARE)
         colours *= 1.0 - 0.12 * (floor * (squares % 2.0))

@@ -37,6 +37,7 @@ WHERE_EXTRAS_ARE_USED = {
     "wire": ("protocol/dialect/", "protocol/tools/", "tui/recording/tape.py"),
     "machines": ("vr/sites/", "vr/network/signed.py"),
     "postgres": ("vr/space/postgres.py", "vr/journal/postgres.py"),
+    "services": ("examples/services/",),
     "testing": ("vr/world/", "testing/"),
 }
 """All other sources need the core alone (decision 0058)."""
@@ -101,7 +102,7 @@ def test_each_extra_brings_the_modules_that_its_part_of_the_sources_imports() ->
     }
     ours = {*sys.stdlib_module_names, *core, "robotree", "typing_extensions"}  # the last for type checkers
     used: dict[str, set[str]] = {extra: set() for extra in ("", *MODULES)}
-    for path in SOURCES:
+    for path in (*SOURCES, *(ROOT / "examples" / "services").glob("*.py")):
         extra = next((e for e, at in WHERE_EXTRAS_ARE_USED.items() if relative(path).startswith(at)), "")
         used[extra] |= imported(path) - ours
     assert not used.pop("")

@@ -60,6 +60,7 @@ class MjsBody:
         size: Sequence[float],
         rgba: Sequence[float],
         pos: Sequence[float] = ...,
+        quat: Sequence[float] = ...,
         fromto: Sequence[float] = ...,
         mass: float = ...,
         condim: int = ...,
@@ -105,6 +106,7 @@ class MjSpec:
 
 class _Named:
     id: int
+    name: str
 
 class _Body(_Named):
     mocapid: NDArray[np.int32]
@@ -134,14 +136,16 @@ class MjModel:
     cam_fovy: _Array
     dof_frictionloss: _Array
     geom_rgba: NDArray[np.float32]
+    geom_size: _Array
     geom_type: NDArray[np.int32]
     light_pos: _Array
     ncam: int
+    ngeom: int
     def actuator(self, name: str) -> _Named: ...
     eq_data: _Array
     def body(self, name: str) -> _Body: ...
     def equality(self, name: str) -> _Named: ...
-    def geom(self, name: str) -> _Named: ...
+    def geom(self, name: str | int) -> _Named: ...
     def camera(self, name: str) -> _Named: ...
     def joint(self, name: str) -> _Joint: ...
     def sensor(self, name: str) -> _Sensor: ...
@@ -159,6 +163,8 @@ class MjData:
     def body(self, name: str) -> _BodyData: ...
     def joint(self, name: str) -> _JointData: ...
     cam_xmat: _Array
+    geom_xmat: _Array
+    geom_xpos: _Array
     cam_xpos: _Array
     cfrc_ext: _Array
     ctrl: _Array

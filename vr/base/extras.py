@@ -20,6 +20,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
     "wire": ("mcap", "pymavlink", "zstandard"),
     "machines": ("cryptography", "zenoh"),
     "postgres": ("psycopg",),
+    "services": ("clips", "cv2", "espeakng_loader", "numpy", "pocketsphinx"),
     "testing": ("greenlet", "pytest"),
 }
 """The modules of other people that we import, by the extra that brings them."""

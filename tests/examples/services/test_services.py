@@ -1,0 +1,166 @@
+"""The services of the examples stand on real libraries: one understands what another says, and facts last."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import random
+from collections.abc import AsyncIterator, Callable
+from contextlib import AsyncExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotree.proxy import kinds
+from robotree.proxy.agent import running_proxy
+from robotree.sim.kinds import HEAD
+from robotree.sim.serving.server import serving
+from robotree.vr.agents.host import Host
+from robotree.vr.base.errors import CommandFailed
+from robotree.vr.bundle import Bundle
+from robotree.vr.exchange.client import HostClient, RobotClient
+from robotree.vr.journal.journal import HostJournal
+from robotree.vr.running.process import Process
+from robotree.vr.running.runner import runner_of
+from robotree.vr.world.network import MemoryNetwork
+from tests.waiting import until
+
+SERVICES = Path(__file__).parents[3] / "examples/services"
+
+
+class House:
+    """A host for services, that may be started again."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.network = folder, MemoryNetwork()
+
+    async def start(self) -> None:
+        runner = runner_of(asyncio.get_running_loop())
+        self.journal = HostJournal(self.folder / "journal", runner)
+        process = Process(runner, self.journal)
+        self.host = Host(self.network.join("host-1"), "host-1", process=process, journal=self.journal)
+        self.client = HostClient(self.network.join("operator"), self.host.address)
+        await self.host.start()
+        await self.host.restore()
+
+    async def end(self) -> None:
+        await self.host.close()
+        self.journal.close()
+
+    async def add(self, file: str, name: str) -> Callable[..., Any]:
+        """Add a service; returns how it is called."""
+        await self.client.create(Bundle.read(SERVICES / file), name)
+        return self.asker(name)
+
+    def asker(self, name: str) -> Callable[..., Any]:
+        robot = RobotClient(self.network.join(), self.host.agents[name].address)
+        return lambda command, **arguments: robot.call(command, arguments, deadline=120.0)
+
+    async def watch(self, watcher: str, slot: str, watched: Any) -> None:
+        robot = RobotClient(self.network.join(), self.host.agents[watcher].address)
+        await robot.enslave(slot, watched)
+
+    async def facts(self, name: str) -> dict[str, float]:
+        """The readings of a service."""
+        return self.host.agents[name].robot.readings()
+
+    def listeners(self, name: str, stream: str) -> int:
+        streams = self.host.agents[name].description().streams
+        return next(one.listeners for one in streams if one.name == stream)
+
+
+@pytest.fixture
+async def house(tmp_path: Path) -> AsyncIterator[House]:
+    house = House(tmp_path)
+    await house.start()
+    yield house
+    await house.end()
+
+
+async def test_what_one_service_says_another_understands(house: House) -> None:
+    mouth, ears = await house.add("mouth.py", "mouth"), await house.add("ears.py", "ears")
+    await house.watch("ears", "mouth", house.host.agents["mouth"].address)
+    listening = asyncio.ensure_future(ears("listen"))
+    await until(lambda: house.listeners("mouth", "sound") == 1, "they listen")
+    said = ["please stop", "go on", "bring me the red cup", "where is the blue cup", "give it to anna"]
+    understood: list[str] = []
+    for number, text in enumerate(said):
+        assert await mouth("say", text=text) > 0.4
+        understood.append((await ears("next", after=number))["text"])
+    assert sum(a != b for a, b in zip(said, understood, strict=True)) <= 1, understood
+    with pytest.raises(CommandFailed, match="knows no xyzzyq"):
+        await ears("expect", sentences=["please xyzzyq"])
+    listening.cancel()
+    await asyncio.gather(listening, return_exceptions=True)
+
+
+async def test_facts_outlive_a_run_and_what_follows_from_them_is_told_with_its_reason(house: House) -> None:
+    facts = await house.add("information.py", "facts")
+    await facts("tell", subject="red cup", relation="in", object="table")
+    await facts("tell", subject="table", relation="in", object="kitchen")
+    await facts("tell", subject="anna", relation="has", object="key")
+    await facts("tell", subject="anna", relation="in", object="hall")
+    await house.end()
+    await house.start()
+    facts = house.asker("facts")
+    assert await facts("find", relation="in", object="kitchen") == ["red cup", "table"]
+    assert await facts("why", subject="red cup", relation="in", object="kitchen") == [
+        "red cup in table",
+        "table in kitchen",
+    ]
+    assert await facts("answer", question="Where is the red cup?") == "kitchen, table"
+    assert await facts("answer", question="where is the key") == "hall"
+    await facts("forget", subject="table")
+    assert await facts("find", relation="in", object="kitchen") == []
+    with pytest.raises(CommandFailed, match="understands: where is X"):
+        await facts("answer", question="why?")
+
+
+@pytest.fixture
+async def companion(house: House) -> AsyncIterator[dict[str, RobotClient]]:
+    """Head and base of a simulated companion that stands at the table and sees what is on it."""
+    async with AsyncExitStack() as stack:
+        server = await stack.enter_async_context(serving("companion", "tcp:127.0.0.1:0"))
+        found: dict[str, RobotClient] = {}
+        for kind, component in (("base", 1), ("head", HEAD)):
+            robot = kinds.make(kind, kind, server.address, chance=random.Random(1), component=component)
+            transport = house.network.join(kind)
+            agent = await stack.enter_async_context(running_proxy(robot, transport))
+            await until(lambda robot=robot: robot.online and bool(robot.readings()), f"{kind} is found")
+            found[kind] = RobotClient(transport, agent.address)
+        yield found
+
+
+async def test_a_camera_recognises_what_is_on_the_table_and_where(
+    house: House, companion: dict[str, RobotClient]
+) -> None:
+    eyes = await house.add("recogniser.py", "eyes")
+    head, base = companion["head"], companion["base"]
+    described = {one.name: one for one in (await head.describe()).streams}
+    assert described["pictures"].listeners == 0
+    for slot, robot in (("head", head), ("base", base)):
+        await house.watch("eyes", slot, robot.address)
+    await base.call("drive", {"x": 0.95, "y": 0.9, "heading": 0.0, "speed": 0.8}, deadline=120.0)
+    await head.call("look", {"pan": 0.0, "tilt": 0.65})
+    looking = asyncio.ensure_future(eyes("watch"))
+
+    async def sees() -> bool:
+        return (await house.facts("eyes")).get("known", 0.0) >= 3.0
+
+    await until(sees, "it sees three cups")
+    sent = next(one for one in (await head.describe()).streams if one.name == "pictures")
+    assert sent.listeners == 1
+    for what, tag in (("red cup", 1), ("green cup", 2), ("blue cup", 3)):
+        seen, true = await eyes("where", what=what), await head.call("see", {"tag": tag})
+        assert math.dist([seen[axis] for axis in "xyz"], [true[axis] for axis in "xyz"]) < 0.05
+    with pytest.raises(CommandFailed, match="anna was not seen yet"):
+        await eyes("where", what="anna")
+    looking.cancel()
+    await asyncio.gather(looking, return_exceptions=True)
+
+    async def nobody_listens() -> bool:
+        streams = (await head.describe()).streams
+        return all(one.listeners == 0 for one in streams)
+
+    await until(nobody_listens, "it listens no more")
