@@ -151,8 +151,8 @@ class Recogniser(Service):
             return None
         right, down, ahead = moved.ravel().tolist()
         x, y, z = in_flat((ahead, -right, -down), stand)
-        # What wears it is behind the plate, away from the eye. How the plate is turned is told by a few pixels,
-        # and would be the greater error.
+        # What wears it is behind the plate, away from the eye. How the plate is turned is told by a few
+        # pixels, and would be the greater error.
         eye = in_flat((0.0, 0.0, 0.0), stand)
         away = DEPTH[number] / math.dist((x, y), eye[:2])
         return x + away * (x - eye[0]), y + away * (y - eye[1]), z
