@@ -623,15 +623,19 @@ async def _lookup(line: Line, realm: str, ready: Ready) -> None:
 
 
 async def _directory(line: Line, realm: str, ready: Ready) -> None:
-    from robotree.tui.errors import NoPlaceForState
+    from robotree.tui.errors import NoPlaceForState, ValueRefused
     from robotree.tui.processes.state_files import directory_folder, site_of
     from robotree.vr.orders.run import run_directory
+    from robotree.vr.space.run import POSTGRES
 
     name = line.text("NAME")
     folder = directory_folder(realm, name)
     if folder is None:
         raise NoPlaceForState
-    await run_directory(name, folder, realm=realm, site=site_of(realm), ready=ready)
+    url = line.text("--store")
+    if url and not url.startswith(POSTGRES):
+        raise ValueRefused("URL", f"{url!r} is no database; write postgresql://HOST/DATABASE")
+    await run_directory(name, folder, realm=realm, site=site_of(realm), database=url, ready=ready)
 
 
 async def _space(line: Line, realm: str, ready: Ready) -> None:

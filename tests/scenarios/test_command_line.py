@@ -150,7 +150,9 @@ def test_no_verb_over_a_realm_is_left_out() -> None:
     proved = {line.split()[0] for line, _, _ in SHAPES} | {"watch"}
     proved |= {"role", "rules explain"}  # over scripts and companions: their own tests show them
     proved |= {"decide", "space ls", "history", "why"}  # of hosts that crashed, of spaces, of what was kept
-    proved |= {"inbox", "order show", "order cancel", "order confirm", "take"}  # of robots that are away
+    proved |= {"inbox", "order show", "order cancel", "order confirm", "take"} | {
+        "order settle"
+    }  # of robots that are away
     proved |= {"migrate", "drain", "place", "service"}  # of several hosts, and of services
     proved |= {"record"}  # until it is interrupted: tests/scenarios/test_recordings.py
     promised = {action.verb for action in ACTIONS if action.run and Where.SHELL in action.where} | {"run"}

@@ -107,7 +107,7 @@ CHANGES = {
     *("wire replay", "wire inject", "set", "reload", "apply"),
     *("migrate", "drain", "place", "service"),
     *("wire conform", "bundle trust", "policy set"),
-    *("order cancel", "order confirm"),
+    *("order cancel", "order confirm", "order settle"),
     *("realm create", "realm invite", "realm join", "realm revoke", "realm renew"),
 }
 """Verbs of the shell that change robots, or who commands them."""

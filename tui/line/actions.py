@@ -490,6 +490,16 @@ ACTIONS: tuple[Action, ...] = (
         alters=True,
     ),
     Action(
+        usage="order settle TICKET OUTCOME",
+        help="Say what became of an order in doubt, after a look at the robot: OUTCOME is done or undone.",
+        group=COMMAND,
+        right="order",
+        run="order_settle",
+        where=LINES,
+        examples=("order settle 3fa2 undone",),
+        alters=True,
+    ),
+    Action(
         usage="inbox [--keep]",
         help="Print the results of your orders, and take them out of the inbox; --keep: leave them there.",
         group=COMMAND,
@@ -745,9 +755,10 @@ ACTIONS: tuple[Action, ...] = (
         examples=("lookup lookup-1",),
     ),
     Action(
-        usage="directory NAME",
+        usage="directory NAME [--store URL]",
         help="Run a lookup service with a durable memory: it remembers robots that are away, and keeps orders"
-        " for them and their results. Several share what they have.",
+        " for them and their results. Several share what they have. URL: of a database (postgresql://…) that"
+        " has the memory instead of a folder of this machine.",
         group=PROCESS,
         where=Where.SHELL,
         examples=("directory directory-1",),

@@ -267,6 +267,20 @@ async def order_confirm(realm_client: RealmClient, line: Line, _teller: Teller) 
     return Outcome(data_of(left.order), f"order {left.order.ticket} may begin")
 
 
+async def order_settle(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
+    """Say what became of an order in doubt.
+
+    Raises:
+        ValueRefused: neither done nor undone.
+    """
+    outcome = line.text("OUTCOME")
+    if outcome not in {"done", "undone"}:
+        reason = f"{outcome!r} is none; look what the robot did, then write done or undone"
+        raise ValueRefused("OUTCOME", reason)
+    left = await realm_client.orders.settle(line.text("TICKET"), "done" if outcome == "done" else "undone")
+    return Outcome(data_of(left.order), f"order {left.order.ticket} is {left.order.shown}: {left.order.why}")
+
+
 async def inbox(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """Print the results that wait for this user, and take them out of the inbox."""
     found = await realm_client.orders.inbox()

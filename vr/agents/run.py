@@ -34,7 +34,7 @@ from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.network.local import join
 from robotree.vr.network.rendezvous import realm_name
-from robotree.vr.orders.ledger import ORDERS, Ledger
+from robotree.vr.orders.ledger import ORDERS, Ledger, LedgerRecords
 from robotree.vr.running.heard import listening
 from robotree.vr.running.process import Process
 from robotree.vr.running.runner import Runner, runner_of
@@ -140,7 +140,7 @@ async def run_host(  # noqa: PLR0913 # what people may choose
         transport = transport if journal is None else kept_by(journal, process, transport, returns)
         registrar = Registrar(transport)
         stack.push_async_callback(registrar.close)
-        ledger = None if journal is None else _ledger_in(past, stack)
+        ledger = None if journal is None else _ledger_in(past, log, stack)
         host = Host(transport, name, registrar=registrar, term=term, process=process, only=only,
                     journal=journal, gate=gate, ledger=ledger)  # fmt: skip
         host.instead_of, host.log_folder = "" if of == name else of, _folder_of(keep)
@@ -272,8 +272,10 @@ def kept_in(
     return journal, history
 
 
-def _ledger_in(folder: Path | None, stack: contextlib.AsyncExitStack) -> Ledger:
-    """Open the memory of a process of its robots' orders; `stack` closes it."""
+def _ledger_in(folder: Path | None, log: LogStore | None, stack: contextlib.AsyncExitStack) -> Ledger:
+    """Open what a process knows of its robots' orders, in the database of its journal if there is one."""
+    if isinstance(log, LedgerRecords):
+        return Ledger(log)
     if folder is not None:
         private_folder(folder)
     ledger = Ledger(None if folder is None else folder / ORDERS)

@@ -1283,6 +1283,12 @@ class NothingToConfirm(OrderError):
     sentence = "{robot} asks nothing about order {key}, which is {state}"
 
 
+class NotInDoubt(OrderError):
+    """A person settles an order whose end is known."""
+
+    sentence = "order {key} for {robot} is {state}, not in doubt: there is nothing to settle"
+
+
 class DirectoryUnusable(OrderError):
     """The file of a directory cannot be used."""
 

@@ -572,10 +572,16 @@ class CancelOrder(_Message, frozen=True, kw_only=True):
     key: str
 
 
+OrderOutcome = Literal["", "done", "undone"]
+"""What became of an order, as a person says."""
+
+
 class ConfirmOrder(_Message, frozen=True, kw_only=True):
-    """Answer what a robot asks before it begins an order: it may. Answered by `OrderLeft`."""
+    """Answer what a robot asks of an order: it may begin; or settle one in doubt. Answered by `OrderLeft`."""
 
     key: str
+    outcome: OrderOutcome = ""
+    """What a person has seen of an order in doubt; empty: the robot may begin."""
 
 
 class ReadOrders(_Message, frozen=True, kw_only=True):

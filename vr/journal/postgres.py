@@ -13,7 +13,7 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, LiteralString
 
 from robotree.vr.base.errors import DamagedJournal, Deposed, JournalCutOff, JournalError
@@ -44,6 +44,10 @@ CREATE TABLE IF NOT EXISTS robotree_frame (
     PRIMARY KEY (log, segment, number)
 );
 ALTER TABLE robotree_frame ALTER body SET STORAGE EXTERNAL;
+CREATE TABLE IF NOT EXISTS robotree_record (
+    log text NOT NULL, kind text NOT NULL, key text NOT NULL, body bytea NOT NULL,
+    PRIMARY KEY (log, kind, key)
+);
 """
 _HOLD: LiteralString = "SELECT pg_try_advisory_lock(1383027569, hashtext(%(log)s || '/' || %(owner)s::text))"
 _LOOK: LiteralString = """
@@ -70,6 +74,18 @@ WITH ours AS (
 ), dropped AS (
     DELETE FROM robotree_frame WHERE log = %(log)s AND segment < %(segment)s AND EXISTS (SELECT FROM ours)
 ) SELECT count(*) FROM ours"""
+_PUT: LiteralString = """
+WITH ours AS (
+    SELECT FROM robotree_log WHERE name = %(log)s AND owner = %(owner)s FOR SHARE
+), gone AS (
+    DELETE FROM robotree_record USING unnest(%(gone_kinds)s::text[], %(gone_keys)s::text[]) AS g(k, e)
+    WHERE log = %(log)s AND kind = g.k AND key = g.e AND EXISTS (SELECT FROM ours)
+), put AS (
+    INSERT INTO robotree_record SELECT %(log)s, k, e, b
+    FROM ours, unnest(%(kinds)s::text[], %(keys)s::text[], %(bodies)s::bytea[]) AS r(k, e, b)
+    ON CONFLICT (log, kind, key) DO UPDATE SET body = excluded.body
+) SELECT count(*) FROM ours"""
+_RECORDS: LiteralString = "SELECT kind, key, body FROM robotree_record WHERE log = %(log)s"
 _BEAT: LiteralString = """
 WITH beaten AS (
     UPDATE robotree_log SET beat = beat + 1 WHERE name = %(log)s AND owner = %(owner)s RETURNING name
@@ -226,7 +242,36 @@ class PostgresLog:
             expected = segment, number + 1
             yield from frames_in(bytes(body), place)
 
+    def records(self) -> list[tuple[str, str, bytes]]:
+        """Return what is kept beside the log: kind, key and body of each record.
+
+        Raises:
+            OSError: the database cannot be read.
+        """
+        with self._lock, self._database.used() as connection:
+            rows = connection.execute(_RECORDS, self._values).fetchall()
+        return [(str(kind), str(key), bytes(body)) for kind, key, body in rows]
+
     # -- writing ----------------------------------------------------------------------------------
+
+    def put_records(
+        self, rows: Sequence[tuple[str, str, bytes]], gone: Sequence[tuple[str, str]] = ()
+    ) -> None:
+        """Keep records beside the log, in the place of those that are known, and remove others; all or none.
+
+        Raises:
+            Deposed: another process is the owner; nothing was written.
+            JournalCutOff: the database was not reached; it may have been written.
+            OSError: it refuses, or its disk is full.
+        """
+        self._ask(
+            _PUT,
+            kinds=[kind for kind, _, _ in rows],
+            keys=[key for _, key, _ in rows],
+            bodies=[body for _, _, body in rows],
+            gone_kinds=[kind for kind, _ in gone],
+            gone_keys=[key for _, key in gone],
+        )
 
     def begin(self) -> None:
         self._values["segment"] += 1

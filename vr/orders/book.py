@@ -18,6 +18,7 @@ from robotree.vr.base.errors import (
     NoSuchCommand,
     NoSuchOrder,
     NothingToConfirm,
+    NotInDoubt,
     NotOrdered,
     NotRemembered,
     OrderOver,
@@ -41,6 +42,7 @@ from robotree.vr.base.principal import Principal
 from robotree.vr.base.requests import (
     HoldOrders,
     LeaveOrder,
+    OrderOutcome,
     OrdersFound,
     ReadKnown,
     ReadOrders,
@@ -180,6 +182,24 @@ class OrderBook:
         if order.over or not (order.asks or order.confirmed_by):
             raise NothingToConfirm(robot=order.robot, key=order.ticket, state=order.shown)
         return msgspec.structs.replace(order, confirmed_by=by)
+
+    def settle(self, key: str, outcome: OrderOutcome, by: str) -> Order:
+        """Return an order in doubt as a person says that it ended; it is not kept yet.
+
+        It stays so, whatever copy in doubt comes later: what is over by somebody's word is further on.
+
+        Raises:
+            NoSuchOrder: there is none of this key.
+            NotInDoubt: it is not in doubt.
+        """
+        order = self.order(key)
+        if order.state != "doubt":
+            raise NotInDoubt(key=order.ticket, robot=order.robot, state=order.shown)
+        now = self.unix()
+        if outcome == "done":
+            return msgspec.structs.replace(order, state="done", at=now, why=f"{by} says so", seen=False)
+        why = f"{by} says that it was not done; order it again if it is still wanted"
+        return msgspec.structs.replace(order, state="failed", at=now, why=why, seen=False)
 
     def seen(self, keys: Iterable[str], who: str) -> OrderNews:
         """Take note that the results of orders have been taken, of those that are `who`'s (`owner_of`)."""

@@ -3,6 +3,9 @@
 It is written before an order begins, so that a robot that was killed knows on its return what it may have
 done. An order is remembered until it has expired everywhere: a directory that comes back late with an old
 copy is told how the order ended.
+
+It is a file beside the history of the robot, or lies with the journal of a host in PostgreSQL: then a host
+that stands by on another machine knows which orders have begun, and one that was deposed writes nothing more.
 """
 
 from __future__ import annotations
@@ -10,15 +13,15 @@ from __future__ import annotations
 import contextlib
 import sqlite3
 import threading
-from collections.abc import Generator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import msgspec
 
 from robotree.files import private_file, private_folder, read, replace
 from robotree.vr.base.chance import token
-from robotree.vr.base.errors import DirectoryUnusable
+from robotree.vr.base.errors import DirectoryUnusable, JournalError
 from robotree.vr.base.order import Order
 
 GRACE = 86400.0
@@ -51,22 +54,99 @@ class _Identity(msgspec.Struct, frozen=True):
 _encode = msgspec.msgpack.Encoder().encode
 _decode = msgspec.msgpack.Decoder(LedgerEntry).decode
 _decode_place = msgspec.msgpack.Decoder(dict[str, float]).decode
+_decode_time = msgspec.msgpack.Decoder(float).decode
+ENTRY, TOUCHED, REST = "entry", "touched", "rest"
+"""Kinds of records: an order; when somebody commanded or moved a robot; where it came to rest."""
+_TROUBLE = (OSError, sqlite3.Error, JournalError)
+
+
+@runtime_checkable
+class LedgerRecords(Protocol):
+    """Where a ledger is kept: records by kind and key. From any thread, by one at a time."""
+
+    where: str
+    """For people, without passwords."""
+
+    def records(self) -> Iterable[tuple[str, str, bytes]]:
+        """Return the kind, key and body of each."""
+        ...
+
+    def put_records(
+        self, rows: Sequence[tuple[str, str, bytes]], gone: Sequence[tuple[str, str]] = ()
+    ) -> None:
+        """Keep records, and remove others: all or none, and for good when this returns."""
+        ...
+
+
+class FileRecords:
+    """A ledger in a SQLite file. `LedgerRecords`."""
+
+    def __init__(self, path: Path) -> None:
+        """Open or make the file.
+
+        Raises:
+            OSError: it cannot be opened.
+            sqlite3.Error: it is none, or damaged.
+        """
+        self.where = str(path)
+        private_file(path)
+        self._file = sqlite3.connect(path, timeout=5.0, isolation_level=None, check_same_thread=False)
+        for order in (
+            "PRAGMA journal_mode=WAL",
+            "PRAGMA synchronous=FULL",
+            "CREATE TABLE IF NOT EXISTS entry (key TEXT PRIMARY KEY, body BLOB NOT NULL)",
+            "CREATE TABLE IF NOT EXISTS touched (identity TEXT PRIMARY KEY, at REAL NOT NULL)",
+            "CREATE TABLE IF NOT EXISTS rest (identity TEXT PRIMARY KEY, place BLOB NOT NULL)",
+        ):
+            self._file.execute(order)
+
+    def close(self) -> None:
+        """Let the file go."""
+        self._file.close()
+
+    def records(self) -> Iterator[tuple[str, str, bytes]]:
+        for key, body in self._file.execute("SELECT key, body FROM entry"):
+            yield ENTRY, key, body
+        for identity, at in self._file.execute("SELECT identity, at FROM touched"):
+            yield TOUCHED, identity, _encode(at)
+        for identity, place in self._file.execute("SELECT identity, place FROM rest"):
+            yield REST, identity, place
+
+    def put_records(
+        self, rows: Sequence[tuple[str, str, bytes]], gone: Sequence[tuple[str, str]] = ()
+    ) -> None:
+        file = self._file
+        with file:  # one transaction
+            file.execute("BEGIN IMMEDIATE")
+            for kind, key, body in rows:
+                if kind == ENTRY:
+                    file.execute("INSERT OR REPLACE INTO entry VALUES (?, ?)", (key, body))
+                elif kind == REST:
+                    file.execute("INSERT OR REPLACE INTO rest VALUES (?, ?)", (key, body))
+                else:
+                    at = _decode_time(body)
+                    file.execute("INSERT OR REPLACE INTO touched VALUES (?, ?)", (key, at))
+            for kind, key in gone:
+                if kind == REST:
+                    file.execute("DELETE FROM rest WHERE identity = ?", (key,))
+                else:
+                    file.execute("DELETE FROM entry WHERE key = ?", (key,))
 
 
 class Ledger:
     """The orders of the robots of one process; see the module."""
 
-    def __init__(self, path: Path | None) -> None:
-        """Open or make the file, and read it.
+    def __init__(self, place: Path | LedgerRecords | None) -> None:
+        """Open it, and read it.
 
         Args:
-            path: of the file; None: nothing survives the process.
+            place: a file; or what keeps records, which stays open; None: nothing survives the process.
 
         Raises:
             DirectoryUnusable: it cannot be used.
         """
-        self.where = "memory" if path is None else str(path)
-        self.slow = path is not None
+        self.where = "memory"
+        self.slow = place is not None
         """Whether to write may wait for a disk."""
         self.entries: dict[str, LedgerEntry] = {}
         """By the key of the order."""
@@ -76,32 +156,34 @@ class Ledger:
         self.rest: dict[str, dict[str, float]] = {}
         """Where each robot came to rest, by identity, as far as it says; not known while it moves."""
         self._lock = threading.Lock()
-        self._file: sqlite3.Connection | None = None
-        if path is None:
+        self._file: FileRecords | None = None
+        self._records: LedgerRecords | None = None
+        if place is None:
             return
+        self.where = str(place) if isinstance(place, Path) else place.where
         try:
-            private_file(path)
-            self._file = sqlite3.connect(path, timeout=5.0, isolation_level=None, check_same_thread=False)
-            for order in (
-                "PRAGMA journal_mode=WAL",
-                "PRAGMA synchronous=FULL",
-                "CREATE TABLE IF NOT EXISTS entry (key TEXT PRIMARY KEY, body BLOB NOT NULL)",
-                "CREATE TABLE IF NOT EXISTS touched (identity TEXT PRIMARY KEY, at REAL NOT NULL)",
-                "CREATE TABLE IF NOT EXISTS rest (identity TEXT PRIMARY KEY, place BLOB NOT NULL)",
-            ):
-                self._file.execute(order)
-            for key, body in self._file.execute("SELECT key, body FROM entry"):
-                self.entries[key] = _decode(body)
-            self.touched.update(self._file.execute("SELECT identity, at FROM touched"))
-            for identity, place in self._file.execute("SELECT identity, place FROM rest"):
-                self.rest[identity] = _decode_place(place)
-        except (OSError, sqlite3.Error, msgspec.MsgspecError) as error:
+            self._open(place)
+        except (*_TROUBLE, msgspec.MsgspecError) as error:
             self.close()
             raise DirectoryUnusable(where=self.where, reason=str(error)) from None
+
+    def _open(self, place: Path | LedgerRecords) -> None:
+        if isinstance(place, Path):
+            self._records = self._file = FileRecords(place)
+        else:
+            self._records = place
+        for kind, key, body in self._records.records():
+            if kind == ENTRY:
+                self.entries[key] = _decode(body)
+            elif kind == TOUCHED:
+                self.touched[key] = _decode_time(body)
+            elif kind == REST:
+                self.rest[key] = _decode_place(body)
 
     def close(self) -> None:
         """Let the file go. Twice is once."""
         file, self._file = self._file, None
+        self._records = None
         if file is not None:
             file.close()
 
@@ -111,10 +193,7 @@ class Ledger:
         Raises:
             DirectoryUnusable: it is not kept.
         """
-        with self._explained():
-            if self._file is not None:
-                order = "INSERT OR REPLACE INTO entry VALUES (?, ?)"
-                self._file.execute(order, (entry.order.key, _encode(entry)))
+        self._write([(ENTRY, entry.order.key, _encode(entry))])
         self.entries[entry.order.key] = entry
 
     def touch(self, identity: str, at: float) -> None:
@@ -123,9 +202,7 @@ class Ledger:
         Raises:
             DirectoryUnusable: it is not kept.
         """
-        with self._explained():
-            if self._file is not None:
-                self._file.execute("INSERT OR REPLACE INTO touched VALUES (?, ?)", (identity, at))
+        self._write([(TOUCHED, identity, _encode(at))])
         self.touched[identity] = at
 
     def note_rest(self, identity: str, place: dict[str, float] | None) -> None:
@@ -134,11 +211,10 @@ class Ledger:
         Raises:
             DirectoryUnusable: it is not kept.
         """
-        with self._explained():
-            if self._file is not None and place is None:
-                self._file.execute("DELETE FROM rest WHERE identity = ?", (identity,))
-            elif self._file is not None:
-                self._file.execute("INSERT OR REPLACE INTO rest VALUES (?, ?)", (identity, _encode(place)))
+        if place is None:
+            self._write([], [(REST, identity)])
+        else:
+            self._write([(REST, identity, _encode(place))])
         if place is None:
             self.rest.pop(identity, None)
         else:
@@ -155,18 +231,17 @@ class Ledger:
             for key, entry in self.entries.items()
             if entry.order.over and entry.order.begin_by + GRACE < now
         ]
-        with self._explained():
-            if self._file is not None and old:
-                self._file.executemany("DELETE FROM entry WHERE key = ?", [(key,) for key in old])
+        if old:
+            self._write([], [(ENTRY, key) for key in old])
         for key in old:
             del self.entries[key]
 
-    @contextlib.contextmanager
-    def _explained(self) -> Generator[None]:
+    def _write(self, rows: Sequence[tuple[str, str, bytes]], gone: Sequence[tuple[str, str]] = ()) -> None:
         try:
             with self._lock:
-                yield
-        except sqlite3.Error as error:
+                if self._records is not None:
+                    self._records.put_records(rows, gone)
+        except _TROUBLE as error:
             raise DirectoryUnusable(where=self.where, reason=str(error)) from None
 
 

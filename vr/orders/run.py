@@ -6,14 +6,20 @@ import asyncio
 import contextlib
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING, cast
 
 from robotree.vr.base.address import check_name
 from robotree.vr.base.chance import token
+from robotree.vr.base.errors import DirectoryUnusable, JournalError
 from robotree.vr.base.order import OrderHold
+from robotree.vr.journal.store import own
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.network.local import join
 from robotree.vr.orders.service import DirectoryService
 from robotree.vr.orders.store import OrderStore
+
+if TYPE_CHECKING:
+    from robotree.vr.journal.postgres import PostgresLog
 
 FILE = "directory.db"
 """File with the memory of a directory, in its folder."""
@@ -27,6 +33,7 @@ async def run_directory(
     *,
     realm: str | None = None,
     site: str = "",
+    database: str = "",
     ready: Callable[[str], None] = lambda _: None,
 ) -> None:
     """Be a directory in a realm until cancelled: a lookup service with a durable memory.
@@ -36,6 +43,7 @@ async def run_directory(
         folder: with its memory.
         realm: None: `$ROBOTREE_REALM`, else `default`.
         site: name of this machine in a realm of several; empty: there is one machine.
+        database: of PostgreSQL, in which its memory is instead of the folder: `postgresql://host/database`.
         ready: told the key once it answers.
 
     Raises:
@@ -46,7 +54,8 @@ async def run_directory(
     """
     check_name(name)
     async with contextlib.AsyncExitStack() as stack:
-        store = await asyncio.to_thread(OrderStore, folder / FILE)
+        log = await asyncio.to_thread(_taken, database, f"{realm or ''}/directory/{name}", name, stack)
+        store = await asyncio.to_thread(OrderStore, folder / FILE, log)
         stack.callback(store.close)
         transport = await join(realm)
         stack.push_async_callback(transport.close)
@@ -59,6 +68,26 @@ async def run_directory(
         await service.start()
         ready(service.address.key)
         await asyncio.get_running_loop().create_future()
+
+
+def _taken(url: str, log: str, name: str, stack: contextlib.AsyncExitStack) -> PostgresLog | None:
+    """Become the owner of a directory's part of a database; `stack` lets it go. None: there is none.
+
+    Raises:
+        DirectoryUnusable: another process has it, or the database cannot be used.
+    """
+    if not url:
+        return None
+    from robotree.vr.journal.postgres import PostgresPlace
+
+    place = PostgresPlace(url, log)
+    stack.callback(place.close)
+    try:
+        found = own(place, name)
+    except (JournalError, OSError) as error:
+        raise DirectoryUnusable(where=place.where, reason=str(error)) from None
+    stack.callback(found.close)
+    return cast("PostgresLog", found)
 
 
 def leave_stop(folder: Path, by: str) -> None:

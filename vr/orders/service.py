@@ -206,7 +206,10 @@ class DirectoryService:
     async def _confirm(self, request: ConfirmOrder, principal: Principal) -> Reply:
         order = self.book.order(request.key)
         self._expect(principal, "order", order.robot, order.command)
-        return await self._acknowledged(self.book.confirm(request.key, _name_of(principal)))
+        by = _name_of(principal)
+        if request.outcome:
+            return await self._acknowledged(self.book.settle(request.key, request.outcome, by))
+        return await self._acknowledged(self.book.confirm(request.key, by))
 
     def _expect(self, principal: Principal, right: str, robot: str, command: str = "") -> None:
         """Check a right on a robot that may be away.

@@ -1,4 +1,4 @@
-"""The memory of a directory: records in a SQLite file that one process owns, answered from memory.
+"""The memory of a directory: records in a file or a database that one process owns, answered from memory.
 
 What has been written survives a kill and a loss of power (WAL, synchronous FULL): an order is acknowledged
 after that.
@@ -9,15 +9,15 @@ from __future__ import annotations
 import contextlib
 import sqlite3
 import zlib
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import msgspec
 
 from robotree.files import private_file
 from robotree.vr.base.chance import token
-from robotree.vr.base.errors import DirectoryDamaged, DirectoryUnusable, VrError
+from robotree.vr.base.errors import DirectoryDamaged, DirectoryUnusable, JournalError, VrError
 from robotree.vr.base.order import KnownAgent, Order, OrderHold
 
 MARK = 0x526F4F72
@@ -27,6 +27,9 @@ VERSION = 1
 IN_MEMORY = "memory"
 """Instead of a file: nothing is kept."""
 
+DIRECTORY = "directory"
+"""Kind and key of the record of a database that names the directory."""
+
 _KINDS: dict[str, Any] = {"orders": Order, "agents": KnownAgent, "holds": OrderHold}
 _encode = msgspec.msgpack.Encoder().encode
 _decoders: dict[str, Callable[[bytes], Any]] = {
@@ -34,20 +37,38 @@ _decoders: dict[str, Callable[[bytes], Any]] = {
 }
 
 
+class RecordDatabase(Protocol):
+    """A database that keeps records for one process."""
+
+    where: str
+    """For people, without passwords."""
+
+    def records(self) -> Iterable[tuple[str, str, bytes]]:
+        """Return the kind, key and body of each record."""
+        ...
+
+    def put_records(
+        self, rows: Sequence[tuple[str, str, bytes]], gone: Sequence[tuple[str, str]] = ()
+    ) -> None:
+        """Keep records, and remove others: all or none."""
+        ...
+
+
 class OrderStore:
     """See the module."""
 
-    def __init__(self, path: Path | None) -> None:
+    def __init__(self, path: Path | None, database: RecordDatabase | None = None) -> None:
         """Open or make the file, and read it.
 
         Args:
-            path: of the file, in a folder that only this user can enter; None: nothing is kept.
+            path: of the file, in a folder that only this user can enter; None: there is none.
+            database: keeps the records instead, for this process alone; closed by who has opened it.
 
         Raises:
             DirectoryUnusable: it cannot be opened, is another process's or program's, or of another version.
             DirectoryDamaged: it cannot be read.
         """
-        self.where = IN_MEMORY if path is None else str(path)
+        self.where = database.where if database else IN_MEMORY if path is None else str(path)
         self.orders: dict[str, Order] = {}
         """By key."""
         self.agents: dict[str, KnownAgent] = {}
@@ -57,8 +78,11 @@ class OrderStore:
         self.id = token()
         """Of the directory, for as long as its file is there."""
         self._file: sqlite3.Connection | None = None
-        if path is not None:
-            with self._explained():
+        self._database = database
+        with self._explained():
+            if database is not None:
+                self._read_database(database)
+            elif path is not None:
                 self._file = _opened(path, self.where)
                 self._load()
 
@@ -90,8 +114,10 @@ class OrderStore:
         rows = [("orders", each.key, _encode(each)) for each in orders]
         rows += [("agents", each.identity, _encode(each)) for each in agents]
         rows += [("holds", each.id, _encode(each)) for each in holds]
-        if self._file is not None and (rows or forget):
-            with self._explained():
+        with self._explained():
+            if self._database is not None and (rows or forget):
+                self._database.put_records(rows, [("orders", key) for key in forget])
+            elif self._file is not None and (rows or forget):
                 self._write(self._file, rows, forget)
         self.orders.update({each.key: each for each in orders})
         self.agents.update({each.identity: each for each in agents})
@@ -126,17 +152,33 @@ class OrderStore:
         for kind, key, body, crc in self._file.execute("SELECT kind, key, body, crc FROM record"):
             if kind not in _KINDS or _sum(kind, key, body) != crc:
                 raise DirectoryDamaged(where=self.where, reason=f"record {key} is not as it was written")
-            memories: dict[str, dict[str, Any]] = {
-                "orders": self.orders,
-                "agents": self.agents,
-                "holds": self.holds,
-            }
-            memories[kind][key] = _decoders[kind](body)
+            self._take(kind, key, body)
+
+    def _read_database(self, database: RecordDatabase) -> None:
+        found = {(kind, key): body for kind, key, body in database.records()}
+        known = found.pop((DIRECTORY, DIRECTORY), None)
+        if known is None:
+            database.put_records([(DIRECTORY, DIRECTORY, self.id.encode())])
+        else:
+            self.id = known.decode()
+        for (kind, key), body in found.items():
+            if kind in _KINDS:
+                self._take(kind, key, body)
+
+    def _take(self, kind: str, key: str, body: bytes) -> None:
+        memories: dict[str, dict[str, Any]] = {
+            "orders": self.orders,
+            "agents": self.agents,
+            "holds": self.holds,
+        }
+        memories[kind][key] = _decoders[kind](body)
 
     @contextlib.contextmanager
     def _explained(self) -> Generator[None]:
         try:
             yield
+        except (JournalError, OSError) as error:  # of a database
+            raise DirectoryUnusable(where=self.where, reason=str(error)) from None
         except (sqlite3.Error, msgspec.MsgspecError) as error:
             raise self._in_words(error) from None
 

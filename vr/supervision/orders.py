@@ -44,6 +44,7 @@ from robotree.vr.base.requests import (
     LeaveOrder,
     MarkSeen,
     OrderLeft,
+    OrderOutcome,
     OrdersChanged,
     OrdersFound,
     ReadKnown,
@@ -173,6 +174,17 @@ class OrderDesk:
         """
         order = await self.order(ticket)
         return await self._first(ConfirmOrder(key=order.key), OrderLeft, pass_on=(NoSuchOrder,))
+
+    async def settle(self, ticket: str, outcome: OrderOutcome) -> OrderLeft:
+        """Say what became of an order in doubt.
+
+        Raises:
+            NotInDoubt: it is not.
+            OrderError: as `cancel`.
+        """
+        order = await self.order(ticket)
+        request = ConfirmOrder(key=order.key, outcome=outcome)
+        return await self._first(request, OrderLeft, pass_on=(NoSuchOrder,))
 
     async def board(self, *, key: str = "", robot: str = "", mine: bool = False) -> OrderBoard:
         """Return the orders that match.

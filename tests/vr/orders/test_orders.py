@@ -18,6 +18,7 @@ from robotree.vr.base.errors import (
     NoSuchCommand,
     NoSuchOrder,
     NothingToConfirm,
+    NotInDoubt,
     NotOrdered,
     NotRemembered,
     OrderOver,
@@ -475,3 +476,27 @@ async def test_a_robot_that_is_deleted_is_not_away(stage: Stage) -> None:
 async def test_a_directory_keeps_its_address_for_life(stage: Stage) -> None:
     directory = await stage.directory("d1")
     assert directory.address == Address("directory", "d1", directory._store.id)
+
+
+async def test_a_person_settles_an_order_in_doubt(stage: Stage) -> None:
+    first, second = await stage.directory("d1"), await stage.directory("d2")
+    person = await stage.person()
+    ledger = await remembered(stage)
+    left = await person.orders.leave("r1", "drive", {"x": 1.0, "seconds": 60.0})
+    rover, key = Rover("r1"), left.order.key
+    agent = await stage.robot(rover, ledger)
+    await stage.until(lambda: bool(rover.done))
+    with pytest.raises(NotInDoubt):
+        await person.orders.settle(key, "done")
+    await stage.kill_directory(second)
+    await stage.switch_off(agent)
+    await stage.robot(Rover("r1"), Ledger(None))  # its memory is lost
+    await stage.until(lambda: first.book.store.orders[key].state == "doubt")
+    copy = first.book.store.orders[key]
+    settled = (await person.orders.settle(key, "undone")).order
+    assert settled.state == "failed"
+    assert "not done" in settled.why
+    second = await stage.directory("d2")
+    second.book.keep(orders=[copy])  # which has heard of the doubt alone
+    await stage.until(lambda: second.book.store.orders[key].state == "failed")
+    assert [each.state for each in await person.orders.inbox()] == ["failed"]

@@ -1,0 +1,78 @@
+"""What a directory and a ledger keep in PostgreSQL: it outlives the machine, and belongs to one process."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from itertools import count
+from pathlib import Path
+
+import pytest
+
+from robotree.vr.base.errors import DirectoryUnusable
+from robotree.vr.base.order import Order
+from robotree.vr.journal.postgres import PostgresLog, PostgresPlace
+from robotree.vr.orders.ledger import Ledger, LedgerEntry
+from robotree.vr.orders.run import _taken
+from robotree.vr.orders.store import OrderStore
+from tests.vr.space.postgres import Server, server
+
+_names = count(1)
+
+
+@pytest.fixture(scope="module")
+def running() -> Iterator[Server]:
+    with server("fsync=off", "full_page_writes=off", "autovacuum=off") as running:
+        yield running
+
+
+def order(key: str, state: str = "waiting") -> Order:
+    return Order(key=key, robot="r1", identity="i1", command="drive", state=state, begin_by=5e9)  # type: ignore[arg-type]
+
+
+def owned(running: Server, name: str, host: str, after: int) -> PostgresLog:
+    place = PostgresPlace(running.url, name)
+    log = place.take(host, after)
+    place.close()
+    assert isinstance(log, PostgresLog)
+    return log
+
+
+def test_a_host_that_stands_by_knows_which_orders_were_begun(running: Server) -> None:
+    name = f"ledger/{next(_names)}"
+    first = owned(running, name, "h1", 0)
+    ledger = Ledger(first)
+    ledger.put(LedgerEntry(order("a", "taken"), begun=True, witness="w"))
+    ledger.put(LedgerEntry(order("b", "done")))
+    ledger.touch("i1", 7.5)
+
+    second = owned(running, name, "h2", 1)
+    taken_over = Ledger(second)
+    assert taken_over.entries == ledger.entries
+    assert taken_over.touched == {"i1": 7.5}
+    with pytest.raises(DirectoryUnusable):  # it was deposed: nothing more begins there
+        ledger.put(LedgerEntry(order("c", "taken"), begun=True))
+    taken_over.forget(1e10)
+    assert Ledger(second).entries.keys() == {"a"}
+    first.close()
+    second.close()
+
+
+def test_a_directory_in_a_database_is_the_same_wherever_it_runs(running: Server, tmp_path: Path) -> None:
+    name = f"directory/{next(_names)}"
+    with contextlib.ExitStack() as stack:
+        store = OrderStore(tmp_path / "unused.db", _taken(running.url, name, "d1", stack))
+        store.put(orders=[order("a"), order("b")])
+        store.put(orders=[order("a", "done")], forget=["b"])
+        with pytest.raises(DirectoryUnusable, match="d1"), contextlib.ExitStack() as other:
+            _taken(running.url, name, "d1", other)
+    assert not list(tmp_path.iterdir())
+    with contextlib.ExitStack() as stack:
+        again = OrderStore(None, _taken(running.url, name, "d1", stack))
+        assert again.id == store.id
+        assert {key: each.state for key, each in again.orders.items()} == {"a": "done"}
+
+
+def test_a_database_that_is_not_there_is_one_sentence() -> None:
+    with pytest.raises(DirectoryUnusable, match="nowhere"), contextlib.ExitStack() as stack:
+        _taken("postgresql://127.0.0.1:9/nowhere", "any", "d1", stack)
