@@ -12,7 +12,7 @@ import robotree.vr.network
 import robotree.vr.running
 from robotree.vr.agents import callers
 from robotree.vr.base import presence
-from tests.world import crashes, host, mesh, rights, sites, story, threads, whole
+from tests.world import crashes, host, mesh, orders, rights, sites, story, threads, whole
 
 Played = tuple[str, list[str]]
 """The digest of a trace, and the laws that were broken."""
@@ -70,6 +70,11 @@ def _rights(seed: int) -> Played:
     return digest, judge.broken
 
 
+def _orders(seed: int) -> Played:
+    digest, played = orders.play(seed)
+    return digest, played.broken
+
+
 FAMILIES: dict[str, Callable[[int], Played]] = {
     "realm": _realm,
     "mesh": _mesh,
@@ -78,6 +83,7 @@ FAMILIES: dict[str, Callable[[int], Played]] = {
     "host": _host,
     "host at statements": lambda seed: _host(seed, running()),
     "rights": _rights,
+    "orders": _orders,
     "sites": _sites,
     "whole": _whole,
     "whole at statements": lambda seed: _whole(seed, (*network(), *running())),

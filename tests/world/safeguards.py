@@ -32,8 +32,10 @@ from robotree.vr.agents.callers import Callers
 from robotree.vr.agents.host import Host
 from robotree.vr.agents.outside import OutsideCaller, OutsideCalls
 from robotree.vr.agents.stops import Stops
+from robotree.vr.agents.taker import OrderTaker
 from robotree.vr.base.envelope import Received
 from robotree.vr.base.errors import DamagedJournal, NotInControl
+from robotree.vr.base.order import Order, OrderHold
 from robotree.vr.base.requests import Accepted, Call, Raised, Returned, encode
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import GrantedLease, HeldLease, Lease
@@ -47,6 +49,7 @@ from robotree.vr.network.link import LinkFrame, PeerLink
 from robotree.vr.network.mesh import Mesh
 from robotree.vr.network.readers import Readers
 from robotree.vr.network.rendezvous import Rendezvous
+from robotree.vr.orders.ledger import LedgerEntry
 from robotree.vr.running.child_call import ChildCall
 from robotree.vr.running.replay import Replay
 from robotree.vr.running.robot_runtime import RobotRuntime
@@ -208,6 +211,16 @@ def _wherever(_presence: Any, keys: Any) -> list[str]:
 
 _arrived = robotree.vr.sites.gateway.arrived
 
+
+async def _taken_in_silence(self: OrderTaker, order: Order) -> bool:
+    del self, order
+    return True
+
+
+async def _as_if_new(self: OrderTaker, entry: LedgerEntry) -> bool:
+    return await self._begin(entry.order)
+
+
 SAFEGUARDS = {
     "a request needs the right that the policy gives": (
         Safeguard(robotree.vr.exchange.authority, "_keep_to_policy", lambda *_: None),
@@ -216,6 +229,11 @@ SAFEGUARDS = {
         Safeguard(RobotRuntime, "keep_to_policy", lambda _: None),
     ),
     "a revocation is handed on to all sites": (Safeguard(Gateway, "_spread", lambda _: None),),
+    "a robot says that it takes an order before it begins": (
+        Safeguard(OrderTaker, "_confirmed", _taken_in_silence),
+    ),
+    "an order that may have begun does not begin again": (Safeguard(OrderTaker, "_begin_again", _as_if_new),),
+    "a stop holds a robot that is away": (Safeguard(OrderHold, "holds", lambda *_: False),),
     "a request tells another machine its age": (
         Safeguard(robotree.vr.sites.gateway, "arrived", _asked_just_now),
     ),

@@ -18,6 +18,7 @@ MANY = {
     "host": 1000,
     "host at statements": 300,
     "rights": 300,
+    "orders": 200,
     "sites": 300,
     "whole": 300,
     "whole at statements": 60,

@@ -36,6 +36,56 @@ class Boss(VirtualRobot):
     child = Child("Greeter")
 """
 
+ORACLE = """
+from robotree.vr import Service, Stream, command
+
+class Oracle(Service):
+    words = Stream(str)
+
+    @command
+    def ask(self, how: str) -> str:
+        if how == "hang":
+            while True:
+                self.sleep(60.0)
+        if how == "lie":
+            self.words.send(5)
+        if how == "flood":
+            for number in range(500):
+                self.words.send(str(number))
+        return "an answer"
+"""
+NEEDY = """
+script: needy
+start: {itself: yes}
+partners:
+  oracle: {kind: Oracle, needs: [ask], return: 1 s}
+hears: {question: {how: text}}
+facts:
+  got: {what: none}
+rules:
+  - rule: ask
+    when:
+      - question: {how: $how}
+    then:
+      - do: oracle.ask
+        with: {how: $how}
+  - rule: refused
+    when:
+      - failed: {partner: oracle, reason: $reason}
+    then:
+      - log: "it failed: $reason"
+"""
+LISTENER = """
+from robotree.vr import VirtualRobot, Watch, command
+
+class Listener(VirtualRobot):
+    oracle = Watch("Oracle")
+
+    @command
+    def hear(self) -> list[str]:
+        return [self.oracle.words.next("30 s")]
+"""
+
 
 class Place:
     """A host with a companion, that may be started again."""
@@ -150,3 +200,54 @@ async def test_behaviours_that_cannot_be(place: Place, given: str) -> None:
     page = f"from robotree.vr import Service\n\nclass Wrong(Service):\n    behaviours = {given}\n"
     with pytest.raises(Exception, match=r"Wrong.behaviours"):
         await place.client.create(Bundle(page, "wrong.py"), "wrong")
+
+
+async def test_a_service_that_hangs_lies_floods_or_dies_costs_only_who_needs_it(place: Place) -> None:
+    """Its own host and the behaviour that needs it; another service beside it goes on after each."""
+    transport = place.network.join("host-2")
+    other = Host(transport, "host-2")
+    await other.start()
+    there = HostClient(place.network.join("somebody"), other.address)
+    await there.create(Bundle(ORACLE, "oracle.py"), "oracle")
+    oracle = other.agents["oracle"]
+    await place.client.create(Bundle(NEEDY, "needy.yaml"), "needy")
+    await place.client.create(Bundle(LISTENER, "listener.py"), "listener")
+    await place.robot("needy").enslave("oracle", oracle.address)
+    await place.robot("listener").enslave("oracle", oracle.address)
+    companion = place.host.agents["companion"]
+    await place.client.create(Bundle.read(GREETER), "greeter")
+    await place.robot("greeter-greet").enslave("robot", companion.address)
+
+    async def question(how: str) -> bool:
+        try:
+            await place.robot("needy").call("question", {"how": how})
+        except CommandFailed:
+            return False
+        return True
+
+    async def greeted(who: str) -> bool:
+        try:
+            await place.robot("greeter-greet").call("visitor", {"who": who})
+        except CommandFailed:  # its rules do not know of the partner yet
+            return False
+        return True
+
+    async def still_greets(who: str) -> None:
+        await until(lambda: greeted(who), "its partner is there")
+        await until(lambda: f"Welcome, {who}" in companion.description().kept["said"], f"{who} is greeted")
+
+    hearing = asyncio.ensure_future(place.robot("listener").call("hear", {}))
+    listens = "somebody listens"
+    await until(lambda: next(iter(oracle.description().streams)).listeners == 1, listens)
+    await until(lambda: question("lie"), "it is asked")
+    await still_greets("liar")
+    await until(lambda: question("flood"), "it is asked again")
+    assert (await hearing)[0].isdigit(), "what was no word did not come"
+    await still_greets("flooder")
+    await until(lambda: question("hang"), "it is asked a last time")
+    await still_greets("hanging")
+    place.network.kill(transport)
+    await until(lambda: place.condition("needy").startswith("inactive: needs oracle"), "it is missed")
+    await still_greets("dead")
+    assert place.condition("greeter-greet") == "active"
+    await other.close()
