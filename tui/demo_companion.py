@@ -11,6 +11,7 @@ import asyncio
 import json
 import time
 from collections import Counter
+from collections.abc import Coroutine
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,13 +31,15 @@ AWAY = "away"
 TRAVEL = "travel"
 STORIES = ("", "cell", NAME, SITES, AWAY, TRAVEL)
 """The demos by name; the cell needs none."""
-ROBOT, SCRIPT, VIEW = "companion", "evening", "flat"
+ROBOT, SCRIPT, VIEW, EYES = "companion", "evening", "flat", "recogniser"
 PEOPLE = {11: "anna", 12: "bela", 13: "cleo"}
 """The names of people by their tags."""
 LONGEST = 900.0
 """[s] that the evening may take."""
 LISTEN = 0.2
 """[s] between two questions what was heard."""
+BY_EAR = 30.0
+"""[s] after which somebody who has said a name counts as seen, also if no camera has recognised the tag."""
 ROLE = "child"
 """Played after the change."""
 FORCE = 60.0
@@ -100,6 +103,7 @@ class Companion:
                     await evening.run()
             except (VrError, TimeoutError) as error:
                 evening.trouble = str(error) or f"the evening took longer than {LONGEST:g} s"
+            await evening.end()
             verdict = await evening.verdict()
         verdict["wall_s"] = round(time.monotonic() - began, 1)
         put(json.dumps(verdict))
@@ -134,6 +138,9 @@ class Evening:
     def __init__(self, realm_client: RealmClient, folder: Path) -> None:
         self._realm_client, self._folder = realm_client, folder
         self._said: Counter[str] = Counter()
+        self._reported: set[str] = set()
+        """Of whom the script knows that they have come."""
+        self._tasks: set[asyncio.Task[None]] = set()
         self._number = 0
         self._pictures: list[str] = []
         self.trouble = ""
@@ -146,6 +153,7 @@ class Evening:
         await self._call(ROBOT, "go_to", place="door")
         await realm_client.enslave(SCRIPT, "robot", ROBOT)
         await realm_client.tell(SCRIPT, "start", {}, deadline=LONGEST)
+        self._do(self._watch_the_door())
         await self._look("waiting")
         await self._refused("head.look", "head", "look", pan=0.5, tilt=0.0)
         while not (self._counts["cups"] >= 2 and self._counts["left"]):
@@ -170,6 +178,7 @@ class Evening:
         return {
             "ok": not self.trouble and expected and handled and peak < FORCE,
             "greeted": counts["greeted"],
+            "recognised": counts["recognised"],
             "cups": counts["cups"],
             "left_early": counts["left"],
             "dropped": counts["dropped"],
@@ -192,7 +201,7 @@ class Evening:
         self._said[who] += 1
         if self._said[who] == 1:
             self._counts["greeted"] += 1
-            await self._realm_client.call(SCRIPT, "person_seen", {"who": who})
+            self._do(self._report_by_ear(who))
             await self._look(f"{who}-comes")
         elif "have to go" in text:
             self._counts["left"] += 1
@@ -205,6 +214,41 @@ class Evening:
             await self._look(f"{who}-has-a-cup")
             if self._counts["cups"] == 1:
                 await self._change_role()
+
+    async def _watch_the_door(self) -> None:
+        """Have the recogniser tell who comes, by the pictures of the companion's eye."""
+        while True:
+            try:
+                who = str(await self._call(EYES, "newcomer", within=20.0))
+            except VrError:  # nobody new came, or it is not there
+                await asyncio.sleep(LISTEN)
+                continue
+            self._note(f"the camera recognises {who}")
+            self._counts["recognised"] += 1
+            await self._report(who)
+
+    async def _report_by_ear(self, who: str) -> None:
+        """Report somebody who has said a name and was not recognised in time."""
+        await asyncio.sleep(BY_EAR)
+        await self._report(who)
+
+    async def _report(self, who: str) -> None:
+        if who not in self._reported:
+            self._reported.add(who)
+            await self._realm_client.call(SCRIPT, "person_seen", {"who": who})
+
+    def _do(self, work: Coroutine[Any, Any, None]) -> None:
+        """Do something beside the evening, which ends with it."""
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def end(self) -> None:
+        """End what is done beside the evening."""
+        tasks = list(self._tasks)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _change_role(self) -> None:
         """Another role, under the running script."""

@@ -10,8 +10,9 @@ It needs OpenCV (`robotree[services]`). It takes no lease: the companion goes ab
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, TypeAlias
 
 import cv2
 import numpy as np
@@ -37,6 +38,9 @@ FINE.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_APRILTAG
 """How corners are found: between the pixels, too."""
 STEADY = 0.02
 """[m, rad] by which base and neck may have moved between two pictures, else places are not told."""
+
+Stand: TypeAlias = tuple[float, float, float, float, float]
+"""Where the base stands, x, y [m] and heading [rad], and pan and tilt of the neck [rad]."""
 
 
 @dataclass(frozen=True)
@@ -68,20 +72,7 @@ class Recogniser(Service):
     @command(effect="read")
     def watch(self, seconds: Annotated[float, Unit("s"), Range(0.0, 86400.0)] = 86400.0) -> int:
         """Look at the pictures until the time is over; returns how many there were."""
-        end, pictures, before = self.now() + seconds, 0, self.stand()
-        while self.now() < end:
-            try:
-                picture = self.head.pictures.next(min(5.0, end - self.now()))
-            except TimeoutError:
-                continue
-            after = self.stand()
-            moved = max(abs(a - b) for a, b in zip(before, after, strict=True))
-            for sighting in self.recognised(picture.jpeg, after):
-                if moved < STEADY:
-                    self.known = {**self.known, sighting.what: sighting}
-                    self.seen.send(sighting)
-            before, pictures = after, pictures + 1
-        return pictures
+        return sum(1 for _ in self.looked(self.now() + seconds))
 
     @command(effect="read")
     def where(self, what: str) -> Sighting:
@@ -91,15 +82,18 @@ class Recogniser(Service):
         return self.known[what]
 
     @command
-    def newcomer(self, within: Annotated[float, Unit("s"), Range(0.0, 3600.0)] = 600.0) -> str:
-        """Wait for a person who was not told before, and tell the name."""
-        end = self.now() + within
-        while self.now() < end:
-            for who in sorted(PEOPLE & self.known.keys()):
-                if who not in self.met:
-                    self.met = [*self.met, who]
-                    return who
-            self.sleep(0.2)
+    def newcomer(
+        self,
+        within: Annotated[float, Unit("s"), Range(0.0, 3600.0)] = 600.0,
+        nearer: Annotated[float, Unit("m"), Range(0.0, 3.0), "to the base"] = 1.3,
+    ) -> str:
+        """Look until a person is near who was not told before, and tell the name."""
+        for sightings, stand in self.looked(self.now() + within):
+            for one in sightings:
+                near = math.dist((one.x, one.y), stand[:2]) < nearer
+                if one.what in PEOPLE and one.what not in self.met and near:
+                    self.met = [*self.met, one.what]
+                    return one.what
         raise CommandFailed(robot=self.name, command="newcomer", detail="nobody new came")
 
     @command
@@ -109,6 +103,23 @@ class Recogniser(Service):
 
     # -- how it is done
 
+    def looked(self, end: float) -> Iterator[tuple[list[Sighting], Stand]]:
+        """Look at the pictures until a time [s]; gives what is in each, and how the robot stood."""
+        before = self.stand()
+        while self.now() < end:
+            try:
+                picture = self.head.pictures.next(min(5.0, end - self.now()))
+            except TimeoutError:
+                continue
+            after = self.stand()
+            moved = max(abs(a - b) for a, b in zip(before, after, strict=True))
+            found = self.recognised(picture.jpeg, after) if moved < STEADY else []
+            for sighting in found:
+                self.known = {**self.known, sighting.what: sighting}
+                self.seen.send(sighting)
+            yield found, after
+            before = after
+
     def unknown(self, what: str) -> CommandFailed:
         """What to raise for something that nobody has seen."""
         known = ", ".join(sorted(MARKERS.values()))
@@ -117,12 +128,12 @@ class Recogniser(Service):
         )
         return CommandFailed(robot=self.name, command="where", detail=detail)
 
-    def stand(self) -> tuple[float, float, float, float, float]:
+    def stand(self) -> Stand:
         """Where the base stands, its heading, and how the neck is turned [m, rad]."""
         place, gaze = self.base.place.latest, self.head.gaze.latest
         return place.x, place.y, place.heading, gaze.pan, gaze.tilt
 
-    def recognised(self, jpeg: bytes, stand: tuple[float, float, float, float, float]) -> list[Sighting]:
+    def recognised(self, jpeg: bytes, stand: Stand) -> list[Sighting]:
         """Find the markers in a picture, and where in the flat they are."""
         grey = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE)
         if grey is None:  # no picture at all
