@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 import time
 from collections import Counter
 from collections.abc import Coroutine
@@ -38,6 +39,8 @@ LONGEST = 900.0
 """[s] that the evening may take."""
 LISTEN = 0.2
 """[s] between two questions what was heard."""
+DOOR, NEAR = (-1.55, -1.10), 0.5
+"""[m] Where the companion receives visitors, and by how much it may stand beside that."""
 BY_EAR = 30.0
 """[s] after which somebody who has said a name counts as seen, also if no camera has recognised the tag."""
 ROLE = "child"
@@ -219,8 +222,12 @@ class Evening:
         """Have the recogniser tell who comes, by the pictures of the companion's eye."""
         while True:
             try:
-                who = str(await self._call(EYES, "newcomer", within=20.0))
-            except VrError:  # nobody new came, or it is not there
+                at = (await self._realm_client.describe("base")).readings
+                if math.dist((at["x"], at["y"]), DOOR) > NEAR:
+                    await asyncio.sleep(1.0)  # no pictures are taken on the way
+                    continue
+                who = str(await self._call(EYES, "newcomer", within=5.0))
+            except (VrError, KeyError):  # nobody new came, or it is not there
                 await asyncio.sleep(LISTEN)
                 continue
             self._note(f"the camera recognises {who}")
