@@ -113,7 +113,7 @@ class Recogniser(Service):
                 continue
             after = self.stand()
             moved = max(abs(a - b) for a, b in zip(before, after, strict=True))
-            found = self.recognised(picture.jpeg, after) if moved < STEADY else []
+            found = self.recognised(picture.jpeg, after, self.now()) if moved < STEADY else []
             for sighting in found:
                 self.known = {**self.known, sighting.what: sighting}
                 self.seen.send(sighting)
@@ -133,7 +133,7 @@ class Recogniser(Service):
         place, gaze = self.base.place.latest, self.head.gaze.latest
         return place.x, place.y, place.heading, gaze.pan, gaze.tilt
 
-    def recognised(self, jpeg: bytes, stand: Stand) -> list[Sighting]:
+    def recognised(self, jpeg: bytes, stand: Stand, now: float) -> list[Sighting]:
         """Find the markers in a picture, and where in the flat they are."""
         grey = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE)
         if grey is None:  # no picture at all
@@ -145,7 +145,7 @@ class Recogniser(Service):
         for square, number in zip(squares, [] if numbers is None else numbers.ravel().tolist(), strict=True):
             if number in MARKERS and (at := self.place_of(square[0], number, grey.shape, stand)) is not None:
                 x, y, z = at
-                found.append(Sighting(what=MARKERS[number], x=x, y=y, z=z, at=self.now()))
+                found.append(Sighting(what=MARKERS[number], x=x, y=y, z=z, at=now))
         return found
 
     def place_of(self, corners, number, shape, stand):  # noqa: ANN001, ANN201 # arrays

@@ -14,7 +14,9 @@ import pytest
 
 from robotree.proxy import kinds
 from robotree.proxy.agent import running_proxy
+from robotree.sim.companion.world import build
 from robotree.sim.kinds import HEAD
+from robotree.sim.physics.camera import Renderer, jpeg
 from robotree.sim.serving.server import serving
 from robotree.vr.agents.host import Host
 from robotree.vr.base.errors import CommandFailed
@@ -132,6 +134,8 @@ async def companion(house: House) -> AsyncIterator[dict[str, RobotClient]]:
         yield found
 
 
+@pytest.mark.soak
+@pytest.mark.timeout(300)
 async def test_a_camera_recognises_what_is_on_the_table_and_where(
     house: House, companion: dict[str, RobotClient]
 ) -> None:
@@ -164,3 +168,18 @@ async def test_a_camera_recognises_what_is_on_the_table_and_where(
         return all(one.listeners == 0 for one in streams)
 
     await until(nobody_listens, "it listens no more")
+
+
+def test_who_stands_at_the_door_is_recognised_in_a_picture_and_is_where_the_service_says() -> None:
+    """The picture is drawn as the simulated camera draws it, and compressed as it crosses the wire."""
+    world = build(plays=(), start=(-1.55, -1.10, -2.55))
+    world.flat.visitors[0].put(-2.45, -1.5, 0.42)
+    world.cell.advance(20)
+    picture = Renderer(world.cell.model).picture(world.cell.published, "companion/eye_left", 640, 480)
+    eyes: Any = Bundle.read(SERVICES / "recogniser.py").load()("eyes")
+    stand = (-1.55, -1.10, -2.55, 0.0, 0.0)
+    found = {one.what: one for one in eyes.recognised(jpeg(picture, 92), stand, 0.0)}
+    assert set(found) == {"anna"}, "the others wait too far away"
+    assert math.dist((found["anna"].x, found["anna"].y), (-2.45, -1.5)) < 0.05
+    assert abs(found["anna"].z - 0.68 * 1.68) < 0.05
+    assert eyes.recognised(b"no picture", stand, 0.0) == []
