@@ -69,7 +69,7 @@ CAUGHT = {
     "the syncs of a journal": ("threads of syncs", 67),
     "calls that wait for a host": ("threads of calls that wait", 8),
     "the queues of a connection": ("mesh", 51),
-    "the peers of a mesh": ("threads of mesh", 11),
+    "the peers of a mesh": ("threads of mesh", 112),
     "the one who reads": ("mesh", 0),
     "the number of readers": ("threads of readers", 223),
     "the state of a robot": ("threads of robot", 0),
