@@ -188,9 +188,12 @@ class KeepingJudge(Judge):
 class CrashStory:
     """What happens to one realm."""
 
+    realm_class: type[KeepingRealm] = KeepingRealm
+    judge_class: type[KeepingJudge] = KeepingJudge
+
     def __init__(self, seed: int, world: World) -> None:
-        self.world, self.realm = world, KeepingRealm(world)
-        self.judge = KeepingJudge(self.realm)
+        self.world, self.realm = world, self.realm_class(world)
+        self.judge = self.judge_class(self.realm)
         self.realm.complain = self.judge.complain
         self.chance = random.Random(f"{seed} crashes")
         self.calm = self.chance.random() < 0.4
@@ -210,6 +213,12 @@ class CrashStory:
             self._watch(name)
 
     def tell(self) -> None:
+        self.plan()
+        self.world.run(LENGTH)
+        self._check()
+
+    def plan(self) -> None:
+        """Enter what happens, and when."""
         world, chance, at = self.world, self.chance, self.world.runner.at
         preemption = world.runner.preemption
         share = chance.choice([0.0, 0.02, 0.1])
@@ -231,8 +240,6 @@ class CrashStory:
         for later in (3.0, 5.5):  # a child may still wait for a parent that does not come back
             at(CALM + later, lambda: self._as_operator(self._build(), "build again"))
         at(PROBE, lambda: self._begin("guide", "tour", 0.1, "operator-1"))
-        world.run(LENGTH)
-        self._check()
 
     # -- operators --------------------------------------------------------------------------------
 
@@ -577,7 +584,7 @@ class CrashStory:
                 complain(f"{name} still has runs {list(agent.runtime.runs)}")
 
 
-def play(seed: int) -> tuple[str, CrashStory]:
+def play(seed: int, kind: type[CrashStory] = CrashStory) -> tuple[str, CrashStory]:
     """Play one seed to its end.
 
     Returns:
@@ -585,7 +592,7 @@ def play(seed: int) -> tuple[str, CrashStory]:
     """
     logged: list[str] = []
     with World(seed) as world, errors_kept(logged):
-        story = CrashStory(seed, world)
+        story = kind(seed, world)
         try:
             story.tell()
         except Exception as error:  # noqa: BLE001 # a fault of the program, which the seed has found

@@ -12,7 +12,7 @@ import robotree.vr.network
 import robotree.vr.running
 from robotree.vr.agents import callers
 from robotree.vr.base import presence
-from tests.world import crashes, host, mesh, orders, rights, sites, story, threads, whole
+from tests.world import crashes, host, mesh, moves, orders, rights, sites, story, threads, whole
 
 Played = tuple[str, list[str]]
 """The digest of a trace, and the laws that were broken."""
@@ -55,6 +55,11 @@ def _disk(seed: int) -> Played:
     return digest, played.judge.broken
 
 
+def _moves(seed: int) -> Played:
+    digest, played = moves.play(seed)
+    return digest, played.judge.broken
+
+
 def _whole(seed: int, among: tuple[ModuleType, ...] = ()) -> Played:
     digest, played = whole.play(seed, among)
     return digest, played.judge.broken
@@ -80,6 +85,7 @@ FAMILIES: dict[str, Callable[[int], Played]] = {
     "mesh": _mesh,
     "mesh at statements": lambda seed: _mesh(seed, network()),
     "disk": _disk,
+    "moves": _moves,
     "host": _host,
     "host at statements": lambda seed: _host(seed, running()),
     "rights": _rights,

@@ -129,6 +129,10 @@ class WatchedJournal(HostJournal):
 
         super().made(key, name, page, watched)
 
+    def arrived(self, key: str, *more: Any) -> None:
+        self._keep.shadows.pop(key, None)  # of an earlier time, when it was here before
+        super().arrived(key, *more)
+
     def gone(self, key: str) -> None:
         super().gone(key)
         if key in self._keep.shadows:
@@ -306,6 +310,7 @@ class KeepingRealm(Realm):
             journal=journal,
         )
         host.moment = moment
+        host.moves.moment = lambda place: moment(f"move {place}")  # type: ignore[method-assign]
         self.hosts[process.name] = host
         await host.start()
         await host.restore()

@@ -41,6 +41,16 @@ from robotree.vr.core import events as on
 from robotree.vr.core.bonds import GrantedLease, HeldLease, Lease
 from robotree.vr.core.machine import Calls, RobotCore
 from robotree.vr.core.stop import Stop
+from robotree.vr.core.transfer import (
+    Departing,
+    Destination,
+    DestinationEffect,
+    NoWord,
+    SayDecision,
+    SourceEffect,
+    SourceEvent,
+    WordCame,
+)
 from robotree.vr.journal.journal import HostJournal
 from robotree.vr.journal.outlet import Outlet
 from robotree.vr.journal.segments import HEAD, OSDisk, Segments
@@ -209,7 +219,17 @@ def _wherever(_presence: Any, keys: Any) -> list[str]:
     return list(keys)
 
 
+def _gives_up(self: Departing, event: SourceEvent) -> list[SourceEffect]:
+    return _handle_move(self, WordCame(taken=False) if isinstance(event, NoWord) else event)
+
+
+def _not_now(self: Destination, transfer: str) -> list[DestinationEffect]:
+    del self, transfer
+    return [SayDecision(taken=False)]
+
+
 _arrived = robotree.vr.sites.gateway.arrived
+_handle_move = Departing.handle
 
 
 async def _taken_in_silence(self: OrderTaker, order: Order) -> bool:
@@ -246,6 +266,12 @@ SAFEGUARDS = {
     "a site that is silent begins nothing new": (
         Safeguard(Site, "linked", lambda self, _: bool(self.stream)),
     ),
+    "a source in doubt never acts": (Safeguard(Departing, "handle", _gives_up),),
+    "that a robot may be out is written before it is sent": (Safeguard(HostJournal, "out", lambda *_: None),),
+    "a robot that has come is written before that is said": (
+        Safeguard(HostJournal, "arrived", lambda *_: None),
+    ),
+    "a host that has not taken a robot never does": (Safeguard(Destination, "_never", _not_now),),
     "what is not written does not leave a host": (
         Safeguard(Outlet, "__init__", lambda self, transport, _: _outlet(self, transport, lambda: None)),
     ),

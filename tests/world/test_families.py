@@ -15,6 +15,7 @@ MANY = {
     "mesh": 1000,
     "mesh at statements": 500,
     "disk": 2000,
+    "moves": 2000,
     "host": 1000,
     "host at statements": 300,
     "rights": 300,

@@ -80,7 +80,7 @@ from robotree.vr.exchange.authority import Here, RobotThere
 from robotree.vr.exchange.claim import claim, expect_free, new_address
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.exchange.dispatcher import Dispatcher, SendReply, not_for
-from robotree.vr.history.writer import HistoryWriter, answer_of
+from robotree.vr.history.writer import HistoryWriter, MoveNote, answer_of
 from robotree.vr.isolation.apart import KeptApart, RobotApart, RobotsApart, lack_for
 from robotree.vr.journal.journal import HostJournal
 from robotree.vr.journal.kept import stop_left, take_stop_back
@@ -445,6 +445,20 @@ class Host:
         runtime.log.say("info", f"it has come to {self.address.name}{goes_on}")
         await self._enter(agent)
         return agent
+
+    def note_move(self, agent: RobotAgent, text: str, person: str) -> None:
+        """Keep that a robot has moved, or not, with what it carries out; `person`: who wanted it."""
+        if self._history is None:
+            return
+
+        def look(state: RobotState) -> tuple[list[tuple[str, str]], int]:
+            running = [(key, call.command) for key, call in state.calls.live.items() if call.running]
+            return running, state.lease.epoch
+
+        running, epoch = agent.runtime.look(look)
+        for key, command in running or [("", "")]:
+            note = MoveNote(key, command, person, f"{text}; {command} goes on" if command else text)
+            self._history.take((agent.robot.name, self._process.runner.now(), note, epoch))
 
     def reserve(self, name: str) -> None:
         """Give a name to nobody else.

@@ -59,6 +59,7 @@ from robotree.vr.bundle.requested import request_of
 from robotree.vr.core import transfer as of
 from robotree.vr.core.machine import RobotState, decode_state, encode_state
 from robotree.vr.exchange.asking import ask
+from robotree.vr.exchange.claim import SETTLE
 from robotree.vr.exchange.client import LOADING
 from robotree.vr.exchange.dispatcher import SendReply
 from robotree.vr.journal.journal import HostJournal
@@ -128,6 +129,10 @@ class MovingHost(Protocol):
         """Have a robot that has come serve and be present; its commands do not go on yet."""
         ...
 
+    def note_move(self, agent: RobotAgent, text: str, person: str) -> None:
+        """Keep that a robot has moved, or not; `person`: who wanted it."""
+        ...
+
     def reserve(self, name: str) -> None:
         """Give a name to nobody else.
 
@@ -166,7 +171,7 @@ class Moves:
             journal: of the process; None: no robot moves from or to it.
         """
         self._host, self._transport, self._process, self._journal = host, transport, process, journal
-        self.key = host.address.key
+        self.key, self.name = host.address.key, host.address.name
         """Of the host."""
         self.leaving: dict[str, Departure] = {}
         """The robots that are on their way, by name."""
@@ -208,15 +213,25 @@ class Moves:
         self.leaving[robot] = departure
         try:
             reason = await departure.run()
+        except VrError as error:
+            self._note_refusal(agent, host, asker, str(error))
+            raise
         finally:
             self._ended(robot, departure)
         if reason:
+            self._note_refusal(agent, host, asker, reason)
             raise self._refusal(robot, host, reason)
         by = f" for {asker.person}" if asker.person else ""
         _log.info("%s has moved to %s%s", robot, host, by)
         return Done(
             note=f"{robot} has moved from {here} to {host}; it paused for {departure.paused * 1e3:.1f} ms"
         )
+
+    def _note_refusal(self, agent: RobotAgent, host: str, asker: Principal, reason: str) -> None:
+        by = f" for {asker.person}" if asker.person else ""
+        text = f"it did not move to {host}{by}: {reason}"
+        agent.runtime.log.say("warning", text)
+        self._host.note_move(agent, text, asker.person)
 
     def _whole_name(self, robot: str, host: str) -> str:
         """Return the name of a host that is there, with its site if that is another one.
@@ -302,14 +317,21 @@ class Moves:
         """Ask what became of a robot that was on its way when the process before ended, until it is known."""
         assert self._journal is not None  # noqa: S101 # it has told of the move
         departure = Departure(self, agent, out.host, self._transport, self._journal, out)
+        here = self._host.address.name
+        text = f"{here} ended while it was on its way to {out.host}: nobody acts for it until that is known"
+        self._host.note_move(agent, text, "")
         self.leaving[agent.robot.name] = departure
-        self.keep(self._find_out(departure, agent.robot.name))
+        self.keep(self._find_out(departure, agent))
 
-    async def _find_out(self, departure: Departure, name: str) -> None:
+    async def _find_out(self, departure: Departure, agent: RobotAgent) -> None:
+        began = self._process.runner.now()
         try:
-            await departure.run()
+            reason = await departure.run()
         finally:
-            self._ended(name, departure)
+            self._ended(agent.robot.name, departure)
+        what = f"it is here: {reason}" if reason else f"it is in {departure.target}"
+        seconds = self._process.runner.now() - began
+        self._host.note_move(agent, f"after {seconds:.1f} s it is known that {what}", "")
 
     def _ended(self, name: str, departure: Departure) -> None:
         if self.leaving.get(name) is departure:
@@ -421,7 +443,9 @@ class Moves:
                 case of.BeginHere():
                     assert expected is not None and state is not None  # noqa: S101 PT018 # as above
                     self._expected.pop(request.transfer, None)
-                    welcome(state, 0.0, self._process.runner.now(), ANSWERED_WITHIN)  # to write takes time
+                    # to write took time, and until all ask here, the source goes on to grant its lease
+                    margin = ANSWERED_WITHIN if asker.site else SETTLE
+                    welcome(state, 0.0, self._process.runner.now(), ANSWERED_WITHIN, margin)
                     robot, clearance, page = expected.robot, expected.clearance, expected.page
                     agent = await self._host.settle_in(robot, clearance, state, page)
                     self._host.release(request.robot.name)
@@ -429,8 +453,15 @@ class Moves:
                 case of.SayDecision():
                     taken = effect.taken
         if agent is not None:
+            self._note_arrival(agent, request, asked)
             self.keep(self._go_on(agent, request.stopped, request.order))
         return MoveDecided(taken=taken)
+
+    def _note_arrival(self, agent: RobotAgent, request: TakeRobot, asked: float) -> None:
+        stood = request.stood + max(0.0, self._process.runner.now() - asked) if asked else request.stood
+        by = f" for {request.person}" if request.person else ""
+        text = f"it moved from host {request.source} to {self._host.address.name}{by}, and stood still for"
+        self._host.note_move(agent, f"{text} {stood * 1e3:.1f} ms", request.person)
 
     def _arrived_state(self, request: TakeRobot, asker: Principal, asked: float) -> RobotState:
         try:
@@ -725,6 +756,9 @@ class Departure:
             clock=this_clock(),
             stopped="" if stop is None else stop.reason,
             order="" if stop is None else stop.order,
+            source=self._moves.name,
+            person=self._asker.person,
+            stood=self._now() - self._frozen_at,
         )
         await self._hear(self._targets()[:1], request)
 

@@ -6,11 +6,12 @@ from typing import Any, Literal
 
 import msgspec
 
-EventKind = Literal["accepted", "ended", "answered", "lease", "stop", "observed", "back", "missed"]
+EventKind = Literal["accepted", "ended", "answered", "lease", "stop", "observed", "back", "moved", "missed"]
 """accepted: a robot has taken a call. ended: that call is over. answered: a parent has heard how the call of
 its child in another process ended. lease: somebody commands the robot from now on, or nobody. stop: it is
 stopped. observed: a running command has read something. back: its
-host had ended, and a command of the robot goes on. missed: events that could not be kept."""
+host had ended, and a command of the robot goes on. moved: it has come from another host, has not left for
+one, or it is not known which; of each command that goes on, or of none. missed: events that were not kept."""
 
 
 class HistoryEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):

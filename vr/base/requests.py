@@ -315,6 +315,12 @@ class TakeRobot(_Message, frozen=True, kw_only=True):
     """Reason of a protective stop that came while it was on its way; empty: none did."""
     order: str = ""
     """Of that stop: see `SafeStop.order`."""
+    source: str = ""
+    """Name of the host that it leaves."""
+    person: str = ""
+    """Who wants it to move; empty: a robot, or that host."""
+    stood: float = 0.0
+    """[s] for which it has stood still when this was asked."""
 
 
 class AskMove(_Message, frozen=True, kw_only=True):

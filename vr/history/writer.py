@@ -67,6 +67,17 @@ class Back(NamedTuple):
     home: str
 
 
+class MoveNote(NamedTuple):
+    """A robot has moved, or has not, or it is not known."""
+
+    key: str
+    """Of a command that it carries out; empty: it carries none out."""
+    command: str
+    person: str
+    """Who wanted it; empty: a robot, or its host."""
+    text: str
+
+
 class WatchedCore(RobotCore):
     """The machine of a robot whose events are kept."""
 
@@ -323,6 +334,10 @@ class HistoryWriter:
                     kind="back", unix=unix, robot=robot, key=happened.key, command=happened.command,
                     text=f"{happened.home} ended at {ended} and came back {happened.gap:.1f} s later; "
                     f"{happened.command} goes on after {steps}",
+                )  # fmt: skip
+            case MoveNote():
+                return HistoryEvent(
+                    kind="moved", unix=unix, robot=robot, epoch=epoch, **happened._asdict()
                 )  # fmt: skip
             case on.StopAsked():
                 person = happened.principal.person

@@ -215,7 +215,7 @@ def rebase(states: Sequence[RobotState], by: float, now: float) -> None:
                 held.confirmed = now + bond.returns - held.term
 
 
-def welcome(state: RobotState, by: float, now: float, term: float) -> None:
+def welcome(state: RobotState, by: float, now: float, term: float, margin: float = 0.0) -> None:
     """Make the state of a robot that comes from another host fit the present moment.
 
     No time has passed for its bonds: who commands it renews its lease here, and its children are asked at
@@ -226,12 +226,13 @@ def welcome(state: RobotState, by: float, now: float, term: float) -> None:
         by: [s] by which moments are later on the present clock.
         now: [s] on that clock.
         term: [s] for its parent to be heard, if that is more than the term of the lease.
+        margin: [s] for which another process may still grant its lease.
     """
     shift(state, by)
     _forget_questions(state)
     lease = state.lease
     if lease.current is not None:
-        expires = max(lease.current.expires, now + max(lease.term_granted, term))
+        expires = max(lease.current.expires, now + max(lease.term_granted, term) + margin)
         lease.current = msgspec.structs.replace(lease.current, expires=expires)
     for bond in state.slots.bonds().values():
         bond.lease.confirmed = bond.lease.last_asked = now - bond.lease.term / 2

@@ -25,6 +25,7 @@ from robotree.vr.core.bonds import RETURN
 from robotree.vr.running.catching import catches
 from robotree.vr.running.feed import Feeds
 from robotree.vr.running.frame import Frame
+from robotree.vr.running.ice import GoneOn
 from robotree.vr.running.process import Worker
 from robotree.vr.running.replay import Intent, words_of_step
 from robotree.vr.running.robot_runtime import RobotRuntime
@@ -126,6 +127,9 @@ def settle(call: DoubtfulCall, doubt: Raised, worker: Worker) -> None:
     outcome: Returned | Raised | Callable[[], None] = doubt
     try:
         outcome = _outcome(call, doubt, part)
+    except GoneOn:  # its robot goes on in another process, which finds it out again
+        part.end()
+        return
     except VrError as error:  # its command was ended meanwhile
         _log.debug("%s: %s", call.key, error)
     except Exception:  # noqa: BLE001 # the page must hear of it in any case

@@ -24,7 +24,7 @@ class Link(msgspec.Struct, frozen=True, kw_only=True):
     """The answer that its caller has received, where that is in another process."""
     observed: tuple[HistoryEvent, ...] = ()
     back: tuple[HistoryEvent, ...] = ()
-    """The crashes of its host after which it went on."""
+    """The crashes of its host after which it went on, and its moves."""
 
 
 class Chain(msgspec.Struct, frozen=True, kw_only=True):
@@ -78,7 +78,7 @@ def explain(key: str, found: Iterable[tuple[str, HistoryEvent]]) -> Chain | None
                     ended=_latest(of_key, "ended", robot),
                     answered=_latest(of_key, "answered"),
                     observed=tuple(event for _, event in of_key if event.kind == "observed"),
-                    back=tuple(event for _, event in of_key if event.kind == "back"),
+                    back=tuple(event for _, event in of_key if event.kind in ("back", "moved")),
                 )
             )
             below = at

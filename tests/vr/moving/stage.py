@@ -10,10 +10,12 @@ from typing import Any
 from robotree.vr.agents.host import Host
 from robotree.vr.agents.run import kept_by
 from robotree.vr.base.address import everyone
-from robotree.vr.base.requests import Done, Migrate
+from robotree.vr.base.history_event import HistoryEvent
+from robotree.vr.base.requests import Done, EventsRead, Migrate, ReadEvents
 from robotree.vr.bundle import Bundle
 from robotree.vr.exchange.asking import ask
 from robotree.vr.exchange.client import HostClient, RobotClient
+from robotree.vr.history.writer import HistoryWriter
 from robotree.vr.journal.journal import HostJournal
 from robotree.vr.running.process import Process
 from robotree.vr.running.runner import Threads
@@ -39,18 +41,22 @@ class Home:
         self.process: Process = Process(runner, self.journal)
         transport = kept_by(self.journal, self.process, self.member)
         self.host = Host(transport, self.name, process=self.process, journal=self.journal)
+        self.history = HistoryWriter(self.stage.folder / self.name, runner.now)
+        self.host.keeps_history(self.history)
         await self.host.start()
         await self.host.restore()
 
     def kill(self) -> None:
         """End as a process does that is killed: nothing more leaves it, nothing more is written."""
         self.host.moves.close()
+        self.history.close()
         self.journal.barrier()
         self.journal.close()
         self.stage.network.kill(self.member)
 
     async def close(self) -> None:
         await self.host.close()
+        self.history.close()
         self.journal.close()
 
 
@@ -102,6 +108,18 @@ class Stage:
     def where(self, name: str) -> list[str]:
         """Return the hosts that have a robot."""
         return [each for each, home in self.homes.items() if name in home.host.agents]
+
+    async def noted(self, name: str) -> list[HistoryEvent]:
+        """Return what all hosts have kept of the moves of a robot, in time."""
+        found: list[HistoryEvent] = []
+        for home in self.homes.values():
+            request, key = ReadEvents(robot=name), home.host.address.key
+            await self.until(lambda home=home: not home.history.waiting)
+            found += [
+                one.event
+                for one in (await ask(self.operator, key, request, EventsRead, timeout=WAITING)).events
+            ]
+        return sorted((one for one in found if one.kind == "moved"), key=lambda one: one.unix)
 
     def field(self, name: str, field: str) -> Any:
         """Return what a robot keeps."""

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from robotree.vr.base.envelope import sitting_at
 from robotree.vr.base.errors import CannotMove, NoAnswer, VrError
-from robotree.vr.base.principal import Principal
+from robotree.vr.base.principal import Principal, user_name
 from robotree.vr.base.requests import MoveDecided, TakeRobot
+from robotree.vr.bundle.admission import Gate
 from tests.vr.moving.stage import Stage, played
 
 LEAF = """
@@ -71,6 +75,31 @@ async def touring(stage: Stage, steps: int = 20) -> asyncio.Task[object]:
     call = asyncio.ensure_future(stage.robot("tour").call("tour", {"steps": steps}))
     await stage.until(lambda: stage.field("leaf", "done") != [])
     return call
+
+
+def test_who_wanted_a_move_and_what_came_of_it_is_kept(tmp_path: Path) -> None:
+    async def story(stage: Stage) -> None:
+        call = await touring(stage, 30)
+        with sitting_at("pts/3"):
+            await stage.migrate("tour", "h2")
+        with pytest.raises(VrError, match="nowhere"):
+            await stage.migrate("tour", "nowhere")
+        stage.homes["h1"].host.gate = Gate(any_signer=True)  # as with --isolate: it takes none
+        stage.homes["h1"].host.isolate = "process"
+        with pytest.raises(CannotMove, match="without `--isolate`"):
+            await stage.migrate("tour", "h1")
+        moved, refused = await stage.noted("tour")
+        who = f"{user_name(os.geteuid())}@pts/3"
+        assert (moved.person, moved.command, moved.error) == (who, "tour", "")
+        assert re.fullmatch(
+            rf"it moved from host h1 to h2 for {who}, and stood still for \d+\.\d ms; tour goes on",
+            moved.text,
+        )
+        assert refused.text.startswith("it did not move to h1: ")
+        assert moved.key == refused.key, "both are told of the command that they met"
+        assert await call == list(range(30))
+
+    played(tmp_path, story)
 
 
 def test_a_robot_that_was_not_taken_goes_on_where_it_was(tmp_path: Path) -> None:
