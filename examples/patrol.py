@@ -4,6 +4,8 @@ robotree create examples/patrol.py as patrol near_host=host-1 far_host=host-2
 robotree enslave patrol.near rover-1
 robotree enslave patrol.far rover-2
 robotree call patrol.patrol rounds=2
+
+With `far_host=hall:host-2` it travels to another site, as a bundle. It brings a panel: patrol.panel.yaml.
 """
 
 from typing import Annotated
@@ -21,6 +23,10 @@ class Patrol(VirtualRobot):
     near_host: str = "host-1"
     far_host: str = "host-2"
     legs: int = state(0)  # travels with it
+
+    def readings(self) -> dict[str, float]:
+        """Show on its panel how far it is."""
+        return {"legs": float(self.legs)}
 
     @command
     def patrol(self, rounds: Annotated[int, Range(1, 100)], leg: Metres = 0.1) -> int:
