@@ -20,7 +20,7 @@ JAVASCRIPT := examples/controller_js
 NODE_READY := $(if $(shell command -v npm),$(JAVASCRIPT)/node_modules/.ready)
 # Containers often set it: then each process that the tests start compiles robotree again.
 unexport PYTHONDONTWRITEBYTECODE
-SUBPACKAGES := client files kinds protocol sim vr proxy testing tui
+SUBPACKAGES := assistants client files kinds protocol sim vr proxy testing tui
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test interpreters check soak interop comparison lock format clean

@@ -169,9 +169,10 @@ def _start(line: Line, *, readonly: bool) -> int:
             apart = {
                 "check": _author, "new": _author, "info": _look, "doctor": _look, "completion": _complete,
                 "man": _man, "stop": _stop, "save": _save, "apply": _apply, "hub": _realm,
+                "mcp": _mcp, "assistants": _assistant,
             }  # fmt: skip
             families: dict[str, Callable[[Line, str, bool], int]] = {
-                "realm": _realm, "bundle": _bundle, "policy": _policy,
+                "realm": _realm, "bundle": _bundle, "policy": _policy, "assistant": _assistant,
                 "recording": _recorded, "export": _recorded, "replay": _recorded,
             }  # fmt: skip
             family = families.get(verb.partition(" ")[0], _ask)
@@ -214,6 +215,20 @@ def _policy(line: Line, realm: str, _readonly: bool) -> int:  # noqa: FBT001 # o
     from robotree.tui.sites import policies
 
     return policies.start(line, realm)
+
+
+def _mcp(line: Line, realm: str, _readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike
+    """Serve assistants."""
+    from robotree.tui import assisting
+
+    return _run(assisting.serve(line, realm))
+
+
+def _assistant(line: Line, realm: str, _readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike
+    """List assistants, or make or take back their keys."""
+    from robotree.tui import assisting
+
+    return assisting.start(line, realm)
 
 
 def _offline(line: Line) -> bool:

@@ -852,7 +852,7 @@ ACTIONS: tuple[Action, ...] = (
         usage="may PERSON VERB TARGET",
         help="Explain whether a PERSON may do something, with the line of the policy that decides. VERB: a"
         f" right ({', '.join(RIGHT_NAMES)}), or a verb that needs one."
-        " TARGET: a robot, ROBOT.COMMAND, or a host.",
+        " TARGET: a robot, ROBOT.COMMAND, or a host. PERSON may be mcp/NAME: an assistant.",
         group=LOOK,
         run="may",
         examples=("may anna command arm-1.move_to", "may ben@hall create host-1 --json"),
@@ -880,6 +880,68 @@ ACTIONS: tuple[Action, ...] = (
         alters=True,
         examples=("policy set plant.yaml --realm plant",),
         guide=("robotree.vr.base.policy",),
+    ),
+    Action(
+        usage="permits [--all]",
+        help="List the calls of assistants that wait for a person's yes: who wants what, why, and what it would"
+        " do. --all: also those that were answered.",
+        group=COMMAND,
+        run="line.permits:permits",
+        examples=("permits", "permits --all --json"),
+    ),
+    Action(
+        usage="permit allow PERMIT",
+        help="Say yes to one call of an assistant: it may begin once, within 5 minutes, if the robot is still as it"
+        " was and was not stopped since.",
+        group=COMMAND,
+        run="line.permits:permit_allow",
+        alters=True,
+        right="command",
+        examples=("permit allow k7q2w9xa",),
+        guide=("robotree.vr.base.permit",),
+    ),
+    Action(
+        usage="permit deny PERMIT",
+        help="Say no to a call of an assistant, or take back a yes that was not used.",
+        group=COMMAND,
+        run="line.permits:permit_deny",
+        examples=("permit deny k7q2w9xa",),
+    ),
+    Action(
+        usage="mcp [--robots PATTERN] [--http PORT] [--rehearse] [--cell FILE]",
+        help="Serve the robots to a language model by the Model Context Protocol, over stdio with the key in"
+        " $ROBOTREE_MCP_KEY, or at a PORT of loopback with keys as bearer tokens. --rehearse: over a simulated twin of"
+        " the realm (of a realm FILE with --cell), where nothing real moves.",
+        group=PROCESS,
+        where=Where.SHELL,
+        alters=True,
+        needs=("mcp",),
+        examples=("mcp --robots 'arm-*'", "mcp --http 7333", "mcp --rehearse"),
+        guide=("robotree.assistants",),
+    ),
+    Action(
+        usage="assistants [NAME]",
+        help="List the assistants that have keys, and their roles; of one, what it asked for lately and what became"
+        " of it.",
+        group=LOOK,
+        where=Where.SHELL,
+        examples=("assistants", "assistants claude --json"),
+    ),
+    Action(
+        usage="assistant invite NAME",
+        help="Make the key of an assistant and print it, once; what it may do says the policy.",
+        group=PROCESS,
+        where=Where.SHELL,
+        alters=True,
+        examples=("assistant invite claude",),
+    ),
+    Action(
+        usage="assistant revoke NAME",
+        help="Take the key of an assistant back.",
+        group=PROCESS,
+        where=Where.SHELL,
+        alters=True,
+        examples=("assistant revoke claude",),
     ),
     Action(
         usage="save FILE [--force]",

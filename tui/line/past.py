@@ -244,7 +244,8 @@ def _said(event: HistoryEvent) -> str:
         case "accepted":
             lease = f", epoch {event.epoch}" if event.epoch else ""
             line = f", line {event.line} of its page" if event.line else ""
-            return f"{_call(event)}  by {event.person or event.caller}{line}{lease}  [{event.key}]"
+            told = f"  {event.text}" if event.text else ""
+            return f"{_call(event)}  by {event.person or event.caller}{line}{lease}  [{event.key}]{told}"
         case "ended" | "answered":
             return f"{event.command}: {_outcome(event)}  [{event.key}]"
         case "observed":
@@ -285,6 +286,8 @@ def chain_text(chain: Chain) -> str:
 def _link_lines(link: Link, over: Link | None) -> list[str]:
     call, ended = link.call, link.ended
     lines = [f"{_call(call)}   on {link.source}, key {call.key}"]
+    if call.text:
+        lines.append(f"  {call.text}")
     times = [f"accepted {_at(call.unix, day=True)}"]
     if ended is not None:
         began = f"began {_at(ended.began)}" if ended.began else "never began"

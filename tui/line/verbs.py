@@ -373,13 +373,20 @@ async def show(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcom
 
 async def may(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """Explain whether a person may do something."""
+    import os
+
     from robotree.vr.base.policy import Person
+    from robotree.vr.base.principal import ASSISTANTS, user_name
 
     right = _right(line.text("VERB"))
     target = await realm_client.target(right, line.text("TARGET"))
     gate = realm_client.gate
     name = line.text("PERSON")
-    asker = Person(name, name.rpartition("@")[2] if "@" in name and gate.site else "")
+    role, slash, assistant = name.partition("/")
+    if slash and role == ASSISTANTS:  # it may what it and the one who serves it here both may
+        asker = gate.user(user_name(os.geteuid()))._replace(assistant=assistant)
+    else:
+        asker = Person(name, name.rpartition("@")[2] if "@" in name and gate.site else "")
     found = gate.may(asker, right, target)
     words = "may" if found.allowed else "may not"
     text = f"{name} {words} {right} {target}: {found.reason}"

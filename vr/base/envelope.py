@@ -19,6 +19,7 @@ import contextlib
 import math
 import os
 from collections.abc import Generator
+from contextvars import ContextVar
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -27,7 +28,7 @@ import msgspec
 
 from robotree.vr.base.errors import Garbled, NoAnswer, NotAllowed
 from robotree.vr.base.permissions import Permissions
-from robotree.vr.base.principal import SCRIPT, Credentials, Principal, principal_of, vouched
+from robotree.vr.base.principal import ASSISTANTS, SCRIPT, Credentials, Principal, principal_of, vouched
 from robotree.vr.base.requests import (
     AcquireFence,
     AnyRequest,
@@ -90,6 +91,9 @@ _OF_A_ROBOT = "robot/"
 
 _here = ""
 """The terminal at which the person sits for whom this process asks; empty: it asks for nobody."""
+
+_assistant: ContextVar[str] = ContextVar("assistant", default="")
+"""The assistant for whom this task asks; empty: it asks for whom the process does."""
 
 _simulated = ""
 """The simulated clock that this process has; empty: the machine's."""
@@ -169,7 +173,7 @@ def seal(
     begins = isinstance(request, BEGINS)
     ends = not begins and isinstance(request, ENDS)
     holds = min(within, FRESH) if begins else math.inf if ends else within
-    terminal = "" if sender.startswith(_OF_A_ROBOT) else _here
+    terminal = "" if sender.startswith(_OF_A_ROBOT) else _terminal()
     body = _encode(Envelope(request, sender, now, holds, this_clock(), b"", terminal, may))
     return Sealed(body, now + holds if begins or ends else 0.0)
 
@@ -232,9 +236,30 @@ def sitting_at(terminal: str) -> Generator[None]:
         _here = before
 
 
+@contextlib.contextmanager
+def asking_for_assistant(name: str) -> Generator[None]:
+    """Ask, inside the block and the tasks that begin there, for an assistant: it has the rights that the
+    policy gives it, and never more than the user of this process."""
+    before = _assistant.set(name)
+    try:
+        yield
+    finally:
+        _assistant.reset(before)
+
+
+def asking_assistant() -> str:
+    """Return the assistant for whom this task asks; empty: none."""
+    return _assistant.get()
+
+
+def _terminal() -> str:
+    name = _assistant.get()
+    return f"{ASSISTANTS}/{name}" if name else _here
+
+
 def asks_for_a_person() -> bool:
-    """Whether this process asks for a person at the moment; see `sitting_at`."""
-    return _here != ""
+    """Whether this task asks for a person, or an assistant, at the moment; see `sitting_at`."""
+    return _terminal() != ""
 
 
 def this_terminal() -> str:

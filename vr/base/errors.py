@@ -28,6 +28,7 @@ that a caller on the far side of the network catches the same class with the sam
                       BadEntry · EntryUnfit · KeyTaken · NoSuchEntry · TransactionOver · FenceHeld · FenceLost
       RealmError      NotAMember · InvitationRefused · NoKeys · NoAuthority · KeysExist · NoSuchMember
                       SiteSilent · PolicyUnusable
+      PermitError     PermitNeeded · PermitRefused · NoSuchPermit · BudgetSpent · AssistantUnknown
       OrderError      NoDirectory · NotOrdered · BadEnd · NoSuchOrder · SeveralOrders · OrderOver
                       NothingToConfirm · SeveralRobots · NotRemembered · DirectoryUnusable
                       DirectoryDamaged
@@ -572,6 +573,43 @@ class Denied(LeaseError):
     """The policy of the realm does not allow it."""
 
     sentence = "{who} may not {right} {target}: {reason}; ask {ask}"
+
+
+# -- assistants ------------------------------------------------------------------------------------
+
+
+class PermitError(VrError):
+    """A call of an assistant that may not begin, or not yet."""
+
+
+class PermitNeeded(PermitError):
+    """The policy wants a person's yes to this call."""
+
+    sentence = "{robot}.{command} needs a person's yes: permit {permit} waits for it (`robotree permit allow {permit}`)"
+
+
+class PermitRefused(PermitError):
+    """A permit that does not allow this call, or no longer."""
+
+    sentence = "permit {permit} does not allow this: {reason}"
+
+
+class NoSuchPermit(PermitError):
+    """There is no such permit."""
+
+    sentence = "there is no permit {permit}; `robotree permits` lists those that wait"
+
+
+class BudgetSpent(PermitError):
+    """An assistant has done as much as the policy allows in this time."""
+
+    sentence = "{assistant} has used its {what}: {used} of {limit} {per}; it has more again in {seconds:.0f} s"
+
+
+class AssistantUnknown(PermitError):
+    """A key that is nobody's, or was taken back."""
+
+    sentence = "{detail}; a person makes a key with `robotree assistant invite NAME`"
 
 
 # -- bonds -----------------------------------------------------------------------------------------

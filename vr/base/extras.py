@@ -21,6 +21,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
     "machines": ("cryptography", "zenoh"),
     "postgres": ("psycopg",),
     "services": ("clips", "cv2", "espeakng_loader", "numpy", "pocketsphinx"),
+    "mcp": ("mcp", "mcp_types", "uvicorn"),
     "testing": ("greenlet", "pytest"),
 }
 """The modules of other people that we import, by the extra that brings them."""

@@ -50,7 +50,8 @@ class HistoryEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
     value: Any = None
     """Its result, or the data of the error; what an observation has read."""
     text: str = ""
-    """For people: why a lease ended, why it is stopped, how many events are missing and why."""
+    """For people: why a call was asked for and who allowed it, why a lease ended, why it is stopped, how many
+    events are missing and why."""
 
 
 class NumberedEvent(msgspec.Struct, frozen=True):

@@ -19,6 +19,12 @@ A policy is a YAML file that people write and read:
           - rover-1.move          # one command
           - {kind: Limb, site: hall, command: [follow, home]}
 
+    assistants:                   # language models with a key (`robotree assistant invite claude`)
+      claude: {role: helper, calls: 30, metres: 20, seconds: 600, gone: hold}
+
+An assistant never may more than the user whose process serves it, and of the rights only `see`, `command` and
+`ask`: what a line of `ask` allows needs a person's yes to each single call (`permit.py`).
+
 What no line allows is denied: there are no lines that deny, so their order does not matter. Everybody may
 stop, whatever is written. In a pattern `*` stands for any characters, at most once; a pattern is compared
 with the whole name. In a mapping all that is written must fit.
@@ -31,10 +37,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import msgspec
 
+from robotree.vr.base.errors import PermitRefused
+from robotree.vr.base.permit import PermittedCall
 from robotree.vr.base.principal import Principal
 
 STOP: Final = "stop"
@@ -45,6 +53,12 @@ LONGEST: Final = 1 << 18
 
 ABOUT: Final = b"robotree policy 1\0"
 """What is signed begins with it, so that no other signature counts for a policy."""
+
+ASK: Final = "ask"
+"""What an assistant may have carried out once a person has said yes to this one call."""
+
+OF_ASSISTANTS: Final = (STOP, "see", "command", ASK)
+"""The rights that an assistant can have: it never resumes, shapes the tree or changes the policy."""
 
 ANYBODY: Final = "*"
 """As a person: each member, and each user of the machine; as a pattern: each name."""
@@ -69,6 +83,7 @@ RIGHTS: Final = (
         ("robot", "space"),
         "have commands carried out, end them, pause them, and put a robot on top",
     ),
+    Right(ASK, ("robot",), "of an assistant: have a command carried out after a person's yes to this one call"),
     Right("order", ("robot",), "leave commands for when it is here and free, and cancel such orders"),
     Right("create", ("host",), "make virtual robots, or give one another page, on this host"),
     Right("release", ("robot",), "release its children, and delete it"),
@@ -91,6 +106,30 @@ class Person(NamedTuple):
     """Of a system's user in a realm with keys; else empty."""
     roles: tuple[str, ...] = ()
     """That the authority wrote into the key (`realm invite --may`)."""
+    assistant: str = ""
+    """The assistant that this user's process serves, and that asks; empty: the person itself asks."""
+
+    def __str__(self) -> str:
+        """Return how people are told of it."""
+        return f"{self.assistant}, an assistant that {self.name} serves," if self.assistant else self.name
+
+
+Gone = Literal["hold", "stop", "finish"]
+"""What becomes of the commands of an assistant that is gone. hold: they end, and the robots hold still. stop: a
+protective stop of those robots. finish: they go on to their end."""
+
+
+class AssistantTerms(NamedTuple):
+    """What a policy says of one assistant."""
+
+    roles: tuple[RoleOf, ...] = ()
+    calls: int = 60
+    """Calls that it may make in a minute."""
+    metres: float = 100.0
+    """[m] that its commands may move robots in an hour."""
+    seconds: float = 1800.0
+    """[s] for which its commands may run in an hour."""
+    gone: Gone = "hold"
 
 
 class PolicyTarget(NamedTuple):
@@ -175,15 +214,18 @@ class Policy:
         persons: Mapping[str, tuple[RoleOf, ...]],
         roles: Mapping[str, tuple[PolicyRule, ...]],
         text: str,
+        assistants: Mapping[str, AssistantTerms] | None = None,
     ) -> None:
         """Take what was read."""
         self.realm, self.version, self.text = realm, version, text
-        self.persons, self.roles = persons, roles
+        self.persons, self.roles, self.assistants = persons, roles, assistants or {}
         self.ask = ask or self._administrators()
         self._known: dict[tuple[Person, str, PolicyTarget], Decision] = {}
 
     def roles_of(self, asker: Person) -> list[RoleOf]:
         """Return the roles of a person, and which lines say so."""
+        if asker.assistant:
+            return list(self.assistants.get(asker.assistant, AssistantTerms()).roles)
         written = [ANYBODY] if "*" in asker.name else [asker.name, ANYBODY]  # nobody is called like a pattern
         if asker.site:
             written.insert(-1, f"{ANYBODY}@{asker.site}")
@@ -236,6 +278,8 @@ class Policy:
         if right == STOP:
             return Decision(True, 0, "everybody may stop")
         BY_NAME[right]
+        if asker.assistant and (refused := self._beyond(asker, right, target)):
+            return refused
         held = self.roles_of(asker)
         others: list[PolicyRule] = []
         for each in held:
@@ -250,7 +294,8 @@ class Policy:
             allowed = ", ".join(texts[:SHOWN]) + more
             return Decision(False, others[0].line, f"line {others[0].line} allows {right} only of {allowed}")
         if not held:
-            return Decision(False, 0, f"no line names {asker.name}, and a guest may only stop")
+            who = f"assistant {asker.assistant}" if asker.assistant else asker.name
+            return Decision(False, 0, f"no line names {who}, and a guest may only stop")
         line = next((each.line for each in held if each.line), 0)
         which = ", ".join(dict.fromkeys(each.role for each in held))
         says = f"line {line} gives the role {which}" if line else f"its key gives the role {which}"
@@ -258,6 +303,13 @@ class Policy:
         return Decision(
             False, line, f"{says}, " + ("which has no line" if unknown else f"without any line for {right}")
         )
+
+    def _beyond(self, asker: Person, right: str, target: PolicyTarget) -> Decision | None:
+        """Return why an assistant may not, whatever is written of itself; None: that decides."""
+        if right not in OF_ASSISTANTS:
+            return Decision(False, 0, f"no assistant may {right}, whatever is written")
+        served = self.may(asker._replace(assistant=""), "command" if right == ASK else right, target)
+        return None if served.allowed else Decision(False, served.line, f"{asker.name} may not: {served.reason}")
 
     def _administrators(self) -> str:
         able = {
@@ -332,6 +384,9 @@ class PolicyGate:
 
     def asker(self, principal: Principal) -> Person:
         """Return who asks, as a policy names persons."""
+        return self._served(principal)._replace(assistant=principal.assistant)
+
+    def _served(self, principal: Principal) -> Person:
         if principal.site:
             if principal.member:
                 return Person(principal.user, "", principal.roles)
@@ -348,12 +403,23 @@ class PolicyGate:
             else Person(f"{name}@{self.site}", self.site, self.roles)
         )
 
+    def expect_permit(self, asker: Person, call: PermittedCall) -> None:
+        """Check that a person has said yes to a call of an assistant, and that it has begun with that yes.
+
+        Raises:
+            PermitRefused: nobody has, or it was another call.
+        """
+        del asker
+        raise PermitRefused(permit=call.permit or "none", reason="nobody here knows of permits")
+
     def may(self, asker: Person, right: str, target: PolicyTarget) -> Decision:
         """Decide whether somebody may do something; see `Policy.may`."""
         if self.policy is not None:
             return self.policy.may(asker, right, target)
         if self.trouble and right != STOP:
             return Decision(False, 0, self.trouble)
+        if asker.assistant and right != STOP:
+            return Decision(False, 0, "the realm has no policy, and an assistant may only what one allows")
         return Decision(True, 0, "the realm has no policy")
 
     @property

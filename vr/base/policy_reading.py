@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, get_args
 
 from robotree.vr.base.policy import (
     ANYBODY,
+    ASK,
     BY_NAME,
     LONGEST,
     REALM,
     RIGHTS,
+    AssistantTerms,
+    Gone,
     Policy,
     PolicyRule,
     Right,
@@ -32,9 +35,13 @@ from robotree.vr.base.written import (
 
 _NAME = re.compile(r"[A-Za-z0-9_-]*\*?[A-Za-z0-9_-]*")
 _ROLE = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}")
-_TOP = ("realm", "version", "ask", "persons", "roles")
-OF_COMMANDS = frozenset({"command", "order"})
+_ASSISTANT = re.compile(r"[A-Za-z0-9_-]{1,24}")
+_TOP = ("realm", "version", "ask", "persons", "assistants", "roles")
+_TERMS = ("role", "calls", "metres", "seconds", "gone")
+OF_COMMANDS = frozenset({"command", "order", ASK})
 """Rights that may be given for single commands."""
+LARGEST = 1_000_000
+"""Of a limit of an assistant."""
 _PARTS = ("name", "kind", "command", "site", "role")
 
 
@@ -68,8 +75,43 @@ def read_policy(text: str, path: str = "policy.yaml") -> Policy:
         _person(name): tuple(RoleOf(_known(each, roles), name.mark.line) for each in _words(held, name.mark))
         for name, held in entries(top.get("persons"), "persons", start)
     }
+    assistants = {
+        _assistant(name): _terms(told, name.mark, roles)
+        for name, told in entries(top.get("assistants"), "assistants", start)
+    }
     ask = "" if top.get("ask") is None else word(top.get("ask"), "ask", start).text
-    return Policy(realm.text, version, ask, persons, roles, text)
+    return Policy(realm.text, version, ask, persons, roles, text, assistants)
+
+
+def _assistant(name: Word) -> str:
+    if not _ASSISTANT.fullmatch(name.text):
+        raise name.mark.error(
+            f"{name.text!r} cannot be the name of an assistant: use up to 24 letters, digits, - and _"
+        )
+    return name.text
+
+
+def _terms(told: Written, where: Mark, roles: Mapping[str, object]) -> AssistantTerms:
+    """Read what is said of one assistant: its roles, or a mapping with its limits, too."""
+    if not isinstance(told, Entries):
+        return AssistantTerms(tuple(RoleOf(_known(each, roles), where.line) for each in _words(told, where)))
+    told.expect(_TERMS, "an assistant")
+    held = told.get("role")
+    named = () if held is None else tuple(RoleOf(_known(each, roles), where.line) for each in _words(held, where))
+    limits: dict[str, Any] = {}
+    for name in ("calls", "metres", "seconds"):
+        if (given := told.get(name)) is not None:
+            limit = word(given, name, where)
+            number = value_of(limit)
+            if isinstance(number, bool) or not isinstance(number, int | float) or not 0 <= number < LARGEST:
+                raise limit.mark.error(f"{name} is a number from 0 to {LARGEST}")
+            limits[name] = int(number) if name == "calls" else float(number)
+    if (given := told.get("gone")) is not None:
+        choice = word(given, "gone", where)
+        if choice.text not in get_args(Gone):
+            raise choice.mark.error(f"gone is one of {', '.join(get_args(Gone))}")
+        limits["gone"] = choice.text
+    return AssistantTerms(named, **limits)
 
 
 def _role(name: Word) -> str:
@@ -116,7 +158,7 @@ def _rule(right: Right, thing: Written) -> PolicyRule:
     name, dot, command = rest.partition(".")
     if dot and right.name not in OF_COMMANDS:
         raise pattern.mark.error(
-            f"only command and order take ROBOT.COMMAND; {right.name} concerns the whole robot"
+            f"only command, order and ask take ROBOT.COMMAND; {right.name} concerns the whole robot"
         )
     for part, there in ((site, colon), (name, "."), (command, dot)):
         if there:
@@ -145,7 +187,7 @@ def _rule_of_parts(right: Right, parts: Entries) -> PolicyRule:
         raise parts.mark.error('{} allows nothing: write "*" for everything')
     if "command" in found and right.name not in OF_COMMANDS:
         raise parts.mark.error(
-            f"only command and order are about commands; {right.name} concerns the whole robot"
+            f"only command, order and ask are about commands; {right.name} concerns the whole robot"
         )
     for role in found.get("role", ()):
         if role not in right.roles:
@@ -207,6 +249,12 @@ def schema() -> dict[str, Any]:
                 "type": "object",
                 "additionalProperties": {"oneOf": [role, {"type": "array", "items": role}]},
             },
+            "assistants": {
+                "type": "object",
+                "additionalProperties": {
+                    "oneOf": [role, {"type": "array", "items": role}, _schema_of_terms(role)],
+                },
+            },
             "roles": {
                 "type": "object",
                 "propertyNames": role,
@@ -216,5 +264,20 @@ def schema() -> dict[str, Any]:
                     "additionalProperties": False,
                 },
             },
+        },
+    }
+
+
+def _schema_of_terms(role: dict[str, Any]) -> dict[str, Any]:
+    number = {"type": "number", "minimum": 0, "exclusiveMaximum": LARGEST}
+    return {
+        "type": "object",
+        "additionalProperties": False,
+        "properties": {
+            "role": {"oneOf": [role, {"type": "array", "items": role}]},
+            "calls": {**number, "description": "calls a minute"},
+            "metres": {**number, "description": "[m] that its commands move robots in an hour"},
+            "seconds": {**number, "description": "[s] for which its commands run in an hour"},
+            "gone": {"enum": list(get_args(Gone)), "description": "what its commands do when it is gone"},
         },
     }

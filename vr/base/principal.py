@@ -20,6 +20,9 @@ import msgspec
 SCRIPT = "script"
 """Instead of a terminal, where a person's program has none."""
 
+ASSISTANTS = "mcp"
+"""Instead of a terminal `mcp/NAME`: an assistant asks, a language model with a key (`robotree assistant invite`)."""
+
 _TERMINAL = re.compile(r"[\w/.-]{1,32}")
 
 
@@ -50,8 +53,15 @@ class Principal(msgspec.Struct, frozen=True, omit_defaults=True):
 
     @property
     def person(self) -> str:
-        """Name of the person who asks, `anna@pts/3`, `anna@lab` from a site; empty: it is a robot."""
+        """Name of who asks, `anna@pts/3`, `anna@lab` from a site, `claude@mcp`; empty: it is a robot."""
+        if assistant := self.assistant:
+            return f"{assistant}@{self.site}/{ASSISTANTS}" if self.site else f"{assistant}@{ASSISTANTS}"
         return f"{self.user}@{self.site or self.terminal}" if self.terminal else ""
+
+    @property
+    def assistant(self) -> str:
+        """Name of the assistant who asks, for whom the process of `user` answers; empty: none asks."""
+        return self.terminal[len(ASSISTANTS) + 1 :] if self.terminal.startswith(f"{ASSISTANTS}/") else ""
 
 
 class Voucher(msgspec.Struct, frozen=True, array_like=True):

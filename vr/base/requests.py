@@ -70,6 +70,10 @@ class Call(_Message, frozen=True, kw_only=True):
     witness: str = ""
     """An earlier process of the robot was given this call, and this was its `RobotDescription.witness` then:
     only what was not done yet is to be done. Empty: none was."""
+    permit: str = ""
+    """Id of the permit with which an assistant asks, where the policy wants one."""
+    note: str = ""
+    """For the history: why the caller asks, in its own words, and who has said yes."""
 
 
 class Detach(_Message, frozen=True, kw_only=True):

@@ -21,7 +21,8 @@ import msgspec
 
 from robotree.vr.base.errors import Denied, NotAllowed, NotPermitted
 from robotree.vr.base.permissions import Permissions
-from robotree.vr.base.policy import BY_NAME, OPEN, REALM, STOP, Person, PolicyGate, PolicyTarget
+from robotree.vr.base.permit import PermittedCall
+from robotree.vr.base.policy import ASK, BY_NAME, OPEN, REALM, STOP, Person, PolicyGate, PolicyTarget
 from robotree.vr.base.principal import ITSELF, Principal, user_name
 from robotree.vr.base.requests import (
     AcquireFence,
@@ -205,7 +206,7 @@ def authorise(
     if not principal.site and principal.user != user_name(os.geteuid()) and not _is_shared(gate):
         reason = f"the processes of this realm belong to {user_name(os.geteuid())}"
         raise NotAllowed(who=principal.person or principal.user, what=type(request).__name__, reason=reason)
-    if (gate.policy is not None or gate.trouble) and not is_own_agent(principal):
+    if is_limited(principal, gate):
         _keep_to_policy(principal, request, state, here)
     if isinstance(request, PrepareMove) and request.asker is not None and gate.closed:
         _expect(gate, request.asker, "create", here.target())
@@ -233,7 +234,7 @@ def expect_right(principal: Principal, right: str, target: PolicyTarget, gate: P
     Raises:
         Denied: the policy does not allow it.
     """
-    if gate.closed and not is_own_agent(principal):
+    if is_limited(principal, gate):
         _expect(gate, gate.asker(principal), right, target)
 
 
@@ -249,8 +250,15 @@ def expect_still(principal: Principal, command: str, here: Here, right: str = "c
     Raises:
         Denied: the policy of now does not allow it.
     """
-    if here.gate.closed and principal != ITSELF and not is_own_agent(principal):
-        _expect(here.gate, here.gate.asker(principal), right, here.target(command))
+    if principal != ITSELF and is_limited(principal, here.gate):
+        asker, target = here.gate.asker(principal), here.target(command)
+        if not (asker.assistant and here.gate.may(asker, ASK, target).allowed):
+            _expect(here.gate, asker, right, target)
+
+
+def is_limited(principal: Principal, gate: PolicyGate) -> bool:
+    """Whether a policy limits who asks; an assistant is limited also where there is none."""
+    return (gate.closed or principal.assistant != "") and not is_own_agent(principal)
 
 
 def is_own_agent(principal: Principal) -> bool:
@@ -282,6 +290,10 @@ def _keep_to_policy(principal: Principal, request: AnyRequest, state: RobotState
     if isinstance(request, Migrate):
         robot = here.robot(request.robot)
         target = PolicyTarget(request.robot, "robot", () if robot is None else robot.kinds, "", gate.site)
+    if isinstance(request, Call) and asker.assistant and not gate.may(asker, right, target).allowed:
+        _expect(gate, asker, ASK, target)
+        gate.expect_permit(asker, _permitted(request, state))
+        return
     _expect(gate, asker, right, target)
     if isinstance(request, Reload):
         _expect_to_reload(gate, asker, request.page.name, here)
@@ -295,6 +307,12 @@ def _expect_to_list_its_own(principal: Principal, request: Register, owner: int)
         if principal.user not in (user_name(owner), "" if user is None else user_name(user)):
             reason = f"{key} is no agent of this user"
             raise NotAllowed(who=principal.user, what="Register", reason=reason)
+
+
+def _permitted(call: Call, state: RobotState | None) -> PermittedCall:
+    life = state.address.key if state is not None else ""
+    stops = state.stop.generation if state is not None else -1
+    return PermittedCall(call.permit, life, stops, call.command, call.arguments, call.key)
 
 
 def _ends_its_own(principal: Principal, request: AnyRequest, state: RobotState | None) -> bool:
@@ -324,7 +342,7 @@ def _expect(gate: PolicyGate, asker: Person, right: str, target: PolicyTarget) -
 
 def _refuse(gate: PolicyGate, asker: Person, right: str, target: PolicyTarget) -> NoReturn:
     reason = gate.may(asker, right, target).reason
-    raise Denied(who=asker.name, right=right, target=str(target), reason=reason, ask=gate.ask)
+    raise Denied(who=str(asker), right=right, target=str(target), reason=reason, ask=gate.ask)
 
 
 _SEEN = BY_NAME["see"].roles
@@ -336,7 +354,7 @@ _SEEN = BY_NAME["see"].roles
 def shown(reply: Reply, principal: Principal, here: Here) -> Reply:  # noqa: PLR0911 # one for each
     """Return an answer without the robots that its asker may not see."""
     gate = here.gate
-    if not gate.closed or is_own_agent(principal):
+    if not is_limited(principal, gate):
         return reply
     asker = gate.asker(principal)
 

@@ -178,7 +178,7 @@ class RobotClient:
             return await self._follow(outcome, sender)
         except (asyncio.CancelledError, NoAnswer):
             # It may still be on its way there: it must not begin after we gave up.
-            self._cancel_late(outcome.call)
+            self._cancel_late(outcome.call, sender)
             raise
 
     async def _follow(self, outcome: CallOutcome, sender: str) -> Any:
@@ -218,10 +218,13 @@ class RobotClient:
                 raise
             outcome.take(None)
 
-    def _cancel_late(self, call: Call) -> None:
+    def _cancel_late(self, call: Call, sender: str) -> None:
+        """End a call as the one who has made it: who may do no more than that may end it."""
+
         async def cancel() -> None:
+            mine = RobotClient(self._transport, self.address, patience=self._patience, sender=sender)
             with contextlib.suppress(VrError):
-                await self.cancel(call.key, epoch=call.epoch, reason="the caller gave up")
+                await mine.cancel(call.key, epoch=call.epoch, reason="the caller gave up")
 
         task = asyncio.get_running_loop().create_task(cancel())
         self._cancels.add(task)

@@ -41,6 +41,8 @@ TRIMS = 30.0
 """[s] between two looks for events that are too old."""
 LARGEST_VALUE = 2000
 """[bytes] of arguments or of a result that are kept."""
+LONGEST_NOTE = 1000
+"""[characters] of `Call.note`."""
 OBSERVED = 50
 """Readings of one command that are kept."""
 MOST_KNOWN = 4096
@@ -351,6 +353,7 @@ class HistoryWriter:
             kind="accepted", unix=unix, robot=robot, key=call.key, command=call.command,
             arguments=_small(call.arguments), caller=call.caller, person=asker.person, process=asker.process,
             epoch=call.epoch or 0, page=self.page_of(robot), line=call.line, within=call.deadline,
+            text=call.note[:LONGEST_NOTE],
         )  # fmt: skip
 
     def _step(self, robot: str, unix: float, happened: on.StepTaken) -> HistoryEvent | None:

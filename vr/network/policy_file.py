@@ -22,8 +22,10 @@ import msgspec
 
 from robotree.files.opening import read
 from robotree.vr.base.errors import PolicyUnusable, VrError
-from robotree.vr.base.policy import LONGEST, Policy, PolicyGate
+from robotree.vr.base.permit import PermittedCall
+from robotree.vr.base.policy import LONGEST, Person, Policy, PolicyGate
 from robotree.vr.base.principal import user_name
+from robotree.vr.network.permit_file import PermitFiles
 from robotree.vr.network.realms import state_home
 
 POLICY: Final = "policy.yaml"
@@ -122,6 +124,14 @@ class PolicyFile(PolicyGate):
             reason = f"its version {policy.version} is not newer than {before.version}, which is in force"
             raise PolicyUnusable(path=str(self.path), reason=reason)
         self.policy, self.data, self.trouble = policy, data, ""
+
+    @property
+    def permits(self) -> PermitFiles:
+        """The permits of the realm."""
+        return PermitFiles(self.path.parent)
+
+    def expect_permit(self, asker: Person, call: PermittedCall) -> None:
+        self.permits.expect(asker.assistant, call)
 
     def offer(self, data: bytes) -> bool:
         policy = checked(data, "the policy of another site", member_of(self._keys))

@@ -499,7 +499,10 @@ class RobotRuntime:
 
     def authorise(self, principal: Principal, request: AnyRequest) -> None:
         """Refuse a request that its principal may not make; see `authority.authorise`."""
-        if isinstance(request, OF_LEASES) or (self.here.gate.closed and isinstance(request, Cancel)):
+        by_state = self.here.gate.closed and (
+            isinstance(request, Cancel) or (isinstance(request, Call) and request.permit != "")
+        )
+        if by_state or isinstance(request, OF_LEASES):
             self.look(lambda state: authorise(principal, request, state, self.here))
         else:
             authorise(principal, request, None, self.here)

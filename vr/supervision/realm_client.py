@@ -18,7 +18,7 @@ import msgspec
 
 from robotree.vr.base.address import ROLES, Address, Role, check_name, everyone, parted
 from robotree.vr.base.description import Listing, RobotDescription, Template
-from robotree.vr.base.envelope import asks_for_a_person
+from robotree.vr.base.envelope import asking_assistant, asks_for_a_person
 from robotree.vr.base.errors import (
     Denied,
     DuplicateName,
@@ -175,8 +175,10 @@ class RealmClient:
     @property
     def asker(self) -> Person | None:
         """Who asks here, as a policy names persons; None: nobody who is limited by a policy."""
-        gate = self.gate
-        return gate.user(user_name(os.geteuid())) if gate.closed and asks_for_a_person() else None
+        gate, assistant = self.gate, asking_assistant()
+        if not (assistant or (gate.closed and asks_for_a_person())):
+            return None
+        return gate.user(user_name(os.geteuid()))._replace(assistant=assistant)
 
     def denial(self, right: str, target: PolicyTarget) -> Decision | None:
         """Return why the policy denies something to who asks here; None: it does not."""
@@ -191,7 +193,7 @@ class RealmClient:
         found, asker = self.denial(right, target), self.asker
         if found is None or asker is None:
             return None
-        return Denied(who=asker.name, right=right, target=str(target), reason=found.reason, ask=self.gate.ask)
+        return Denied(who=str(asker), right=right, target=str(target), reason=found.reason, ask=self.gate.ask)
 
     def hides(self, address: Address | None, kinds: Sequence[str] = ()) -> bool:
         """Whether who asks here may not see an agent. What is in the way of a stop is named nevertheless."""
@@ -258,7 +260,7 @@ class RealmClient:
 
     def _listed(self, role: Literal["robot", "view"]) -> Sequence[Listing]:
         found: Sequence[Listing] = self.directory.find(Template(role=role))
-        if self.gate.closed:
+        if self.asker is not None:
             found = [one for one in found if not self.hides(one.address, one.kinds)]
         return [shown_agent(one, self.places.shown) for one in found]
 
@@ -602,6 +604,20 @@ class RealmClient:
             name,
             lambda robot: robot.carry_out(call, sender=caller, on_progress=on_progress, on_fields=on_fields),
         )
+
+    async def carry_out(self, robot: Address, call: Call, *, on_progress: OnProgress | None = None) -> Any:
+        """Have a call carried out as it is, and return its result; it ends when this process does.
+
+        Args:
+            robot: in the life that is meant.
+            call: with a fresh key.
+            on_progress: takes how far it is.
+
+        Raises:
+            VrError: as `call`.
+        """
+        client = RobotClient(self._transport, robot, sender=await self.caller())
+        return await self._awake(client.carry_out(call, on_progress=on_progress))
 
     async def caller(self) -> str:
         """Return the key under which this program is present: its calls end when that goes."""

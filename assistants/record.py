@@ -1,0 +1,136 @@
+"""What assistants asked for and what became of it: `assistants/NAME.jsonl`, beside what the realm keeps.
+
+Every request that could have moved something is a line, also one that was refused before it reached a robot.
+What robots carried out is in their own histories as well, with the same key (`robotree why`).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import time
+from collections.abc import Callable, Generator, Iterable
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import msgspec
+
+from robotree.assistants.budget import Budget, Use, What
+from robotree.assistants.marking import bounded, data_of
+from robotree.files import opened_own, private_folder, read
+
+FOLDER: Final = "assistants"
+LARGEST: Final = 4 << 20
+"""[B] of one record, which then becomes `.old`."""
+LONGEST_LINE: Final = 8000
+"""[B]"""
+
+What_became = Literal["came", "refused", "asked", "answered", "begun", "done", "failed", "stopped", "gone", "rehearsed"]
+
+
+class Entry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One line of a record."""
+
+    unix: float
+    """[s] since 1970."""
+    what: What_became
+    robot: str = ""
+    command: str = ""
+    arguments: Any = None
+    why: str = ""
+    """In the assistant's words."""
+    key: str = ""
+    """Of the call, as in the robot's history."""
+    permit: str = ""
+    by: str = ""
+    """The person who said yes."""
+    text: str = ""
+    """Why it was refused, how it ended, what was observed."""
+
+
+class Record:
+    """The record and the budget of one assistant."""
+
+    def __init__(self, folder: Path, assistant: str, unix: Callable[[], float] = time.time) -> None:
+        """Take the folder in which the realm keeps its things, and the clock [s since 1970]."""
+        self.folder, self.assistant, self.unix = folder / FOLDER, assistant, unix
+        self._lines = self.folder / f"{assistant}.jsonl"
+        self._uses = self.folder / f"{assistant}.used.json"
+
+    def write(self, what: What_became, **told: Any) -> None:
+        """Append a line; texts and arguments are bounded. It is on its way to the disk when this returns.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        texts = {name: bounded(value, 1000) if isinstance(value, str) else data_of(value)
+                 for name, value in told.items()}  # fmt: skip
+        line = msgspec.json.encode(Entry(unix=self.unix(), what=what, **texts))
+        if len(line) > LONGEST_LINE:
+            line = msgspec.json.encode(Entry(unix=self.unix(), what=what, **{**texts, "arguments": "too large"}))
+        with self._locked():
+            file = opened_own(self._lines, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+            with os.fdopen(file, "ab") as stream:
+                stream.write(line + b"\n")
+                full = stream.tell() > LARGEST
+            if full:
+                self._lines.replace(self._lines.with_suffix(".old"))
+
+    def entries(self, most: int = 100) -> list[Entry]:
+        """Return the latest lines, the oldest of these first; a broken one is left out."""
+        try:
+            lines = read(self._lines, LARGEST + 2 * LONGEST_LINE).splitlines()[-most:]
+        except OSError:
+            return []
+        return list(_entries(lines))
+
+    # -- budget -----------------------------------------------------------------------------------
+
+    def budget(self) -> Budget:
+        """Return what was used lately, by each process that has served the assistant."""
+        with self._locked():
+            return self._budget()
+
+    def use(self, what: What, amount: float, check: Callable[[Budget, float], None] = lambda *_: None) -> None:
+        """Note that something was used.
+
+        Args:
+            what: was used.
+            amount: of it.
+            check: takes the budget and the time [s since 1970] before; what it raises leaves all as it was.
+
+        Raises:
+            OSError: it cannot be kept.
+        """
+        with self._locked():
+            budget, now = self._budget(), self.unix()
+            check(budget, now)
+            budget.use(what, amount, now)
+            new = self._uses.with_suffix(".new")
+            with os.fdopen(opened_own(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), "wb") as stream:
+                stream.write(msgspec.json.encode(budget.uses))
+            new.replace(self._uses)  # not synced: it outlives processes, and a loss of power gives calls back
+
+    def _budget(self) -> Budget:
+        try:
+            return Budget(msgspec.json.decode(read(self._uses, LARGEST), type=list[Use]))
+        except FileNotFoundError:
+            return Budget()
+
+    @contextlib.contextmanager
+    def _locked(self) -> Generator[None]:
+        private_folder(self.folder.parent)
+        private_folder(self.folder)
+        lock = os.open(self.folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            yield
+        finally:
+            os.close(lock)
+
+
+def _entries(lines: Iterable[bytes]) -> Generator[Entry]:
+    for line in lines:
+        with contextlib.suppress(msgspec.MsgspecError):
+            yield msgspec.json.decode(line, type=Entry)

@@ -1,0 +1,566 @@
+"""One assistant in a realm: what it sees, its calls, its permits, and the end of its calls when it is gone.
+
+All rules hold here and at the robot: this side tells the assistant why, the robot decides.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import os
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from robotree.assistants import preview
+from robotree.assistants.budget import Budget
+from robotree.assistants.marking import bounded, data_of, said
+from robotree.assistants.meter import Way
+from robotree.assistants.record import Record
+from robotree.assistants.tools import LONGEST_WITHIN, USUAL_WITHIN, CommandTool, tool_of
+from robotree.vr.base.arguments import check_arguments
+from robotree.vr.base.chance import token
+from robotree.vr.base.envelope import asking_for_assistant
+from robotree.vr.base.errors import (
+    BadArgument,
+    BudgetSpent,
+    CommandCancelled,
+    Denied,
+    NoSuchCommand,
+    NoSuchPermit,
+    NoSuchRobot,
+    PermitNeeded,
+    PermitRefused,
+    VrError,
+)
+from robotree.vr.base.permit import Permit, PermittedCall
+from robotree.vr.base.policy import ASK, AssistantTerms, Person, PolicyTarget
+from robotree.vr.base.principal import user_name
+from robotree.vr.base.requests import Call
+from robotree.vr.exchange.asking import fresh_key
+from robotree.vr.network.permit_file import PermitFiles
+
+if TYPE_CHECKING:
+    from robotree.assistants.catalogue import Catalogue
+    from robotree.vr.base.description import CommandSpec, Listing, RobotDescription
+    from robotree.vr.base.requests import State
+    from robotree.vr.base.transport import Registration
+    from robotree.vr.supervision.realm_client import RealmClient
+
+LEASE: Final = 15.0
+"""[s] for which an assistant whose commands run may be silent: then it is gone."""
+LOOKS: Final = 1.0
+"""[s] between two looks whether it is."""
+TOGETHER: Final = 8
+"""Commands of one assistant that run at the same time."""
+REQUESTS: Final = 50
+"""Requests of one assistant in a second: of more none is dealt with, but a stop."""
+REMEMBERED: Final = 64
+"""Calls whose end an assistant can still ask for."""
+PICTURE_WITHIN: Final = 3.0
+"""[s] for the picture that a person is shown."""
+DEEPEST: Final = 6
+"""Levels of robots below one that are looked at."""
+REHEARSAL: Final = "rehearsal"
+"""Who says yes in the twin of a cell."""
+
+
+class Floor(NamedTuple):
+    """What all assistants of one process share."""
+
+    realm_client: RealmClient
+    catalogue: Catalogue
+    folder: Path
+    """In which the realm keeps its things."""
+    permits: PermitFiles
+    rehearses_for: Path | None = None
+    """The folder of the real realm, if this one is its twin: there is kept how calls went."""
+
+
+class Going:
+    """A call that goes on, or has ended."""
+
+    def __init__(self, robot: str, call: Call, way: Way, permit: str) -> None:
+        """Nothing has happened yet."""
+        self.id, self.robot, self.call, self.way, self.permit = permit or token(), robot, call, way, permit
+        self.fraction, self.text = math.nan, ""
+        self.began, self.changed = time.time(), time.time()
+        self.why_ended = ""
+        """Why it was ended from here; empty: it was not."""
+        self.value: Any = None
+        self.error: VrError | None = None
+        self.observed: dict[str, float] = {}
+        self.task: asyncio.Task[None] | None = None
+        self.news = asyncio.Event()
+
+    @property
+    def over(self) -> bool:
+        """Whether it has ended, well or badly."""
+        return self.task is not None and self.task.done()
+
+    def note(self, fraction: float, text: str) -> None:
+        """Take how far it is."""
+        self.fraction, self.text, self.changed = fraction, bounded(text), time.time()
+        self.news.set()
+
+    def end(self, why: str) -> None:
+        """End it; it is over a moment later."""
+        self.why_ended = self.why_ended or why
+        if self.task is not None:
+            self.task.cancel()
+
+    async def wait(self, within: float | None = None) -> bool:
+        """Wait for its end [s; None: however long that takes]; returns whether it has ended."""
+        if self.task is not None:
+            await asyncio.wait([self.task], timeout=within)
+        return self.over
+
+    def result(self) -> Any:
+        """Return what it has returned, bounded.
+
+        Raises:
+            VrError: it has failed.
+        """
+        if self.error is not None:
+            raise self.error
+        return data_of(self.value)
+
+
+class Seat:
+    """One assistant, from its first request to its end."""
+
+    def __init__(self, name: str, floor: Floor) -> None:
+        """Take its name, which its key has proved."""
+        self.name, self.floor = name, floor
+        self.record = Record(floor.folder, name)
+        self.going: dict[str, Going] = {}
+        self.open = 0
+        """Requests that wait for an answer at the moment, and streams that it listens to."""
+        self._seen = time.monotonic()
+        self._requests: deque[float] = deque(maxlen=REQUESTS)
+        self._tools: tuple[object, dict[str, CommandTool]] = (None, {})
+        self._watch: asyncio.Task[None] | None = None
+        self._states: Registration | None = None
+
+    async def start(self) -> None:
+        """Begin to watch how its robots move, and whether it is there."""
+        self._states = await self.floor.realm_client.watch_state(None, self._hear)
+        self._watch = asyncio.create_task(self._look_after())
+
+    async def close(self) -> None:
+        """The assistant is gone: its commands do what the policy says, and this returns when they have ended."""
+        await self.leave("it has gone")
+        await asyncio.gather(*(going.wait() for going in self.going.values()))
+        if self._watch is not None:
+            self._watch.cancel()
+            await asyncio.gather(self._watch, return_exceptions=True)
+        if self._states is not None:
+            await self._states.close()
+
+    # -- who it is --------------------------------------------------------------------------------
+
+    @property
+    def terms(self) -> AssistantTerms:
+        """What the policy says of it now."""
+        policy = self.floor.realm_client.gate.policy
+        return AssistantTerms() if policy is None else policy.assistants.get(self.name, AssistantTerms())
+
+    @property
+    def asker(self) -> Person:
+        """The assistant, as a policy names who asks."""
+        return self.floor.realm_client.gate.user(user_name(os.geteuid()))._replace(assistant=self.name)
+
+    def touch(self) -> None:
+        """Note that a request has come.
+
+        Raises:
+            BudgetSpent: too many come; a stop is heard nevertheless.
+        """
+        now = self._seen = time.monotonic()
+        if len(self._requests) == REQUESTS and now - self._requests[0] < 1.0:
+            raise BudgetSpent(
+                assistant=self.name, what="requests", used=REQUESTS, limit=REQUESTS, per="a second", seconds=1
+            )
+        self._requests.append(now)
+
+    def may(self, right: str, robot: RobotDescription | Listing, command: str = "") -> bool:
+        """Whether the policy allows it something."""
+        return self._decided(right, robot, command).allowed
+
+    def _decided(self, right: str, robot: RobotDescription | Listing, command: str = "") -> Any:
+        realm_client = self.floor.realm_client
+        site = realm_client.places.site_of(robot.address.key) or realm_client.gate.site
+        name, role = robot.address.plain_name, robot.address.role
+        target = PolicyTarget(name, role, tuple(robot.kinds), command, site)
+        return realm_client.gate.may(self.asker, right, target)
+
+    # -- what it sees -----------------------------------------------------------------------------
+
+    def robots(self) -> dict[str, RobotDescription]:
+        """Return the robots that it may see, by name, as they described themselves last."""
+        return {name: robot for name, robot in self.floor.catalogue.robots.items() if self.may("see", robot)}
+
+    def views(self) -> list[Listing]:
+        """Return the views that it may see."""
+        return [view for view in self.floor.catalogue.views if self.may("see", view)]
+
+    def tools(self) -> dict[str, CommandTool]:
+        """Return the commands that it may have carried out, with or without asking, by the names of the tools."""
+        state = (self.floor.catalogue.version, self.floor.realm_client.gate.policy)
+        if self._tools[0] != state:
+            self._tools = state, self._make_tools()
+        return self._tools[1]
+
+    def _make_tools(self) -> dict[str, CommandTool]:
+        found: dict[str, CommandTool] = {}
+        for robot in self.robots().values():
+            for spec in robot.commands:
+                if self.may("command", robot, spec.name):
+                    tool = tool_of(robot, spec, asks=False)
+                elif self.may(ASK, robot, spec.name):
+                    tool = tool_of(robot, spec, asks=True)
+                else:
+                    continue
+                found[tool.name] = tool
+        return found
+
+    async def describe(self, robot: str) -> RobotDescription:
+        """Ask a robot how it is now, for the assistant."""
+        with asking_for_assistant(self.name):
+            return await self.floor.realm_client.describe(robot)
+
+    async def look(self, view: str, camera: str) -> bytes:
+        """Fetch a picture of a view that it may see, as JPEG."""
+        with asking_for_assistant(self.name):
+            return (await self.floor.realm_client.look(view, camera=camera)).jpeg
+
+    # -- calls ------------------------------------------------------------------------------------
+
+    async def call(self, robot: str, command: str, arguments: Mapping[str, Any], why: str, within: float) -> Going:
+        """Have a command begin.
+
+        Args:
+            robot: its name.
+            command: its name.
+            arguments: numbers in the declared units, or text with units.
+            why: in the assistant's words.
+            within: [s] within which it must be done.
+
+        Returns:
+            The call, which goes on.
+
+        Raises:
+            PermitNeeded: a person is asked first.
+            VrError: it is refused.
+        """
+        told: dict[str, Any] = {"robot": robot, "command": command, "arguments": dict(arguments), "why": why}
+        try:
+            self.spend_a_call()
+            described, spec, taken = await self._checked(robot, command, arguments, within)
+            if self.may("command", described, spec.name):
+                return await self._begin(described, spec, taken, within, why, None)
+            decision = self._decided(ASK, described, spec.name)
+            if not decision.allowed:
+                raise Denied(who=str(self.asker), right="command", target=f"{robot}.{command}",
+                             reason=decision.reason, ask=self.floor.realm_client.gate.ask)  # fmt: skip
+            permit = await self._ask_a_person(described, spec, taken, within, why)
+        except VrError as error:
+            self.record.write("refused", **told, text=str(error))
+            raise
+        if self.floor.rehearses_for is not None:
+            self.floor.permits.answer(permit.id, yes=True, by=REHEARSAL)
+            return await self.begin(permit.id)
+        self.record.write("asked", **told, permit=permit.id)
+        raise PermitNeeded(robot=robot, command=command, permit=permit.id)
+
+    async def begin(self, permit: str) -> Going:
+        """Have the call of a permit begin to which a person has said yes.
+
+        Raises:
+            PermitRefused: nobody has, it was used, or the robot is not as it was.
+            VrError: it is refused.
+        """
+        found = self.permit(permit)
+        try:
+            described, spec, taken = await self._checked(found.robot, found.command, found.arguments, found.within)
+            if taken != found.arguments:
+                raise PermitRefused(permit=permit, reason="the command takes other arguments now")
+            if not (self.may("command", described, spec.name) or self.may(ASK, described, spec.name)):
+                raise PermitRefused(permit=permit, reason="the policy does not allow it any more")
+            return await self._begin(described, spec, found.arguments, found.within, found.why, found)
+        except VrError as error:
+            told = {"robot": found.robot, "command": found.command, "permit": permit, "text": str(error)}
+            self.record.write("refused", **told)
+            raise
+
+    def permit(self, permit: str) -> Permit:
+        """Return a permit of this assistant; of others it learns nothing.
+
+        Raises:
+            NoSuchPermit: it has none of this id.
+        """
+        found = self.floor.permits.find(permit)
+        if found.assistant != self.name:
+            raise NoSuchPermit(permit=permit)
+        return found
+
+    def withdraw(self, what: str) -> str:
+        """End a call that goes on, or take back a permit that was not used; returns what was done.
+
+        Raises:
+            NoSuchPermit: there is neither.
+            PermitRefused: it is over.
+        """
+        if (going := self.going.get(what)) is not None and not going.over:
+            going.end("the assistant ended it")
+            return f"{going.robot}.{going.call.command} ends"
+        permit = self.floor.permits.withdraw(what, self.name)
+        return f"permit {permit.id} is withdrawn"
+
+    async def stop(self, robot: str | None) -> tuple[str, ...]:
+        """Protective stop of one robot, or of all: an assistant always may; a person resumes."""
+        self.record.write("stopped", robot=robot or "all")
+        with asking_for_assistant(self.name):
+            return tuple(await self.floor.realm_client.stop(robot))
+
+    def spend_a_call(self) -> None:
+        """Note that it has made a call.
+
+        Raises:
+            BudgetSpent: it has made too many.
+        """
+        terms = self.terms
+
+        def check(budget: Budget, now: float) -> None:
+            budget.expect("calls", terms, now, assistant=self.name)
+
+        self.record.use("calls", 1.0, check)
+
+    # -- when it is gone --------------------------------------------------------------------------
+
+    async def leave(self, why: str) -> None:
+        """Do with its commands what the policy says when it is gone."""
+        goings = [going for going in self.going.values() if not going.over]
+        if not goings:
+            return
+        gone = self.terms.gone
+        self.record.write("gone", text=f"{why}: {gone}")
+        if gone == "finish":
+            return
+        for going in goings:
+            going.end(f"{self.name} is gone")
+        if gone == "stop":
+            for robot in {going.robot for going in goings}:
+                with asking_for_assistant(self.name), contextlib.suppress(VrError):
+                    await self.floor.realm_client.stop(robot)
+
+    async def _look_after(self) -> None:
+        while True:
+            await asyncio.sleep(LOOKS)
+            if self.open == 0 and time.monotonic() - self._seen > LEASE:
+                await self.leave(f"nothing was heard of it for {LEASE:.0f} s")
+
+    # -- inside -----------------------------------------------------------------------------------
+
+    async def _checked(
+        self, robot: str, command: str, arguments: Mapping[str, Any], within: float
+    ) -> tuple[RobotDescription, CommandSpec, dict[str, Any]]:
+        """Look what is called, as it is now, and read the arguments as it takes them."""
+        if robot not in self.floor.catalogue.robots:
+            raise NoSuchRobot(name=bounded(robot))
+        if not 0 < within <= LONGEST_WITHIN:
+            raise BadArgument(command=f"{robot}.{command}", parameter="_within", reason=f"0 to {LONGEST_WITHIN:g} s")
+        described = await self.describe(robot)
+        spec = described.command(command)
+        if spec is None:
+            known = ", ".join(one.name for one in described.commands)
+            raise NoSuchCommand(robot=robot, command=bounded(command), known=known)
+        return described, spec, check_arguments(spec, arguments, robot=robot)
+
+    async def _ask_a_person(
+        self, robot: RobotDescription, spec: CommandSpec, taken: dict[str, Any], within: float, why: str
+    ) -> Permit:
+        realm_client = self.floor.realm_client
+        if realm_client.places.site_of(robot.address.key):
+            raise PermitRefused(permit="none", reason="robots of other sites cannot see the permits of this one")
+        digest = preview.digest_of(robot, spec.name, taken)
+        shown = preview.preview_of(
+            robot, spec, taken, await self._below(robot), preview.rehearsed(self.floor.folder, digest)
+        )
+        permit = Permit(
+            id=_id(),
+            assistant=self.name,
+            robot=robot.name,
+            life=robot.address.key,
+            stops=robot.stops,
+            command=spec.name,
+            arguments=taken,
+            units={field.name: field.unit for field in spec.parameters if field.unit and field.name in taken},
+            within=within,
+            why=bounded(why),
+            preview=shown.lines,
+            path=shown.path,
+            asked=time.time(),
+        )
+        self.floor.permits.ask(permit, b"" if self.floor.rehearses_for else await self._picture())
+        return permit
+
+    async def _picture(self) -> bytes:
+        """Return the picture that a person is shown; empty: there is none."""
+        for view in self.floor.catalogue.views:
+            with asking_for_assistant(""), contextlib.suppress(VrError, TimeoutError):
+                async with asyncio.timeout(PICTURE_WITHIN):
+                    return (await self.floor.realm_client.look(view.name)).jpeg
+        return b""
+
+    async def _below(self, robot: RobotDescription) -> list[str]:
+        """Return the names of the robots that a robot commands, and those that these command."""
+        found: dict[str, None] = {}
+        level = [robot]
+        for _ in range(DEEPEST):
+            names = [slot.child.name for each in level for slot in each.slots if slot.child is not None]
+            level = []
+            for name in names:
+                if name not in found:
+                    found[name] = None
+                    with contextlib.suppress(VrError), asking_for_assistant(""):
+                        level.append(await self.floor.realm_client.describe(name))
+        return [*found]
+
+    async def _begin(
+        self,
+        robot: RobotDescription,
+        spec: CommandSpec,
+        taken: dict[str, Any],
+        within: float,
+        why: str,
+        permit: Permit | None,
+    ) -> Going:
+        """Send the call, after its budgets and its permit have been checked once more."""
+        if sum(not going.over for going in self.going.values()) >= TOGETHER:
+            raise BudgetSpent(
+                assistant=self.name, what="commands at a time", used=TOGETHER, limit=TOGETHER, per="", seconds=1
+            )
+        moves = spec.effect != "read"
+        budget, terms, now = self.record.budget(), self.terms, time.time()
+        if moves:
+            budget.expect("seconds", terms, now, assistant=self.name)
+            budget.expect("metres", terms, now, assistant=self.name)
+            within = min(within, budget.left("seconds", terms, now))
+        below = await self._below(robot) if moves else []
+        key, note = fresh_key(), f"{self.name} says {said(why)}"
+        if permit is not None:
+            sent = PermittedCall(permit.id, robot.address.key, robot.stops, spec.name, taken, key)
+            permit = self.floor.permits.begin(permit.id, self.name, sent)
+            note += f"; {permit.by} said yes at {_clock(permit.answered)} (permit {permit.id})"
+        call = Call(
+            key=key, command=spec.name, arguments=taken, caller=self.name, deadline=within,
+            permit="" if permit is None else permit.id, note=note,
+        )  # fmt: skip
+        going = Going(robot.name, call, Way((robot.name, *below) if moves else ()), call.permit)
+        for name in (robot.name, *below) if moves else ():
+            going.way.take(name, robot.readings if name == robot.name else {})
+        self.record.write(
+            "begun", robot=robot.name, command=spec.name, arguments=taken, why=why, key=key,
+            permit=call.permit, by="" if permit is None else permit.by,
+        )  # fmt: skip
+        self._remember(going)
+        limit = budget.left("metres", terms, now) if moves else math.inf
+        with asking_for_assistant(self.name):
+            going.task = asyncio.create_task(self._carry_out(going, robot, moves=moves, limit=limit))
+        return going
+
+    def _remember(self, going: Going) -> None:
+        for old in [key for key, each in self.going.items() if each.over][: max(0, len(self.going) - REMEMBERED)]:
+            del self.going[old]
+        self.going[going.id] = going
+
+    async def _carry_out(self, going: Going, robot: RobotDescription, *, moves: bool, limit: float) -> None:
+        began, call = time.monotonic(), going.call
+        watch = asyncio.create_task(self._mind(going, limit)) if moves and limit < math.inf else None
+        try:
+            going.value = await self.floor.realm_client.carry_out(robot.address, call, on_progress=going.note)
+        except VrError as error:
+            going.error = error
+        except asyncio.CancelledError:
+            reason = going.why_ended or "the server ends"
+            going.error = CommandCancelled(robot=going.robot, command=call.command, reason=reason)
+        finally:
+            if watch is not None:
+                watch.cancel()
+        seconds = time.monotonic() - began
+        if moves:
+            self.record.use("seconds", seconds)
+            self.record.use("metres", going.way.metres)
+            going.observed = await self._observe(going.robot)
+        going.changed = time.time()
+        self._write_down(going, seconds)
+
+    async def _mind(self, going: Going, limit: float) -> None:
+        """End a command that has moved its robots further than the assistant may."""
+        while going.way.metres <= limit:
+            await asyncio.sleep(LOOKS / 10)
+        going.end(f"{self.name} has used its {self.terms.metres:g} m an hour")
+
+    async def _observe(self, robot: str) -> dict[str, float]:
+        """Return what a robot reads after its command."""
+        with contextlib.suppress(VrError, TimeoutError):
+            async with asyncio.timeout(PICTURE_WITHIN):
+                return dict((await self.describe(robot)).readings)
+        return {}
+
+    def _write_down(self, going: Going, seconds: float) -> None:
+        ended = "done" if going.error is None else str(going.error)
+        seen = ", ".join(f"{name} {value:.4g}" for name, value in [*going.observed.items()][:8])
+        text = f"{ended}; {seconds:.1f} s, {going.way.metres:.2f} m" + (f"; then {seen}" if seen else "")
+        outcome = "done" if going.error is None else "failed"
+        self.record.write(outcome, robot=going.robot, command=going.call.command, key=going.call.key,
+                          permit=going.permit, text=text)  # fmt: skip
+        if going.permit:
+            self.floor.permits.settle(going.permit, bounded(text))
+        if (folder := self.floor.rehearses_for) is not None and going.way.points:
+            self._keep_rehearsal(folder, going, seconds, ended)
+
+    def _keep_rehearsal(self, folder: Path, going: Going, seconds: float, ended: str) -> None:
+        robot = self.floor.catalogue.robots.get(going.robot)
+        if robot is not None:
+            digest = preview.digest_of(robot, going.call.command, going.call.arguments)
+            kept = preview.Rehearsal(
+                call=f"{going.robot}.{going.call.command}", ok=going.error is None, outcome=bounded(ended),
+                seconds=seconds, metres=going.way.metres, path=going.way.longest, unix=time.time(),
+            )  # fmt: skip
+            preview.keep(folder, digest, kept)
+
+    def _hear(self, robot: str, state: State) -> None:
+        for going in self.going.values():
+            if not going.over:
+                going.way.take(robot, state.readings)
+
+
+def explained(error: VrError) -> str:
+    """Return an error for an assistant: what robots say in it is bounded."""
+    return f"{type(error).__name__}: {bounded(str(error), 1000)}"
+
+
+def usual_within(given: Any) -> float:
+    """Return the time that a call may take, [s]; NaN: what was given is none."""
+    if given is None:
+        return USUAL_WITHIN
+    return float(given) if isinstance(given, int | float) and not isinstance(given, bool) else math.nan
+
+
+def _id() -> str:
+    """Return the id of a new permit: short enough to be typed, and nobody can guess it."""
+    import secrets
+
+    return "".join(secrets.choice("abcdefghjkmnpqrstuvwxyz23456789") for _ in range(8))
+
+
+def _clock(unix: float) -> str:
+    return time.strftime("%H:%M:%S", time.localtime(unix))
+
+
+OnGone = Callable[[], object]

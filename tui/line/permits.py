@@ -1,0 +1,101 @@
+"""The verbs about permits: what assistants ask people for, and the answers."""
+
+from __future__ import annotations
+
+import os
+import time
+from typing import TYPE_CHECKING, Any
+
+from robotree.tui.line.grammar import Line
+from robotree.tui.line.verbs import Outcome, Teller, plain
+
+if TYPE_CHECKING:  # help must not wait for the agents
+    from robotree.vr.base.permit import Permit
+    from robotree.vr.network.permit_file import PermitFiles
+    from robotree.vr.supervision.realm_client import RealmClient
+
+
+def permits_of(realm_client: RealmClient) -> PermitFiles:
+    """Return the permits of a realm."""
+    from robotree.vr.network.permit_file import permits_beside
+
+    return permits_beside(realm_client.gate)
+
+
+async def permits(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
+    """List the permits that wait for a person, or all that are remembered."""
+    kept = permits_of(realm_client)
+    found = kept.all() if line.flag("--all") else kept.waiting()
+    text = "\n\n".join(permit_text(one, time.time(), str(kept.folder)) for one in found)
+    return Outcome([plain(one) for one in found], text or "no permit waits for an answer")
+
+
+async def permit_allow(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
+    """Say yes to one call of an assistant."""
+    return _answered(realm_client, line.text("PERMIT"), yes=True)
+
+
+async def permit_deny(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
+    """Say no to one call of an assistant."""
+    return _answered(realm_client, line.text("PERMIT"), yes=False)
+
+
+def _answered(realm_client: RealmClient, permit: str, *, yes: bool) -> Outcome:
+    done = answer(realm_client, permit, yes=yes)
+    words = "may begin, once, within 5 min" if yes else "will not begin"
+    data: dict[str, Any] = {"permit": done.id, "state": done.state, "call": done.call, "by": done.by}
+    return Outcome(data, f"{done.call} {words}")
+
+
+def answer(realm_client: RealmClient, permit: str, *, yes: bool) -> Permit:
+    """Answer a permit as the person at this terminal, who must be allowed to command the robot itself.
+
+    Raises:
+        PermitError: it cannot be answered.
+        Denied: this person may not.
+    """
+    from robotree.vr.base.envelope import this_terminal
+    from robotree.vr.base.errors import Denied
+    from robotree.vr.base.policy import PolicyTarget
+    from robotree.vr.base.principal import user_name
+
+    files = permits_of(realm_client)
+    found = files.find(permit)
+    listed = [one for one in realm_client.robots() if one.address.key == found.life]
+    kinds = tuple(listed[0].kinds) if listed else ()
+    gate, user = realm_client.gate, user_name(os.geteuid())
+    target = PolicyTarget(found.robot, "robot", kinds, found.command, gate.site)
+    decision = gate.may(gate.user(user), "command", target)
+    if yes and not decision.allowed:
+        who = gate.user(user).name
+        raise Denied(who=who, right="command", target=str(target), reason=decision.reason, ask=gate.ask)
+    return files.answer(permit, yes=yes, by=f"{user}@{this_terminal()}")
+
+
+def permit_text(permit: Permit, now: float, folder: str = "") -> str:
+    """Return a permit for people: who wants what, why, and what it would do.
+
+    Args:
+        permit: which.
+        now: [s] since 1970.
+        folder: in which its picture lies.
+    """
+    state = "has expired" if permit.state == "waits" and permit.expired(now) else permit.state
+    lines = [f"{permit.id}  {permit.call}  within {permit.within:g} s", f"  {state}{_since(permit, now)}"]
+    lines.append(f"  {permit.assistant} asks; it says why: «{permit.why}»")
+    if permit.by:
+        lines.append(f"  {permit.by} answered at {time.strftime('%H:%M:%S', time.localtime(permit.answered))}")
+    lines += [f"  {line}" for line in permit.preview]
+    if permit.picture and folder:
+        lines.append(f"  picture: {folder}/{permit.picture}")
+    if permit.outcome:
+        lines.append(f"  it ended: {permit.outcome}")
+    if permit.state == "waits" and not permit.expired(now):
+        lines.append(f"  robotree permit allow {permit.id}    or: robotree permit deny {permit.id}")
+    return "\n".join(lines)
+
+
+def _since(permit: Permit, now: float) -> str:
+    if permit.state == "waits" and not permit.expired(now):
+        return f" since {max(0.0, now - permit.asked):.0f} s, for {(permit.until() - now) / 60:.0f} min more"
+    return f", asked at {time.strftime('%Y-%m-%d %H:%M:%S', time.localtime(permit.asked))}"
