@@ -49,7 +49,9 @@ class Budget:
         limit: float = getattr(terms, what)
         return max(0.0, limit - self.used(what, now))
 
-    def expect(self, what: What, terms: AssistantTerms, now: float, *, assistant: str, amount: float = 0) -> None:
+    def expect(
+        self, what: What, terms: AssistantTerms, now: float, *, assistant: str, amount: float = 0
+    ) -> None:
         """Check that something is left.
 
         Args:

@@ -1,4 +1,4 @@
-"""The robots and views that there are, as they describe themselves: kept, and asked again when the lists change.
+"""The robots and views that there are, as they describe themselves: asked again when the lists change.
 
 A list of tools for a thousand robots must not ask a thousand robots. So each is asked once in its life, and
 again when what it lists changes.
@@ -81,7 +81,9 @@ class Catalogue:
             await asyncio.gather(*map(self._learn, missing[first : first + TOGETHER]))
         known = {(one.address.key, one.revision): one for one in listed}
         self._known = {key: robot for key, robot in self._known.items() if key in known}
-        robots = {known[key].name: robot for key, robot in sorted(self._known.items(), key=lambda each: each[0])}
+        robots = {
+            known[key].name: robot for key, robot in sorted(self._known.items(), key=lambda each: each[0])
+        }
         views = sorted(self._realm_client.views(), key=lambda one: one.name)
         if len(self._known) < len(known):
             asyncio.get_running_loop().call_later(AGAIN, self._news.set)

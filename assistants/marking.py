@@ -1,4 +1,4 @@
-"""Texts of robots, pages and assistants as data: bounded, on one line, and marked as what somebody says. Pure.
+"""Texts of robots, pages and assistants as data: bounded, on one line, marked as what somebody says. Pure.
 
 A name or a text that a robot sends is written by whoever wrote its page; a reason that an assistant gives is
 written by a model. Neither is an instruction to whoever reads it next. So both are cut, freed of characters
@@ -41,7 +41,7 @@ def said(text: str, most: int = LONGEST) -> str:
     return f"{OPEN}{bounded(text, most)}{CLOSE}"
 
 
-def data_of(value: object, deepest: int = DEEPEST) -> Any:
+def data_of(value: object, deepest: int = DEEPEST) -> Any:  # noqa: PLR0911 # one for each type
     """Return a result of a robot with all of its texts and sizes bounded: plain data for JSON."""
     match value:
         case str():

@@ -53,4 +53,5 @@ class Way:
     @property
     def longest(self) -> tuple[Point, ...]:
         """The way of the robot that has moved through most points."""
-        return tuple(max(self.points.values(), key=len, default=[]))
+        ways = sorted(self.points.values(), key=len)
+        return tuple(ways[-1]) if ways else ()

@@ -50,7 +50,7 @@ class Preview(NamedTuple):
 
 
 def digest_of(robot: RobotDescription, command: str, arguments: Mapping[str, Any]) -> str:
-    """Return under which name the rehearsal of a call is kept: its robot's name and kind, command, arguments."""
+    """Return under which name the rehearsal of a call is kept: by its robot, its kind, and what is called."""
     content = msgspec.json.Encoder(order="deterministic").encode(
         [robot.name, robot.kind, command, dict(arguments)]
     )
@@ -120,7 +120,10 @@ def straight(robot: RobotDescription, arguments: Mapping[str, Any]) -> tuple[Poi
     there = [arguments.get(axis) for axis in AXES]
     if here is None or not any(isinstance(each, int | float) for each in there):
         return ()
-    goal = [float(given) if isinstance(given, int | float) else now for given, now in zip(there, here, strict=True)]
+    goal = [
+        float(given) if isinstance(given, int | float) else now
+        for given, now in zip(there, here, strict=True)
+    ]
     return tuple(
         (
             here[0] + (goal[0] - here[0]) * step / (STEPS - 1),
@@ -147,7 +150,9 @@ def drawn(path: Sequence[Point]) -> list[str]:
     first = round((xs[0] - min(xs)) * scale), min(rows - 1, round((max(ys) - ys[0]) * scale / 2))
     if grid[first[1]][min(WIDTH - 1, first[0])] != "x":
         grid[first[1]][min(WIDTH - 1, first[0])] = "o"
-    head = f"from above, {span:.2f} m wide, z {min(p[2] for p in path):.2f} to {max(p[2] for p in path):.2f} m:"
+    head = (
+        f"from above, {span:.2f} m wide, z {min(p[2] for p in path):.2f} to {max(p[2] for p in path):.2f} m:"
+    )
     return [head, *("".join(row).rstrip() for row in grid)]
 
 

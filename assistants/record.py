@@ -26,7 +26,9 @@ LARGEST: Final = 4 << 20
 LONGEST_LINE: Final = 8000
 """[B]"""
 
-What_became = Literal["came", "refused", "asked", "answered", "begun", "done", "failed", "stopped", "gone", "rehearsed"]
+Became = Literal[
+    "came", "refused", "asked", "answered", "begun", "done", "failed", "stopped", "gone", "rehearsed"
+]
 
 
 class Entry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -34,7 +36,7 @@ class Entry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     unix: float
     """[s] since 1970."""
-    what: What_became
+    what: Became
     robot: str = ""
     command: str = ""
     arguments: Any = None
@@ -58,7 +60,7 @@ class Record:
         self._lines = self.folder / f"{assistant}.jsonl"
         self._uses = self.folder / f"{assistant}.used.json"
 
-    def write(self, what: What_became, **told: Any) -> None:
+    def write(self, what: Became, **told: Any) -> None:
         """Append a line; texts and arguments are bounded. It is on its way to the disk when this returns.
 
         Raises:
@@ -68,7 +70,9 @@ class Record:
                  for name, value in told.items()}  # fmt: skip
         line = msgspec.json.encode(Entry(unix=self.unix(), what=what, **texts))
         if len(line) > LONGEST_LINE:
-            line = msgspec.json.encode(Entry(unix=self.unix(), what=what, **{**texts, "arguments": "too large"}))
+            line = msgspec.json.encode(
+                Entry(unix=self.unix(), what=what, **{**texts, "arguments": "too large"})
+            )
         with self._locked():
             file = opened_own(self._lines, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
             with os.fdopen(file, "ab") as stream:
@@ -92,7 +96,9 @@ class Record:
         with self._locked():
             return self._budget()
 
-    def use(self, what: What, amount: float, check: Callable[[Budget, float], None] = lambda *_: None) -> None:
+    def use(
+        self, what: What, amount: float, check: Callable[[Budget, float], None] = lambda _budget, _now: None
+    ) -> None:
         """Note that something was used.
 
         Args:

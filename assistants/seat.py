@@ -11,7 +11,7 @@ import math
 import os
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -19,7 +19,7 @@ from robotree.assistants import preview
 from robotree.assistants.budget import Budget
 from robotree.assistants.marking import bounded, data_of, said
 from robotree.assistants.meter import Way
-from robotree.assistants.record import Record
+from robotree.assistants.record import Became, Record
 from robotree.assistants.tools import LONGEST_WITHIN, USUAL_WITHIN, CommandTool, tool_of
 from robotree.vr.base.arguments import check_arguments
 from robotree.vr.base.chance import token
@@ -37,7 +37,7 @@ from robotree.vr.base.errors import (
     VrError,
 )
 from robotree.vr.base.permit import Permit, PermittedCall
-from robotree.vr.base.policy import ASK, AssistantTerms, Person, PolicyTarget
+from robotree.vr.base.policy import ASK, AssistantTerms, Decision, Person, PolicyTarget
 from robotree.vr.base.principal import user_name
 from robotree.vr.base.requests import Call
 from robotree.vr.exchange.asking import fresh_key
@@ -93,6 +93,8 @@ class Going:
         self.value: Any = None
         self.error: VrError | None = None
         self.observed: dict[str, float] = {}
+        self.limit = math.inf
+        """[m] that its robots may move."""
         self.task: asyncio.Task[None] | None = None
         self.news = asyncio.Event()
 
@@ -151,7 +153,7 @@ class Seat:
         self._watch = asyncio.create_task(self._look_after())
 
     async def close(self) -> None:
-        """The assistant is gone: its commands do what the policy says, and this returns when they have ended."""
+        """End its commands as the policy says, for the assistant is gone; returns when they have ended."""
         await self.leave("it has gone")
         await asyncio.gather(*(going.wait() for going in self.going.values()))
         if self._watch is not None:
@@ -190,7 +192,7 @@ class Seat:
         """Whether the policy allows it something."""
         return self._decided(right, robot, command).allowed
 
-    def _decided(self, right: str, robot: RobotDescription | Listing, command: str = "") -> Any:
+    def _decided(self, right: str, robot: RobotDescription | Listing, command: str = "") -> Decision:
         realm_client = self.floor.realm_client
         site = realm_client.places.site_of(robot.address.key) or realm_client.gate.site
         name, role = robot.address.plain_name, robot.address.role
@@ -208,7 +210,7 @@ class Seat:
         return [view for view in self.floor.catalogue.views if self.may("see", view)]
 
     def tools(self) -> dict[str, CommandTool]:
-        """Return the commands that it may have carried out, with or without asking, by the names of the tools."""
+        """Return the commands that it may have carried out, asking or not, by the names of the tools."""
         state = (self.floor.catalogue.version, self.floor.realm_client.gate.policy)
         if self._tools[0] != state:
             self._tools = state, self._make_tools()
@@ -239,7 +241,9 @@ class Seat:
 
     # -- calls ------------------------------------------------------------------------------------
 
-    async def call(self, robot: str, command: str, arguments: Mapping[str, Any], why: str, within: float) -> Going:
+    async def call(
+        self, robot: str, command: str, arguments: Mapping[str, Any], why: str, within: float
+    ) -> Going:
         """Have a command begin.
 
         Args:
@@ -285,7 +289,9 @@ class Seat:
         """
         found = self.permit(permit)
         try:
-            described, spec, taken = await self._checked(found.robot, found.command, found.arguments, found.within)
+            described, spec, taken = await self._checked(
+                found.robot, found.command, found.arguments, found.within
+            )
             if taken != found.arguments:
                 raise PermitRefused(permit=permit, reason="the command takes other arguments now")
             if not (self.may("command", described, spec.name) or self.may(ASK, described, spec.name)):
@@ -372,7 +378,9 @@ class Seat:
         if robot not in self.floor.catalogue.robots:
             raise NoSuchRobot(name=bounded(robot))
         if not 0 < within <= LONGEST_WITHIN:
-            raise BadArgument(command=f"{robot}.{command}", parameter="_within", reason=f"0 to {LONGEST_WITHIN:g} s")
+            raise BadArgument(
+                command=f"{robot}.{command}", parameter="_within", reason=f"0 to {LONGEST_WITHIN:g} s"
+            )
         described = await self.describe(robot)
         spec = described.command(command)
         if spec is None:
@@ -385,7 +393,9 @@ class Seat:
     ) -> Permit:
         realm_client = self.floor.realm_client
         if realm_client.places.site_of(robot.address.key):
-            raise PermitRefused(permit="none", reason="robots of other sites cannot see the permits of this one")
+            raise PermitRefused(
+                permit="none", reason="robots of other sites cannot see the permits of this one"
+            )
         digest = preview.digest_of(robot, spec.name, taken)
         shown = preview.preview_of(
             robot, spec, taken, await self._below(robot), preview.rehearsed(self.floor.folder, digest)
@@ -422,7 +432,7 @@ class Seat:
         level = [robot]
         for _ in range(DEEPEST):
             names = [slot.child.name for each in level for slot in each.slots if slot.child is not None]
-            level = []
+            level = list[RobotDescription]()
             for name in names:
                 if name not in found:
                     found[name] = None
@@ -442,7 +452,12 @@ class Seat:
         """Send the call, after its budgets and its permit have been checked once more."""
         if sum(not going.over for going in self.going.values()) >= TOGETHER:
             raise BudgetSpent(
-                assistant=self.name, what="commands at a time", used=TOGETHER, limit=TOGETHER, per="", seconds=1
+                assistant=self.name,
+                what="commands at a time",
+                used=TOGETHER,
+                limit=TOGETHER,
+                per="",
+                seconds=1,
             )
         moves = spec.effect != "read"
         budget, terms, now = self.record.budget(), self.terms, time.time()
@@ -468,19 +483,21 @@ class Seat:
             permit=call.permit, by="" if permit is None else permit.by,
         )  # fmt: skip
         self._remember(going)
-        limit = budget.left("metres", terms, now) if moves else math.inf
+        if moves:
+            going.limit = budget.left("metres", terms, now)
         with asking_for_assistant(self.name):
-            going.task = asyncio.create_task(self._carry_out(going, robot, moves=moves, limit=limit))
+            going.task = asyncio.create_task(self._carry_out(going, robot, moves=moves))
         return going
 
     def _remember(self, going: Going) -> None:
-        for old in [key for key, each in self.going.items() if each.over][: max(0, len(self.going) - REMEMBERED)]:
+        for old in [key for key, each in self.going.items() if each.over][
+            : max(0, len(self.going) - REMEMBERED)
+        ]:
             del self.going[old]
         self.going[going.id] = going
 
-    async def _carry_out(self, going: Going, robot: RobotDescription, *, moves: bool, limit: float) -> None:
+    async def _carry_out(self, going: Going, robot: RobotDescription, *, moves: bool) -> None:
         began, call = time.monotonic(), going.call
-        watch = asyncio.create_task(self._mind(going, limit)) if moves and limit < math.inf else None
         try:
             going.value = await self.floor.realm_client.carry_out(robot.address, call, on_progress=going.note)
         except VrError as error:
@@ -488,9 +505,6 @@ class Seat:
         except asyncio.CancelledError:
             reason = going.why_ended or "the server ends"
             going.error = CommandCancelled(robot=going.robot, command=call.command, reason=reason)
-        finally:
-            if watch is not None:
-                watch.cancel()
         seconds = time.monotonic() - began
         if moves:
             self.record.use("seconds", seconds)
@@ -498,12 +512,6 @@ class Seat:
             going.observed = await self._observe(going.robot)
         going.changed = time.time()
         self._write_down(going, seconds)
-
-    async def _mind(self, going: Going, limit: float) -> None:
-        """End a command that has moved its robots further than the assistant may."""
-        while going.way.metres <= limit:
-            await asyncio.sleep(LOOKS / 10)
-        going.end(f"{self.name} has used its {self.terms.metres:g} m an hour")
 
     async def _observe(self, robot: str) -> dict[str, float]:
         """Return what a robot reads after its command."""
@@ -516,7 +524,7 @@ class Seat:
         ended = "done" if going.error is None else str(going.error)
         seen = ", ".join(f"{name} {value:.4g}" for name, value in [*going.observed.items()][:8])
         text = f"{ended}; {seconds:.1f} s, {going.way.metres:.2f} m" + (f"; then {seen}" if seen else "")
-        outcome = "done" if going.error is None else "failed"
+        outcome: Became = "done" if going.error is None else "failed"
         self.record.write(outcome, robot=going.robot, command=going.call.command, key=going.call.key,
                           permit=going.permit, text=text)  # fmt: skip
         if going.permit:
@@ -538,6 +546,8 @@ class Seat:
         for going in self.going.values():
             if not going.over:
                 going.way.take(robot, state.readings)
+                if going.way.metres > going.limit:
+                    going.end(f"{self.name} has used its {self.terms.metres:g} m an hour")
 
 
 def explained(error: VrError) -> str:
@@ -561,6 +571,3 @@ def _id() -> str:
 
 def _clock(unix: float) -> str:
     return time.strftime("%H:%M:%S", time.localtime(unix))
-
-
-OnGone = Callable[[], object]

@@ -1,8 +1,8 @@
 """The Model Context Protocol over one seat: tools, resources, tasks, and news of the lists.
 
 Tasks are the protocol's extension of that name (`io.modelcontextprotocol/tasks`, SEP-2663): a client that
-declares it gets a task for a command that goes on, and for one that waits for a person; all others wait in their
-request, with progress, and ask for a permit by the tool `robotree_permit`.
+declares it gets a task for a command that goes on, and for one that waits for a person; all others wait in
+their request, with progress, and ask for a permit by the tool `robotree_permit`.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from mcp.server.subscriptions import (
     ToolsListChanged,
 )
 from mcp.shared.exceptions import MCPError
+from mcp_types.version import HANDSHAKE_PROTOCOL_VERSIONS
 
 from robotree.assistants.marking import DATA, bounded, data_of, said
 from robotree.assistants.seat import Going, Seat, explained, usual_within
@@ -49,9 +50,10 @@ PAGE: Final = 500
 STREAMS: Final = 4
 """Listening streams of one assistant."""
 INSTRUCTIONS: Final = (
-    "These are real robots of a robotree realm; moving them can hurt people. Each tool ROBOT__COMMAND has one command"
-    " carried out; numbers are in the units that its schema names. Say why in `_why`: people read it. Some calls need a"
-    " person's yes: the answer names a permit; ask for it with robotree_permit, and do not repeat the call."
+    "These are real robots of a robotree realm; moving them can hurt people. Each tool ROBOT__COMMAND has one"
+    " command carried out; numbers are in the units that its schema names. Say why in `_why`: people read it."
+    " Some calls need a person's yes: the answer names a permit; ask for it with robotree_permit, and do not"
+    " repeat the call."
     " robotree_stop stops robots at once and is always allowed; only people resume. " + DATA
 )
 _Context = ServerRequestContext[Any, Any]
@@ -60,8 +62,8 @@ _TEXT: Final[dict[str, Any]] = {"type": "string", "maxLength": 80}
 _OWN_TOOLS: Final = (
     types.Tool(
         name="robotree_stop",
-        description="Protective stop of a robot and of those below it, or of all robots: at once, always allowed. Only a"
-        " person can resume.",
+        description="Protective stop of a robot and of those below it, or of all robots: at once, always"
+        " allowed. Only a person can resume.",
         input_schema={"type": "object", "properties": {"robot": _TEXT}, "additionalProperties": False},
         annotations=types.ToolAnnotations(idempotent_hint=True),
     ),
@@ -73,8 +75,8 @@ _OWN_TOOLS: Final = (
     ),
     types.Tool(
         name="robotree_permit",
-        description="Look whether a person has said yes to your call; if so it begins now, once, and this waits for its"
-        " end.",
+        description="Look whether a person has said yes to your call; if so it begins now, once, and this"
+        " waits for its end.",
         input_schema={
             "type": "object",
             "properties": {"permit": _TEXT},
@@ -84,7 +86,7 @@ _OWN_TOOLS: Final = (
     ),
     types.Tool(
         name="robotree_withdraw",
-        description="Take back a permit that you do not need any more, or end a command of yours that goes on.",
+        description="Take back a permit that you do not need any more, or end a command of yours.",
         input_schema={
             "type": "object",
             "properties": {"permit": _TEXT},
@@ -171,9 +173,12 @@ class AssistantServer:
 
     # -- lists ------------------------------------------------------------------------------------
 
-    async def _list_tools(self, ctx: _Context, params: types.PaginatedRequestParams | None) -> types.ListToolsResult:
+    async def _list_tools(
+        self, ctx: _Context, params: types.PaginatedRequestParams | None
+    ) -> types.ListToolsResult:
         with self._request():
-            self._sessions[id(ctx.session._connection)] = ctx.session  # noqa: SLF001 # one for each connection
+            if (said_first := ctx.session.client_params) and _is_told(ctx):
+                self._sessions[id(said_first)] = ctx.session  # the latest of each connection
             return _tools_page([*self.seat.tools().values()], params)
 
     async def _list_resources(
@@ -233,7 +238,9 @@ class AssistantServer:
                     contents=[types.TextResourceContents(uri=uri, mime_type="application/json", text=text)]
                 )
             if begin == "robotree" and role == "view" and len(names) in (1, 2):
-                blob = base64.b64encode(await self.seat.look(names[0], (names + [""])[1])).decode()
+                blob = base64.b64encode(
+                    await self.seat.look(names[0], names[1] if len(names) > 1 else "")
+                ).decode()
                 return types.ReadResourceResult(
                     contents=[types.BlobResourceContents(uri=uri, mime_type="image/jpeg", blob=blob)]
                 )
@@ -264,7 +271,9 @@ class AssistantServer:
             except PermitNeeded as needed:
                 if _takes_tasks(ctx):
                     return self._task_of(self.seat.permit(str(needed.data["permit"])))
-                return _answer({"permit": needed.data["permit"], "state": "waits"}, _WAITS.format(**needed.data))
+                return _answer(
+                    {"permit": needed.data["permit"], "state": "waits"}, _WAITS.format(**needed.data)
+                )
             except VrError as error:
                 return _failure(explained(error))
 
@@ -273,9 +282,13 @@ class AssistantServer:
             case "robotree_stop":
                 robot = given.get("robot")
                 stopped = await self.seat.stop(None if robot is None else str(robot))
-                return _answer({"stopped": [*stopped]}, f"stopped: {', '.join(map(bounded, stopped)) or 'nobody'}")
+                return _answer(
+                    {"stopped": [*stopped]}, f"stopped: {', '.join(map(bounded, stopped)) or 'nobody'}"
+                )
             case "robotree_robots":
-                found = {each: _shown(await self.seat.describe(each)) for each in [*self.seat.robots()][:PAGE]}
+                found = {
+                    each: _shown(await self.seat.describe(each)) for each in [*self.seat.robots()][:PAGE]
+                }
                 return _answer({"robots": found})
             case "robotree_permit":
                 return await self._permitted(ctx, str(given.get("permit", "")))
@@ -298,7 +311,9 @@ class AssistantServer:
         if not isinstance(why, str) or not why.strip():
             raise BadArgument(command=name, parameter=WHY, reason="say why you call it, as text")
         arguments = {key: value for key, value in given.items() if key not in (WHY, WITHIN)}
-        going = await self.seat.call(tool.robot, tool.spec.name, arguments, why, usual_within(given.get(WITHIN)))
+        going = await self.seat.call(
+            tool.robot, tool.spec.name, arguments, why, usual_within(given.get(WITHIN))
+        )
         return await self._followed(ctx, going)
 
     async def _permitted(self, ctx: _Context, permit: str) -> Any:
@@ -345,7 +360,9 @@ class AssistantServer:
                 going = await self.seat.begin(task)
             except VrError as error:
                 done = _failure(explained(error))
-                return _envelope(task, "completed", permit.asked, permit.answered, explained(error)) | _result(done)
+                return _envelope(
+                    task, "completed", permit.asked, permit.answered, explained(error)
+                ) | _result(done)
         if going.over:
             cancelled = going.why_ended == _CANCELLED
             state = "cancelled" if cancelled else "completed"
@@ -381,7 +398,9 @@ class AssistantServer:
             state = "working"
         else:
             state = "cancelled" if permit.state in ("withdrawn", "denied") else "completed"
-            text = f"permit {permit.id} is {permit.state}" + (" and has expired" if permit.expired(now) else "")
+            text = f"permit {permit.id} is {permit.state}" + (
+                " and has expired" if permit.expired(now) else ""
+            )
         known = _envelope(permit.id, state, permit.asked, permit.answered or permit.asked, text)
         if state == "completed":
             known |= _result(_failure(f"{text}. {said(permit.outcome)}"))
@@ -393,6 +412,11 @@ _WAITS: Final = (
     "{robot}.{command} has not begun: it needs a person's yes. Permit {permit} waits. Ask with"
     ' robotree_permit {{"permit": "{permit}"}} later; do not repeat the call.'
 )
+
+
+def _is_told(ctx: _Context) -> bool:
+    """Whether a client of an earlier version is told of changes without asking for it."""
+    return ctx.protocol_version in HANDSHAKE_PROTOCOL_VERSIONS
 
 
 def _takes_tasks(ctx: _Context) -> bool:
@@ -466,7 +490,9 @@ def _page(found: list[Any], params: types.PaginatedRequestParams | None) -> tupl
     return found[first:after], str(after) if after < len(found) else None
 
 
-def _tools_page(found: list[CommandTool], params: types.PaginatedRequestParams | None) -> types.ListToolsResult:
+def _tools_page(
+    found: list[CommandTool], params: types.PaginatedRequestParams | None
+) -> types.ListToolsResult:
     own = params is None or params.cursor is None
     shown, cursor = _page(found, params)
     tools = [*_OWN_TOOLS] if own else []

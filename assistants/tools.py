@@ -53,7 +53,8 @@ def tool_of(robot: RobotDescription, spec: CommandSpec, *, asks: bool) -> Comman
     about = f" Its page says: {said(spec.doc)}." if spec.doc else ""
     returns = ", ".join(_brief(field) for field in spec.result)
     result = f" It returns {returns}." if returns else ""
-    text = f"Command {bounded(spec.name)} of robot {bounded(robot.name)} ({bounded(robot.kind)}). {effect}{doubt}"
+    who = f"{bounded(robot.name)} ({bounded(robot.kind)})"
+    text = f"Command {bounded(spec.name)} of robot {who}. {effect}{doubt}"
     name = tool_name(robot.name, spec.name)
     return CommandTool(name, robot.name, spec, f"{text}{about}{result}", schema_of(spec), asks)
 
@@ -104,7 +105,7 @@ def field_schema(field: FieldSpec) -> dict[str, Any]:
     return schema
 
 
-def _typed(field: FieldSpec) -> dict[str, Any]:
+def _typed(field: FieldSpec) -> dict[str, Any]:  # noqa: PLR0911 # one for each type
     match field.type:
         case "float" | "int":
             schema: dict[str, Any] = {"type": "number" if field.type == "float" else "integer"}

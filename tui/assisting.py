@@ -1,9 +1,9 @@
 """The verbs about assistants: `robotree mcp`, and the keys of those who may use it.
 
-    robotree assistant invite claude
-    robotree mcp --robots 'arm-*'
-    robotree mcp --http 7333
-    robotree mcp --rehearse
+robotree assistant invite claude
+robotree mcp --robots 'arm-*'
+robotree mcp --http 7333
+robotree mcp --rehearse
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from robotree.client.joining import joined
 from robotree.tui import demo, exit_codes
 from robotree.tui.errors import NoPlaceForState, ValueRefused
 from robotree.tui.line.grammar import Line
+from robotree.tui.line.verbs import plain
 from robotree.tui.processes.crew import Crew
 from robotree.tui.processes.realm import anybody_met, nothing_to_ask
 from robotree.tui.processes.state_files import state_file
@@ -31,6 +32,7 @@ from robotree.vr.base.errors import AssistantUnknown
 from robotree.vr.network.policy_file import POLICY
 
 if TYPE_CHECKING:
+    from robotree.assistants.record import Entry
     from robotree.assistants.seat import Floor
 
 NAME = re.compile(r"[A-Za-z0-9_-]{1,24}")
@@ -73,7 +75,9 @@ def _invite(line: Line, realm: str) -> int:
 
     name = line.text("NAME")
     if not NAME.fullmatch(name):
-        raise ValueRefused("NAME", f"{name!r} cannot be the name of an assistant: up to 24 letters, digits, - and _")
+        raise ValueRefused(
+            "NAME", f"{name!r} cannot be the name of an assistant: up to 24 letters, digits, - and _"
+        )
     key = AssistantKeys(folder_of(realm)).invite(name)
     policy = gate_of(realm).policy
     hints = [] if policy is not None and name in policy.assistants else [
@@ -103,14 +107,9 @@ def _list(line: Line, realm: str) -> int:
         if not NAME.fullmatch(name):
             raise ValueRefused("NAME", f"{name!r} cannot be the name of an assistant")
         entries = Record(folder, name).entries(NOTED)
-        rows = [
-            (time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(one.unix)), one.what,
-             ".".join(filter(None, (one.robot, one.command))), one.text or (f"«{one.why}»" if one.why else ""))
-            for one in entries
-        ]  # fmt: skip
-        from robotree.tui.line.verbs import plain
-
-        answer(wording.columns(rows) if rows else f"nothing is kept of {name}", lambda: [plain(one) for one in entries])
+        told_of = [_entry_row(one) for one in entries]
+        text = wording.columns(told_of) if told_of else f"nothing is kept of {name}"
+        answer(text, lambda: [plain(one) for one in entries])
         return exit_codes.DONE
     keys, policy = AssistantKeys(folder).all(), gate_of(realm).policy
     told = policy.assistants if policy is not None else {}
@@ -124,12 +123,22 @@ def _list(line: Line, realm: str) -> int:
         for each in sorted({*keys, *told})
     ]
     rows = [("ASSISTANT", "KEY", "ROLES")] + [
-        (str(one["name"]), f"for {one['days']} days" if one["key"] else "none", ", ".join(map(str, told_roles)) or "none")
+        (
+            str(one["name"]),
+            f"for {one['days']} days" if one["key"] else "none",
+            ", ".join(map(str, told_roles)) or "none",
+        )
         for one in data
         for told_roles in [one["roles"] if isinstance(one["roles"], list) else []]
     ]
     answer(wording.columns(rows) if data else "no assistant has a key", lambda: data)
     return exit_codes.DONE
+
+
+def _entry_row(entry: Entry) -> tuple[str, str, str, str]:
+    at = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(entry.unix))
+    what = ".".join(filter(None, (entry.robot, entry.command)))
+    return at, entry.what, what, entry.text or (f"«{entry.why}»" if entry.why else "")
 
 
 # -- serving ---------------------------------------------------------------------------------------
@@ -152,7 +161,9 @@ async def serve(line: Line, realm: str) -> int:
         raise nothing_to_ask(realm)
     async with _floor(line, realm) as floor:
         if port:
-            await over_http(floor, keys, int(port), lambda address: answer(f"ready {address}", lambda: {"ready": address}))
+            await over_http(
+                floor, keys, int(port), lambda address: answer(f"ready {address}", lambda: {"ready": address})
+            )
         else:
             await over_stdio(floor, keys, key)
     return exit_codes.DONE
@@ -167,9 +178,12 @@ async def _floor(line: Line, realm: str) -> AsyncGenerator[Floor]:
         async with joined(realm) as realm_client, floor_of(realm_client, folder, pattern) as floor:
             yield floor
         return
-    async with twin_of(realm, line.text("--cell")) as twin, joined(twin) as realm_client:
-        async with floor_of(realm_client, folder_of(twin), pattern, rehearses_for=folder) as floor:
-            yield floor
+    async with (
+        twin_of(realm, line.text("--cell")) as twin,
+        joined(twin) as realm_client,
+        floor_of(realm_client, folder_of(twin), pattern, rehearses_for=folder) as floor,
+    ):
+        yield floor
 
 
 @contextlib.asynccontextmanager

@@ -331,6 +331,9 @@ def _demo(line: Line, *, readonly: bool) -> int:
     if line.text("--delay") and not sites:
         raise ValueRefused("--delay", "only `demo sites` and `demo travel` have a line between sites")
     extras = ["scripts"] * companion + ["machines"] * sites
+        raise ValueRefused("--delay", "only `demo sites` has a line between sites")
+    assisted = line.text("STORY") == demo_companion.MCP
+    extras = ["scripts"] * companion + ["machines"] * sites + ["mcp"] * assisted
     require("demo", *extras, *([] if headless or without else ["tui"]))
     if not (headless or without):
         from robotree.tui.screen import keymap
@@ -346,6 +349,12 @@ def _demo(line: Line, *, readonly: bool) -> int:
         apart = headless or bool(without)
         key = security.wanted(line, security.REALM)
         work = away(headless=apart, realm=line.text("--realm"), readonly=readonly, key=key)
+        return _run(work, on_screen=not headless)
+    if assisted:
+        from robotree.tui import demo_mcp
+
+        apart, key = headless or bool(without), security.wanted(line, security.REALM)
+        work = demo_mcp.demo(headless=apart, realm=line.text("--realm"), readonly=readonly, key=key)
         return _run(work, on_screen=not headless)
     over = demo.Wire.of(can=line.flag("--can"), classic=line.flag("--classic"))
     story = demo_companion.STORY if companion else demo_crash.Crash() if crash else demo.CELL

@@ -660,6 +660,9 @@ ACTIONS: tuple[Action, ...] = (
         " another site, --delay milliseconds away (150), while the hub between them is killed; travel, the"
         " same by robots near the operator, near the arm, moved in between, and left to themselves; away, a"
         " rover that is switched off and takes its orders when it is back."
+        " another site, --delay milliseconds away (150), while the hub between them is killed; away, a rover"
+        " that is switched off and takes its orders when it is back; mcp, an assistant that closes the lever"
+        " when you say yes."
         " --crash: close the lever, kill the host of its robots meanwhile, and see them go on."
         " Its links are signed with the realm's own key, with --open they are not. --speedup: as for sim.",
         group=PROCESS,
@@ -672,6 +675,7 @@ ACTIONS: tuple[Action, ...] = (
             "demo sites --headless --delay 150",
             "demo travel --headless --delay 150",
             "demo away --headless",
+            "demo mcp --headless",
             "demo --headless --can --classic",
         ),
     ),
@@ -883,16 +887,16 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="permits [--all]",
-        help="List the calls of assistants that wait for a person's yes: who wants what, why, and what it would"
-        " do. --all: also those that were answered.",
+        help="List the calls of assistants that wait for a person's yes: who wants what, why, and what it"
+        " would do. --all: also those that were answered.",
         group=COMMAND,
         run="line.permits:permits",
         examples=("permits", "permits --all --json"),
     ),
     Action(
         usage="permit allow PERMIT",
-        help="Say yes to one call of an assistant: it may begin once, within 5 minutes, if the robot is still as it"
-        " was and was not stopped since.",
+        help="Say yes to one call of an assistant: it may begin once, within 5 minutes, if the robot is still"
+        " as it was and was not stopped since.",
         group=COMMAND,
         run="line.permits:permit_allow",
         alters=True,
@@ -909,9 +913,9 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="mcp [--robots PATTERN] [--http PORT] [--rehearse] [--cell FILE]",
-        help="Serve the robots to a language model by the Model Context Protocol, over stdio with the key in"
-        " $ROBOTREE_MCP_KEY, or at a PORT of loopback with keys as bearer tokens. --rehearse: over a simulated twin of"
-        " the realm (of a realm FILE with --cell), where nothing real moves.",
+        help="Serve the robots to a language model by the Model Context Protocol, over stdio with the key"
+        " in $ROBOTREE_MCP_KEY, or at a PORT of loopback with keys as bearer tokens. --rehearse: over a"
+        " simulated twin of the realm (of a realm FILE with --cell), where nothing real moves.",
         group=PROCESS,
         where=Where.SHELL,
         alters=True,
@@ -921,8 +925,8 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="assistants [NAME]",
-        help="List the assistants that have keys, and their roles; of one, what it asked for lately and what became"
-        " of it.",
+        help="List the assistants that have keys, and their roles; of one, what it asked for lately and what"
+        " became of it.",
         group=LOOK,
         where=Where.SHELL,
         examples=("assistants", "assistants claude --json"),

@@ -84,7 +84,9 @@ def permit_text(permit: Permit, now: float, folder: str = "") -> str:
     lines = [f"{permit.id}  {permit.call}  within {permit.within:g} s", f"  {state}{_since(permit, now)}"]
     lines.append(f"  {permit.assistant} asks; it says why: «{permit.why}»")
     if permit.by:
-        lines.append(f"  {permit.by} answered at {time.strftime('%H:%M:%S', time.localtime(permit.answered))}")
+        lines.append(
+            f"  {permit.by} answered at {time.strftime('%H:%M:%S', time.localtime(permit.answered))}"
+        )
     lines += [f"  {line}" for line in permit.preview]
     if permit.picture and folder:
         lines.append(f"  picture: {folder}/{permit.picture}")

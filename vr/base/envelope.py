@@ -238,8 +238,10 @@ def sitting_at(terminal: str) -> Generator[None]:
 
 @contextlib.contextmanager
 def asking_for_assistant(name: str) -> Generator[None]:
-    """Ask, inside the block and the tasks that begin there, for an assistant: it has the rights that the
-    policy gives it, and never more than the user of this process."""
+    """Ask for an assistant inside the block and the tasks that begin there.
+
+    It has the rights that the policy gives it, and never more than the user of this process.
+    """
     before = _assistant.set(name)
     try:
         yield

@@ -585,7 +585,9 @@ class PermitError(VrError):
 class PermitNeeded(PermitError):
     """The policy wants a person's yes to this call."""
 
-    sentence = "{robot}.{command} needs a person's yes: permit {permit} waits for it (`robotree permit allow {permit}`)"
+    sentence = (
+        "{robot}.{command} needs a person's yes: permit {permit} waits (`robotree permit allow {permit}`)"
+    )
 
 
 class PermitRefused(PermitError):
@@ -603,7 +605,9 @@ class NoSuchPermit(PermitError):
 class BudgetSpent(PermitError):
     """An assistant has done as much as the policy allows in this time."""
 
-    sentence = "{assistant} has used its {what}: {used} of {limit} {per}; it has more again in {seconds:.0f} s"
+    sentence = (
+        "{assistant} has used its {what}: {used} of {limit} {per}; it has more again in {seconds:.0f} s"
+    )
 
 
 class AssistantUnknown(PermitError):

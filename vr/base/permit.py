@@ -14,8 +14,8 @@ import msgspec
 
 PermitState = Literal["waits", "allowed", "denied", "begun", "over", "withdrawn"]
 """waits: nobody has answered. allowed: a person has said yes, and it has not begun. denied: a person has said
-no. begun: the call was sent to the robot with it. over: that call has ended. withdrawn: the assistant does not
-want it any more."""
+no. begun: the call was sent to the robot with it. over: that call has ended. withdrawn: the assistant does
+not want it any more."""
 
 WAITS: Final = 3600.0
 """[s] for which a permit waits for an answer."""

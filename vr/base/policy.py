@@ -83,7 +83,9 @@ RIGHTS: Final = (
         ("robot", "space"),
         "have commands carried out, end them, pause them, and put a robot on top",
     ),
-    Right(ASK, ("robot",), "of an assistant: have a command carried out after a person's yes to this one call"),
+    Right(
+        ASK, ("robot",), "of an assistant: have a command carried out after a person's yes to this one call"
+    ),
     Right("order", ("robot",), "leave commands for when it is here and free, and cancel such orders"),
     Right("create", ("host",), "make virtual robots, or give one another page, on this host"),
     Right("release", ("robot",), "release its children, and delete it"),
@@ -115,8 +117,8 @@ class Person(NamedTuple):
 
 
 Gone = Literal["hold", "stop", "finish"]
-"""What becomes of the commands of an assistant that is gone. hold: they end, and the robots hold still. stop: a
-protective stop of those robots. finish: they go on to their end."""
+"""What becomes of the commands of an assistant that is gone. hold: they end, and the robots hold still. stop:
+a protective stop of those robots. finish: they go on to their end."""
 
 
 class AssistantTerms(NamedTuple):
@@ -309,7 +311,9 @@ class Policy:
         if right not in OF_ASSISTANTS:
             return Decision(False, 0, f"no assistant may {right}, whatever is written")
         served = self.may(asker._replace(assistant=""), "command" if right == ASK else right, target)
-        return None if served.allowed else Decision(False, served.line, f"{asker.name} may not: {served.reason}")
+        return (
+            None if served.allowed else Decision(False, served.line, f"{asker.name} may not: {served.reason}")
+        )
 
     def _administrators(self) -> str:
         able = {

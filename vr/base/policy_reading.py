@@ -97,7 +97,9 @@ def _terms(told: Written, where: Mark, roles: Mapping[str, object]) -> Assistant
         return AssistantTerms(tuple(RoleOf(_known(each, roles), where.line) for each in _words(told, where)))
     told.expect(_TERMS, "an assistant")
     held = told.get("role")
-    named = () if held is None else tuple(RoleOf(_known(each, roles), where.line) for each in _words(held, where))
+    named = (
+        () if held is None else tuple(RoleOf(_known(each, roles), where.line) for each in _words(held, where))
+    )
     limits: dict[str, Any] = {}
     for name in ("calls", "metres", "seconds"):
         if (given := told.get(name)) is not None:

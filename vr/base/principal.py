@@ -21,7 +21,7 @@ SCRIPT = "script"
 """Instead of a terminal, where a person's program has none."""
 
 ASSISTANTS = "mcp"
-"""Instead of a terminal `mcp/NAME`: an assistant asks, a language model with a key (`robotree assistant invite`)."""
+"""Instead of a terminal `mcp/NAME`: an assistant asks, a model with a key (`robotree assistant invite`)."""
 
 _TERMINAL = re.compile(r"[\w/.-]{1,32}")
 

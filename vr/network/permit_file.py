@@ -1,8 +1,9 @@
 """The permits of a realm, each in a file of its own beside what the realm keeps: `permits/ID.json`.
 
-They are read by each robot that is called with one, by the verbs of people and by the screen: at once, without
-a message and without a server, and they outlive all of these. Only the owner of the realm can write into the
-folder. Whoever changes one holds the lock of the folder, so that a permit is answered once and used once.
+They are read by each robot that is called with one, by the verbs of people and by the screen: at once,
+without a message and without a server, and they outlive all of these. Only the owner of the realm can write
+into the folder. Whoever changes one holds the lock of the folder, so that a permit is answered once and used
+once.
 """
 
 from __future__ import annotations
