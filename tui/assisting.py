@@ -208,7 +208,7 @@ async def twin_of(realm: str, cell: str = "") -> AsyncGenerator[str]:
         policy = folder_of(realm) / POLICY
         if await asyncio.to_thread(policy.is_file):
             await asyncio.to_thread(shutil.copyfile, policy, home / POLICY)
-        async with Crew(twin, state=home) as crew:
+        async with Crew(twin) as crew:
             note(f"a twin of realm {realm} begins: this takes some seconds …")
             await demo.cast(crew, file=file)
             note(f"the twin is ready; nothing that is done in it moves a robot of realm {realm}")

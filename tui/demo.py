@@ -11,7 +11,7 @@ import os
 import shutil
 import time
 from collections.abc import Generator, Mapping, Sequence
-from contextlib import chdir, contextmanager, suppress
+from contextlib import chdir, contextmanager, nullcontext, suppress
 from enum import Enum
 from importlib.resources import files
 from pathlib import Path
@@ -112,6 +112,7 @@ async def demo(
     speedup: str = "1",
     readonly: bool = False,
     key: str = REALM,
+    apart: bool = True,
 ) -> int:
     """Start everything, hand over to a person or to the story's own course, and end everything.
 
@@ -125,6 +126,7 @@ async def demo(
         speedup: seconds of the simulated world in a second.
         readonly: whether the screen leaves out all that changes robots.
         key: of all links: a file, `realm` for the realm's own key, or `none`.
+        apart: whether what its processes keep goes with the demo; False: it lies where the realm's things lie.
 
     Returns:
         The exit code.
@@ -137,7 +139,7 @@ async def demo(
         wanted = await asyncio.to_thread(read_realm_file, str(story.file))
         await _alone(realm, wanted)
         file = await asyncio.to_thread(key_file, key, realm)
-        with kept_apart(realm) as state:
+        with kept_apart(realm) if apart else nullcontext() as state:
             async with Crew(realm, key=str(file or NOTHING), state=state, restarts=True) as crew:
                 note(f"starting the demo in realm {realm!r}: {len(wanted.processes)} programs …")
                 await cast(crew, wire=wire, speedup=speedup, file=story.file, goals=story.goals)

@@ -283,6 +283,8 @@ async def demo(*, headless: bool, realm: str, readonly: bool, key: str) -> int:
     story = Assistant()
     try:
         await asyncio.to_thread(story.rule, realm)
-        return await stage.demo(story, headless=headless, realm=realm, readonly=readonly, key=key)
+        return await stage.demo(
+            story, headless=headless, realm=realm, readonly=readonly, key=key, apart=False
+        )
     finally:
         story.close(realm)

@@ -23,6 +23,9 @@ SCRIPT = "script"
 ASSISTANTS = "mcp"
 """Instead of a terminal `mcp/NAME`: an assistant asks, a model with a key (`robotree assistant invite`)."""
 
+NOBODY = "?"
+"""Instead of the name of an assistant: no policy can name it."""
+
 _TERMINAL = re.compile(r"[\w/.-]{1,32}")
 
 
@@ -99,9 +102,7 @@ def principal_of(sender: Credentials, agent: str, terminal: str) -> Principal:
         agent: as the process says.
         terminal: as the process says; one that cannot be a terminal counts as `SCRIPT`.
     """
-    if terminal and not _TERMINAL.fullmatch(terminal):
-        terminal = SCRIPT
-    return Principal(user_name(sender.user), sender.process, agent, terminal)
+    return Principal(user_name(sender.user), sender.process, agent, _readable(terminal))
 
 
 @lru_cache(1024)
@@ -117,11 +118,16 @@ def vouched(proof: bytes, agent: str, terminal: str) -> Principal:
         msgspec.MsgspecError: it is no voucher.
     """
     voucher = _voucher.decode(proof)
-    if terminal and not _TERMINAL.fullmatch(terminal):
-        terminal = SCRIPT
     return Principal(
-        voucher.user, voucher.process, agent, terminal, voucher.site, voucher.member, voucher.roles
+        voucher.user, voucher.process, agent, _readable(terminal), voucher.site, voucher.member, voucher.roles
     )
+
+
+def _readable(terminal: str) -> str:
+    """Return a terminal as it is believed: an assistant whose name cannot be one never counts as a person."""
+    if not terminal or _TERMINAL.fullmatch(terminal):
+        return terminal
+    return f"{ASSISTANTS}/{NOBODY}" if terminal.startswith(f"{ASSISTANTS}/") else SCRIPT
 
 
 @cache
