@@ -432,7 +432,7 @@ class Seat:
         level = [robot]
         for _ in range(DEEPEST):
             names = [slot.child.name for each in level for slot in each.slots if slot.child is not None]
-            level = list[RobotDescription]()
+            level = level[:0]
             for name in names:
                 if name not in found:
                     found[name] = None
