@@ -21,7 +21,7 @@ from robotree.tui.line.actions import ACTIONS
 from robotree.vr.base.extras import MODULES
 
 ROOT = Path(__file__).parents[2]
-ROOMS = ("client", "files", "kinds", "protocol", "sim", "vr", "proxy", "testing", "tui")
+ROOMS = ("assistants", "client", "files", "kinds", "protocol", "sim", "vr", "proxy", "testing", "tui")
 MAPPED = (*ROOMS, "examples")
 NOT_IN_A_ROOM = {"robotree"}  # its one file is front/__init__.py
 SOURCES = sorted(path for room in ROOMS for path in (ROOT / room).rglob("*.py"))
@@ -36,6 +36,7 @@ WHERE_EXTRAS_ARE_USED = {
     "scripts": ("vr/scripts/",),
     "wire": ("protocol/dialect/", "protocol/tools/", "tui/recording/tape.py"),
     "machines": ("vr/sites/", "vr/network/signed.py"),
+    "mcp": ("assistants/", "tui/demo_mcp.py"),
     "postgres": ("vr/space/postgres.py", "vr/journal/postgres.py"),
     "services": ("examples/services/",),
     "testing": ("vr/world/", "testing/"),

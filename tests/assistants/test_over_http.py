@@ -32,6 +32,14 @@ class Task(Result):
     result: dict[str, Any] | None = None
 
 
+class Polled(Task):
+    """The same, as it is polled."""
+
+    result_type: Literal["complete"] = "complete"  # type: ignore[assignment]
+    task_id: str = ""
+    status: str = ""
+
+
 class TaskParams(RequestParams):
     task_id: str
 
@@ -71,7 +79,7 @@ def address(plant: Plant) -> Generator[str]:
 
 async def look(client: Client, task: str, method: str = "tasks/get") -> Task:
     request = TaskRequest(method=method, params=TaskParams(task_id=task))
-    return await client.session.send_request(request, Task)
+    return await client.session.send_request(request, Polled)
 
 
 async def test_only_who_has_a_key_comes_in_and_long_commands_are_tasks(plant: Plant, address: str) -> None:
@@ -111,13 +119,16 @@ async def test_only_who_has_a_key_comes_in_and_long_commands_are_tasks(plant: Pl
 
 async def until_progress(client: Client, task: str) -> None:
     async with asyncio.timeout(PATIENT):
-        while "%" not in ((await look(client, task)).status_message or ""):
+        while True:
+            if "%" in ((await look(client, task)).status_message or ""):
+                return
             await asyncio.sleep(0.2)
 
 
 async def ended(client: Client, task: str, status: str) -> Task:
     async with asyncio.timeout(PATIENT):
-        while (found := await look(client, task)).status == "working":
+        while True:
+            if (found := await look(client, task)).status != "working":
+                assert found.status == status, found
+                return found
             await asyncio.sleep(0.2)
-    assert found.status == status, found
-    return found

@@ -108,6 +108,8 @@ CHANGES = {
     *("migrate", "drain", "place", "service"),
     *("wire conform", "bundle trust", "policy set"),
     *("order cancel", "order confirm", "order settle"),
+    *("order cancel", "order confirm"),
+    *("mcp", "assistant invite", "assistant revoke", "permit allow"),
     *("realm create", "realm invite", "realm join", "realm revoke", "realm renew"),
 }
 """Verbs of the shell that change robots, or who commands them."""

@@ -116,7 +116,7 @@ class Person(NamedTuple):
         return f"{self.assistant}, an assistant that {self.name} serves," if self.assistant else self.name
 
 
-Gone = Literal["hold", "stop", "finish"]
+WhenGone = Literal["hold", "stop", "finish"]
 """What becomes of the commands of an assistant that is gone. hold: they end, and the robots hold still. stop:
 a protective stop of those robots. finish: they go on to their end."""
 
@@ -131,7 +131,7 @@ class AssistantTerms(NamedTuple):
     """[m] that its commands may move robots in an hour."""
     seconds: float = 1800.0
     """[s] for which its commands may run in an hour."""
-    gone: Gone = "hold"
+    gone: WhenGone = "hold"
 
 
 class PolicyTarget(NamedTuple):

@@ -14,11 +14,11 @@ from robotree.vr.base.policy import (
     REALM,
     RIGHTS,
     AssistantTerms,
-    Gone,
     Policy,
     PolicyRule,
     Right,
     RoleOf,
+    WhenGone,
 )
 from robotree.vr.base.written import (
     Entries,
@@ -110,8 +110,8 @@ def _terms(told: Written, where: Mark, roles: Mapping[str, object]) -> Assistant
             limits[name] = int(number) if name == "calls" else float(number)
     if (given := told.get("gone")) is not None:
         choice = word(given, "gone", where)
-        if choice.text not in get_args(Gone):
-            raise choice.mark.error(f"gone is one of {', '.join(get_args(Gone))}")
+        if choice.text not in get_args(WhenGone):
+            raise choice.mark.error(f"gone is one of {', '.join(get_args(WhenGone))}")
         limits["gone"] = choice.text
     return AssistantTerms(named, **limits)
 
@@ -280,6 +280,6 @@ def _schema_of_terms(role: dict[str, Any]) -> dict[str, Any]:
             "calls": {**number, "description": "calls a minute"},
             "metres": {**number, "description": "[m] that its commands move robots in an hour"},
             "seconds": {**number, "description": "[s] for which its commands run in an hour"},
-            "gone": {"enum": list(get_args(Gone)), "description": "what its commands do when it is gone"},
+            "gone": {"enum": list(get_args(WhenGone)), "description": "what its commands do when it is gone"},
         },
     }

@@ -155,6 +155,10 @@ def test_a_role_in_a_key_counts_like_one_in_the_policy() -> None:
         ("realm: x\nversion: 1\npersons: {'*@*': a}\nroles: {a: {}}", "names nobody"),
         ("realm: x\nversion: 1\nroles: {a: {see: x, see: y}}", "stands here twice"),
         ("realm: x\nversion: 1\npersons: {anna: a, anna: b}\nroles: {a: {}, b: {}}", "stands here twice"),
+        ("realm: x\nversion: 1\nassistants: {a/b: {}}", "cannot be the name of an assistant"),
+        ("realm: x\nversion: 1\nassistants: {a: {calls: -1}}", "calls is a number from 0"),
+        ("realm: x\nversion: 1\nassistants: {a: {gone: fly}}", "gone is one of hold, stop, finish"),
+        ("realm: x\nversion: 1\nassistants: {a: nobody}", "there is no role 'nobody'"),
         ("- a", "a policy is written as `name: value`"),
         ("realm: x\nversion: 1\ndeny: {}", "a policy has no 'deny'"),
     ],
@@ -185,7 +189,7 @@ def test_the_schema_has_each_right_and_refuses_what_reading_refuses() -> None:
     role = schema()["properties"]["roles"]["additionalProperties"]
     assert set(role["properties"]) == set(BY_NAME)
     assert role["additionalProperties"] is False
-    assert set(schema()["properties"]) == {"realm", "version", "ask", "persons", "roles"}
+    assert set(schema()["properties"]) == {"realm", "version", "ask", "persons", "assistants", "roles"}
 
 
 def test_a_realm_without_a_policy_is_closed_to_nobody() -> None:
