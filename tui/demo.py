@@ -102,7 +102,7 @@ class Story(Protocol):
         ...
 
 
-async def demo(
+async def demo(  # noqa: PLR0913 # one for each option of the line
     story: Story,
     *,
     headless: bool,
@@ -126,7 +126,7 @@ async def demo(
         speedup: seconds of the simulated world in a second.
         readonly: whether the screen leaves out all that changes robots.
         key: of all links: a file, `realm` for the realm's own key, or `none`.
-        apart: whether what its processes keep goes with the demo; False: it lies where the realm's things lie.
+        apart: whether what its processes keep goes with the demo; False: it lies where the realm's does.
 
     Returns:
         The exit code.

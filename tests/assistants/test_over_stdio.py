@@ -146,7 +146,7 @@ async def test_robots_come_and_go_in_the_lists_and_a_client_that_is_gone_moves_n
         going = asyncio.ensure_future(
             client.call_tool("cart-1__walk", {"x": 4, "seconds": 60, "_why": "far"})
         )
-        await until(lambda: plant.say("show", "cart-1")["busy"] == "walk", PATIENT)  # type: ignore[index]
+        await until(lambda: plant.say("show", "cart-1").get("busy") == "walk", PATIENT)  # type: ignore[attr-defined]
         going.cancel()
         await asyncio.gather(going, return_exceptions=True)
     await until(lambda: plant.say("show", "cart-1").get("busy", "") == "", PATIENT)  # type: ignore[attr-defined]

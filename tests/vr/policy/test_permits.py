@@ -1,7 +1,7 @@
 """A robot obeys an assistant where the policy says `ask` only with a person's yes to this one call.
 
-The asker here is a hostile program of the same user that speaks the protocol itself, so nothing that the server
-of assistants checks is in its way.
+The asker here is a hostile program of the same user that speaks the protocol itself, so nothing that the
+server of assistants checks is in its way.
 """
 
 from __future__ import annotations
@@ -80,8 +80,8 @@ async def realm(tmp_path: Path) -> AsyncIterator[Any]:
 def asked(agent: Any, **changes: Any) -> Permit:
     described = agent.description()
     permit = Permit(
-        id="abcdefgh", assistant="claude", robot=described.name, life=described.address.key, stops=described.stops,
-        command="move", arguments={"x": 1.0}, asked=1e6,
+        id="abcdefgh", assistant="claude", robot=described.name, life=described.address.key,
+        stops=described.stops, command="move", arguments={"x": 1.0}, asked=1e6,
     )  # fmt: skip
     return replace(permit, **changes)
 
