@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from robotree.assistants import preview
 from robotree.assistants.budget import Budget
+from robotree.assistants.keys import AssistantKeys
 from robotree.assistants.marking import bounded, data_of, said
 from robotree.assistants.meter import Way
 from robotree.assistants.record import Became, Record
@@ -25,6 +26,7 @@ from robotree.vr.base.arguments import check_arguments
 from robotree.vr.base.chance import token
 from robotree.vr.base.envelope import asking_for_assistant
 from robotree.vr.base.errors import (
+    AssistantUnknown,
     BadArgument,
     BudgetSpent,
     CommandCancelled,
@@ -144,6 +146,7 @@ class Seat:
         self._seen = time.monotonic()
         self._requests: deque[float] = deque(maxlen=REQUESTS)
         self._tools: tuple[object, dict[str, CommandTool]] = (None, {})
+        self._revoked = False
         self._watch: asyncio.Task[None] | None = None
         self._states: Registration | None = None
 
@@ -180,7 +183,10 @@ class Seat:
 
         Raises:
             BudgetSpent: too many come; a stop is heard nevertheless.
+            AssistantUnknown: its key was taken back.
         """
+        if self._revoked:
+            raise AssistantUnknown(detail=f"the key of {self.name} was taken back")
         now = self._seen = time.monotonic()
         if len(self._requests) == REQUESTS and now - self._requests[0] < 1.0:
             raise BudgetSpent(
@@ -363,9 +369,18 @@ class Seat:
                 with asking_for_assistant(self.name), contextlib.suppress(VrError):
                     await self.floor.realm_client.stop(robot)
 
+    def _has_key(self) -> bool:
+        try:
+            return self.name in AssistantKeys(self.floor.rehearses_for or self.floor.folder).all()
+        except VrError:
+            return False
+
     async def _look_after(self) -> None:
         while True:
             await asyncio.sleep(LOOKS)
+            if not self._revoked and not await asyncio.to_thread(self._has_key):
+                self._revoked = True
+                await self.leave("its key was taken back")
             if self.open == 0 and time.monotonic() - self._seen > LEASE:
                 await self.leave(f"nothing was heard of it for {LEASE:.0f} s")
 

@@ -122,15 +122,11 @@ def _list(line: Line, realm: str) -> int:
         }
         for each in sorted({*keys, *told})
     ]
-    rows = [("ASSISTANT", "KEY", "ROLES")] + [
-        (
-            str(one["name"]),
-            f"for {one['days']} days" if one["key"] else "none",
-            ", ".join(map(str, told_roles)) or "none",
-        )
-        for one in data
-        for told_roles in [one["roles"] if isinstance(one["roles"], list) else []]
-    ]
+    rows = [("ASSISTANT", "KEY", "ROLES")]
+    for each in sorted({*keys, *told}):
+        days = (keys[each].ends - now) / 86400 if each in keys else 0.0
+        roles = ", ".join(held.role for held in told[each].roles) if each in told else ""
+        rows.append((each, f"for {days:.0f} days" if days > 0 else "none", roles or "none"))
     answer(wording.columns(rows) if data else "no assistant has a key", lambda: data)
     return exit_codes.DONE
 

@@ -330,8 +330,6 @@ def _demo(line: Line, *, readonly: bool) -> int:
     sites = line.text("STORY") in {demo_companion.SITES, demo_companion.TRAVEL}
     if line.text("--delay") and not sites:
         raise ValueRefused("--delay", "only `demo sites` and `demo travel` have a line between sites")
-    extras = ["scripts"] * companion + ["machines"] * sites
-        raise ValueRefused("--delay", "only `demo sites` has a line between sites")
     assisted = line.text("STORY") == demo_companion.MCP
     extras = ["scripts"] * companion + ["machines"] * sites + ["mcp"] * assisted
     require("demo", *extras, *([] if headless or without else ["tui"]))

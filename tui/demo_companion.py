@@ -30,9 +30,8 @@ NAME = "companion"
 SITES = "sites"
 AWAY = "away"
 TRAVEL = "travel"
-STORIES = ("", "cell", NAME, SITES, AWAY, TRAVEL)
 MCP = "mcp"
-STORIES = ("", "cell", NAME, SITES, AWAY, MCP)
+STORIES = ("", "cell", NAME, SITES, AWAY, TRAVEL, MCP)
 """The demos by name; the cell needs none."""
 ROBOT, SCRIPT, VIEW, EYES = "companion", "evening", "flat", "recogniser"
 PEOPLE = {11: "anna", 12: "bela", 13: "cleo"}

@@ -154,7 +154,6 @@ def test_no_verb_over_a_realm_is_left_out() -> None:
         "order settle"
     }  # of robots that are away
     proved |= {"migrate", "drain", "place", "service"}  # of several hosts, and of services
-    proved |= {"migrate", "drain", "service"}  # of several hosts, and of services
     proved |= {"permits", "permit allow", "permit deny"}  # of assistants: tests/assistants
     proved |= {"record"}  # until it is interrupted: tests/scenarios/test_recordings.py
     promised = {action.verb for action in ACTIONS if action.run and Where.SHELL in action.where} | {"run"}

@@ -659,10 +659,8 @@ ACTIONS: tuple[Action, ...] = (
         " STORY: companion, a flat with visitors instead of the cell; sites, a lever that is closed from"
         " another site, --delay milliseconds away (150), while the hub between them is killed; travel, the"
         " same by robots near the operator, near the arm, moved in between, and left to themselves; away, a"
-        " rover that is switched off and takes its orders when it is back."
-        " another site, --delay milliseconds away (150), while the hub between them is killed; away, a rover"
-        " that is switched off and takes its orders when it is back; mcp, an assistant that closes the lever"
-        " when you say yes."
+        " rover that is switched off and takes its orders when it is back; mcp, an assistant that closes the"
+        " lever when you say yes."
         " --crash: close the lever, kill the host of its robots meanwhile, and see them go on."
         " Its links are signed with the realm's own key, with --open they are not. --speedup: as for sim.",
         group=PROCESS,
