@@ -108,7 +108,6 @@ CHANGES = {
     *("migrate", "drain", "place", "service"),
     *("wire conform", "bundle trust", "policy set"),
     *("order cancel", "order confirm", "order settle"),
-    *("order cancel", "order confirm"),
     *("mcp", "assistant invite", "assistant revoke", "permit allow"),
     *("realm create", "realm invite", "realm join", "realm revoke", "realm renew"),
 }
