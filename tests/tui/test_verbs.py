@@ -95,6 +95,8 @@ async def test_ls_lists_robots_views_hosts_and_lookups(realm: Realm) -> None:
             "stands_by": "",
             "instead_of": "",
             "trouble": "",
+            "load": None,
+            "ways": {},
         }
     ]
     assert (await do(realm, "ls --lookups")).data == [{"name": "lookup-1"}]
