@@ -33,10 +33,10 @@ LONGEST_PAUSE = 10.0
 
 
 class _Asked(NamedTuple):
-    """One line of the script, and when it was asked."""
+    """Lines of the script, and when that was asked."""
 
     unix: float
-    line: str
+    lines: tuple[str, ...]
     ended: float
     """[s] since 1970 when it was over."""
 
@@ -54,7 +54,9 @@ def session_of(tape: Tape) -> str:
     for request in asked:
         if before and (pause := request.unix - before) >= PAUSE:
             lines.append(f"sleep {min(pause, LONGEST_PAUSE):.1f}s")
-        lines.append(request.line)
+        # a recording may come from anybody: nothing that it says becomes a line of its own
+        printable = all(part.isprintable() for part in request.lines)
+        lines += request.lines if printable else ["# What was asked here has no place in a script."]
         before = max(before, request.ended)
     if not asked:
         lines.append("# Nobody asked for anything while it was recorded.")
@@ -83,18 +85,18 @@ def _shaped(tape: Tape) -> Iterable[_Asked]:
         if isinstance(content, RecordedEnd):
             known.discard(content.name)
             if pages.get(content.name):
-                yield _Asked(unix, f"try delete {content.name}", unix)
+                yield _Asked(unix, (f"try delete {content.name}",), unix)
         elif (name := _speaker(content)) and name not in known:
             known.add(name)
             made = f"create {_quoted(pages[name])} as {name}" if pages.get(name) else ""
-            yield _Asked(unix, made or f"expect {name} listed within {COMES:.0f}s", unix)
+            yield _Asked(unix, (made or f"expect {name} listed within {COMES:.0f}s",), unix)
     parents = {name: robot.bond.parent.name if robot.bond else "" for name, robot in there.items()}
     for unix, name, parent in _leases(tape):
         before, parents[name] = parents.get(name, ""), parent
         if parent and parent != before:
-            yield _Asked(unix, f"enslave {parent}.{slots.get((parent, name), 'SLOT')} {name}", unix)
+            yield _Asked(unix, (f"enslave {parent}.{slots.get((parent, name), 'SLOT')} {name}",), unix)
         elif before and not parent:
-            yield _Asked(unix, f"try release {before}.{slots.get((before, name), 'SLOT')}", unix)
+            yield _Asked(unix, (f"try release {before}.{slots.get((before, name), 'SLOT')}",), unix)
 
 
 def _speaker(content: object) -> str:
@@ -151,8 +153,8 @@ def _called(tape: Tape) -> Iterable[_Asked]:
                 pass
     for key, (unix, call) in begun.items():
         end, error = ended.get(key, (unix, ""))
-        refused = f"try {call}\nexpect refused {error.removeprefix(ANY_ERROR)}".rstrip()
-        yield _Asked(unix, refused if error else call, end)
+        refused = f"try {call}", f"expect refused {error.removeprefix(ANY_ERROR)}".rstrip()
+        yield _Asked(unix, refused if error else (call,), end)
 
 
 def _written(arguments: Any) -> str:

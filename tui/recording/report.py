@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from pathlib import Path
 
@@ -28,9 +29,9 @@ def write(tape: Tape, out: Path) -> tuple[Path, int]:
     for number, entry in enumerate(chosen, 1):
         picture = entry.content
         assert isinstance(picture, RecordedPicture)  # noqa: S101  chosen above
-        name = f"{number:03}-{picture.view}-{picture.camera}.jpg".replace("/", "-")
+        name = f"{number:03}-{_plain(picture.view)}-{_plain(picture.camera)}.jpg"
         overwrite(folder / name, picture.jpeg)
-        where = f"{entry.unix - tape.began:.1f} s, {picture.view}, camera {picture.camera}"
+        where = f"{entry.unix - tape.began:.1f} s, {_cell(picture.view)}, camera {_cell(picture.camera)}"
         rows.append(f"{where}\n\n![]({folder.name}/{name})\n")
     overwrite(out, "\n".join([head(tape), *rows]).encode())
     return folder, len(chosen)
@@ -76,6 +77,11 @@ def head(tape: Tape) -> str:
     for name, line in summary.lines_of(tape):
         lines.append(f"| {line.unix - tape.began:.1f} | {_cell(name)} | {line.level} | {_cell(line.text)} |")
     return "\n".join([*lines, "", "## Pictures", ""])
+
+
+def _plain(text: str) -> str:
+    """Return a text as part of a file's name."""
+    return re.sub(r"[^\w-]", "-", text, flags=re.ASCII)[:40]
 
 
 def _cell(text: str) -> str:

@@ -26,7 +26,9 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Final, NamedTuple
 
 import msgspec
 
+from robotree.protocol.tools.capture.mcap import LARGEST_RECORD, inflated
 from robotree.tui.errors import BadRecordedRealm
+from robotree.vr.base.address import parted
 from robotree.vr.base.description import RobotDescription
 from robotree.vr.base.history_event import HistoryEvent
 from robotree.vr.base.requests import LoggedLine, State
@@ -44,9 +46,6 @@ VERSION: Final = "1"
 
 CHUNK: Final = 256 * 1024
 """[bytes] that are compressed together, and the most that a damaged place takes along."""
-
-LARGEST_RECORD: Final = 64 * 1024 * 1024
-"""[bytes] of one record that is read: a forged length must not fill the memory."""
 
 _NUMBER: Final = {"type": "number"}
 _TEXT: Final = {"type": "string"}
@@ -295,9 +294,16 @@ class _Reading:
 
 
 def _records(stream: BinaryIO) -> Iterable[McapRecord]:
-    from mcap.stream_reader import StreamReader
+    """Read the records one after the other; neither a forged length nor a forged chunk fills the memory."""
+    from mcap.records import Chunk
+    from mcap.stream_reader import StreamReader, breakup_chunk
 
-    return StreamReader(stream, validate_crcs=True, record_size_limit=LARGEST_RECORD).records
+    reader = StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=LARGEST_RECORD)
+    for record in reader.records:
+        if isinstance(record, Chunk):
+            yield from breakup_chunk(inflated(record), validate_crc=True)
+        else:
+            yield record
 
 
 _OF_ROBOTS: Final[Mapping[str, Callable[[str, bytes], Content]]] = {
@@ -310,12 +316,21 @@ _OF_ROBOTS: Final[Mapping[str, Callable[[str, bytes], Content]]] = {
 
 
 def _content(topic: str, data: bytes) -> Content | None:
-    """Return what a message says; None: it is said elsewhere, too, or by a later version."""
+    """Return what a message says; None: it is said elsewhere, too, or by a later version.
+
+    Raises:
+        VrError: a name cannot be one.
+        ValueError: it cannot be read.
+    """
     if topic == "/events":
-        return msgspec.json.decode(data, type=HistoryEvent)
+        event = msgspec.json.decode(data, type=HistoryEvent)
+        parted(event.robot)
+        return event
     if found := _ROBOT.fullmatch(topic):
+        parted(found[1])
         return _OF_ROBOTS[found[2]](found[1], data)
     if found := _VIEW.fullmatch(topic):
+        parted(found[1])
         said = json.loads(data)
         return RecordedPicture(found[1], str(said["frame_id"]), base64.b64decode(said["data"]))
     return None

@@ -266,7 +266,7 @@ class McapReader:
             match code:
                 case Opcode.CHUNK:
                     self._in_broken_chunk = True
-                    records = breakup_chunk(_inflated(Chunk.read(stream)))
+                    records = breakup_chunk(inflated(Chunk.read(stream)))
                     self._in_broken_chunk = False
                 case Opcode.CHANNEL:
                     records = [Channel.read(stream)]
@@ -303,8 +303,12 @@ def _consistent(buffer: bytes, i: int, length: int) -> bool:
     return int.from_bytes(buffer[inner : inner + 8], "little") == length - (inner + 8 - i - _RECORD_HEADER)
 
 
-def _inflated(chunk: Chunk) -> Chunk:
-    """A chunk that is not compressed; the library would inflate it to any size."""
+def inflated(chunk: Chunk) -> Chunk:
+    """Return a chunk that is not compressed, of at most `LARGEST_RECORD`; the library would not limit it.
+
+    Raises:
+        ValueError: it is compressed in another way than ours.
+    """
     import zstandard
 
     if chunk.compression == "zstd":

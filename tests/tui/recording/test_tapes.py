@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -10,9 +11,9 @@ from hypothesis import strategies as st
 
 from robotree.protocol import encode
 from robotree.protocol.messages import NamedValueFloat
-from robotree.protocol.tools.capture.mcap import McapWriter
+from robotree.protocol.tools.capture.mcap import LARGEST_RECORD, McapWriter
 from robotree.tui.errors import BadRecordedRealm
-from robotree.tui.recording import report, summary, tape
+from robotree.tui.recording import replayed, report, summary, tape
 from robotree.tui.recording.tape import (
     Entry,
     RecordedEnd,
@@ -134,3 +135,49 @@ def test_a_report_escapes_what_robots_say() -> None:
 
 def test_how_robots_were_at_a_moment() -> None:
     assert "z=0.1 m" in summary.at(read(WHOLE), 1.015)
+
+
+def test_a_forged_recording_adds_no_line_to_a_script_and_names_no_file_elsewhere(tmp_path: Path) -> None:
+    stream = io.BytesIO()
+    writer = TapeWriter(stream, {})
+    for key, arguments in (
+        ("1", {"text": "a\nstop"}),
+        ("2", {"text": "b\u2028stop"}),
+        ("3", {"text": "fine"}),
+    ):
+        writer.event(
+            HistoryEvent(
+                kind="accepted", unix=NOON, robot="arm-1", key=key, command="say", arguments=arguments,
+                person="eve@pts/1",
+            )
+        )  # fmt: skip
+    writer.picture(NOON + 1, "cell", Picture(jpeg=b"x", width=1, height=1, camera="../../evil](x"))
+    writer.close()
+    found = read(stream.getvalue())
+    asked = [line for line in replayed.session_of(found).splitlines() if not line.startswith(("#", "sleep"))]
+    assert asked == ["call arm-1.say text=fine"]
+    folder, count = report.write(found, tmp_path / "it.md")
+    assert count == 1
+    assert [path.name for path in folder.iterdir()] == ["001-cell-------evil--x.jpg"]
+
+
+def test_a_forged_name_ends_the_reading() -> None:
+    stream = io.BytesIO()
+    writer = TapeWriter(stream, {})
+    writer.state(NOON, "arm-1", State())
+    writer.state(NOON + 1, "../arm", State())
+    writer.close()
+    found = read(stream.getvalue())
+    assert len(found.entries) == 1
+    assert not found.whole
+
+
+def test_a_chunk_that_grows_beyond_the_limit_is_not_read() -> None:
+    stream = io.BytesIO()
+    writer = TapeWriter(stream, {})
+    writer.line("arm-1", LINE)
+    writer.flush()
+    writer.line("arm-1", LoggedLine(2, NOON + 3, "info", "x" * (LARGEST_RECORD + 1)))
+    writer.close()
+    assert len(stream.getvalue()) < 100_000
+    assert len(read(stream.getvalue()).entries) == 1
