@@ -889,6 +889,8 @@ ACTIONS: tuple[Action, ...] = (
         " would do. --all: also those that were answered.",
         group=COMMAND,
         run="line.permits:permits",
+        where=ANYWHERE,
+        key="P",
         examples=("permits", "permits --all --json"),
     ),
     Action(

@@ -10,6 +10,7 @@ from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import Outcome, Teller, plain
 
 if TYPE_CHECKING:  # help must not wait for the agents
+    from robotree.vr.base.errors import Denied
     from robotree.vr.base.permit import Permit
     from robotree.vr.network.permit_file import PermitFiles
     from robotree.vr.supervision.realm_client import RealmClient
@@ -55,21 +56,30 @@ def answer(realm_client: RealmClient, permit: str, *, yes: bool) -> Permit:
         Denied: this person may not.
     """
     from robotree.vr.base.envelope import this_terminal
-    from robotree.vr.base.errors import Denied
-    from robotree.vr.base.policy import PolicyTarget
     from robotree.vr.base.principal import user_name
 
     files = permits_of(realm_client)
     found = files.find(permit)
+    if yes and (refused := refusal(realm_client, found)) is not None:
+        raise refused
+    return files.answer(permit, yes=yes, by=f"{user_name(os.geteuid())}@{this_terminal()}")
+
+
+def refusal(realm_client: RealmClient, found: Permit) -> Denied | None:
+    """Return why the person at this terminal may not say yes to a permit; None: that is allowed."""
+    from robotree.vr.base.errors import Denied
+    from robotree.vr.base.policy import PolicyTarget
+    from robotree.vr.base.principal import user_name
+
     listed = [one for one in realm_client.robots() if one.address.key == found.life]
     kinds = tuple(listed[0].kinds) if listed else ()
     gate, user = realm_client.gate, user_name(os.geteuid())
     target = PolicyTarget(found.robot, "robot", kinds, found.command, gate.site)
     decision = gate.may(gate.user(user), "command", target)
-    if yes and not decision.allowed:
-        who = gate.user(user).name
-        raise Denied(who=who, right="command", target=str(target), reason=decision.reason, ask=gate.ask)
-    return files.answer(permit, yes=yes, by=f"{user}@{this_terminal()}")
+    if decision.allowed:
+        return None
+    who = gate.user(user).name
+    return Denied(who=who, right="command", target=str(target), reason=decision.reason, ask=gate.ask)
 
 
 def permit_text(permit: Permit, now: float, folder: str = "") -> str:
@@ -80,14 +90,7 @@ def permit_text(permit: Permit, now: float, folder: str = "") -> str:
         now: [s] since 1970.
         folder: in which its picture lies.
     """
-    state = "has expired" if permit.state == "waits" and permit.expired(now) else permit.state
-    lines = [f"{permit.id}  {permit.call}  within {permit.within:g} s", f"  {state}{_since(permit, now)}"]
-    lines.append(f"  {permit.assistant} asks; it says why: «{permit.why}»")
-    if permit.by:
-        lines.append(
-            f"  {permit.by} answered at {time.strftime('%H:%M:%S', time.localtime(permit.answered))}"
-        )
-    lines += [f"  {line}" for line in permit.preview]
+    lines = permit_portrait(permit, now)
     if permit.picture and folder:
         lines.append(f"  picture: {folder}/{permit.picture}")
     if permit.outcome:
@@ -95,6 +98,18 @@ def permit_text(permit: Permit, now: float, folder: str = "") -> str:
     if permit.state == "waits" and not permit.expired(now):
         lines.append(f"  robotree permit allow {permit.id}    or: robotree permit deny {permit.id}")
     return "\n".join(lines)
+
+
+def permit_portrait(permit: Permit, now: float) -> list[str]:
+    """Return what a person has to know of a permit before the answer, line by line [now in s since 1970]."""
+    state = "has expired" if permit.state == "waits" and permit.expired(now) else permit.state
+    lines = [f"{permit.id}  {permit.call}  within {permit.within:g} s", f"  {state}{_since(permit, now)}"]
+    lines.append(f"  {permit.assistant} asks; it says why: «{permit.why}»")
+    if permit.by:
+        lines.append(
+            f"  {permit.by} answered at {time.strftime('%H:%M:%S', time.localtime(permit.answered))}"
+        )
+    return lines + [f"  {line}" for line in permit.preview]
 
 
 def _since(permit: Permit, now: float) -> str:

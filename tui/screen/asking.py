@@ -18,6 +18,7 @@ from robotree.tui.screen.pages.new import NewPage
 from robotree.tui.screen.pages.orders import OrdersPage
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.pages.panel import PanelPage
+from robotree.tui.screen.pages.permits import PermitsPage
 from robotree.tui.screen.pages.role import RoleDialog
 from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.prompt import Kind
@@ -310,6 +311,10 @@ def _orders(app: OperatorApp, _place: Place) -> None:
     app.push_screen(OrdersPage())
 
 
+def _permits(app: OperatorApp, _place: Place) -> None:
+    app.push_screen(PermitsPage())
+
+
 def _dismiss(app: OperatorApp, place: Place) -> None:
     if app.store.dismiss(place.name):
         app.tell(f"{place.name} is off the list; it is back as soon as it answers")
@@ -392,6 +397,7 @@ ASK: Mapping[str, Ask] = {
     "resume": _resume,
     "role": _role,
     "orders": _orders,
+    "permits": _permits,
     "help": _help,
     "quit": _quit,
     "filter": _line("filter"),

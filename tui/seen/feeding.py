@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING
 from robotree.tui.seen import absence, unlisted
 from robotree.tui.seen.store import Away, Store
 from robotree.vr.base.address import Address, Role, shown_address
-from robotree.vr.base.errors import TransportClosed, VrError
+from robotree.vr.base.errors import NoSuchPermit, TransportClosed, VrError
+from robotree.vr.network.permit_file import permits_beside
 
 if TYPE_CHECKING:
     from robotree.vr.base.description import RobotDescription
@@ -38,6 +39,9 @@ PATROL = 5.0
 
 RESULTS = "`inbox` prints it, the page of the orders shows it"
 """How a person gets at a result."""
+
+PERMITS = "`permits` shows what it would do, and takes your answer"
+"""How a person answers an assistant."""
 
 log = logging.getLogger(__name__)
 
@@ -138,7 +142,13 @@ class Feed:
                 self.store.take_silent(hang, self.clock())
                 answering = self._servers.difference(shown_address(one.key) for one in hang)
                 self.store.take_servers(answering, self.clock(), left=self.realm_client.left)
+                self._take_permits()
                 await asyncio.sleep(GLANCE)
+
+    def _take_permits(self) -> None:
+        """Show what assistants ask for; a realm that keeps nothing has no permits."""
+        with contextlib.suppress(NoSuchPermit):
+            self.store.take_permits(permits_beside(self.realm_client.gate).waiting(), self.clock(), PERMITS)
 
     async def _keep_asking_where(self) -> None:
         """Show where robots of other sites are, and how old that is. Without a gateway nobody is asked."""

@@ -23,6 +23,7 @@ from robotree.vr.base.principal import is_person
 from robotree.vr.base.requests import STOPPED, Level, LoggedLine, State
 
 if TYPE_CHECKING:  # help must not wait for the agents
+    from robotree.vr.base.permit import Permit
     from robotree.vr.supervision.realm_client import Elsewhere
 
 SILENCE = 4.0
@@ -180,6 +181,8 @@ class Store:
     """Robots by name that are not here and that directories remember."""
     results: int = 0
     """How many results of this person's orders wait."""
+    permits: tuple[Permit, ...] = ()
+    """Calls of assistants that wait for a person's yes, the oldest first."""
     late: frozenset[str] = frozenset()
     """Robots whose process is late with its sign of life: it may hang, or be slow for a moment."""
     remembered: dict[str, RobotDescription] = field(default_factory=dict[str, RobotDescription])
@@ -441,6 +444,16 @@ class Store:
             self.tell(f"{what}: {how}", "good", now)
         if count != self.results:
             self.results = count
+            self.revision += 1
+
+    def take_permits(self, waiting: Iterable[Permit], now: float, how: str) -> None:
+        """Take which calls of assistants wait for a person, and tell of new ones; `how` they are answered."""
+        found, known = tuple(waiting), {one.id for one in self.permits}
+        for one in found:
+            if one.id not in known:
+                self.tell(f"{one.assistant} asks for {one.call}: {how}", "warning", now, one.robot)
+        if found != self.permits:
+            self.permits = found
             self.revision += 1
 
     def take_hosts(self, hosts: Iterable[str]) -> None:

@@ -27,6 +27,8 @@ from robotree.vr.base.permit import REMEMBERED, Permit, PermittedCall, unfit, un
 FOLDER: Final = "permits"
 LARGEST: Final = 256 * 1024
 """[B] of one file."""
+SETTLED: Final = 1_000_000_000
+"""[ns] after which a change of the folder has another time than the one before."""
 MOST_WAITING: Final = 20
 """Permits of one assistant that wait at the same time: a person reads each."""
 _ID = re.compile(r"[a-z0-9]{6,16}")
@@ -38,6 +40,8 @@ class PermitFiles:
     def __init__(self, folder: Path, unix: Callable[[], float] = time.time) -> None:
         """Take the folder in which the realm keeps its things, and the clock [s since 1970]."""
         self.folder, self._unix = folder / FOLDER, unix
+        self._waiting: tuple[int, list[Permit]] = (0, [])
+        """What waited when the folder was changed then [ns since 1970]; 0: look again."""
 
     def all(self) -> list[Permit]:
         """Return all permits that can be read, the oldest first."""
@@ -52,9 +56,20 @@ class PermitFiles:
         return sorted(found, key=lambda one: one.asked)
 
     def waiting(self) -> list[Permit]:
-        """Return those that wait for an answer and have not expired, the oldest first."""
+        """Return those that wait for an answer and have not expired, the oldest first.
+
+        A screen asks this all the time: the files are read only when the folder has been changed.
+        """
         now = self._unix()
-        return [one for one in self.all() if one.state == "waits" and not one.expired(now)]
+        try:
+            changed_at = self.folder.stat().st_mtime_ns
+        except OSError:
+            return []
+        if changed_at != self._waiting[0]:
+            waiting = [one for one in self.all() if one.state == "waits"]
+            settled = time.time_ns() - changed_at > SETTLED  # else one more change may have the same time
+            self._waiting = changed_at if settled else 0, waiting
+        return [one for one in self._waiting[1] if not one.expired(now)]
 
     def find(self, permit: str) -> Permit:
         """Return one permit.

@@ -15,6 +15,7 @@ from __future__ import annotations
 import logging
 import os
 import stat
+from functools import cached_property
 from pathlib import Path
 from typing import Final, Literal
 
@@ -125,7 +126,7 @@ class PolicyFile(PolicyGate):
             raise PolicyUnusable(path=str(self.path), reason=reason)
         self.policy, self.data, self.trouble = policy, data, ""
 
-    @property
+    @cached_property
     def permits(self) -> PermitFiles:
         """The permits of the realm."""
         return PermitFiles(self.path.parent)

@@ -21,6 +21,7 @@ from robotree.tui.screen import entry
 from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.pages.dialogs import Confirm, Modal
 from robotree.tui.screen.pages.page import Page
+from robotree.tui.screen.pages.permits import ask_about_permit
 from robotree.tui.screen.pages.role import RoleDialog
 from robotree.tui.screen.pages.write import WritePage
 from robotree.tui.screen.widgets.cached_text import CachedText
@@ -248,6 +249,15 @@ class UserPage(PlainPage):
                     sign="?",
                     colour="warning",
                 )
+        for permit in self.app.store.permits:
+            yield self._row(
+                f"permit:{permit.id}",
+                f"May {permit.assistant} do this?",
+                f"{permit.call}: «{permit.why}»",
+                partial(ask_about_permit, self.app, permit),
+                sign="?",
+                colour="warning",
+            )
         if self.app.store.stopped:
             yield self._row(
                 "stopped",

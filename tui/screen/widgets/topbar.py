@@ -33,6 +33,10 @@ class TopBar(CachedText):
         muted, strong = tint(self.app, "muted"), tint(self.app, "primary", bold=True)
         left = Text.assemble((" robotree ", strong), " ", heading, ("  ", muted), page)
         stop = Text.assemble((f" {spell(BY_VERB['stop'].key)} {self.app.STOP_WORD} ", block(self.app)))
+        if waiting := len(store.permits):
+            asks = f" {waiting} permit{' waits' if waiting == 1 else 's wait'}: "
+            asks += f"{self.app.keymap.spelled('permits')}  "
+            stop = Text.assemble((asks, tint_on_panel(self.app, "warning", bold=True)), stop)
         robots, others = self._robots(store), self._others(store)
         width = max(self.size.width, 1)
         room = width - left.cell_len - stop.cell_len - GAP
