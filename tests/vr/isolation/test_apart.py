@@ -6,8 +6,9 @@ The processes are real ones, made by the zygote; the host lives in the process o
 from __future__ import annotations
 
 import asyncio
+import ctypes
 import os
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -84,8 +85,18 @@ async def place(tmp_path: Path, place: Path) -> AsyncIterator[Place]:
     await here.end()
 
 
+@pytest.fixture
+def shared_memory() -> Iterator[int]:
+    """A segment of System V that another program of the same user has."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    segment: int = libc.shmget(0, 4096, 0o600)
+    assert segment >= 0
+    yield segment
+    libc.shmctl(segment, 0, None)  # IPC_RMID
+
+
 async def test_a_guest_can_be_called_and_can_do_no_harm(
-    place: Place, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    place: Place, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shared_memory: int
 ) -> None:
     monkeypatch.chdir(tmp_path)  # where a host was started nobody may read
     monkeypatch.setenv("TOKEN_OF_SOMETHING", "of the host")
@@ -114,6 +125,8 @@ async def test_a_guest_can_be_called_and_can_do_no_harm(
         ("memory", "", "PermissionError"),
         ("stay", "", "PermissionError"),
         ("send", str(tmp_path / "socket"), "PermissionError"),
+        ("attach", str(shared_memory), "PermissionError"),
+        ("look_on", str(tmp_path), "PermissionError"),
         ("eat", "", "MemoryError"),
     ):
         assert await guest.call("attempt", {"what": what, "where": where}) == refusal, what
