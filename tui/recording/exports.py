@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from robotree.files import overwrite
@@ -28,7 +29,7 @@ def start(line: Line) -> int:
         case "recording":
             _show(found, line.text("--at"))
         case "export session":
-            _put(line, replayed.session_of(found), "session")
+            _put(line, replayed.session_of(found, _is_mine), "session")
         case _:
             out = Path(line.text("OUT") or Path(found.name).with_suffix(".md").name)
             folder, count = report.write(found, out)
@@ -53,6 +54,15 @@ def opened(name: str) -> tape.Tape:
             return tape.read(file, name)
     except OSError as error:
         raise BadRecordedRealm(name, f"cannot be read: {error.strerror}") from None
+
+
+def _is_mine(page: str) -> bool:
+    """Whether a page, `FILE` or `FILE:Class`, is a file of this user."""
+    path, _ = values.source(page)
+    try:
+        return Path(path).stat().st_uid == os.geteuid()
+    except OSError:
+        return False
 
 
 def _show(found: tape.Tape, moment: str) -> None:

@@ -10,7 +10,7 @@ their pages. A command that failed is tried, and must fail in the same way.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple, cast
 
 from robotree.tui.recording.tape import RecordedEnd, RecordedLine, RecordedState, Tape
@@ -41,9 +41,15 @@ class _Asked(NamedTuple):
     """[s] since 1970 when it was over."""
 
 
-def session_of(tape: Tape) -> str:
-    """Return the script, with a comment above that says where it is from."""
-    asked = sorted([*_shaped(tape), *_called(tape)])
+def session_of(tape: Tape, mine: Callable[[str], bool]) -> str:
+    """Return the script, with a comment above that says where it is from.
+
+    Args:
+        tape: the recording. It may come from anybody: nothing that it says becomes a line of its own.
+        mine: whether a page, as a description names it, is of who will run the script; robots of other pages
+            are expected, for to make them would run somebody else's code as one's own.
+    """
+    asked = sorted([*_shaped(tape, mine), *_called(tape)])
     day = time.strftime("%Y-%m-%d %H:%M", time.localtime(tape.began))
     lines = [f"# From the recording {tape.name} of {day}, realm {tape.about.get('realm') or 'default'}."]
     if there := _there(tape):
@@ -54,13 +60,12 @@ def session_of(tape: Tape) -> str:
     for request in asked:
         if before and (pause := request.unix - before) >= PAUSE:
             lines.append(f"sleep {min(pause, LONGEST_PAUSE):.1f}s")
-        # a recording may come from anybody: nothing that it says becomes a line of its own
         printable = all(part.isprintable() for part in request.lines)
         lines += request.lines if printable else ["# What was asked here has no place in a script."]
         before = max(before, request.ended)
     if not asked:
         lines.append("# Nobody asked for anything while it was recorded.")
-    return "\n".join(lines) + "\n"
+    return "\n".join(line if line.isprintable() else f"# {line!a}" for line in lines) + "\n"
 
 
 def _there(tape: Tape) -> Mapping[str, RobotDescription]:
@@ -76,19 +81,19 @@ def _bound(robot: RobotDescription) -> str:
     return f"enslaved by {slot}" if (slot := _slot(robot)) else ""
 
 
-def _shaped(tape: Tape) -> Iterable[_Asked]:
+def _shaped(tape: Tape, mine: Callable[[str], bool]) -> Iterable[_Asked]:
     """Return how the tree was shaped later: who was made, bound, released and deleted."""
     there, slots = _there(tape), _slots(tape)
-    pages = {robot.name: robot.page for robot in _descriptions(tape)}
+    pages = {robot.name: robot.page for robot in _descriptions(tape) if robot.page and mine(robot.page)}
     known = set(there)
     for unix, content in tape.entries:
         if isinstance(content, RecordedEnd):
             known.discard(content.name)
-            if pages.get(content.name):
+            if content.name in pages:
                 yield _Asked(unix, (f"try delete {content.name}",), unix)
         elif (name := _speaker(content)) and name not in known:
             known.add(name)
-            made = f"create {_quoted(pages[name])} as {name}" if pages.get(name) else ""
+            made = f"create {_quoted(pages[name])} as {name}" if name in pages else ""
             yield _Asked(unix, (made or f"expect {name} listed within {COMES:.0f}s",), unix)
     parents = {name: robot.bond.parent.name if robot.bond else "" for name, robot in there.items()}
     for unix, name, parent in _leases(tape):

@@ -21,7 +21,7 @@ import json
 import re
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from math import isfinite
+from math import inf, isfinite
 from typing import TYPE_CHECKING, Any, BinaryIO, Final, NamedTuple
 
 import msgspec
@@ -224,7 +224,12 @@ class Tape:
     @property
     def began(self) -> float:
         """[s] since 1970: who described itself then was there already."""
-        return min(float(self.about.get("began", "inf")), self.entries[0].unix)
+        try:
+            began = float(self.about.get("began", "inf"))
+        except ValueError:
+            began = inf
+        first = self.entries[0].unix
+        return began if 0.0 <= began <= first else first
 
     @property
     def ended(self) -> float:

@@ -154,11 +154,39 @@ def test_a_forged_recording_adds_no_line_to_a_script_and_names_no_file_elsewhere
     writer.picture(NOON + 1, "cell", Picture(jpeg=b"x", width=1, height=1, camera="../../evil](x"))
     writer.close()
     found = read(stream.getvalue())
-    asked = [line for line in replayed.session_of(found).splitlines() if not line.startswith(("#", "sleep"))]
+    asked = [
+        line
+        for line in replayed.session_of(found, lambda _: True).splitlines()
+        if not line.startswith(("#", "sleep"))
+    ]
     assert asked == ["call arm-1.say text=fine"]
     folder, count = report.write(found, tmp_path / "it.md")
     assert count == 1
     assert [path.name for path in folder.iterdir()] == ["001-cell-------evil--x.jpg"]
+
+
+def test_a_page_of_somebody_else_is_not_run_by_a_script() -> None:
+    stream = io.BytesIO()
+    writer = TapeWriter(stream, {"began": repr(NOON)})
+    for number, name in enumerate(("mine", "theirs"), 1):
+        page = f"/home/{name}/page.py"
+        robot = RobotDescription(address=Address("robot", name, "1"), kinds=("Arm",), page=page)
+        writer.description(NOON + number, robot)
+        writer.state(NOON + number, name, State())
+    writer.close()
+    script = replayed.session_of(read(stream.getvalue()), lambda page: page.startswith("/home/mine/"))
+    assert "create /home/mine/page.py as mine" in script
+    assert "theirs.py" not in script
+    assert "expect theirs listed" in script
+
+
+@pytest.mark.parametrize("began", ["x", "nan", "-1e300", "inf"])
+def test_a_beginning_that_is_none_is_that_of_the_first_entry(began: str) -> None:
+    stream = io.BytesIO()
+    writer = TapeWriter(stream, {"began": began})
+    writer.state(NOON, "arm-1", State())
+    writer.close()
+    assert read(stream.getvalue()).began == NOON
 
 
 def test_a_forged_name_ends_the_reading() -> None:
