@@ -10,9 +10,9 @@ import contextlib
 import fcntl
 import os
 import time
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Mapping
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, TypeVar
 
 import msgspec
 
@@ -25,6 +25,7 @@ LARGEST: Final = 4 << 20
 """[B] of one record, which then becomes `.old`."""
 LONGEST_LINE: Final = 8000
 """[B]"""
+_Found = TypeVar("_Found")
 
 Became = Literal[
     "came", "refused", "asked", "answered", "begun", "done", "failed", "stopped", "gone", "rehearsed"
@@ -97,32 +98,55 @@ class Record:
             return self._budget()
 
     def use(
-        self, what: What, amount: float, check: Callable[[Budget, float], None] = lambda _budget, _now: None
+        self,
+        amounts: Mapping[What, float],
+        check: Callable[[Budget, float], None] = lambda _budget, _now: None,
     ) -> None:
         """Note that something was used.
 
         Args:
-            what: was used.
-            amount: of it.
+            amounts: how much, by what.
             check: takes the budget and the time [s since 1970] before; what it raises leaves all as it was.
 
         Raises:
             OSError: it cannot be kept.
         """
-        with self._locked():
-            budget, now = self._budget(), self.unix()
+
+        def change(budget: Budget, now: float) -> None:
             check(budget, now)
-            budget.use(what, amount, now)
+            for what, amount in amounts.items():
+                budget.use(what, amount, now)
+
+        self.change(change)
+
+    def change(self, change: Callable[[Budget, float], _Found]) -> _Found:
+        """Change the budget while nobody else looks at it; it is in the file when this returns.
+
+        Args:
+            change: takes the budget and the time [s since 1970]; what it raises leaves all as it was.
+
+        Returns:
+            What `change` returns.
+
+        Raises:
+            OSError: it cannot be kept.
+        """
+        with self._locked():
+            budget = self._budget()
+            found = change(budget, self.unix())
             new = self._uses.with_suffix(".new")
             with os.fdopen(opened_own(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), "wb") as stream:
                 stream.write(msgspec.json.encode(budget.uses))
             new.replace(self._uses)  # not synced: it outlives processes, and a loss of power gives calls back
+        return found
 
     def _budget(self) -> Budget:
         try:
             return Budget(msgspec.json.decode(read(self._uses, LARGEST), type=list[Use]))
         except FileNotFoundError:
             return Budget()
+        except msgspec.MsgspecError as error:
+            raise OSError(f"what {self.assistant} has used cannot be read: {error}") from None
 
     @contextlib.contextmanager
     def _locked(self) -> Generator[None]:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from robotree.assistants import preview
-from robotree.assistants.budget import Budget
+from robotree.assistants.budget import Budget, What
 from robotree.assistants.keys import AssistantKeys
 from robotree.assistants.marking import bounded, data_of, said
 from robotree.assistants.meter import Way
@@ -62,6 +62,8 @@ REQUESTS: Final = 50
 """Requests of one assistant in a second: of more none is dealt with, but a stop."""
 REMEMBERED: Final = 64
 """Calls whose end an assistant can still ask for."""
+AHEAD: Final = 0.5
+"""[m] that are booked for a command before its robots move as far."""
 PICTURE_WITHIN: Final = 3.0
 """[s] for the picture that a person is shown."""
 DEEPEST: Final = 6
@@ -95,8 +97,8 @@ class Going:
         self.value: Any = None
         self.error: VrError | None = None
         self.observed: dict[str, float] = {}
-        self.limit = math.inf
-        """[m] that its robots may move."""
+        self.metres = math.inf
+        """[m] that are booked for it: its robots may move as far."""
         self.task: asyncio.Task[None] | None = None
         self.news = asyncio.Event()
 
@@ -349,7 +351,7 @@ class Seat:
         def check(budget: Budget, now: float) -> None:
             budget.expect("calls", terms, now, assistant=self.name)
 
-        self.record.use("calls", 1.0, check)
+        self.record.use({"calls": 1.0}, check)
 
     # -- when it is gone --------------------------------------------------------------------------
 
@@ -465,6 +467,8 @@ class Seat:
         permit: Permit | None,
     ) -> Going:
         """Send the call, after its budgets and its permit have been checked once more."""
+        moves = spec.effect != "read"
+        below = await self._below(robot) if moves else []
         if sum(not going.over for going in self.going.values()) >= TOGETHER:
             raise BudgetSpent(
                 assistant=self.name,
@@ -474,17 +478,15 @@ class Seat:
                 per="",
                 seconds=1,
             )
-        moves = spec.effect != "read"
-        budget, terms, now = self.record.budget(), self.terms, time.time()
-        if moves:
-            budget.expect("seconds", terms, now, assistant=self.name)
-            budget.expect("metres", terms, now, assistant=self.name)
-            within = min(within, budget.left("seconds", terms, now))
-        below = await self._below(robot) if moves else []
         key, note = fresh_key(), f"{self.name} says {said(why)}"
+        within, metres = self._book(key, within) if moves else (within, math.inf)
         if permit is not None:
             sent = PermittedCall(permit.id, robot.address.key, robot.stops, spec.name, taken, key)
-            permit = self.floor.permits.begin(permit.id, self.name, sent)
+            try:
+                permit = self.floor.permits.begin(permit.id, self.name, sent)
+            except VrError:
+                self._settle(key, {})
+                raise
             note += f"; {permit.by} said yes at {_clock(permit.answered)} (permit {permit.id})"
         call = Call(
             key=key, command=spec.name, arguments=taken, caller=self.name, deadline=within,
@@ -498,11 +500,52 @@ class Seat:
             permit=call.permit, by="" if permit is None else permit.by,
         )  # fmt: skip
         self._remember(going)
-        if moves:
-            going.limit = budget.left("metres", terms, now)
+        going.metres = metres
         with asking_for_assistant(self.name):
             going.task = asyncio.create_task(self._carry_out(going, robot, moves=moves))
         return going
+
+    def _book(self, key: str, within: float) -> tuple[float, float]:
+        """Take out of the budget what a command may use, on the disk, before it is sent.
+
+        Of the seconds that is all that it may take, of the metres the first few (`AHEAD`).
+
+        Returns:
+            The seconds and the metres that it has.
+
+        Raises:
+            BudgetSpent: nothing is left.
+        """
+        terms = self.terms
+
+        def book(budget: Budget, now: float) -> tuple[float, float]:
+            budget.expect("seconds", terms, now, assistant=self.name)
+            budget.expect("metres", terms, now, assistant=self.name)
+            return (
+                budget.book(key, "seconds", within, terms, now),
+                budget.book(key, "metres", AHEAD, terms, now),
+            )
+
+        return self.record.change(book)
+
+    def _book_on(self, going: Going) -> None:
+        """Take out of the budget the metres that a command has used up, and some more; end it if none are."""
+        terms, wanted = self.terms, going.way.metres + AHEAD
+
+        def book(budget: Budget, now: float) -> float:
+            return budget.book(going.call.key, "metres", wanted, terms, now)
+
+        going.metres = self.record.change(book)
+        if going.way.metres > going.metres:
+            going.end(f"{self.name} has used its {terms.metres:g} m an hour")
+
+    def _settle(self, key: str, used: Mapping[What, float]) -> None:
+        """Note what a command has used of what was booked; the rest can be used by others again."""
+
+        def settle(budget: Budget, now: float) -> None:
+            budget.settle(key, used, now)
+
+        self.record.change(settle)
 
     def _remember(self, going: Going) -> None:
         for old in [key for key, each in self.going.items() if each.over][
@@ -522,8 +565,7 @@ class Seat:
             going.error = CommandCancelled(robot=going.robot, command=call.command, reason=reason)
         seconds = time.monotonic() - began
         if moves:
-            self.record.use("seconds", seconds)
-            self.record.use("metres", going.way.metres)
+            self._settle(call.key, {"seconds": seconds, "metres": going.way.metres})
             going.observed = await self._observe(going.robot)
         going.changed = time.time()
         self._write_down(going, seconds)
@@ -561,8 +603,8 @@ class Seat:
         for going in self.going.values():
             if not going.over:
                 going.way.take(robot, state.readings)
-                if going.way.metres > going.limit:
-                    going.end(f"{self.name} has used its {self.terms.metres:g} m an hour")
+                if going.way.metres > going.metres:
+                    self._book_on(going)
 
 
 def explained(error: VrError) -> str:
