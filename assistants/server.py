@@ -31,6 +31,7 @@ from mcp.server.subscriptions import (
 )
 from mcp.shared.exceptions import MCPError
 from mcp_types.version import HANDSHAKE_PROTOCOL_VERSIONS
+from pydantic import BaseModel
 
 from robotree.assistants.marking import DATA, bounded, data_of, said
 from robotree.assistants.seat import Going, Seat, explained, usual_within
@@ -123,6 +124,8 @@ class AssistantServer:
         self._bus = InMemorySubscriptionBus()
         self._sessions: dict[int, ServerSession] = {}
         """Of clients of earlier versions of the protocol, which are told of changes by themselves."""
+        self._listed: tuple[object, list[dict[str, Any]]] = (None, [])
+        """All tools as they are listed, and the tools of the seat that they are made of."""
         listen = ListenHandler(self._bus, max_subscriptions=STREAMS)
 
         async def listening(
@@ -173,13 +176,20 @@ class AssistantServer:
 
     # -- lists ------------------------------------------------------------------------------------
 
-    async def _list_tools(
-        self, ctx: _Context, params: types.PaginatedRequestParams | None
-    ) -> types.ListToolsResult:
+    async def _list_tools(self, ctx: _Context, params: types.PaginatedRequestParams | None) -> Any:
         with self._request():
             if (said_first := ctx.session.client_params) and _is_told(ctx):
                 self._sessions[id(said_first)] = ctx.session  # the latest of each connection
-            return _tools_page([*self.seat.tools().values()], params)
+            return self._tools_page(params)
+
+    def _tools_page(self, params: types.PaginatedRequestParams | None) -> Any:
+        """Return one page of tools as the protocol writes it: a tool is written once, not for each list."""
+        tools = self.seat.tools()
+        if self._listed[0] is not tools:
+            self._listed = tools, [*map(_written, _OWN_TOOLS), *map(_tool, tools.values())]
+        shown, cursor = _page(self._listed[1], params)
+        page = types.ListToolsResult(tools=[], next_cursor=cursor)
+        return {**_written(page), "tools": shown}
 
     async def _list_resources(
         self, ctx: _Context, params: types.PaginatedRequestParams | None
@@ -490,13 +500,13 @@ def _page(found: list[Any], params: types.PaginatedRequestParams | None) -> tupl
     return found[first:after], str(after) if after < len(found) else None
 
 
-def _tools_page(
-    found: list[CommandTool], params: types.PaginatedRequestParams | None
-) -> types.ListToolsResult:
-    own = params is None or params.cursor is None
-    shown, cursor = _page(found, params)
-    tools = [*_OWN_TOOLS] if own else []
-    tools += [
+def _written(model: BaseModel) -> dict[str, Any]:
+    """Return a part of an answer as the protocol writes it."""
+    return model.model_dump(by_alias=True, mode="json", exclude_none=True)
+
+
+def _tool(each: CommandTool) -> dict[str, Any]:
+    return _written(
         types.Tool(
             name=each.name,
             title=f"{bounded(each.robot)}.{bounded(each.spec.name)}",
@@ -504,9 +514,7 @@ def _tools_page(
             input_schema=each.schema,
             annotations=_HINTS[each.spec.effect],
         )
-        for each in shown
-    ]
-    return types.ListToolsResult(tools=tools, next_cursor=cursor)
+    )
 
 
 _HINTS: Final = {

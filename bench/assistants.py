@@ -1,0 +1,204 @@
+"""What it costs that an assistant asks: the list of many robots' tools, and a call over a client's same call.
+
+    python bench/assistants.py [--robots N] [--calls N] [--profile FILE]
+
+The protocol's own client asks a server of this repository over stdio, in a process of its own; the robot is
+in a third one, and the realm has a policy. The calls alternate with the same call by a client of robotree,
+30 ms apart: of more than 50 requests in a second an assistant's server deals with none. The robots of the
+list are one that described itself, so many times under other names; asking them is no part of a list. Times
+in ms.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import multiprocessing
+import os
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import AsyncGenerator
+from pathlib import Path
+from typing import Annotated, Any
+
+from mcp import Client
+from mcp.client.stdio import StdioServerParameters
+from msgspec.structs import replace
+
+from robotree.assistants.keys import AssistantKeys
+from robotree.assistants.serving import KEY, floor_of, over_stdio
+from robotree.vr import Range, Robot, Unit, command
+from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.base.address import Address
+from robotree.vr.base.principal import user_name
+from robotree.vr.lookup.registrar import Registrar
+from robotree.vr.lookup.service import LookupService
+from robotree.vr.network.local import join
+from robotree.vr.network.policy_file import state_of
+from robotree.vr.supervision.realm_client import RealmClient
+
+REALM = "assisted"
+APART = 0.03
+"""[s] between two calls."""
+LISTS = 10
+"""How often the list is asked for, after the first time."""
+Place = Annotated[float, Unit("m"), Range(-1, 1), "a place"]
+
+
+class Arm(Robot):
+    """An arm with three commands."""
+
+    def readings(self) -> dict[str, float]:
+        """Tell where it is."""
+        return {"x": 0.0, "y": 0.0}
+
+    @command(effect="read")
+    def look(self, x: Place = 0.0) -> float:
+        """Return the argument."""
+        return x
+
+    @command(effect="repeat")
+    def go_to(self, x: Place = 0.0, y: Place = 0.0) -> float:
+        """Return an argument."""
+        return x + y
+
+    @command
+    def halt(self) -> None:
+        """Do nothing."""
+
+
+def far(root: str, ready: Any, enough: Any) -> None:
+    """A process with a lookup service and a robot."""
+
+    async def live() -> None:
+        transport, own = await join(REALM, root=Path(root)), await join(REALM, root=Path(root))
+        lookup, registrar = LookupService(own, "lookup"), Registrar(transport)
+        agent = RobotAgent(Arm("far"), transport, registrar=registrar)
+        await lookup.start()
+        await agent.start()
+        ready.set()
+        await asyncio.get_running_loop().run_in_executor(None, enough.wait)
+        for part in (agent, registrar, lookup, transport, own):
+            await part.close()
+
+    asyncio.run(live())
+
+
+@contextlib.asynccontextmanager
+async def joined(root: Path) -> AsyncGenerator[RealmClient]:
+    """Be in the realm for the time of a block."""
+    transport = await join(REALM, root=root)
+    realm_client = RealmClient(transport)
+    await realm_client.start()
+    try:
+        yield realm_client
+    finally:
+        await realm_client.close()
+        await transport.close()
+
+
+async def serve(root: Path, robots: int) -> None:
+    """Serve an assistant over stdio, with so many robots in its list."""
+    async with joined(root) as realm_client:
+        folder = state_of(REALM, root)
+        async with floor_of(realm_client, folder) as floor:
+            known = asyncio.Event()
+            floor.catalogue.on_change(known.set)
+            while "far" not in floor.catalogue.robots:
+                known.clear()
+                await known.wait()
+            far_one = floor.catalogue.robots["far"]
+            for number in range(robots - 1):
+                address = Address("robot", f"arm-{number}", "bench")
+                floor.catalogue.robots[address.name] = replace(far_one, address=address)
+            floor.catalogue.version += 1
+            await over_stdio(floor, AssistantKeys(folder), os.environ[KEY])
+
+
+async def listed(client: Client) -> int:
+    """Ask for the whole list of tools, page by page; returns how many there are."""
+    count, cursor = 0, None
+    while True:
+        page = await client.list_tools(cursor=cursor, cache_mode="bypass")
+        count, cursor = count + len(page.tools), page.next_cursor
+        if cursor is None:
+            return count
+
+
+async def measure(root: Path, key: str, given: argparse.Namespace) -> None:
+    """Print the figures."""
+    words = [__file__, "--serve", str(root), "--robots", str(given.robots)]
+    if given.profile:
+        words = ["-m", "cProfile", "-o", given.profile, *words]
+    server = StdioServerParameters(command=sys.executable, args=words, env={**os.environ, KEY: key})
+    async with joined(root) as realm_client, Client(server) as client:
+        times, count = list[float](), 0
+        for _ in range(LISTS + 1):
+            began = time.perf_counter()
+            count = await listed(client)
+            times.append((time.perf_counter() - began) * 1e3)
+        print(f"list of {count} tools of {given.robots} robots: first {times[0]:.0f} ms,"
+              f" then {statistics.median(times[1:]):.0f} ms")  # fmt: skip
+        for command_, what in (("look", "that reads"), ("go_to", "that moves")):
+            direct, assisted = list[float](), list[float]()
+            for _ in range(given.calls):
+                began = time.perf_counter()
+                await realm_client.call("far", command_, {"x": 0.5})
+                direct.append((time.perf_counter() - began) * 1e3)
+                await asyncio.sleep(APART)
+                began = time.perf_counter()
+                answer = await client.call_tool(f"far__{command_}", {"x": 0.5, "_why": "to measure"})
+                assisted.append((time.perf_counter() - began) * 1e3)
+                assert not answer.is_error, answer  # noqa: S101 # a refusal is quick
+                await asyncio.sleep(APART)
+            low, middle, high = statistics.quantiles(assisted, n=4)
+            by_client = statistics.median(direct)
+            print(f"a call {what}: by an assistant {middle:.1f} ({low:.1f} to {high:.1f}), by a client"
+                  f" {by_client:.1f}; overhead {middle - by_client:.1f} ms, {given.calls} calls")  # fmt: skip
+    print(f"load {os.getloadavg()[0]:.1f}")
+
+
+def rules() -> str:
+    """Return the policy."""
+    return (
+        f"realm: {REALM}\nversion: 1\npersons: {{'{user_name(os.geteuid())}': all}}\n"
+        "assistants: {claude: {role: all, calls: 100000, metres: 1000, seconds: 3600}}\n"
+        "roles: {all: {see: '*', command: '*'}}\n"
+    )
+
+
+def main() -> int:
+    """Print the figures."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--robots", type=int, default=1000)
+    parser.add_argument("--calls", type=int, default=100)
+    parser.add_argument("--profile", default="", help="where the server's profile goes")
+    parser.add_argument("--serve", default="", help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.serve:
+        asyncio.run(serve(Path(given.serve), given.robots))
+        return 0
+    with tempfile.TemporaryDirectory(prefix="rt-") as folder:
+        root = Path(folder)
+        state = state_of(REALM, root)
+        state.mkdir(mode=0o700)
+        (state / "policy.yaml").write_text(rules())
+        key = AssistantKeys(state).invite("claude")
+        context = multiprocessing.get_context("spawn")
+        ready, enough = context.Event(), context.Event()
+        robot = context.Process(target=far, args=(folder, ready, enough), daemon=True)
+        robot.start()
+        try:
+            ready.wait(60)
+            asyncio.run(measure(root, key, given))
+        finally:
+            enough.set()
+            robot.join(20)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,144 @@
+"""One assistant over robots in memory: its budgets, its flood, its end, and a key that is taken back."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import AsyncIterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from robotree.assistants import seat as seats
+from robotree.assistants.budget import Budget, Use
+from robotree.assistants.record import Record
+from robotree.assistants.server import AssistantServer
+from robotree.vr.base.errors import AssistantUnknown, BudgetSpent
+from robotree.vr.base.policy import AssistantTerms
+from tests.assistants.hall import STEP, Hall, opened
+from tests.waiting import PATIENCE, until
+
+
+@pytest.fixture
+async def hall(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Hall]:
+    monkeypatch.setattr(seats, "LEASE", 10 * PATIENCE)  # no request comes here
+    async with opened(tmp_path) as found:
+        yield found
+
+
+def test_what_was_used_counts_for_its_time_whatever_the_clock_does(tmp_path: Path) -> None:
+    terms, now = AssistantTerms(calls=2, metres=3.0, seconds=10.0), [1e6]
+    budget = Budget([Use(1e6 + 500, "metres", 2.5)])  # the clock was put back since
+    assert budget.left("metres", terms, 1e6) == 0.5
+    with pytest.raises(BudgetSpent, match="metres"):
+        budget.expect("metres", terms, 1e6, assistant="claude", amount=0.6)
+    budget.expect("metres", terms, 1e6 + 500 + 3600, assistant="claude", amount=3.0)
+
+    def check(found: Budget, at: float) -> None:
+        found.expect("calls", terms, at, assistant="claude")
+
+    for _ in range(2):
+        Record(tmp_path, "claude", lambda: now[0]).use({"calls": 1.0}, check)
+    again = Record(tmp_path, "claude", lambda: now[0])  # a server that is started anew
+    with pytest.raises(BudgetSpent, match="calls") as spent:
+        again.use({"calls": 1.0}, check)
+    assert spent.value.data["seconds"] == 60
+    Record(tmp_path, "other", lambda: now[0]).use({"calls": 1.0}, check)
+    now[0] += 60.0
+    again.use({"calls": 1.0}, check)
+
+
+def test_many_uses_are_a_short_list_and_none_is_forgotten_early() -> None:
+    terms, budget = AssistantTerms(calls=10_000), Budget()
+    for number in range(6000):
+        budget.use("calls", 1.0, 1e6 + number / 100)
+    assert len(budget.uses) <= 121
+    assert budget.used("calls", 1e6 + 59.99) == 6000
+    for later in (10.0, 30.0, 59.0):
+        truly = sum(number / 100 > later for number in range(6000))
+        assert truly <= budget.used("calls", 1e6 + 60 + later) <= truly + 51
+    assert budget.left("calls", terms, 1e6 + 120) == 10_000
+
+
+async def test_its_robots_move_as_far_as_its_metres_go(hall: Hall) -> None:
+    going = await hall.far(", metres: 0.2")
+    assert await going.wait(PATIENCE)
+    assert "has used its 0.2 m an hour" in str(going.error)
+    assert going.way.metres > 0.2
+    await until(lambda: hall.agent.description().busy == "", "it has ended")
+    with pytest.raises(BudgetSpent, match="metres"):
+        await hall.walk(1001.0)
+    looked = await hall.seat.call("cart-1", "where", {}, "to look", 5.0)
+    assert await looked.wait(PATIENCE)
+    assert looked.result() == hall.cart.at, "who only reads moves nothing"
+
+
+async def test_its_commands_run_as_long_as_its_seconds_go(hall: Hall) -> None:
+    hall.rule(", seconds: 1")
+    going = await hall.seat.call("cart-1", "wait", {}, "to see", 60.0)
+    assert going.call.deadline <= 1.0
+    assert await going.wait(PATIENCE)
+    assert going.error is not None
+    assert hall.seat.record.budget().left("seconds", hall.seat.terms, time.time()) < 0.5
+    hall.seat.record.use({"seconds": 0.5})
+    with pytest.raises(BudgetSpent, match="seconds of motion"):
+        await hall.walk(0.01)
+
+
+async def test_a_flood_is_not_dealt_with_and_a_stop_in_it_is_heard(
+    hall: Hall, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [1000.0]
+    monkeypatch.setattr(seats, "time", SimpleNamespace(monotonic=lambda: now[0], time=lambda: 1e6))
+    server = AssistantServer(hall.seat)
+    for _ in range(seats.REQUESTS):
+        hall.seat.touch()
+    with pytest.raises(BudgetSpent, match="requests: 50 of 50 a second"):
+        hall.seat.touch()
+    with server._request(urgent=True):
+        assert await hall.seat.stop(None) == ("cart-1",)
+    assert hall.stopped
+    now[0] += 1.0
+    hall.seat.touch()
+
+
+@pytest.mark.parametrize("gone", ["hold", "stop", "finish"])
+async def test_when_it_is_gone_its_robots_do_what_the_policy_says(hall: Hall, gone: str) -> None:
+    going = await hall.far(f", gone: {gone}")
+    await hall.seat.leave("it has gone")
+    if gone == "finish":
+        here = hall.cart.at
+        await until(lambda: hall.cart.at > here + 5 * STEP, "it walks on")
+        assert not going.over
+        going.end("enough")
+    assert await going.wait(PATIENCE)
+    await until(lambda: hall.agent.description().busy == "", "it has ended")
+    assert hall.stopped == (gone == "stop")
+    assert f"it has gone: {gone}" in [one.text for one in hall.seat.record.entries()]
+
+
+async def test_a_key_that_is_taken_back_ends_what_runs(hall: Hall, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(seats, "LOOKS", 0.02)
+    going = await hall.far()
+    hall.keys.revoke("claude")
+    assert await going.wait(PATIENCE)
+    assert "is gone" in str(going.error)
+    await until(lambda: hall.agent.description().busy == "", "it has ended")
+    with pytest.raises(AssistantUnknown, match="taken back"):
+        hall.seat.touch()
+    assert "its key was taken back: hold" in [one.text for one in hall.seat.record.entries()]
+
+
+async def test_who_is_silent_while_something_runs_is_gone(
+    hall: Hall, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(seats, "LOOKS", 0.02)
+    going = await hall.far()
+    hall.seat.open = 1  # a request waits for its answer: it is there
+    monkeypatch.setattr(seats, "LEASE", 0.1)
+    here = hall.cart.at
+    await until(lambda: hall.cart.at > here + 20 * STEP, "it walks on")
+    assert not going.over
+    hall.seat.open = 0
+    assert await going.wait(PATIENCE)
+    assert "is gone" in str(going.error)
