@@ -398,10 +398,10 @@ class Seat:
             raise BadArgument(
                 command=f"{robot}.{command}", parameter="_within", reason=f"0 to {LONGEST_WITHIN:g} s"
             )
-        known = self.floor.catalogue.robots[robot]
-        listed = known.command(command)
-        if listed is not None and listed.effect == "read" and self.may("command", known, command):
-            return known, listed, check_arguments(listed, arguments, robot=robot)  # it is not moved by that
+        before = self.floor.catalogue.robots[robot]
+        listed = before.command(command)
+        if listed is not None and listed.effect == "read" and self.may("command", before, command):
+            return before, listed, check_arguments(listed, arguments, robot=robot)  # it is not moved by that
         described = await self.describe(robot)
         spec = described.command(command)
         if spec is None:

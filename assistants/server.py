@@ -31,7 +31,6 @@ from mcp.server.subscriptions import (
 )
 from mcp.shared.exceptions import MCPError
 from mcp_types.version import HANDSHAKE_PROTOCOL_VERSIONS
-from pydantic import BaseModel
 
 from robotree.assistants.marking import DATA, bounded, data_of, said
 from robotree.assistants.seat import Going, Seat, explained, usual_within
@@ -500,7 +499,7 @@ def _page(found: list[Any], params: types.PaginatedRequestParams | None) -> tupl
     return found[first:after], str(after) if after < len(found) else None
 
 
-def _written(model: BaseModel) -> dict[str, Any]:
+def _written(model: types.Tool | types.ListToolsResult) -> dict[str, Any]:
     """Return a part of an answer as the protocol writes it."""
     return model.model_dump(by_alias=True, mode="json", exclude_none=True)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
@@ -18,6 +19,7 @@ from mcp.client.stdio import StdioServerParameters
 from tests.assistants.conftest import ME
 from tests.assistants.test_over_stdio import text
 from tests.command_line import ROBOTREE, robotree
+from tests.waiting import wait_until
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(600)]
 ROOT = Path(__file__).parents[2]
@@ -40,6 +42,17 @@ def home(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         (folder / "nothing.yaml").write_text("lookups: []\n")
         yield folder
         assert robotree("apply", "nothing.yaml", "--prune", "--yes", within=PATIENT).returncode == 0
+        wait_until(lambda: not processes_of(folder), "no process of the cell is left")
+
+
+def processes_of(folder: Path) -> list[str]:
+    """Return the processes that were started with this folder in their environment."""
+    found: list[str] = []
+    for process in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):  # it has ended, or is somebody else's
+            if f"{folder}/".encode() in (process / "environ").read_bytes():
+                found.append((process / "cmdline").read_bytes().replace(b"\0", b" ").decode())
+    return found
 
 
 def said(line: str, **blanks: str) -> str:
@@ -59,6 +72,7 @@ async def test_the_five_minutes_are_as_they_are_written(home: Path) -> None:
     said(cell)
     (home / "assistant.yaml").write_text(BLOCKS[1][1].replace("anna", ME))
     said(rules)
+    assert any("proxy" in each for each in processes_of(home)), "the cell runs in processes of its own"
     key = said(invite)
     entry: Any = json.loads(BLOCKS[3][1])["mcpServers"]["robotree"]
     assert entry["command"] == "robotree"
