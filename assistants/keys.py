@@ -87,13 +87,39 @@ class AssistantKeys:
         Raises:
             AssistantUnknown: nobody has it, or it has ended.
         """
+        return self.proved(key)[0]
+
+    def proved(self, key: str) -> tuple[str, str]:
+        """Return the assistant that has a key, and what is kept of the key: `good` tells later of both.
+
+        Raises:
+            AssistantUnknown: nobody has it, or it has ended.
+        """
         given, found = _hash(key), ""
         for name, kept in self.all().items():
             if hmac.compare_digest(kept.hash, given) and self._unix() < kept.ends:
                 found = name
         if not found:
             raise AssistantUnknown(detail="this key is no assistant's, has ended, or was taken back")
-        return found
+        return found, given
+
+    def good(self, name: str, proof: str) -> bool:
+        """Return whether an assistant still has the key that it has proved, and no other one.
+
+        Raises:
+            AssistantUnknown: the keys cannot be read.
+        """
+        kept = self.all().get(name)
+        return kept is not None and hmac.compare_digest(kept.hash, proof) and self._unix() < kept.ends
+
+    def proof_of(self, name: str) -> str:
+        """Return what is kept of the key that an assistant has now; empty: it has none.
+
+        Raises:
+            AssistantUnknown: the keys cannot be read.
+        """
+        kept = self.all().get(name)
+        return "" if kept is None else kept.hash
 
     def _write(self, kept: Mapping[str, AssistantKey]) -> None:
         replace(self._path, msgspec.json.format(msgspec.json.encode(kept)))

@@ -138,9 +138,11 @@ class Going:
 class Seat:
     """One assistant, from its first request to its end."""
 
-    def __init__(self, name: str, floor: Floor) -> None:
-        """Take its name, which its key has proved."""
+    def __init__(self, name: str, floor: Floor, proof: str = "") -> None:
+        """Take its name, which its key has proved, and what is kept of that key; empty: it has it now."""
         self.name, self.floor = name, floor
+        self._keys = AssistantKeys(floor.rehearses_for or floor.folder)
+        self._proof = proof or self._keys.proof_of(name)
         self.record = Record(floor.folder, name)
         self.going: dict[str, Going] = {}
         self.open = 0
@@ -148,7 +150,8 @@ class Seat:
         self._seen = time.monotonic()
         self._requests: deque[float] = deque(maxlen=REQUESTS)
         self._tools: tuple[object, dict[str, CommandTool]] = (None, {})
-        self._revoked = False
+        self.revoked = asyncio.Event()
+        """Set when its key was taken back, replaced, or has ended."""
         self._watch: asyncio.Task[None] | None = None
         self._states: Registration | None = None
 
@@ -187,7 +190,7 @@ class Seat:
             BudgetSpent: too many come; a stop is heard nevertheless.
             AssistantUnknown: its key was taken back.
         """
-        if self._revoked:
+        if self.revoked.is_set():
             raise AssistantUnknown(detail=f"the key of {self.name} was taken back")
         now = self._seen = time.monotonic()
         if len(self._requests) == REQUESTS and now - self._requests[0] < 1.0:
@@ -373,15 +376,15 @@ class Seat:
 
     def _has_key(self) -> bool:
         try:
-            return self.name in AssistantKeys(self.floor.rehearses_for or self.floor.folder).all()
+            return self._keys.good(self.name, self._proof)
         except VrError:
             return False
 
     async def _look_after(self) -> None:
         while True:
             await asyncio.sleep(LOOKS)
-            if not self._revoked and not await asyncio.to_thread(self._has_key):
-                self._revoked = True
+            if not self.revoked.is_set() and not await asyncio.to_thread(self._has_key):
+                self.revoked.set()
                 await self.leave("its key was taken back")
             if self.open == 0 and time.monotonic() - self._seen > LEASE:
                 await self.leave(f"nothing was heard of it for {LEASE:.0f} s")
@@ -418,15 +421,15 @@ class Seat:
                 permit="none", reason="robots of other sites cannot see the permits of this one"
             )
         digest = preview.digest_of(robot, spec.name, taken)
-        shown = preview.preview_of(
-            robot, spec, taken, await self._below(robot), preview.rehearsed(self.floor.folder, digest)
-        )
+        below = await self._below(robot)
+        shown = preview.preview_of(robot, spec, taken, [*below], preview.rehearsed(self.floor.folder, digest))
         permit = Permit(
             id=_id(),
             assistant=self.name,
             robot=robot.name,
             life=robot.address.key,
             stops=robot.stops,
+            below=below,
             command=spec.name,
             arguments=taken,
             units={field.name: field.unit for field in spec.parameters if field.unit and field.name in taken},
@@ -447,19 +450,21 @@ class Seat:
                     return (await self.floor.realm_client.look(view.name)).jpeg
         return b""
 
-    async def _below(self, robot: RobotDescription) -> list[str]:
-        """Return the names of the robots that a robot commands, and those that these command."""
-        found: dict[str, None] = {}
+    async def _below(self, robot: RobotDescription) -> dict[str, tuple[str, int]]:
+        """Return the robots that a robot commands, and those that these command: lives and stops, by name."""
+        found: dict[str, tuple[str, int]] = {}
         level = [robot]
         for _ in range(DEEPEST):
             names = [slot.child.name for each in level for slot in each.slots if slot.child is not None]
             level = level[:0]
             for name in names:
                 if name not in found:
-                    found[name] = None
+                    found[name] = ("", -1)
                     with contextlib.suppress(VrError), asking_for_assistant(""):
-                        level.append(await self.floor.realm_client.describe(name))
-        return [*found]
+                        described = await self.floor.realm_client.describe(name)
+                        found[name] = (described.address.key, described.stops)
+                        level.append(described)
+        return found
 
     async def _begin(
         self,
@@ -472,7 +477,10 @@ class Seat:
     ) -> Going:
         """Send the call, after its budgets and its permit have been checked once more."""
         moves = spec.effect != "read"
-        below = await self._below(robot) if moves else []
+        below = await self._below(robot) if moves or permit is not None else {}
+        if permit is not None and below != permit.below:
+            reason = "a robot below it was stopped, or is another one, since it was asked for"
+            raise PermitRefused(permit=permit.id, reason=reason)
         if sum(not going.over for going in self.going.values()) >= TOGETHER:
             raise BudgetSpent(
                 assistant=self.name,

@@ -38,6 +38,8 @@ from robotree.assistants.tools import WHY, WITHIN, CommandTool
 from robotree.vr.base.errors import BadArgument, PermitNeeded, VrError
 from robotree.vr.base.permit import Permit
 
+HUNG_UP: Final = "robotree.hung_up"
+"""Under this name the scope of an HTTP request has an event, set when its connection has ended."""
 TASKS: Final = "io.modelcontextprotocol/tasks"
 POLL: Final = 500
 """[ms] between two looks at a task, as we ask clients for."""
@@ -338,18 +340,24 @@ class AssistantServer:
         """Wait for the end of a call, with progress; where the client takes tasks, not for long."""
         if _takes_tasks(ctx):
             return _ended(going) if await going.wait(AT_ONCE) else self._going_task(going)
+        hanging_up = asyncio.ensure_future(_hung_up(ctx).wait())
         try:
             while not going.over:
                 news = asyncio.ensure_future(going.news.wait())
                 assert going.task is not None  # noqa: S101 # `Seat` has begun it
-                await asyncio.wait([going.task, news], return_when=asyncio.FIRST_COMPLETED)
+                waits = {going.task, news} if hanging_up.done() else {going.task, news, hanging_up}
+                await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
                 news.cancel()
                 going.news.clear()
-                if not going.over and not math.isnan(going.fraction):
+                if hanging_up.done():
+                    going.end("the connection of the assistant has ended")
+                elif not going.over and not math.isnan(going.fraction):
                     await ctx.session.report_progress(going.fraction, 1.0, going.text)
         except asyncio.CancelledError:
             going.end("the assistant gave up")
             raise
+        finally:
+            hanging_up.cancel()
         return _ended(going)
 
     # -- tasks ------------------------------------------------------------------------------------
@@ -426,6 +434,12 @@ _WAITS: Final = (
 def _is_told(ctx: _Context) -> bool:
     """Whether a client of an earlier version is told of changes without asking for it."""
     return ctx.protocol_version in HANDSHAKE_PROTOCOL_VERSIONS
+
+
+def _hung_up(ctx: _Context) -> asyncio.Event:
+    """Return what is set when the connection of a request has ended; over stdio the server ends then."""
+    found = getattr(ctx.request, "scope", {}).get(HUNG_UP)
+    return found if isinstance(found, asyncio.Event) else asyncio.Event()
 
 
 def _takes_tasks(ctx: _Context) -> bool:

@@ -11,7 +11,7 @@ import contextlib
 import socket
 from collections.abc import AsyncGenerator, Awaitable, Callable, Generator, MutableMapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import uvicorn
 from mcp.server.stdio import stdio_server
@@ -21,7 +21,7 @@ from mcp.server.transport_security import TransportSecuritySettings
 from robotree.assistants.catalogue import Catalogue
 from robotree.assistants.keys import AssistantKeys
 from robotree.assistants.seat import Floor, Seat
-from robotree.assistants.server import AssistantServer
+from robotree.assistants.server import HUNG_UP, AssistantServer
 from robotree.vr.base.errors import AssistantUnknown
 from robotree.vr.network.permit_file import PermitFiles
 from robotree.vr.supervision.realm_client import RealmClient
@@ -62,9 +62,9 @@ async def floor_of(
 
 
 @contextlib.asynccontextmanager
-async def seated(name: str, floor: Floor) -> AsyncGenerator[AssistantServer]:
+async def seated(name: str, floor: Floor, proof: str = "") -> AsyncGenerator[AssistantServer]:
     """Serve an assistant for the time of a block; its commands end with it, or do what the policy says."""
-    seat = Seat(name, floor)
+    seat = Seat(name, floor, proof)
     await seat.start()
     seat.record.write("came")
     try:
@@ -79,9 +79,44 @@ async def over_stdio(floor: Floor, keys: AssistantKeys, key: str) -> None:
     Raises:
         AssistantUnknown: nobody has it.
     """
-    name = keys.name_of(key)
-    async with seated(name, floor) as server, stdio_server() as (read, write):
+    name, proof = keys.proved(key)
+    async with seated(name, floor, proof) as server, stdio_server() as (read, write):
         await server.server.run(read, write, server.options())
+
+
+@contextlib.asynccontextmanager
+async def heard(scope: _Scope, receive: _Receive) -> AsyncGenerator[_Receive]:
+    """Note in a request when its connection ends (`HUNG_UP`), also while nobody reads from it.
+
+    Args:
+        scope: of the request (ASGI 3); it gets an event.
+        receive: reads from the connection.
+
+    Yields:
+        What reads from it instead.
+    """
+    ended = scope[HUNG_UP] = asyncio.Event()
+    came: asyncio.Queue[MutableMapping[str, Any]] = asyncio.Queue(1)
+
+    async def listen() -> None:
+        while not ended.is_set():
+            message = await receive()
+            if message["type"] == "http.disconnect":
+                ended.set()
+            await came.put(message)
+
+    async def hearing() -> MutableMapping[str, Any]:
+        message = await came.get()
+        if message["type"] == "http.disconnect":
+            came.put_nowait(message)  # whoever asks again hears it again
+        return message
+
+    listening = asyncio.create_task(listen())
+    try:
+        yield hearing
+    finally:
+        ended.set()
+        listening.cancel()
 
 
 class HttpFront:
@@ -90,15 +125,18 @@ class HttpFront:
     def __init__(self, floor: Floor, keys: AssistantKeys) -> None:
         """Take the robots, and who may come in."""
         self._floor, self._keys = floor, keys
-        self._stack = contextlib.AsyncExitStack()
-        self._managers: dict[str, StreamableHTTPSessionManager] = {}
+        self._served: dict[str, _Served] = {}
+        """By what is kept of their keys: another key of an assistant is served anew."""
         self._seating = asyncio.Lock()
         self.refused = 0
         """Requests without a good key."""
 
     async def close(self) -> None:
         """End what all assistants have begun, as the policy says."""
-        await self._stack.aclose()
+        served = [*self._served.values()]
+        for each in served:
+            each.end.set()
+        await asyncio.gather(*(each.task for each in served), return_exceptions=True)
 
     async def __call__(self, scope: _Scope, receive: _Receive, send: _Send) -> None:
         """Answer one request (ASGI 3)."""
@@ -111,50 +149,61 @@ class HttpFront:
             await _say(send, 404, "not found")
             return
         try:
-            name = self._keys.name_of(_bearer(scope))
+            name, proof = self._keys.proved(_bearer(scope))
         except AssistantUnknown as error:
             self.refused += 1
             await _say(send, 401, str(error))
             return
-        manager = await self._manager_of(name)
-        await manager.handle_request(scope, receive, send)
+        manager = await self._manager_of(name, proof)
+        async with heard(scope, receive) as hearing:
+            await manager.handle_request(scope, hearing, send)
 
-    async def _manager_of(self, name: str) -> StreamableHTTPSessionManager:
+    async def _manager_of(self, name: str, proof: str) -> StreamableHTTPSessionManager:
         async with self._seating:
-            if name not in self._managers:
-                server = await self._stack.enter_async_context(seated(name, self._floor))
-                manager = StreamableHTTPSessionManager(
-                    server.server,
-                    security_settings=TransportSecuritySettings(
-                        enable_dns_rebinding_protection=True,
-                        allowed_hosts=["127.0.0.1:*", "localhost:*", "[::1]:*"],
-                        allowed_origins=[],
-                    ),
-                    max_request_body_size=LARGEST,
-                    session_idle_timeout=IDLE,
-                    max_sessions=SESSIONS,
+            if proof not in self._served:
+                ready: asyncio.Future[StreamableHTTPSessionManager] = (
+                    asyncio.get_running_loop().create_future()
                 )
-                self._managers[name] = await self._running(manager)
-            return self._managers[name]
+                end = asyncio.Event()
+                task = asyncio.create_task(self._serve(name, proof, ready, end))
+                first: list[asyncio.Future[Any]] = [task, ready]
+                await asyncio.wait(first, return_when=asyncio.FIRST_COMPLETED)
+                if not ready.done():
+                    await task  # it raises why it could not begin
+                self._served[proof] = _Served(ready.result(), end, task)
+            return self._served[proof].manager
 
-    async def _running(self, manager: StreamableHTTPSessionManager) -> StreamableHTTPSessionManager:
-        """Run a manager in a task of its own: its block must be left where it was entered."""
-        ready, end = asyncio.Event(), asyncio.Event()
-
-        async def run() -> None:
+    async def _serve(
+        self, name: str, proof: str, ready: asyncio.Future[StreamableHTTPSessionManager], end: asyncio.Event
+    ) -> None:
+        """Serve one assistant until the end, or until its key is good no more."""
+        async with seated(name, self._floor, proof) as server:
+            manager = StreamableHTTPSessionManager(
+                server.server,
+                security_settings=TransportSecuritySettings(
+                    enable_dns_rebinding_protection=True,
+                    allowed_hosts=["127.0.0.1:*", "localhost:*", "[::1]:*"],
+                    allowed_origins=[],
+                ),
+                max_request_body_size=LARGEST,
+                session_idle_timeout=IDLE,
+                max_sessions=SESSIONS,
+            )
             async with manager.run():
-                ready.set()
-                await end.wait()
+                ready.set_result(manager)
+                waits = [asyncio.create_task(each.wait()) for each in (end, server.seat.revoked)]
+                await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
+                for each in waits:
+                    each.cancel()
+                self._served.pop(proof, None)
 
-        task = asyncio.create_task(run())
 
-        async def stop() -> None:
-            end.set()
-            await asyncio.gather(task, return_exceptions=True)
+class _Served(NamedTuple):
+    """One assistant with one key."""
 
-        self._stack.push_async_callback(stop)
-        await ready.wait()
-        return manager
+    manager: StreamableHTTPSessionManager
+    end: asyncio.Event
+    task: asyncio.Task[None]
 
 
 class _Uvicorn(uvicorn.Server):

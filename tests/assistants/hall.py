@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from robotree.assistants.keys import AssistantKeys
 from robotree.assistants.seat import Going, Seat
 from robotree.assistants.serving import floor_of
-from robotree.vr import Robot, Unit, command
+from robotree.vr import Child, Robot, Unit, VirtualRobot, command
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.base.policy import PolicyGate
 from robotree.vr.base.policy_reading import read_policy
@@ -55,6 +55,17 @@ class Cart(Robot):
         return self.at
 
 
+class Lift(VirtualRobot):
+    """A cart that is lifted."""
+
+    cart = Child("Cart")
+
+    @command
+    def raise_it(self, x: float) -> None:
+        """Raise it."""
+        self.cart.walk(x=x)
+
+
 class Hall:
     """A realm with a cart, and the seat of an assistant."""
 
@@ -65,11 +76,11 @@ class Hall:
         self.keys = AssistantKeys(folder)
         self.seat: Any = None
 
-    def rule(self, terms: str = "") -> None:
+    def rule(self, terms: str = "", right: str = "command") -> None:
         self.gate.policy = read_policy(
             f"realm: test\nversion: 1\npersons: {{'{user_name(os.geteuid())}': all}}\n"
             f"assistants: {{claude: {{role: helper{terms}}}}}\n"
-            "roles: {all: {see: '*', command: '*', resume: '*'}, helper: {see: '*', command: '*'}}\n"
+            f"roles: {{all: {{see: '*', command: '*', resume: '*'}}, helper: {{see: '*', {right}: '*'}}}}\n"
         )
 
     async def walk(self, x: float) -> Going:
@@ -87,19 +98,27 @@ class Hall:
     def stopped(self) -> bool:
         return self.agent.description().stopped
 
+    async def bring(self, stack: contextlib.AsyncExitStack, robot: Robot) -> RobotAgent:
+        """Have a robot listed."""
+        transport = self.network.join(robot.name)
+        registrar = Registrar(transport)
+        agent = RobotAgent(robot, transport, registrar=registrar)
+        await agent.start()
+        stack.push_async_callback(registrar.close)
+        stack.push_async_callback(agent.close)
+        return agent
+
     async def open(self, stack: contextlib.AsyncExitStack) -> None:
-        transport = self.network.join("cart-1")
-        lookup, registrar = LookupService(self.network.join("lookup"), "lookup"), Registrar(transport)
-        self.agent = RobotAgent(self.cart, transport, registrar=registrar)
-        for part in (lookup, self.agent, self.realm_client):
+        lookup = LookupService(self.network.join("lookup"), "lookup")
+        for part in (lookup, self.realm_client):
             await part.start()
             stack.push_async_callback(part.close)
-        stack.push_async_callback(registrar.close)
+        self.agent = await self.bring(stack, self.cart)
         await until(lambda: bool(self.realm_client.robots()), "it is listed")
         self.rule()
         self.keys.invite("claude")
-        floor = await stack.enter_async_context(floor_of(self.realm_client, self.folder))
-        self.seat = Seat("claude", floor)
+        self.floor = await stack.enter_async_context(floor_of(self.realm_client, self.folder))
+        self.seat = Seat("claude", self.floor)
         await self.seat.start()
         stack.push_async_callback(self.seat.close)
 

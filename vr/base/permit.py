@@ -49,6 +49,8 @@ class Permit(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Key of the robot in its present life: a robot that was made anew is another one."""
     stops: int
     """How many stops of the robot had begun when it was asked for."""
+    below: dict[str, tuple[str, int]] = {}
+    """The same two of each robot below it, by name; ("", -1): it could not be asked."""
     command: str
     arguments: dict[str, Any] = {}
     """As the robot's command takes them: numbers in the declared units."""
