@@ -23,7 +23,7 @@ from tests.ports import free_port
 from tests.terminal import ENTER, Person
 from tests.waiting import wait_until
 
-pytestmark = pytest.mark.story
+pytestmark = [pytest.mark.story, pytest.mark.soak]  # minutes, over a slow line
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

@@ -34,6 +34,7 @@ def test_the_longest_bar_is_the_longest_time() -> None:
     assert [bar.count("█") for bar in bars] == [demo_travel.BAR, 16]
 
 
+@pytest.mark.soak
 @pytest.mark.e2e
 @pytest.mark.story
 @pytest.mark.timeout(400)

@@ -20,7 +20,7 @@ from tests.plant import Plant
 from tests.ports import free_port
 from tests.waiting import PATIENCE, wait_until
 
-pytestmark = [pytest.mark.e2e, pytest.mark.story]
+pytestmark = [pytest.mark.e2e, pytest.mark.story, pytest.mark.soak]  # minutes, over a slow line
 
 DELAY = 0.05
 """[s] one way, of the line of hall."""

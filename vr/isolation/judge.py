@@ -199,7 +199,9 @@ class Judge:
         nameless = not envelope.sender and isinstance(request, NAMELESS)
         if envelope.terminal or envelope.proof or (envelope.sender != self.key and not nameless):
             raise Misbehaved(f"it asked {_shown(key)} for {what} in the name of somebody else")
-        if envelope.may not in self.permissions and role == "robot" and not nameless:
+        # what binds, renews and ends is not limited by permissions, and its sender leaves them out
+        limited = isinstance(request, Call) or envelope.may is not None
+        if limited and envelope.may not in self.permissions and role == "robot" and not nameless:
             raise Misbehaved(f"it asked {_shown(key)} for {what} with other permissions than its page has")
         if isinstance(request, OF_PARENTS) and request.parent.key != self.key:
             raise Misbehaved(f"it asked {_shown(key)} for {what} as {_shown(request.parent.key)}")

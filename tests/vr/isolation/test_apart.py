@@ -36,6 +36,7 @@ from tests.waiting import PATIENCE, until
 PACKAGE = apart.__file__
 """A file that each robot may read."""
 PAGE = str(Path(__file__).with_name("pages.py"))
+SOURCE = Path(PAGE).read_text(encoding="utf-8")
 
 
 class Place:
@@ -63,8 +64,10 @@ class Place:
         self.journal.close()
         await self.transport.close()
 
-    async def create(self, name: str = "guest", level: Isolation = "process") -> RobotClient:
-        bundle = await asyncio.to_thread(Bundle.read, PAGE)
+    async def create(
+        self, name: str = "guest", level: Isolation = "process", page: str = PAGE
+    ) -> RobotClient:
+        bundle = await asyncio.to_thread(Bundle.read, page)
         robot = await HostClient(self.operator, self.host.address).create(bundle, name, None, level)
         return RobotClient(self.operator, robot.address)
 
@@ -150,6 +153,24 @@ async def test_it_commands_whom_somebody_has_put_under_it(place: Place) -> None:
     apart_.robots["guest"]._judge.children.clear()  # pyright: ignore[reportPrivateUsage] # as if it had forged the bond
     with pytest.raises(VrError, match="nobody has put helper under it"):
         await guest.call("add_by_helper", {"a": 1, "b": 2})
+
+
+LIMITED = """# /// script
+# [tool.robotree.permissions]
+# commands = ["Guest.add"]
+# ///
+"""
+
+
+async def test_a_page_of_limited_permissions_is_put_over_a_robot_and_commands_it(
+    place: Place, tmp_path: Path
+) -> None:
+    page = tmp_path / "limited.py"
+    page.write_text(LIMITED + SOURCE)
+    guest, helper = await place.create(page=str(page)), await place.create("helper")
+    await guest.enslave("helper", helper.address)
+    assert await guest.call("add_by_helper", {"a": 1, "b": 2}) == 3
+    assert place.pid() > 0, "it has not been ended"
 
 
 async def test_a_command_goes_on_after_a_crash_and_ends_after_a_second_one(place: Place) -> None:

@@ -91,6 +91,13 @@ def test_it_has_the_permissions_of_its_page_and_no_others() -> None:
             judge.expect_asked(OTHER.key, seal(CALL, now=1.0, within=1.0, sender=OWN.key, may=forged).body)
 
 
+def test_what_binds_and_ends_needs_no_permissions() -> None:
+    judge = Judge("guest", Permissions(commands=("Arm.move",)))
+    judge.expect_own(OWN.key)
+    for request in (petition(OWN), Release(parent=OWN, epoch=1)):
+        judge.expect_asked(OTHER.key, body(request))
+
+
 def test_it_says_of_itself_alone_that_it_is_deleted(judge: Judge) -> None:
     judge.identity = "mine"
     judge.expect_asked("directory/d/1", body(RobotDeleted(identity="mine")))
