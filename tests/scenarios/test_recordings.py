@@ -76,23 +76,29 @@ async def test_a_recorded_session_is_played_again_and_holds(place: Path) -> None
         await line("enslave", "team.arm", "arm")
         await line("call", "team.fetch", "word=it's a #1")
         await line("delete", "team")
+        await line("stop", "arm")
+        await line("resume", "arm")
         await line("call", "arm.grip", "force=9", code=1)
         assert await recording.end(signal.SIGINT) == 0, "Ctrl-C is how a recording ends"
 
         made = await line("export", "session", str(file), str(session))
         assert str(session) in made
-        asked = [row for row in session.read_text().splitlines() if not row.startswith(("#", "sleep"))]
+        asked = [
+            row for row in session.read_text().splitlines() if row and not row.startswith(("#", "sleep"))
+        ]
         assert asked[:4] == [
             f"create {place}/arm.py as arm",
             f"create {place}/team.py as team",
             "enslave team.arm arm",
             r"call team.fetch word='it'\''s a #1'",
         ]
-        assert asked[-2:] == ["try call arm.grip force=9", "expect refused CommandFailed"]
-        assert {"try release team.arm", "try delete team"} <= set(asked[4:-2])
+        assert asked[-3:] == ["try call arm.grip force=9", "expect refused CommandFailed", "delete arm"]
+        assert {"try release team.arm", "try delete team", "stop arm", "try resume arm"} <= set(asked[4:-3])
 
         await line("delete", "arm")
-        assert "held" in await line("run", str(session))
+        for _ in range(2):  # it leaves nothing behind
+            assert "held" in await line("run", str(session))
+        assert "exists already" in await line("export", "session", str(file), str(session), code=1)
         assert "exists already" in await line("record", str(file), code=1)
 
 

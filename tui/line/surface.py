@@ -33,6 +33,7 @@ class Surface(NamedTuple):
     """The same, for programs: they are not shown to people."""
     shell: str = "robotree"
     """How a line begins in a shell that reaches the same robots."""
+    why_readonly: str = "this is read-only (--readonly or $ROBOTREE_READONLY)"
 
     def has(self, action: Action) -> bool:
         """Whether an action can be asked for here."""
@@ -99,7 +100,7 @@ class Surface(NamedTuple):
         found = known[0]
         verb = found.verb if len(known) == 1 else words[0]
         if self.readonly and self.where in found.where:
-            return NotHere(verb, f"no verb {verb!r}: this is read-only (--readonly or $ROBOTREE_READONLY)")
+            return NotHere(verb, f"no verb {verb!r}: {self.why_readonly}")
         if self.where is not Where.SHELL and Where.SHELL in found.where:
             import shlex
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from errno import EEXIST
 from pathlib import Path
 
 from robotree.files import overwrite
@@ -31,7 +32,7 @@ def start(line: Line) -> int:
         case "export session":
             _put(line, replayed.session_of(found, _is_mine), "session")
         case _:
-            out = Path(line.text("OUT") or Path(found.name).with_suffix(".md").name)
+            out = _new(Path(line.text("OUT") or Path(found.name).with_suffix(".md").name))
             folder, count = report.write(found, out)
             text = f"{out}, and {count} pictures in {folder}" if count else str(out)
             answer(text, lambda: {"file": str(out), "pictures": count})
@@ -73,10 +74,21 @@ def _show(found: tape.Tape, moment: str) -> None:
         answer(summary.text(found), lambda: summary.data(found))
 
 
+def _new(path: Path) -> Path:
+    """Return a path at which nothing is yet: a person may have changed what was exported before.
+
+    Raises:
+        FileExistsError: something is there.
+    """
+    if path.exists():
+        raise FileExistsError(EEXIST, "it exists already, and nothing is overwritten", str(path))
+    return path
+
+
 def _put(line: Line, text: str, what: str) -> None:
     """Write a text into the file OUT, or print it."""
     if out := line.text("OUT"):
-        overwrite(Path(out), text.encode())
+        overwrite(_new(Path(out)), text.encode())
         answer(f"{out}: the {what}", lambda: {"file": out})
     else:
         answer(text.rstrip("\n"), lambda: {what: text})

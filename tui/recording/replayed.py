@@ -49,7 +49,7 @@ def session_of(tape: Tape, mine: Callable[[str], bool]) -> str:
         mine: whether a page, as a description names it, is of who will run the script; robots of other pages
             are expected, for to make them would run somebody else's code as one's own.
     """
-    asked = sorted([*_shaped(tape, mine), *_called(tape)])
+    asked = sorted([*_shaped(tape, mine), *_called(tape), *_stopped(tape)])
     day = time.strftime("%Y-%m-%d %H:%M", time.localtime(tape.began))
     lines = [f"# From the recording {tape.name} of {day}, realm {tape.about.get('realm') or 'default'}."]
     if there := _there(tape):
@@ -63,9 +63,25 @@ def session_of(tape: Tape, mine: Callable[[str], bool]) -> str:
         printable = all(part.isprintable() for part in request.lines)
         lines += request.lines if printable else ["# What was asked here has no place in a script."]
         before = max(before, request.ended)
+    if left := _left(lines):
+        lines += ["", "# So that it can be played again:", *(f"delete {name}" for name in left)]
     if not asked:
         lines.append("# Nobody asked for anything while it was recorded.")
     return "\n".join(line if line.isprintable() else f"# {line!a}" for line in lines) + "\n"
+
+
+def _left(lines: Iterable[str]) -> list[str]:
+    """Return the robots that a script makes and does not delete, the last one first."""
+    made = dict[str, None]()
+    for line in lines:
+        match line.split():
+            case ["create", _, "as", name]:
+                made[name] = None
+            case ["try", "delete", name]:
+                made.pop(name, None)
+            case _:
+                pass
+    return list(reversed(made))
 
 
 def _there(tape: Tape) -> Mapping[str, RobotDescription]:
@@ -160,6 +176,22 @@ def _called(tape: Tape) -> Iterable[_Asked]:
         end, error = ended.get(key, (unix, ""))
         refused = f"try {call}", f"expect refused {error.removeprefix(ANY_ERROR)}".rstrip()
         yield _Asked(unix, refused if error else (call,), end)
+
+
+def _stopped(tape: Tape) -> Iterable[_Asked]:
+    """Return the protective stops that persons asked for, and when each robot was resumed."""
+    stopped = set[str]()
+    for unix, content in tape.entries:
+        match content:
+            case RecordedState(name, state) if state.stopped and name not in stopped:
+                stopped.add(name)
+                if is_person(state.stop_reason.partition("'")[0]):
+                    yield _Asked(unix, (f"stop {name}",), unix)
+            case RecordedState(name, state) if name in stopped and not state.stopped:
+                stopped.discard(name)
+                yield _Asked(unix, (f"try resume {name}",), unix)
+            case _:
+                pass
 
 
 def _written(arguments: Any) -> str:

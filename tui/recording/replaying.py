@@ -53,6 +53,10 @@ class Replay(Supervisor):
         self.player = player
         self._zero = time.monotonic() - player.playback.position
         super().__init__(*args, **options)
+        self.feed.moment_of = lambda line: self._zero + line.unix
+        why = "nothing in a recording can be commanded"
+        self.prompt = self.prompt._replace(why_readonly=why)
+        self.keyboard = self.keyboard._replace(why_readonly=why)
 
     async def on_mount(self) -> None:
         """Begin to play."""
@@ -63,6 +67,10 @@ class Replay(Supervisor):
     def now(self) -> float:  # type: ignore[override] # pyright: ignore[reportIncompatibleMethodOverride]
         """[s] on the store's clock: it stands still with the recording."""
         return self._zero + self.player.playback.position
+
+    def wall(self) -> float:  # type: ignore[override] # pyright: ignore[reportIncompatibleMethodOverride]
+        """[s] since 1970, when that was recorded."""
+        return self.player.playback.position
 
     @property
     def asked(self) -> float:

@@ -132,6 +132,11 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         """Return what stands in the line on top behind the program's name."""
         return f"realm {self.realm}{' (read-only)' if self.readonly else ''}"
 
+    @staticmethod
+    def wall() -> float:
+        """[s] since 1970, at the same moment as `now`."""
+        return time.time()
+
     # -- telling -----------------------------------------------------------------------------------
 
     def tell(self, text: str, weight: Weight = "plain", robot: str = "") -> None:

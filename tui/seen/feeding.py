@@ -52,6 +52,8 @@ class Feed:
     def __init__(self, realm_client: RealmClient, store: Store, clock: Callable[[], float]) -> None:
         """Feed `store` from `realm_client`; `clock` gives the store's `now` [s]."""
         self.realm_client, self.store, self.clock = realm_client, store, clock
+        self.moment_of: Callable[[LoggedLine], float] = lambda _: clock()
+        """Returns when a line of a log was said [s on the store's clock]; clocks of hosts are not compared."""
         self._hint = asyncio.Event()
         self._watching: Registration | None = None
         self._listening: Registration | None = None
@@ -116,7 +118,7 @@ class Feed:
 
     def _take_lines(self, name: str, lines: Sequence[LoggedLine]) -> None:
         for line in lines:
-            self.store.take_line(name, line, self.clock())
+            self.store.take_line(name, line, self.moment_of(line))
 
     def hint(self) -> None:
         """Ask for the tree again soon: it has changed."""

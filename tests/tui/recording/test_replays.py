@@ -126,6 +126,8 @@ async def test_the_screen_shows_the_banner_holds_and_leaps(
         await until(lambda: "arm: arm-1" in text_of(app), "the arm is below the mover")
         await press(pilot, "right")
         await until(lambda: "the cup is [not] there" in text_of(app), "texts are no markup")
+        app.run_typed("delete arm-1")
+        await until(lambda: "nothing in a recording can be commanded" in text_of(app), "it says why")
         await press(pilot, "space")
         await until(lambda: player.playback.position > NOON + 10, "it goes on")
         app.action_leap(-5.0)

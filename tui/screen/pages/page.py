@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import ClassVar
 
 from textual import on
@@ -144,7 +143,6 @@ class Page(Part, Leaving[None]):
         self._compositor_refresh()
         self._dirty_widgets |= others  # the refresh takes all of them for drawn
 
-    @staticmethod
-    def wall() -> float:
+    def wall(self) -> float:
         """[s] since 1970."""
-        return time.time()
+        return self.app.wall()
