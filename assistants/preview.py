@@ -14,10 +14,11 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from robotree.assistants.marking import bounded, said
+from robotree.assistants.marking import said
 from robotree.assistants.meter import AXES, Point, position_of
 from robotree.files import private_folder, read, replace
 from robotree.vr.base.description import CommandSpec, RobotDescription
+from robotree.vr.base.foreign import bounded
 
 FOLDER: Final = "rehearsed"
 LARGEST: Final = 1 << 18

@@ -17,14 +17,17 @@ from typing import Any, Final, Literal, TypeVar
 import msgspec
 
 from robotree.assistants.budget import Budget, Use, What
-from robotree.assistants.marking import bounded, data_of
+from robotree.assistants.marking import data_of
 from robotree.files import opened_own, private_folder, read
+from robotree.vr.base.foreign import bounded
 
 FOLDER: Final = "assistants"
 LARGEST: Final = 4 << 20
 """[B] of one record, which then becomes `.old`."""
 LONGEST_LINE: Final = 8000
 """[B]"""
+ASIDE: Final = frozenset({"came", "refused", "stopped", "gone"})
+"""What is kept in a file of its own, since an assistant can cause any number of it."""
 _Found = TypeVar("_Found")
 
 Became = Literal[
@@ -59,6 +62,8 @@ class Record:
         """Take the folder in which the realm keeps its things, and the clock [s since 1970]."""
         self.folder, self.assistant, self.unix = folder / FOLDER, assistant, unix
         self._lines = self.folder / f"{assistant}.jsonl"
+        self._aside = self.folder / f"{assistant}.aside.jsonl"
+        """What moved nothing (`ASIDE`): however much of that an assistant causes, the rest stays."""
         self._uses = self.folder / f"{assistant}.used.json"
 
     def write(self, what: Became, **told: Any) -> None:
@@ -74,21 +79,22 @@ class Record:
             line = msgspec.json.encode(
                 Entry(unix=self.unix(), what=what, **{**texts, "arguments": "too large"})
             )
+        lines = self._aside if what in ASIDE else self._lines
         with self._locked():
-            file = opened_own(self._lines, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+            file = opened_own(lines, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
             with os.fdopen(file, "ab") as stream:
                 stream.write(line + b"\n")
                 full = stream.tell() > LARGEST
             if full:
-                self._lines.replace(self._lines.with_suffix(".old"))
+                lines.replace(lines.with_suffix(".old"))
 
     def entries(self, most: int = 100) -> list[Entry]:
         """Return the latest lines, the oldest of these first; a broken one is left out."""
-        try:
-            lines = read(self._lines, LARGEST + 2 * LONGEST_LINE).splitlines()[-most:]
-        except OSError:
-            return []
-        return list(_entries(lines))
+        found: list[Entry] = []
+        for path in (self._lines, self._aside):
+            with contextlib.suppress(OSError):
+                found += _entries(read(path, LARGEST + 2 * LONGEST_LINE).splitlines()[-most:])
+        return sorted(found, key=lambda entry: entry.unix)[-most:]
 
     # -- budget -----------------------------------------------------------------------------------
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 from robotree.assistants import preview
 from robotree.assistants.budget import Budget, What
 from robotree.assistants.keys import AssistantKeys
-from robotree.assistants.marking import bounded, data_of, said
+from robotree.assistants.marking import data_of, said
 from robotree.assistants.meter import Way
 from robotree.assistants.record import Became, Record
 from robotree.assistants.tools import LONGEST_WITHIN, USUAL_WITHIN, CommandTool, tool_of
@@ -38,6 +38,7 @@ from robotree.vr.base.errors import (
     PermitRefused,
     VrError,
 )
+from robotree.vr.base.foreign import bounded
 from robotree.vr.base.permit import Permit, PermittedCall
 from robotree.vr.base.policy import ASK, AssistantTerms, Decision, Person, PolicyTarget
 from robotree.vr.base.principal import user_name
@@ -339,7 +340,7 @@ class Seat:
 
     async def stop(self, robot: str | None) -> tuple[str, ...]:
         """Protective stop of one robot, or of all: an assistant always may; a person resumes."""
-        self.record.write("stopped", robot=robot or "all")
+        self.record.write("stopped", robot=bounded(robot or "all", 80))
         with asking_for_assistant(self.name):
             return tuple(await self.floor.realm_client.stop(robot))
 

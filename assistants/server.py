@@ -32,10 +32,11 @@ from mcp.server.subscriptions import (
 from mcp.shared.exceptions import MCPError
 from mcp_types.version import HANDSHAKE_PROTOCOL_VERSIONS
 
-from robotree.assistants.marking import DATA, bounded, data_of, said
+from robotree.assistants.marking import DATA, data_of, said
 from robotree.assistants.seat import Going, Seat, explained, usual_within
 from robotree.assistants.tools import WHY, WITHIN, CommandTool
 from robotree.vr.base.errors import BadArgument, PermitNeeded, VrError
+from robotree.vr.base.foreign import bounded
 from robotree.vr.base.permit import Permit
 
 HUNG_UP: Final = "robotree.hung_up"
@@ -49,6 +50,8 @@ AT_ONCE: Final = 0.3
 """[s] in which a command may end and be answered at once, where it would become a task."""
 PAGE: Final = 500
 """Tools or resources in one answer."""
+LARGEST: Final = 64 * 1024
+"""[B] of the arguments of one call."""
 STREAMS: Final = 4
 """Listening streams of one assistant."""
 INSTRUCTIONS: Final = (
@@ -278,6 +281,9 @@ class AssistantServer:
         with self._request(urgent=params.name == "robotree_stop"):
             given = params.arguments or {}
             try:
+                if len(json.dumps(given)) > LARGEST:
+                    raise BadArgument(command=bounded(params.name, 80), parameter="all of them",
+                                      reason=f"they have more than {LARGEST} bytes")  # fmt: skip
                 return await self._called(ctx, params.name, given)
             except PermitNeeded as needed:
                 if _takes_tasks(ctx):
@@ -316,7 +322,7 @@ class AssistantServer:
         tool = self.seat.tools().get(name)
         if tool is None:
             self.seat.spend_a_call()
-            self.seat.record.write("refused", command=name, text="there is no such tool for it")
+            self.seat.record.write("refused", command=bounded(name, 80), text="there is no such tool for it")
             return _failure(f"there is no tool {bounded(name)} for you; the list may have changed")
         why = given.get(WHY)
         if not isinstance(why, str) or not why.strip():

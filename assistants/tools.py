@@ -6,8 +6,9 @@ import hashlib
 import re
 from typing import Any, Final, NamedTuple
 
-from robotree.assistants.marking import bounded, said
+from robotree.assistants.marking import said
 from robotree.vr.base.description import CommandSpec, FieldSpec, RobotDescription
+from robotree.vr.base.foreign import bounded
 
 LONGEST_NAME: Final = 64
 """[characters] that common clients take for the name of a tool."""

@@ -12,6 +12,7 @@ from typing import Any
 import httpx2
 import pytest
 
+from robotree.assistants import record
 from robotree.assistants import seat as seats
 from robotree.assistants.keys import GOOD, AssistantKeys
 from robotree.assistants.record import Record
@@ -198,3 +199,16 @@ async def test_who_has_a_new_key_is_served_and_who_has_the_old_one_is_not(hall: 
     async with door.calling(second, session, "cart-1__where", {"_why": "w"}) as answer:
         assert '"result"' in (await answer.aread()).decode()
     assert (await door.hello(first))[0] == 401
+
+
+async def test_what_was_refused_pushes_nothing_out_of_the_record(
+    hall: Hall, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(record, "LARGEST", 20_000)
+    going = await hall.walk(0.01)
+    assert await going.wait(PATIENCE)
+    for number in range(30):
+        hall.seat.record.write("refused", command="x" * 4000, text=f"{number}")
+    for _ in range(3):
+        await hall.seat.stop("cart-1")
+    assert {"begun", "done"} <= {one.what for one in Record(hall.folder, "claude").entries(1000)}

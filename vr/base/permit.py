@@ -12,6 +12,8 @@ from typing import Any, Final, Literal, NamedTuple
 
 import msgspec
 
+from robotree.vr.base.foreign import bounded
+
 PermitState = Literal["waits", "allowed", "denied", "begun", "over", "withdrawn"]
 """waits: nobody has answered. allowed: a person has said yes, and it has not begun. denied: a person has said
 no. begun: the call was sent to the robot with it. over: that call has ended. withdrawn: the assistant does
@@ -21,6 +23,8 @@ WAITS: Final = 3600.0
 """[s] for which a permit waits for an answer."""
 GOOD: Final = 300.0
 """[s] for which a yes is good: then the call must have begun."""
+LONGEST_GIVEN: Final = 1000
+"""[characters] of one argument as people are shown it."""
 REMEMBERED: Final = 7 * 24 * 3600.0
 """[s] for which what became of a permit can be looked up."""
 
@@ -90,9 +94,10 @@ class Permit(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def given(self) -> str:
-        """The arguments for people: `x=0.3 m, y=0.1 m`."""
+        """The arguments for people, on one line: `x=0.3 m, to=«the shelf»`."""
         return ", ".join(
-            f"{name}={value}{' ' + self.units[name] if name in self.units else ''}"
+            f"{bounded(name, 80)}={_given(value)}"
+            f"{' ' + bounded(self.units[name], 20) if name in self.units else ''}"
             for name, value in self.arguments.items()
         )
 
@@ -100,6 +105,14 @@ class Permit(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     def call(self) -> str:
         """The call for people: `arm-1.go_to(x=0.3 m)`."""
         return f"{self.robot}.{self.command}({self.given})"
+
+
+def _given(value: Any) -> str:
+    """Return one argument as people are shown it; one that is not shown whole says so."""
+    told = str(value)
+    shown = bounded(told, LONGEST_GIVEN)
+    left_out = "" if shown == told else f" (not shown as it is: {len(told)} characters)"
+    return (f"«{shown}»" if isinstance(value, str) else shown) + left_out
 
 
 def unfit(permit: Permit, assistant: str, call: PermittedCall, now: float) -> str:

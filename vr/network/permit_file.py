@@ -27,6 +27,8 @@ from robotree.vr.base.permit import REMEMBERED, Permit, PermittedCall, unfit, un
 FOLDER: Final = "permits"
 LARGEST: Final = 256 * 1024
 """[B] of one file."""
+LARGEST_ARGUMENTS: Final = 32 * 1024
+"""[B] of the arguments of a call that a person is asked about."""
 SETTLED: Final = 1_000_000_000
 """[ns] after which a change of the folder has another time than the one before."""
 MOST_WAITING: Final = 20
@@ -102,6 +104,7 @@ class PermitFiles:
             if waiting >= MOST_WAITING:
                 reason = f"{waiting} permits of {permit.assistant} wait already"
                 raise PermitRefused(permit=permit.id, reason=reason)
+            _encoded(permit)
             if picture:
                 replace(self.folder / f"{permit.id}.jpg", picture)
                 permit = changed(permit, picture=f"{permit.id}.jpg")
@@ -182,7 +185,7 @@ class PermitFiles:
         return self.folder / f"{permit}.json"
 
     def _write(self, permit: Permit) -> Permit:
-        replace(self._path(permit.id), msgspec.json.format(msgspec.json.encode(permit)))
+        replace(self._path(permit.id), _encoded(permit))
         return permit
 
     @contextlib.contextmanager
@@ -194,6 +197,14 @@ class PermitFiles:
             yield
         finally:
             os.close(lock)
+
+
+def _encoded(permit: Permit) -> bytes:
+    """Return a permit as it is kept: none that nobody could read again, and so neither count nor forget."""
+    data = msgspec.json.format(msgspec.json.encode(permit))
+    if len(msgspec.json.encode(permit.arguments)) > LARGEST_ARGUMENTS or len(data) > LARGEST:
+        raise PermitRefused(permit=permit.id, reason=f"{len(data)} bytes are too much for a person to read")
+    return data
 
 
 _NOT_ALLOWED: Final[Mapping[str, str]] = {

@@ -204,3 +204,23 @@ def test_permits_wait_for_a_while_and_not_too_many(tmp_path: Path) -> None:
         permits.answer("bbbbbb", yes=True, by="anna")
     with pytest.raises(NoSuchPermit):
         permits.find("../../etc/passwd")
+
+
+def test_an_argument_forges_no_line_of_what_a_person_is_shown() -> None:
+    forged = "a, y=0\n\nabcdefgh  rover-1.look()\n  waits\u202e \u00bb" + "x" * 5000
+    one = Permit(id="abcdefgh", assistant="a", robot="r", life="l", stops=0, command="go", asked=1e6,
+                 arguments={"to": forged, "x": 0.3}, units={"x": "m"})  # fmt: skip
+    assert "\n" not in one.call
+    assert "\u202e" not in one.call
+    assert f"not shown as it is: {len(forged)} characters" in one.call
+    assert one.call.count("\u00bb") == 1, "what it says stands between marks that it cannot end"
+    assert one.call.endswith("x=0.3 m)")
+
+
+def test_a_permit_that_nobody_could_read_is_not_kept(tmp_path: Path) -> None:
+    permits = PermitFiles(tmp_path)
+    one = Permit(id="abcdefgh", assistant="a", robot="r", life="l", stops=0, command="c", asked=1e6)
+    for large in (replace(one, arguments={"x": "x" * 300_000}), replace(one, preview=("x" * 300_000,))):
+        with pytest.raises(PermitRefused):
+            permits.ask(large)
+    assert [each.name for each in permits.folder.iterdir()] == [".lock"]
