@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 
 from robotree.tui.exit_codes import NOBODY, REFUSED
+from robotree.tui.processes.crew import Crew
 from robotree.vr.base.principal import user_name
+from tests.command_line import within_realm
 from tests.scenarios.test_sites import Machine
 from tests.waiting import wait_until
 
@@ -72,6 +74,21 @@ def test_a_policy_is_set_kept_explained_and_never_goes_back(machine: Machine, tm
     machine.say("policy", "set", written(tmp_path, 2, "see: other"))
     wait_until(lambda: _refused(machine, "show", "lamp"), "it cannot be seen any more")
     assert machine.say("ls") == []
+
+
+async def test_a_crew_that_keeps_its_things_elsewhere_obeys_the_same_policy(place: Path) -> None:
+    run = within_realm("plant")
+    (place / "lamp.py").write_text(PAGE)
+    async with Crew("plant", place, state=place / "elsewhere") as crew:
+        await crew.start("lookup", "lookup-1")
+        await crew.start("host", "host-1")
+        assert (await run("create", str(place / "lamp.py"), "as", "lamp"))[0] == 0
+        assert (await run("policy", "set", written(place, 1, "see: '*'", "command: lamp.on")))[0] == 0
+        assert (await run("call", "lamp.on"))[0] == 0
+        code, complaints = 0, ""
+        while code == 0:  # in force within a second, in each process
+            code, _, complaints = await run("call", "lamp.off")
+        assert "allows command only of lamp.on" in complaints
 
 
 def _refused(machine: Machine, *words: str) -> bool:

@@ -17,12 +17,14 @@ import importlib.util
 import sys
 from collections.abc import Iterator
 from importlib.machinery import PathFinder
-from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from robotree.tui.errors import ValueRefused
 from robotree.tui.line import values
+
+if TYPE_CHECKING:  # a list must not wait for it
+    from importlib.metadata import EntryPoint
 
 GROUP = "robotree.pages"
 _FILES = (".bundle", ".yaml", ".clp", ".py")
@@ -45,6 +47,8 @@ class OfferedPage(NamedTuple):
 
 def offered() -> list[OfferedPage]:
     """Return the pages that the installed packages offer, by name."""
+    from importlib.metadata import entry_points
+
     found = {(one.name, one.value): _read(one) for one in entry_points(group=GROUP)}
     return sorted(found.values(), key=lambda one: (one.name, one.package))
 

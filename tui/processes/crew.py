@@ -26,6 +26,8 @@ from types import TracebackType
 from typing import IO, Self
 
 from robotree.tui.errors import MemberFailed
+from robotree.tui.processes.state_files import state_home
+from robotree.vr.network.policy_file import POLICY_HOME
 
 READY = "ready"
 """First word of the line by which a member says that it is up; the rest is its address."""
@@ -159,6 +161,8 @@ class Crew:
         self._environment = {"ROBOTREE_REALM": realm, **({"ROBOTREE_KEY": key} if key else {})}
         self._environment |= {"XDG_STATE_HOME": str(state)} if state else {}
         self._environment |= {"XDG_RUNTIME_DIR": str(runtime)} if runtime else {}
+        if state and not runtime:  # they meet with all that this user starts, and obey the same policy
+            self._environment[POLICY_HOME] = str(state_home())
         self.restarts = restarts
         self.members: list[Member] = []
         self._watches: set[asyncio.Task[None]] = set()

@@ -53,7 +53,7 @@ class Feed:
         """Feed `store` from `realm_client`; `clock` gives the store's `now` [s]."""
         self.realm_client, self.store, self.clock = realm_client, store, clock
         self.moment_of: Callable[[LoggedLine], float] = lambda _: clock()
-        """Returns when a line of a log was said [s on the store's clock]; clocks of hosts are not compared."""
+        """When a line of a log was said [s on the store's clock]: now; clocks of hosts are not compared."""
         self._hint = asyncio.Event()
         self._watching: Registration | None = None
         self._listening: Registration | None = None

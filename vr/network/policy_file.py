@@ -30,6 +30,10 @@ from robotree.vr.network.permit_file import PermitFiles
 from robotree.vr.network.realms import state_home
 
 POLICY: Final = "policy.yaml"
+POLICY_HOME: Final = "ROBOTREE_POLICY_HOME"
+"""In the environment: the folder of all policies, for processes that keep their own things elsewhere, as
+those of a demo do: who asks and who is asked go by one policy."""
+
 KEYS: Final = "keys"
 """Folder of a realm's keys, beside the policy."""
 
@@ -59,7 +63,9 @@ def state_of(realm: str, root: Path | None = None) -> Path:
         realm: its name.
         root: where realms lie; None: where they usually do.
     """
-    return state_home() / realm if root is None else root / f".{realm}.state"
+    if root is not None:
+        return root / f".{realm}.state"
+    return Path(os.environ.get(POLICY_HOME) or state_home()) / realm
 
 
 class PolicyFile(PolicyGate):
