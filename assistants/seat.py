@@ -548,7 +548,11 @@ class Seat:
         def book(budget: Budget, now: float) -> float:
             return budget.book(going.call.key, "metres", wanted, terms, now)
 
-        going.metres = self.record.change(book)
+        try:
+            going.metres = self.record.change(book)
+        except OSError as error:
+            going.end(f"what {self.name} uses cannot be kept: {error}")
+            return
         if going.way.metres > going.metres:
             going.end(f"{self.name} has used its {terms.metres:g} m an hour")
 
@@ -578,7 +582,8 @@ class Seat:
             going.error = CommandCancelled(robot=going.robot, command=call.command, reason=reason)
         seconds = time.monotonic() - began
         if moves:
-            self._settle(call.key, {"seconds": seconds, "metres": going.way.metres})
+            with contextlib.suppress(OSError):  # then all that was booked counts as used
+                self._settle(call.key, {"seconds": seconds, "metres": going.way.metres})
             going.observed = await self._observe(going.robot)
         going.changed = time.time()
         self._write_down(going, seconds)

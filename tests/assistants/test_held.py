@@ -48,10 +48,11 @@ async def test_calls_at_the_same_time_share_what_is_left(hall: Hall) -> None:
     left = hall.seat.record.budget().left("seconds", hall.seat.terms, time.time())
     assert left > 60, "what was not used is given back"
     hall.rule(", seconds: 90")
-    deadlines = [(await hall.walk(1000.0)).call.deadline for _ in range(2)]
-    assert sum(deadlines) <= left
+    both = [await hall.walk(1000.0) for _ in range(2)]
+    assert sum(going.call.deadline for going in both) <= left
     with pytest.raises(BudgetSpent, match="seconds"):
         await hall.walk(1000.0)
+    assert not any(going.over for going in both)
 
 
 async def test_what_is_booked_is_on_the_disk_before_the_call_is_sent(
@@ -84,6 +85,15 @@ async def test_metres_are_booked_on_as_robots_move(hall: Hall) -> None:
     assert await going.wait(PATIENCE)
     used = Record(hall.folder, "claude").budget().used("metres", time.time())
     assert used == pytest.approx(going.way.metres)
+
+
+async def test_who_cannot_be_counted_does_not_go_on(hall: Hall) -> None:
+    going = await hall.far()
+    (hall.folder / "assistants" / "claude.used.json").write_text("{")
+    await until(lambda: going.why_ended != "", "it is ended")
+    assert "cannot be kept" in going.why_ended
+    assert await going.wait(PATIENCE)
+    assert [one.what for one in hall.seat.record.entries()][-1] == "failed", "its end is written down"
 
 
 @pytest.mark.parametrize("stopped", ["", "cart-1"])
