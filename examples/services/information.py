@@ -1,13 +1,14 @@
 """Information: answers questions from facts that people, robots and other services have told it.
 
-    robotree service examples/services/information.py facts
+    robotree service examples/services/information.py facts on host-1
     robotree call facts.tell subject="red cup" relation=in object=table
     robotree call facts.tell subject=table relation=in object=kitchen
     robotree call facts.find relation=in object=kitchen          red cup, table
     robotree call facts.why subject="red cup" relation=in object=kitchen
 
 What follows from the facts, CLIPS works out (`robotree[services]`). The facts themselves are state of the
-page: they outlive the run, a kill of the host and a move to another one.
+page: on a host they outlive the run, a kill of the host and a move to another one. Without `on HOST` the service has
+a process of its own, which keeps nothing.
 """
 
 from dataclasses import dataclass
