@@ -7,8 +7,8 @@
     robotree call facts.why subject="red cup" relation=in object=kitchen
 
 What follows from the facts, CLIPS works out (`robotree[services]`). The facts themselves are state of the
-page: on a host they outlive the run, a kill of the host and a move to another one. Without `on HOST` the service has
-a process of its own, which keeps nothing.
+page: on a host they outlive the run, a kill of the host and a move to another one. Without `on HOST` the
+service has a process of its own, which keeps nothing.
 """
 
 from dataclasses import dataclass
