@@ -125,6 +125,7 @@ def test_verbs_and_screen_are_of_use_at_600_ms_there_and_back_and_each_row_says_
         person.leave()
     wait_until(lambda: plant_of(far).get("stopped"), "and there it is so")
     done(desk, "resume")
+    assert not plant_of(far).get("stopped")
 
 
 @pytest.mark.e2e

@@ -96,6 +96,8 @@ def test_what_binds_and_ends_needs_no_permissions() -> None:
     judge.expect_own(OWN.key)
     for request in (petition(OWN), Release(parent=OWN, epoch=1)):
         judge.expect_asked(OTHER.key, body(request))
+    with pytest.raises(Misbehaved, match="other permissions"):
+        judge.expect_asked(OTHER.key, body(CALL))
 
 
 def test_it_says_of_itself_alone_that_it_is_deleted(judge: Judge) -> None:
