@@ -25,6 +25,7 @@ PROMISES = {
     "move_square.py": ("MoveSquare", {"rover": "Rover"}, {"move_square"}, {"move"}),
     "pick_and_place.py": ("PickAndPlace", {"arm": "Arm"}, {"pick_and_place"}, set[str]()),
     "patrol.py": ("Patrol", {"near": "Rover", "far": "Rover"}, {"patrol", "set"}, set[str]()),
+    "smooth_move.py": ("SmoothMove", {"arm": "Arm"}, {"sweep"}, set[str]()),
     "two_arms.py": ("TwoArms", {"left": "Arm", "right": "Arm"}, {"lift", "grip"}, set[str]()),
 }
 
