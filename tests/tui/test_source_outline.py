@@ -12,9 +12,10 @@ from robotree.tui.screen.source_outline import outline, suggested_name
 from robotree.vr.base.address import check_name
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
+PAGES = sorted(path for path in EXAMPLES.glob("[a-z]*.py") if not path.name.endswith(".panel.py"))
 
 
-@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("[a-z]*.py")), ids=lambda path: path.name)
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
 def test_every_example_offers_a_robot_with_commands_and_a_documentation(path: Path) -> None:
     (found,) = [one for one in outline(path.read_text()) if one.commands][-1:]
     assert found.doc

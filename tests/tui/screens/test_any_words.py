@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, cast
 
 from hypothesis import HealthCheck, Phase, example, given, settings
@@ -23,6 +24,7 @@ from robotree.tui.seen.cells import seen
 from robotree.tui.terminal import STEERING
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import CommandSpec, FieldSpec, Listing, RobotDescription, SlotSpec
+from robotree.vr.base.policy import PolicyGate
 
 if TYPE_CHECKING:
     from robotree.tui.seen.feeding import Feed
@@ -59,7 +61,7 @@ class Bare(Supervisor):
     CSS_PATH = str(Path(str(sys.modules[Supervisor.__module__].__file__)).with_name("supervisor.tcss"))
 
     def __init__(self, words: tuple[str, ...]) -> None:
-        super().__init__(cast("RealmClient", None), realm=words[0])
+        super().__init__(cast("RealmClient", SimpleNamespace(gate=PolicyGate())), realm=words[0])
         self.words_shown = words
         robots = [described(word, words) for word in words]
         self.store.descriptions = {robot.name: robot for robot in robots}

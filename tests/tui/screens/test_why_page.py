@@ -27,7 +27,7 @@ async def test_w_tells_who_had_the_selected_robot_move_and_h_what_it_did(
     realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def read_events(request: ReadEvents) -> dict[str, EventsRead]:
-        found = [ARM, ARM] if request.robot and not request.last else [TEAM, ARM]
+        found = [ARM, ARM] if request.robot and not (request.last or request.key) else [TEAM, ARM]
         return {"host h1": EventsRead(events=tuple(NumberedEvent(*one) for one in enumerate(found, 1)))}
 
     monkeypatch.setattr(realm.realm_client, "read_events", read_events)
