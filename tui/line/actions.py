@@ -9,7 +9,7 @@ from __future__ import annotations
 from robotree.tui.line.action import ANYWHERE, LINES, SHOWN, About, Action, Scope, Where
 from robotree.tui.line.grammar import Shape
 
-RIGHT_NAMES = ("see", "command", "order", "create", "release", "migrate", "resume", "administrate")
+RIGHT_NAMES = ("see", "command", "ask", "order", "create", "release", "migrate", "resume", "administrate")
 """The rights of a policy (`vr/base/policy.py`, which help does not load; a test compares them)."""
 
 LOOK, SHAPE, COMMAND, PROCESS, SCREEN = "Look", "Shape the tree", "Command", "Run", "Screen"
