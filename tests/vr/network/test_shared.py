@@ -57,9 +57,15 @@ def unmarked() -> Iterator[None]:
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def apart(place: Path) -> Path:
+    """A folder with a short name: sockets lie in it."""
+    return place
+
+
+@pytest.fixture
+def folder(apart: Path) -> Path:
     """A realm that this user shares."""
-    place = tmp_path / f"robotree-shared-{ME}" / "plant"
+    place = apart / f"robotree-shared-{ME}" / "plant"
     assert owner_of(place) == ME
     return place
 
@@ -108,22 +114,22 @@ def test_the_folder_is_for_a_group_and_each_entry_for_its_user_alone(folder: Pat
         door.close()
 
 
-def test_a_folder_that_is_not_its_owners_is_no_realm(tmp_path: Path) -> None:
-    place = tmp_path / f"robotree-shared-{ME + 1}"
+def test_a_folder_that_is_not_its_owners_is_no_realm(apart: Path) -> None:
+    place = apart / f"robotree-shared-{ME + 1}"
     place.mkdir()
     with pytest.raises(RealmUnusable, match=r"belongs to user|Operation not permitted"):
         Rendezvous("plant", place)
 
 
 def test_a_link_to_a_socket_of_a_private_realm_leads_nowhere(
-    folder: Path, tmp_path: Path, unmarked: None
+    folder: Path, apart: Path, unmarked: None
 ) -> None:
     del unmarked
-    private, shared = Rendezvous("private", tmp_path), Rendezvous("plant", folder.parent)
+    private, shared = Rendezvous("private", apart), Rendezvous("plant", folder.parent)
     doors = [private.register(), shared.register()]
     try:
         forged = f"{os.getpid()}-00000001"
-        (folder / f"{forged}.sock").symlink_to(tmp_path / "private" / f"{private.tag}.sock")
+        (folder / f"{forged}.sock").symlink_to(apart / "private" / f"{private.tag}.sock")
         assert forged not in shared.others(), "a link is no entry"
         for tag, honest in ((forged, False), (shared.tag, True)):
             with socket.socket(socket.AF_UNIX) as line:
