@@ -39,6 +39,7 @@ def test_every_codec_promise_is_measured_on_40_bytes(mavgen: ModuleType) -> None
         assert outcome.ratio == outcome.theirs / outcome.ours
 
 
+@pytest.mark.speed
 def test_a_reference_that_was_disturbed_makes_the_figure_unsure_and_not_better() -> None:
     turns = {"ours": 0, "theirs": 0}
 
