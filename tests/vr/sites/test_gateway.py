@@ -480,7 +480,7 @@ async def test_a_certificate_that_ends_in_a_live_session_ends_it(
         monkeypatch.setattr(lab.gateway, "_own", msgspec.structs.replace(lab.gateway._own, ends=ends + 1e6))
         lab.gateway._tick()
         assert known.stream is None
-        assert not lab.member.presence.there(ROBOT), "its robots are not there"
+        await until(lambda: not lab.member.presence.there(ROBOT), "its robots are not there")
         await until(lambda: any("ended" in reason for reason in lab.gateway.refused), "it comes again")
         assert known.stream is None
         lab.ahead = 0.0
