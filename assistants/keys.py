@@ -29,7 +29,7 @@ BEGIN: Final = "rtk_"
 
 
 class AssistantKey(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What is kept of a key."""
+    """The record of an assistant's key; the key itself is not kept."""
 
     hash: str
     """SHA-256 of the key, in hexadecimal."""

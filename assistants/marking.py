@@ -1,13 +1,14 @@
 """Texts of robots, pages and assistants as data: bounded, on one line, marked as what somebody says. Pure.
 
-A name or a text that a robot sends is written by whoever wrote its page; a reason that an assistant gives is
-written by a model. Neither is an instruction to whoever reads it next. So both are cut, freed of characters
+The author of a page writes the names and texts that its robot sends; a model writes the reason that an
+assistant gives. Neither is an instruction to a reader. So both are cut, freed of characters
 that cannot be seen or that move the cursor, and put between marks that they cannot contain.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import isfinite
 from typing import Any, Final, cast
 
 from robotree.vr.base.foreign import LONGEST, bounded
@@ -35,7 +36,7 @@ def data_of(value: object, deepest: int = DEEPEST) -> Any:  # noqa: PLR0911 # on
             return bounded(value, LONGEST_RESULT)
         case bytes():
             return f"{len(value)} bytes"
-        case float() if value != value or value in (float("inf"), float("-inf")):  # noqa: PLR0124 # NaN
+        case float() if not isfinite(value):
             return None
         case Mapping():
             pairs = list(cast("Mapping[object, object]", value).items())[:MOST]

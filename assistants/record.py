@@ -27,7 +27,7 @@ LARGEST: Final = 4 << 20
 LONGEST_LINE: Final = 8000
 """[B]"""
 ASIDE: Final = frozenset({"came", "refused", "stopped", "gone"})
-"""What is kept in a file of its own, since an assistant can cause any number of it."""
+"""Kinds of entries that have a file of their own, since an assistant can cause any number of them."""
 _Found = TypeVar("_Found")
 
 Became = Literal[

@@ -108,7 +108,7 @@ async def heard(scope: _Scope, receive: _Receive) -> AsyncGenerator[_Receive]:
     async def hearing() -> MutableMapping[str, Any]:
         message = await came.get()
         if message["type"] == "http.disconnect":
-            came.put_nowait(message)  # whoever asks again hears it again
+            came.put_nowait(message)  # who receives again gets it again
         return message
 
     listening = asyncio.create_task(listen())
