@@ -139,7 +139,10 @@ class AsyncRealm:
 
     def _check_inhabited(self) -> None:
         if not self.realm_client.inhabited():
-            robots = {folder.name: names for folder in all_realms() if (names := robots_in(folder))}
+            robots: dict[str, list[str]] = {}  # realms of one name in two runtime directories are told as one
+            for folder in all_realms():
+                if names := robots_in(folder):
+                    robots.setdefault(folder.name, []).extend(names)
             others = ", ".join(f"{realm} ({', '.join(names[:SHOWN])})" for realm, names in robots.items())
             hint = f", but there is {others}" if others else "; start something first"
             raise EmptyRealm(realm=self.name, hint=hint)

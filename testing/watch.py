@@ -1,12 +1,14 @@
 """Ends code that computes without ever waiting: in virtual time nothing else would run beside it, for ever.
 
 In a real process such code is interrupted and abandoned; a rehearsal has one thread, so another one watches
-it in real time and raises an error in it, as `running.interruptible` does.
+its processor time and raises an error in it, as `running.interruptible` does.
 """
 
 from __future__ import annotations
 
 import ctypes
+import sys
+import sysconfig
 import threading
 import time
 from collections.abc import Generator
@@ -15,7 +17,9 @@ from contextlib import contextmanager
 from robotree.vr.world.virtual_runner import VirtualRunner
 
 LIMIT = 10.0
-"""[s] of real time that code may compute without waiting."""
+"""[s] of processor time that code may take without waiting."""
+
+_LIBRARY = (sysconfig.get_path("stdlib"), "<frozen")
 
 
 class Endless(BaseException):
@@ -47,11 +51,27 @@ def watched(runner: VirtualRunner) -> Generator[None]:
 def _watch(runner: VirtualRunner, thread: int, done: threading.Event) -> None:
     strike = ctypes.pythonapi.PyThreadState_SetAsyncExc
     ident, error = ctypes.c_ulong(thread), ctypes.py_object(Endless)
-    seen, since = (0, 0.0), time.monotonic()
+    clock = time.pthread_getcpuclockid(thread)  # a machine that is busy elsewhere takes none of it
+    seen, since = (0, 0.0), time.clock_gettime(clock)
     while not done.wait(LIMIT / 10):
         now = runner.switches, runner.now()
         if now != seen:
-            seen, since = now, time.monotonic()
-        elif time.monotonic() - since > LIMIT and not runner.holding:  # else a lock would stay held
-            strike(ident, error)
-            since = time.monotonic()
+            seen, since = now, time.clock_gettime(clock)
+        elif time.clock_gettime(clock) - since > LIMIT and not runner.holding:  # else a lock would stay held
+            if _is_in_robotree(thread):
+                runner.interrupt_running(Endless)
+            else:
+                strike(ident, error)
+            since = time.clock_gettime(clock)
+    runner.struck.pop(None, None)
+
+
+def _is_in_robotree(thread: int) -> bool:
+    """Whether a thread is in code of robotree, or of the standard library on its behalf.
+
+    Such code may be between two statements that belong together, as taking a lock and noting its holder.
+    """
+    frame = sys._current_frames().get(thread)  # noqa: SLF001 # documented, in spite of its name
+    while frame is not None and frame.f_code.co_filename.startswith(_LIBRARY):
+        frame = frame.f_back
+    return frame is not None and frame.f_globals.get("__name__", "").startswith("robotree.")

@@ -142,8 +142,9 @@ def test_the_robots_of_a_realm_are_short_in_a_notebook_and_printed_as_trees(
 
 def test_a_realm_in_which_nobody_is_names_those_that_have_robots(realm: Realm) -> None:
     with connect("nobodys") as elsewhere:
+        named = rf"in realm 'nobodys', but there is .*{realm.name} \([^)]*\bann\b"
         for look in (elsewhere.ls, elsewhere.tree):
-            with pytest.raises(EmptyRealm, match=rf"in realm 'nobodys', but there is {realm.name} \(ann\)"):
+            with pytest.raises(EmptyRealm, match=named):
                 look()
 
 

@@ -109,8 +109,9 @@ class VirtualRunner:
         self.switches = 0
         """How often the runner has let a greenlet run."""
         self.preemption = Preemption(seed)
-        self.struck: dict[greenlet, type[BaseException]] = {}
-        """Exceptions to raise in threads at their next points."""
+        self.struck: dict[greenlet | None, type[BaseException]] = {}
+        """Exceptions to raise in threads at their next points; of None see `interrupt_running`."""
+        self._struck_running_at = 0
         self.holding: dict[greenlet, VirtualLock] = {}
         """The locks for moments (`lock`) that are held."""
         self._thread = threading.get_ident()
@@ -182,6 +183,14 @@ class VirtualRunner:
                 return True
         return False
 
+    def interrupt_running(self, error: type[BaseException]) -> None:
+        """Raise an error at the next point of the greenlet that runs now, unless another one runs by then.
+
+        It may be called by another thread of the operating system.
+        """
+        self._struck_running_at = self.switches
+        self.struck[None] = error
+
     def stack_of(self, thread: int) -> FrameType | None:
         return next((one.gr_frame for one in self._all if id(one) == thread), None)
 
@@ -192,8 +201,12 @@ class VirtualRunner:
         share = self.preemption.share
         if share and self.preemption.random() < share:
             self.preempt()
-        if self.struck and (error := self.struck.pop(getcurrent(), None)) is not None:
-            raise error
+        if self.struck:
+            error = self.struck.pop(getcurrent(), None)
+            if error is None and self.switches == self._struck_running_at:
+                error = self.struck.pop(None, None)
+            if error is not None:
+                raise error
 
     def preempt(self) -> None:
         """Let others go on, perhaps for some time; not within an action of the agenda."""
