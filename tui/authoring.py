@@ -11,7 +11,7 @@ import re
 import shlex
 import sys
 from collections.abc import Collection, Mapping
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
 from msgspec import structs
@@ -25,6 +25,7 @@ from robotree.vr.base.extras import lacks
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.description import CommandSpec
+    from robotree.vr.bundle import Bundle
     from robotree.vr.bundle.reading import Finding
 
 Kinds = Mapping[str, Mapping[str, "CommandSpec"]]
@@ -32,6 +33,7 @@ Kinds = Mapping[str, Mapping[str, "CommandSpec"]]
 
 PYTHON = f"{sys.version_info[0]}.{sys.version_info[1]}"
 _LINE = re.compile(r"line (\d+): ")
+_PLACE = re.compile(r"line (\d+), column \d+: ")
 
 
 def check(line: Line, kinds: Kinds) -> int:
@@ -54,11 +56,14 @@ def check(line: Line, kinds: Kinds) -> int:
             f"{path} is a script, not a page; check it with `robotree rules check {shlex.quote(path)}`",
         )
     bundle = Bundle.read(path, wanted)
-    found = findings(bundle, kinds)
-    rows = [f"{path}:{one.line}: {_mark(one)}{one.what}: {one.instead}" for one in found]
-    data = [{"file": path, **structs.asdict(one)} for one in found]
+    by_file = {str(path): findings(bundle, kinds)}
+    if not any(one.level == "mistake" for one in by_file[str(path)]):  # else its commands are not known
+        by_file |= panel_findings(bundle)
+    found = [(file, one) for file, some in by_file.items() for one in some]
+    rows = [f"{file}:{one.line}: {_mark(one)}{one.what}: {one.instead}" for file, one in found]
+    data = [{"file": file, **structs.asdict(one)} for file, one in found]
     answer("\n".join(rows) or f"{path}: nothing was found", lambda: data)
-    return exit_codes.REFUSED if any(one.level == "mistake" for one in found) else exit_codes.DONE
+    return exit_codes.REFUSED if any(one.level == "mistake" for _, one in found) else exit_codes.DONE
 
 
 def _mark(found: Finding) -> str:
@@ -87,6 +92,38 @@ def findings(bundle: Any, kinds: Kinds) -> list[Finding]:
         if not any(one.line == number and one.what in what for one in found):
             found.append(Finding(number, what, "a host refuses the page like this"))
     return sorted(found, key=lambda one: one.line)
+
+
+def panel_findings(bundle: Bundle) -> dict[str, list[Finding]]:
+    """Return what is wrong with the panels beside a page that can be loaded, by file."""
+    from robotree.vr.base.address import Address
+    from robotree.vr.base.description import RobotDescription
+    from robotree.vr.base.errors import BadPanel
+    from robotree.vr.bundle.manifest import PANEL, PROGRAM
+    from robotree.vr.bundle.panel import expect, read_panel
+    from robotree.vr.bundle.reading import Finding
+
+    page = PurePath(bundle.path)
+    layout, program = f"{page.stem}{PANEL}", f"{page.stem}{PROGRAM}"
+    found: dict[str, list[Finding]] = {}
+    if (data := bundle.files.get(layout)) is not None:
+        cls, commands = bundle.examine()
+        robot = RobotDescription(address=Address("robot", page.stem, "none"), kinds=(cls,), commands=commands)
+        try:
+            expect(read_panel(data, layout), robot, None, layout)
+        except BadPanel as error:
+            reason = str(error.data["reason"])
+            where = _PLACE.match(reason)
+            number, reason = (int(where[1]), reason[where.end() :]) if where else (1, reason)
+            found[str(page.with_name(layout))] = [Finding(number, reason, "until then a form is shown")]
+    if (data := bundle.files.get(program)) is not None:
+        try:
+            compile(data, program, "exec", dont_inherit=True)
+        except (SyntaxError, ValueError) as error:
+            line = error.lineno or 1 if isinstance(error, SyntaxError) else 1
+            advice = f"write it as Python {PYTHON} reads it"
+            found[str(page.with_name(program))] = [Finding(line, str(getattr(error, "msg", error)), advice)]
+    return found
 
 
 PAGE = '''"""{Class}: what it is for, in one line."""

@@ -342,3 +342,44 @@ class Tied(VirtualRobot):
 """
     said = f"self._kept is {what}: the robot cannot move to another host"
     assert [(one.line, one.what) for one in examine(page, {}) if "move" in one.what] == [(10, said)]
+
+
+PAGE = '''from robotree.vr import VirtualRobot, command
+
+class Walker(VirtualRobot):
+    @command
+    def walk(self, steps: int = 1) -> None:
+        """Walk."""
+'''
+
+BAD_PANELS = {
+    "walker.panel.yaml": (
+        ("parts:\n  - form: jump\n", 1, "Walker has no command 'jump'"),
+        ("title: Walk\nparts:\n  - buton: walk\n", 3, "there is no part 'buton'"),
+        ("parts:\n  - button: walk\n    arguments: {steps: many}\n", 1, "steps"),
+    ),
+    "walker.panel.py": (("class Panel(\n", 1, "was never closed"),),
+}
+"""By file: what stands in it, the line that is named, and words of what is found."""
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "line", "words"),
+    [(file, *panel) for file, panels in BAD_PANELS.items() for panel in panels],
+)
+def test_a_panel_that_would_not_be_shown_is_found_with_its_page(
+    file: str, text: str, line: int, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "walker.py"
+    page.write_text(PAGE)
+    (tmp_path / file).write_text(text)
+    assert main(["check", str(page)]) == 1
+    printed = capsys.readouterr().out
+    assert printed.startswith(f"{tmp_path / file}:{line}: ")
+    assert words in printed
+
+
+@pytest.mark.parametrize("page", ["move_square", "patrol", "teleop"])
+def test_the_panels_of_the_examples_are_shown(page: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", f"examples/{page}.py"]) == 0
+    assert "panel" not in capsys.readouterr().out

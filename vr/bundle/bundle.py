@@ -15,8 +15,9 @@ from robotree.files import text
 from robotree.vr.author.command import commands_of
 from robotree.vr.author.fields import Kept, settings_spec
 from robotree.vr.author.robot import Robot
-from robotree.vr.author.virtual_robot import VirtualRobot, slot_specs
+from robotree.vr.author.virtual_robot import VirtualRobot, exposures_of, slot_specs
 from robotree.vr.base.arguments import check_arguments
+from robotree.vr.base.description import CommandSpec
 from robotree.vr.base.errors import (
     BadBundle,
     BrokenSource,
@@ -204,8 +205,11 @@ class Bundle(msgspec.Struct, frozen=True):
             raise BrokenSource(path=self.path, reason=reason_of(error, text_of(chosen))) from None
         return chosen
 
-    def examine(self) -> None:
+    def examine(self) -> tuple[str, tuple[CommandSpec, ...]]:
         """Load the class, and refuse a constructor that no host could call. No robot is made.
+
+        Returns:
+            The name of the class, and its commands: those that it exposes without their parameters.
 
         Raises:
             BundleError: see `load`.
@@ -213,6 +217,9 @@ class Bundle(msgspec.Struct, frozen=True):
         cls = self.load()
         try:
             within(partial(expect_constructor, cls), self.path, text_of(cls), LIMIT)
+            own = tuple(command.spec for command in commands_of(cls).values())
+            exposed = (CommandSpec(name=name, available=False) for name in exposures_of(cls))
+            return cls.__name__, (*own, *exposed)
         finally:
             forget(cls.__module__)
 
