@@ -108,6 +108,10 @@ def test_users_of_a_group_meet_and_each_may_what_the_policy_says(
     assert code == NOBODY
     assert "Permission denied" in said
     assert "with a group of yours" in said
+    for who in (anna, ben):
+        code, said = who.say("realm", "join", f"{realm}x@{ANNA}")
+        assert code == NOBODY
+        assert f"{ANNA} shares no such realm; ask {ANNA} for" in said
     assert ben.say("realm", "join", f"{realm}@{ANNA}")[0] == DONE
     (ben.home / "lamp.py").write_text(PAGE)
     up(ben, "host", "host-b", "--realm", realm)

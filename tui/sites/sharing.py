@@ -82,13 +82,15 @@ def join(words: str) -> int:
     owner = _user_of(user)
     check_name(realm)
     shared = SharedRealm(shares_of(owner) / realm, owner)
+    ask = f"ask {user} for `robotree realm create {realm} --group GROUP`, with a group of yours"
     try:
+        shared.directory.stat()
         shared.prepare()
         next(shared.directory.iterdir(), None)
+    except FileNotFoundError:
+        raise RealmUnusable(realm=realm, reason=f"{user} shares no such realm; {ask}") from None
     except OSError as error:
-        ask = f"ask {user} for `robotree realm create {realm} --group GROUP`, with a group of yours"
-        reason = f"{error}; {ask}"
-        raise RealmUnusable(realm=realm, reason=reason) from None
+        raise RealmUnusable(realm=realm, reason=f"{error}; {ask}") from None
     _expect_empty(realm)
     replace(_kept(realm, SHARED_BY), f"{owner}\n".encode())
     answer(
