@@ -209,8 +209,8 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="check FILE",
-        help="Check a page and its panels without any robot: what it would lose, what blocks, what its children"
-        " lack.",
+        help="Check a page and its panels without any robot: what it would lose, what blocks, what its"
+        " children lack.",
         group=AUTHOR,
         where=Where.SHELL,
         examples=("check team.py", "check team.py --json"),
