@@ -12,12 +12,14 @@ import random
 from collections.abc import Awaitable, Callable, Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 from robotree.protocol.endpoint import Endpoint
 from robotree.protocol.errors import BadUrl, LinkClosed, LinkError, LocalProtocolError
 from robotree.protocol.frame import Frame
 from robotree.protocol.links.link import Accept, Handler, Link
+from robotree.protocol.links.loopback import Faults
 from robotree.protocol.links.rejection import rejection
 from robotree.protocol.links.security import UNSIGNED, LinkSecurity, SignerPair
 from robotree.protocol.links.url import connect
@@ -38,6 +40,9 @@ _log = logging.getLogger(__name__)
 
 GRID = 0.05
 """[s] What is due within it is done together, at the end of it: so a process wakes up less often."""
+
+SOUND = Faults()
+"""Of a link that is as it should be."""
 
 KEY_CHANGED = "its signing key was changed"
 """Why a link is closed at once: the next one finds the new key in our file."""
@@ -114,6 +119,8 @@ class Connection:
         self._on_message = on_message
         self._dial = dial
         self._backoff = Backoff(chance or random.Random())
+        self._faults, self._chance = SOUND, chance or random.Random()
+        """What a drill does to messages on their way; nothing: the link is as it should be."""
         self._told_offline = False
         """Whether the log has the entry that it is offline."""
         self._endpoint: Endpoint | None = None
@@ -131,6 +138,19 @@ class Connection:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._awaited: list[tuple[type[Any], float, Callable[[], None]]] = []
         """Which kind of message is waited for, heard after which moment [s], and how to wake who waits."""
+
+    def disturb(self, faults: Faults) -> None:
+        """Do this to each message from now on, both ways, as a bad link would. On the loop.
+
+        What has been delayed before still comes. While the link is as it should be (`Faults()`), nothing here
+        costs anything.
+        """
+        self._faults = SOUND if faults == SOUND else faults
+
+    def _disturbed(self, deliver: Callable[[], None]) -> None:
+        """Deliver something as the faults let it."""
+        if self._loop is not None and self._chance.random() >= self._faults.loss:
+            self._loop.call_later(self._faults.delay + self._faults.jitter * self._chance.random(), deliver)
 
     def now(self) -> float:
         """The time [s] on the clock of this connection."""
@@ -315,6 +335,12 @@ class Connection:
         return self._rejection
 
     def _send(self, message: AnyMessage) -> None:
+        if self._faults is SOUND:
+            self._send_now(message)
+        else:
+            self._disturbed(partial(self._send_now, message))
+
+    def _send_now(self, message: AnyMessage) -> None:
         if self._endpoint is None:
             return
         try:
@@ -323,6 +349,16 @@ class Connection:
             _log.exception("%s: a message could not be sent", self.url)
 
     def _hear(self, frame: Frame) -> None:
+        if self._faults is SOUND:
+            self._hear_now(frame)
+        else:
+            self._disturbed(partial(self._hear_late, frame))
+
+    def _hear_late(self, frame: Frame) -> None:
+        self._hear_now(frame)
+        self._listened()
+
+    def _hear_now(self, frame: Frame) -> None:
         if frame.signature and self._signer_pair["verifier"] is None:
             # A controller that signs obeys only signed frames, and this link has no key: the robot could not
             # be stopped from here, so it must not be shown as online.

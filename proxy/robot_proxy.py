@@ -16,6 +16,7 @@ from functools import partial
 from typing import Any, ClassVar, NamedTuple, TypeVar
 from weakref import WeakKeyDictionary
 
+from robotree.protocol.links.loopback import Faults
 from robotree.protocol.links.security import UNSIGNED, LinkSecurity
 from robotree.protocol.links.url import connect
 from robotree.protocol.messages import AnyMessage, GoalState, Message, Reason, Verb
@@ -206,6 +207,10 @@ class RobotProxy(Robot):
     def denied(self) -> str:
         """Why the controller does not obey this proxy, as a clause; empty: it does."""
         return self._session.denial
+
+    def disturb(self, *, cut: bool, delay: float) -> None:
+        """Lose everything on the link for a drill, or deliver it `delay` [s] later; neither: as it was."""
+        self._connection.disturb(Faults(loss=float(cut), delay=delay))
 
     # -- hooks of a robot --------------------------------------------------------------------------
 

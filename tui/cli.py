@@ -153,10 +153,8 @@ def _start(line: Line, *, readonly: bool) -> int:
             return _run(_supervise(realm, readonly=readonly, user=verb == "user"), on_screen=True)
         case "demo":
             return _demo(line, readonly=readonly)
-        case "run":
-            from robotree.tui.session.playing import play_file
-
-            return _run(play_file(line, realm, readonly=readonly))
+        case "run" | "test":
+            return _play(line, realm, readonly=readonly)
         case verb if verb in AGENTS and not line.flag("--print-config"):
             import asyncio
 
@@ -173,10 +171,21 @@ def _start(line: Line, *, readonly: bool) -> int:
             }  # fmt: skip
             families: dict[str, Callable[[Line, str, bool], int]] = {
                 "realm": _realm, "bundle": _bundle, "policy": _policy, "assistant": _assistant,
-                "recording": _recorded, "export": _recorded, "replay": _recorded,
+                "fault": _fault, "recording": _recorded, "export": _recorded, "replay": _recorded,
             }  # fmt: skip
             family = families.get(verb.partition(" ")[0], _ask)
             return apart.get(verb, family)(line, realm, readonly)
+
+
+def _play(line: Line, realm: str, *, readonly: bool) -> int:
+    """Play a session script, or a suite of them."""
+    if line.verb == "test":
+        from robotree.tui.session import suite
+
+        return suite.run(line, realm, _run, readonly=readonly)
+    from robotree.tui.session.playing import play_file
+
+    return _run(play_file(line, realm, readonly=readonly))
 
 
 def _realm(line: Line, realm: str, _readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike
@@ -251,6 +260,14 @@ def _ask(line: Line, realm: str, _readonly: bool) -> int:  # noqa: FBT001 # one 
 
     listening = line.verb == "watch" or line.flag("--follow") or line.flag("--watch")
     return _run(once(line, realm), listening=listening)
+
+
+def _fault(line: Line, realm: str, _readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike
+    """Begin a fault, and keep it up until its time is over or Ctrl-C."""
+    from robotree.tui.line.shell import once
+    from robotree.tui.session.faults import hold
+
+    return _run(once(line, realm, hold))
 
 
 def _stop(line: Line, realm: str, _readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike

@@ -114,6 +114,14 @@ class BadScript(SessionError):
         return self.mistakes[0][0]
 
 
+class NotForDrills(SupervisorError):
+    """A process that takes no part in a drill."""
+
+    def __init__(self, name: str, reason: str) -> None:
+        """Name the agent, and say why as a clause."""
+        super().__init__(f"{name} takes no part in a drill: {reason}")
+
+
 class BadRecordedRealm(SessionError):
     """A recording of a realm that cannot be written or read."""
 

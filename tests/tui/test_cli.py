@@ -107,6 +107,7 @@ CHANGES = {
     *("wire replay", "wire inject", "set", "reload", "apply"),
     *("migrate", "drain", "place", "service"),
     *("wire conform", "bundle trust", "policy set"),
+    *("fault cut", "fault delay", "fault freeze", "fault kill"),
     *("order cancel", "order confirm", "order settle"),
     *("mcp", "assistant invite", "assistant revoke", "permit allow"),
     *("realm create", "realm invite", "realm join", "realm revoke", "realm renew"),

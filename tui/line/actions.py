@@ -705,6 +705,66 @@ ACTIONS: tuple[Action, ...] = (
         guide=("robotree.tui.session.script", "robotree.tui.session.conditions"),
     ),
     Action(
+        usage="test [PATH …] [--select EXPRESSION] [--exitfirst] [--junit FILE] [--collect-only]",
+        help="Play the trials of FOLDERs and FILEs (*.session) as a test suite; FILE::NAME is one of them."
+        " -k (--select): only those whose names fit, such as `lift and not slow`; -x (--exitfirst): end at"
+        " the first that fails. The exit code is 0 if all held, 1 if one did not, 2 for Ctrl-C or a line that"
+        " cannot be understood, 5 if there was none.",
+        group=PROCESS,
+        where=Where.SHELL,
+        examples=(
+            "test examples/trials",
+            "test examples/trials -k 'lift and not drill' -x",
+            "test 'examples/trials/lift.session::there and back' --junit trials.xml",
+        ),
+        guide=("robotree.tui.session.script", "robotree.tui.session.conditions"),
+    ),
+    Action(
+        usage="fault cut ROBOT [--for TIME]",
+        help="For a drill, let nothing cross the link between a robot's proxy and its controller, for a TIME"
+        " or until the session ends.",
+        group=PROCESS,
+        run="session.faults:fault_cut",
+        alters=True,
+        right="command",
+        examples=("fault cut arm-1 --for 3s",),
+        guide=("robotree.tui.session.faults",),
+    ),
+    Action(
+        usage="fault delay ROBOT TIME [--for TIME]",
+        help="For a drill, let everything on a robot's link take a TIME longer, each way.",
+        group=PROCESS,
+        run="session.faults:fault_delay",
+        alters=True,
+        right="command",
+        examples=("fault delay arm-1 200ms --for 10s",),
+    ),
+    Action(
+        usage="fault freeze NAME [--for TIME]",
+        help="For a drill, stop the process of a robot, host or lookup of yours on this machine, and continue"
+        " it in the end.",
+        group=PROCESS,
+        run="session.faults:fault_freeze",
+        alters=True,
+        examples=("fault freeze host-1 --for 2s",),
+    ),
+    Action(
+        usage="fault kill NAME",
+        help="For a drill, kill the process of a robot, host or lookup of yours on this machine.",
+        group=PROCESS,
+        run="session.faults:fault_kill",
+        alters=True,
+        examples=("fault kill host-1",),
+    ),
+    Action(
+        usage="fault end",
+        help="End all faults that were begun from here.",
+        group=PROCESS,
+        run="session.faults:fault_end",
+        where=Where.PROMPT | Where.SCRIPT,
+        examples=("fault end",),
+    ),
+    Action(
         usage="sim KIND --listen URL [--key FILE | --open] [--state FILE] [--reset-epoch] [--speedup FACTOR]"
         " [--log FILE]",
         help="Simulate a robot's controller; every program can command it unless it has a key"

@@ -27,6 +27,8 @@ Value = str | tuple[str, ...] | bool
 MORE, OR = "…", "|"
 LONGEST_VERB = 2
 """Words of a verb, at most."""
+SHORT: Mapping[str, str] = MappingProxyType({"-k": "select", "-x": "exitfirst"})
+"""The short forms of options, as pytest has them; another verb takes such a word as any other."""
 _NEAR = 0.7
 """Likeness of a word and a verb, 0 to 1, from which on the verb is suggested."""
 
@@ -291,7 +293,7 @@ def _take_options(
     values: dict[str, Value] = {}
     queue = list(words)
     while queue:
-        word = queue.pop(0)
+        word = _long(queue.pop(0), options)
         if word == "--":
             return plain + queue, values
         if not word.startswith("--"):
@@ -313,6 +315,11 @@ def _take_options(
             raise BadLine(f"--{name} is given twice", usage)
         values[f"--{name}"] = value
     return plain, values
+
+
+def _long(word: str, options: Mapping[str, str]) -> str:
+    """Return the long form of an option that a verb has."""
+    return f"--{SHORT[word]}" if SHORT.get(word) in options else word
 
 
 def _match(parts: tuple[Part, ...], words: tuple[str, ...]) -> dict[str, Value] | None:

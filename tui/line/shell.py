@@ -11,7 +11,7 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING
 
 from robotree.tui import exit_codes
@@ -174,8 +174,19 @@ def _obeyed_offline(line: Line, realm: str, console: Console) -> bool:
     return outcome is not None
 
 
-async def once(line: Line, realm: str) -> int:
+async def _nothing(_realm_client: RealmClient, _line: Line) -> None:
+    """Leave at once."""
+
+
+async def once(
+    line: Line, realm: str, before_leaving: Callable[[RealmClient, Line], Awaitable[None]] = _nothing
+) -> int:
     """Join the realm, do one verb, leave.
+
+    Args:
+        line: the verb and its values.
+        realm: in which it is done.
+        before_leaving: what is still done there, if it was done.
 
     Returns:
         The exit code.
@@ -195,7 +206,10 @@ async def once(line: Line, realm: str) -> int:
         async with joined(realm) as realm_client:
             if any(realm_client.directory.present(role) for role in ROLES):
                 await taken.merge(realm_client, console)
-                return await obey(realm_client, line, console)
+                code = await obey(realm_client, line, console)
+                if code == exit_codes.DONE:
+                    await before_leaving(realm_client, line)
+                return code
         if _obeyed_offline(line, realm, console):
             return exit_codes.DONE
         console.error(nothing_to_ask(realm))

@@ -95,6 +95,7 @@ class Playback:
             robot, busy=state.busy, waiting=state.waiting, epoch=state.epoch, online=state.online,
             stopped=state.stopped, stop_reason=state.stop_reason, stops=max(state.stops, 0),
             abandoned=state.abandoned, readings=state.readings, paused=state.paused, held=state.held,
+            drill=state.drill,
             asks=state.asks, bond=robot.bond if state.bond is not None else None,
         )  # fmt: skip
 

@@ -347,7 +347,7 @@ def _lasting(description: RobotDescription) -> RobotDescription:
     return msgspec.structs.replace(
         description, busy="", waiting=0, readings={}, calls={}, stops=0, stopped=False, stop_reason="",
         epoch=0, bond=None if bond is None else msgspec.structs.replace(bond, remaining=0.0),
-        kept={}, held="", paused="", abandoned=(), asks="", online=True,
+        kept={}, held="", paused="", drill="", abandoned=(), asks="", online=True,
     )  # fmt: skip
 
 

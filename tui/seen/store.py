@@ -607,6 +607,12 @@ class Store:
         return self.stale and bool(self.robots or self.views or self.descriptions)
 
     @property
+    def drills(self) -> dict[str, str]:
+        """What robots suffer for a drill, and who has asked for that, by their names."""
+        heard = sorted(self._heard.items())
+        return {name: one.state.drill for name, one in heard if one.state.drill}
+
+    @property
     def stopped(self) -> tuple[str, ...]:
         """Names of the robots in protective stop."""
         return tuple(sorted(name for name, heard in self._heard.items() if heard.state.stopped))

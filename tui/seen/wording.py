@@ -228,6 +228,7 @@ def portrait(robot: RobotDescription) -> str:
         ("state", status.text(robot)),
         ("stopped", robot.stop_reason),
         ("paused", robot.paused and f"by {robot.paused}"),
+        ("drill", robot.drill),
         ("abandoned", _abandoned(robot)),
         *(("hook", fault) for fault in robot.faults),
         ("link", _link(robot)),

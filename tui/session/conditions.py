@@ -274,7 +274,7 @@ def _result(found: re.Match[str]) -> Condition:
     compare, wanted = _comparison(sign), values.scalar(text.strip())
 
     def judge(scene: Scene) -> Verdict:
-        thing = _inside(scene.result, re.findall(r"\w+", path))
+        thing = inside(scene.result, re.findall(r"\w+", path))
         if thing is None:
             return Verdict(holds=False, seen=f"the result is {wording.value(scene.result)}")
         try:
@@ -307,7 +307,8 @@ def _comparison(sign: str) -> Callable[[Any, Any], bool]:
     return COMPARISONS["=" if sign == "==" else sign]
 
 
-def _inside(thing: Any, path: Sequence[str]) -> Any:
+def inside(thing: Any, path: Sequence[str]) -> Any:
+    """Return what lies in a result, by names and positions; None: nothing does."""
     for name in path:
         if isinstance(thing, Mapping):
             thing = cast("dict[str, Any]", thing).get(name)

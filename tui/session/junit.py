@@ -7,12 +7,12 @@ that pytest writes: `testsuites`, `testsuite`, `testcase` with `failure`, `error
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple, Protocol
 from xml.etree import ElementTree as ET
 
 from robotree.tui.errors import BadScript
-from robotree.tui.session.script import Report
+from robotree.tui.session.script import Report, transcript
 
 NOT_IN_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that XML 1.0 cannot hold, not even escaped (section 2.2)."""
@@ -26,6 +26,8 @@ class _Case(NamedTuple):
     outcome: str = ""
     """`failure`, `error` or `skipped`; empty: it held."""
     text: str = ""
+    script: str = ""
+    """The file, if it is another one than the suite's."""
 
 
 def of_report(report: Report) -> bytes:
@@ -52,6 +54,45 @@ def of_error(script: str, error: Exception) -> bytes:
     return _written(script, 0.0, cases)
 
 
+class TriedTrial(Protocol):
+    """A trial of a suite that was played (`suite.Tried`)."""
+
+    @property
+    def collected(self) -> Any:
+        """Its `path` and `name`."""
+        ...
+
+    @property
+    def report(self) -> Report:
+        """What was played of it."""
+        ...
+
+    @property
+    def held(self) -> bool:
+        """Whether all its steps did."""
+        ...
+
+    @property
+    def reason(self) -> str:
+        """Which line failed and why."""
+        ...
+
+
+def of_suite(tried: Iterable[TriedTrial], seconds: float) -> bytes:
+    """Return the report of a test suite: one test case for each trial."""
+    cases = [
+        _Case(
+            each.collected.name,
+            each.report.wall_s,
+            "" if each.held else "failure",
+            "" if each.held else "\n".join([each.reason, *map(transcript, each.report.told)]),
+            each.collected.path,
+        )
+        for each in tried
+    ]
+    return _written("robotree", seconds, cases)
+
+
 def _written(script: str, seconds: float, cases: Sequence[_Case]) -> bytes:
     counts = {
         f"{name}s" if name != "skipped" else name: str(sum(case.outcome == name for case in cases))
@@ -62,7 +103,11 @@ def _written(script: str, seconds: float, cases: Sequence[_Case]) -> bytes:
     suite = ET.SubElement(whole, "testsuite", about | counts)
     for case in cases:
         element = ET.SubElement(
-            suite, "testcase", classname=_plain(script), name=_plain(case.name), time=f"{case.seconds:.3f}"
+            suite,
+            "testcase",
+            classname=_plain(case.script or script),
+            name=_plain(case.name),
+            time=f"{case.seconds:.3f}",
         )
         if case.outcome:
             lines = _plain(case.text).splitlines() or [""]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import errno
 import json
+import re
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -13,15 +14,37 @@ from typing import TYPE_CHECKING, Any
 
 from robotree.files import overwrite, text
 from robotree.tui import exit_codes
-from robotree.tui.errors import SessionError
+from robotree.tui.errors import SessionError, SupervisorError
 from robotree.tui.line import values
+from robotree.tui.line.action import Where
 from robotree.tui.line.carrying import Refusal, Silent, carry_out
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.shell import Console
+from robotree.tui.line.surface import Surface
 from robotree.tui.line.verbs import Teller
-from robotree.tui.session import junit
-from robotree.tui.session.conditions import Scene, Verdict
-from robotree.tui.session.script import Do, Expect, PlayedStep, Report, Script, Sleep, Step, read, transcript
+from robotree.tui.seen import wording
+from robotree.tui.seen.wording import typed
+from robotree.tui.session import faults, junit
+from robotree.tui.session.conditions import Scene, Verdict, inside
+from robotree.tui.session.script import (
+    Block,
+    Do,
+    Expect,
+    Later,
+    Let,
+    Node,
+    PlayedStep,
+    Report,
+    Script,
+    Sleep,
+    Step,
+    Trial,
+    deed_of,
+    filled,
+    flat,
+    read,
+    transcript,
+)
 from robotree.tui.terminal import aside, put
 
 if TYPE_CHECKING:  # a script is read before the agents are needed
@@ -64,57 +87,155 @@ class Player:
         )
         self.result: Any = None
         self.refusal = ""
+        self._values: dict[str, str] = {}
+        """What was measured, by name."""
+        self._told: list[PlayedStep] = []
+        self._left: list[str] = []
+        self._trial, self._began = "", time.monotonic()
+        self._at = Step(0, "", Sleep(0.0))
+        """The step that is played."""
         self._heard: dict[str, Mapping[str, float]] = {}
         self._listening: list[Registration] = []
 
     async def play(self) -> Report:
-        """Play until the end or until a step does not hold."""
+        """Play until the end or until a step does not hold: the trials one after the other."""
+        began = time.monotonic()
+        for position, trial in enumerate(self.script.trials):
+            if not await self.play_trial(trial):
+                self._left += [
+                    step.text for each in self.script.trials[position + 1 :] for step in flat(each.nodes)
+                ]
+                break
+        return self._report(began)
+
+    async def play_alone(self, trial: Trial) -> Report:
+        """Play one trial of the script."""
+        began = time.monotonic()
+        await self.play_trial(trial)
+        return self._report(began)
+
+    async def play_trial(self, trial: Trial) -> bool:
+        """Play one trial to its end, or to a step that does not hold; returns whether all held."""
+        self._trial, self._began = trial.name, time.monotonic()
+        self._values, self.result, self.refusal = {}, None, ""
         try:
             # a resume ends the stops that are known here when its step begins
             self._listening.append(await self.realm_client.watch_state(None))
-            return await self._play()
+            held = await self._nodes(trial.nodes)
+            if not held:
+                await self._each(trial.on_failure)
+            return await self._each(trial.at_end) and held
         finally:
+            await faults.end_all(self.realm_client)
             for listening in self._listening:
                 await listening.close()
             self._listening.clear()
             self._heard.clear()
 
-    async def _play(self) -> Report:
-        began = time.monotonic()
-        steps: list[PlayedStep] = []
-        for position, step in enumerate(self.script.steps):
-            start = time.monotonic()
-            verdict, data = await self._step(step)
-            now = time.monotonic()
-            steps.append(
-                PlayedStep(
-                    step=step,
-                    held=verdict.holds,
-                    seen=verdict.seen,
-                    began=start - began,
-                    took=now - start,
-                    data=data,
-                )
-            )
-            self.tell(steps[-1])
-            if not verdict.holds:
-                left = tuple(one.text for one in self.script.steps[position + 1 :])
-                return self._report(steps, began, left)
-        return self._report(steps, began, ())
-
-    def _report(self, steps: list[PlayedStep], began: float, left: tuple[str, ...]) -> Report:
+    def _report(self, began: float) -> Report:
         wall = time.monotonic() - began
-        return Report(script=self.script.path, told=tuple(steps), wall_s=wall, left=left)
+        return Report(script=self.script.path, told=tuple(self._told), wall_s=wall, left=tuple(self._left))
+
+    async def _nodes(self, nodes: Sequence[Node]) -> bool:
+        """Play lines until one does not hold; returns whether all held."""
+        for position, node in enumerate(nodes):
+            if not await self._node(node):
+                self._left += [step.text for step in flat(nodes[position + 1 :])]
+                return False
+        return True
+
+    async def _each(self, nodes: Sequence[Node]) -> bool:
+        """Play all of some lines, whatever becomes of each; returns whether all held."""
+        left, held = list(self._left), True
+        for node in nodes:
+            held = await self._node(node) and held
+        self._left = left
+        return held
+
+    async def _node(self, node: Node) -> bool:
+        if isinstance(node, Step):
+            return await self._told_step(node)
+        if node.within is None:
+            return await self._rounds(node)
+        limit = asyncio.timeout(node.within)
+        try:
+            async with limit:
+                return await self._rounds(node)
+        except TimeoutError:
+            if not limit.expired():
+                raise
+        seen = f"not over within {node.within:g} s: line {self._at.number} went on, {self._at.text}"
+        self._say(Step(node.number, node.text, self._at.deed), Verdict(holds=False, seen=seen), node.within)
+        return False
+
+    async def _rounds(self, block: Block) -> bool:
+        for number in range(1, block.rounds + 1):
+            if block.rounds > 1 or block.within is None:
+                self._values["round"] = str(number)
+            if not await self._nodes(block.body):
+                return False
+        return True
+
+    async def _told_step(self, step: Step) -> bool:
+        self._at, start = step, time.monotonic()
+        verdict, data = await self._step(step)
+        self._say(step, verdict, time.monotonic() - start, data)
+        return verdict.holds
+
+    def _say(self, step: Step, verdict: Verdict, took: float, data: Any = None) -> None:
+        self._told.append(
+            PlayedStep(
+                step=step,
+                held=verdict.holds,
+                seen=verdict.seen,
+                began=time.monotonic() - took - self._began,
+                took=took,
+                data=data,
+                trial=self._trial,
+            )
+        )
+        self.tell(self._told[-1])
 
     async def _step(self, step: Step) -> tuple[Verdict, Any]:
-        match step.deed:
+        from robotree.vr.base.errors import BadName
+
+        deed = step.deed
+        if isinstance(deed, Later):
+            try:
+                deed = self._deed_of(deed)
+            except (SupervisorError, BadName) as error:
+                return Verdict(holds=False, seen=str(error)), None
+        match deed:
             case Sleep(seconds):
                 await asyncio.sleep(seconds)
                 return Verdict(holds=True, seen=""), None
             case Expect() as expect:
                 return await self._expect(expect), None
+            case Let() as let:
+                return await self._let(let), None
             case Do(line, may_fail):
                 return await self._do(line, may_fail=may_fail)
+
+    def _deed_of(self, later: Later) -> Do | Expect | Sleep:
+        words = tuple(filled(word, self._values) for word in later.words)
+        return deed_of(Surface(Where.SCRIPT, self.script.readonly), words, later.text)
+
+    async def _let(self, let: Let) -> Verdict:
+        """Measure something, and keep it under its name."""
+        kind, _, of = let.source.partition(" ")
+        if kind == "reading":
+            robot, _, reading = of.strip().partition(".")
+            instruments = await self._readings(robot)
+            if reading not in instruments:
+                known = ", ".join(sorted(instruments)) or "nothing"
+                return Verdict(holds=False, seen=f"{robot} has no reading {reading}; it has {known}")
+            value: Any = instruments[reading]
+        else:
+            value = inside(self.result, re.findall(r"\w+", let.source)[1:])
+            if value is None or isinstance(value, dict | list):
+                return Verdict(holds=False, seen=f"the result is {wording.value(self.result)}")
+        self._values[let.name] = typed(value)
+        return Verdict(holds=True, seen=f"{let.name} is {self._values[let.name]}")
 
     async def _do(self, line: Line, *, may_fail: bool) -> tuple[Verdict, Any]:
         outcome = await carry_out(self.realm_client, self._placed(line), self.teller)
@@ -257,8 +378,13 @@ async def play_file(line: Line, realm: str, *, readonly: bool = False) -> int:
     path, junit_file, as_json = line.text("FILE"), line.text("--junit"), line.flag("--json")
     console = Console(as_json=as_json)
 
+    at = [""]
+
     def tell(played: PlayedStep) -> None:
         console.settle()
+        if played.trial != at[0]:
+            at[0] = played.trial
+            aside(f"trial {played.trial}")
         aside(transcript(played))
 
     try:

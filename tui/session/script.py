@@ -11,24 +11,54 @@
     expect refused NotInControl
     sleep 500ms
     look cell before.jpg
+    delete mover
+
+Values can have names, lines can be repeated, have a limit together, and be for the case that a step fails:
+
+    table                                      # each row is a run of its own
+        x   z
+        0.3   0.35
+        0.45  0.3
+    end
+    let twist = 0
+    trial there and back                       # a name; lines before the first trial belong to each
+    within 30s                                 # the lines up to `end` are over by then
+        repeat 2                               # $round is 1, then 2
+            call arm-1.go_to x=$x y=0 z=$z twist=$twist
+            let reached = reading arm-1.z      # measured when the line is reached; or `result.z`
+            expect reading arm-1.z >= $reached
+        end
+    end
+    on failure                                 # played when a step did not hold
+        look cell failed.jpg
+    end
+    finally                                    # played in any case, each of its lines
+        try resume
+    end
+
+A value takes the place of `$NAME` or `${NAME}` in one word, and never adds words; `$$` is a dollar sign.
+`robotree test FOLDER` plays trials as a test suite.
 
 Paths of `create` are taken from the folder of the script when they are not there from the current one;
 everything else is as on the command line.
 """
-# `playing.py` plays what is read here.
+# `blocks.py` reads what has an end; `playing.py` plays what is read here.
 
 from __future__ import annotations
 
+import itertools
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from robotree.tui.errors import BadScript, SupervisorError, ValueRefused
-from robotree.tui.line import grammar, values
+from robotree.tui.errors import BadLine, BadScript, NotHere, SupervisorError, UnknownVerb, ValueRefused
+from robotree.tui.line import values
 from robotree.tui.line.action import Where
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.surface import Surface
+from robotree.tui.session import blocks
+from robotree.tui.session.blocks import Lines, Part, RawLine
 from robotree.tui.session.conditions import Condition, condition
 
 EXPECT_WITHIN = 5.0
@@ -65,13 +95,61 @@ class Sleep:
 
 
 @dataclass(frozen=True, slots=True)
+class Let:
+    """Give what is measured now a name."""
+
+    name: str
+    source: str
+    """`result.z`, or `reading ROBOT.READING`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Later:
+    """A line with values that are only known when it is reached; `deed_of` understands it then."""
+
+    words: tuple[str, ...]
+    text: str
+
+
+Deed = Do | Expect | Sleep | Let | Later
+
+
+@dataclass(frozen=True, slots=True)
 class Step:
     """One line of a script that does something."""
 
     number: int
     """Line number, from 1."""
     text: str
-    deed: Do | Expect | Sleep
+    deed: Deed
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Lines that are repeated, or over within a time together."""
+
+    number: int
+    text: str
+    body: tuple[Step | Block, ...]
+    rounds: int = 1
+    within: float | None = None
+    """[s]; None: they may take as long as they take."""
+
+
+Node = Step | Block
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """What is played as one run: a script, one of its trials, or one of these with one row of a table."""
+
+    name: str
+    """As `robotree test` names it behind `::`, such as `lift[0.3-0.35]`; empty: the script as a whole."""
+    nodes: tuple[Node, ...]
+    on_failure: tuple[Node, ...] = ()
+    """Played when a step did not hold."""
+    at_end: tuple[Node, ...] = ()
+    """Played in any case."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +157,22 @@ class Script:
     """A script, understood as a whole before anything is played."""
 
     path: str
-    steps: tuple[Step, ...]
+    trials: tuple[Trial, ...]
+    readonly: bool = False
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """The lines that do something, in the order of the file, without those for a failure."""
+        return tuple(flat(node for trial in self.trials for node in (*trial.nodes, *trial.at_end)))
+
+
+def flat(nodes: Iterable[Node]) -> Iterator[Step]:
+    """Return the steps of blocks, and of blocks in them, each once."""
+    for node in nodes:
+        if isinstance(node, Step):
+            yield node
+        else:
+            yield from flat(node.body)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,6 +188,8 @@ class PlayedStep:
     took: float
     """[s]."""
     data: Any = None
+    trial: str = ""
+    """Name of the trial whose step it is; empty: the script is one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,7 +205,12 @@ class Report:
     @property
     def ok(self) -> bool:
         """Whether everything was played and held."""
-        return not self.left and all(told.held for told in self.told)
+        return not self.left and self.failed is None
+
+    @property
+    def failed(self) -> PlayedStep | None:
+        """The first step that did not hold."""
+        return next((told for told in self.told if not told.held), None)
 
     def structure(self) -> dict[str, Any]:
         """Return the report as plain data."""
@@ -123,6 +223,7 @@ class Report:
                 "began_s": round(told.began, 3),
                 "took_s": round(told.took, 3),
                 "data": told.data,
+                **({"trial": told.trial} if told.trial else {}),
             }
             for told in self.told
         ]
@@ -149,26 +250,157 @@ def read(
     Raises:
         BadScript: lines cannot be understood; it has all of them.
     """
-    from robotree.vr.base.errors import BadName  # help must not wait for the agents
+    reading = _Reading(Surface(Where.SCRIPT, readonly), exists)
+    lines = blocks.of_text(text, reading.complain)
+    trials = [trial for part in lines.parts or (Part("", 0),) for trial in reading.trials(lines, part)]
+    if reading.mistakes:
+        raise BadScript(path, sorted(reading.mistakes))
+    return Script(path, tuple(trials), readonly)
 
-    surface = Surface(Where.SCRIPT, readonly)
-    steps: list[Step] = []
-    mistakes: list[tuple[int, str]] = []
-    for number, raw in enumerate(text.splitlines(), 1):
+
+class _Reading:
+    """Understands the lines of one script, with the values of names as they are where a line stands."""
+
+    def __init__(self, surface: Surface, exists: Callable[[str], bool]) -> None:
+        self._surface, self._exists = surface, exists
+        self.mistakes: list[tuple[int, str]] = []
+        self._names: dict[str, str | None] = {}
+        """The values of names; None: it is measured when the script is played."""
+
+    def complain(self, number: int, reason: str) -> None:
+        if (number, reason) not in self.mistakes:  # each row reads the lines again
+            self.mistakes.append((number, reason))
+
+    def trials(self, lines: Lines, part: Part) -> Iterator[Trial]:
+        """Return the runs of one trial: one for each row, of each of its tables."""
+        tables = [*lines.common.tables, *part.tables]
+        for rows in itertools.product(*(table.rows for table in tables)):
+            self._names = {
+                name: value
+                for table, row in zip(tables, rows, strict=True)
+                for name, value in zip(table.names, row, strict=True)
+            }
+            label = "-".join(value for row in rows for value in row)
+            name = f"{part.name}[{label}]" if tables else part.name
+            yield Trial(
+                name,
+                nodes=self._nodes((*lines.common.lines, *part.lines)),
+                on_failure=self._nodes((*part.on_failure, *lines.common.on_failure)),
+                at_end=self._nodes((*part.at_end, *lines.common.at_end)),
+            )
+
+    def _nodes(self, raw: Sequence[RawLine]) -> tuple[Node, ...]:
+        return tuple(node for each in raw if (node := self._node(each)) is not None)
+
+    def _node(self, raw: RawLine) -> Node | None:
+        from robotree.vr.base.errors import BadName  # help must not wait for the agents
+
         try:
-            words = grammar.split(raw)
-            if words:
-                deed = _deed(surface, words, raw)
-                _require_source(deed, exists)
-                steps.append(Step(number, raw.strip(), deed))
+            match raw.words:
+                case ("repeat", *rest):
+                    rounds = _rounds(self._known(rest))
+                    self._names["round"] = None
+                    return Block(raw.number, raw.text, self._nodes(raw.body), rounds=rounds)
+                case ("within", *rest):
+                    seconds = values.duration(" ".join(self._known(rest)))
+                    return Block(raw.number, raw.text, self._nodes(raw.body), within=seconds)
+                case ("let", *rest):
+                    return self._let(raw, rest)
+                case words:
+                    return Step(raw.number, raw.text, self._deed(words, raw.text))
         except (SupervisorError, BadName) as error:
-            mistakes.append((number, str(error)))
-    if mistakes:
-        raise BadScript(path, mistakes)
-    return Script(path, tuple(steps))
+            self.complain(raw.number, str(error))
+            return None
+
+    def _known(self, words: Sequence[str]) -> list[str]:
+        """Put values in the place of names, where they must be known before anything is played."""
+        known = {name: value for name, value in self._names.items() if value is not None}
+        return [filled(word, known) for word in words]
+
+    def _let(self, raw: RawLine, words: Sequence[str]) -> Step | None:
+        if len(words) < 3 or words[1] != "=" or not blocks.NAME.fullmatch(words[0]):
+            raise SupervisorError(f"cannot read {raw.text!r}; write let NAME = VALUE")
+        name, source = words[0], " ".join(words[2:])
+        if _MEASURED.fullmatch(source):
+            self._names[name] = None
+            return Step(raw.number, raw.text, Let(name, source))
+        self._names[name] = " ".join(self._known(words[2:]))
+        return None
+
+    def _deed(self, words: tuple[str, ...], text: str) -> Deed:
+        measured = {name for name, value in self._names.items() if value is None}
+        if not any(measured & names_in(word) for word in words):
+            deed = deed_of(self._surface, tuple(self._known(words)), text)
+            _require_source(deed, self._exists)
+            return deed
+        known = {name: value for name, value in self._names.items() if value is not None}
+        later = tuple(
+            filled(word, {**known, **{name: f"${{{name}}}" for name in measured}}) for word in words
+        )
+        _try_with_a_number(self._surface, later, measured, text)
+        return Later(later, text)
 
 
-def _deed(surface: Surface, words: tuple[str, ...], raw: str) -> Do | Expect | Sleep:
+def _try_with_a_number(surface: Surface, words: Sequence[str], measured: Iterable[str], text: str) -> None:
+    """Refuse a line that cannot be one, whatever is measured; the value itself may be of any kind."""
+    from robotree.vr.base.errors import BadName
+
+    number = dict.fromkeys(measured, "1")
+    try:
+        deed_of(surface, tuple(filled(word, number) for word in words), text)
+    except (UnknownVerb, BadLine, NotHere):
+        raise
+    except (SupervisorError, BadName):
+        pass  # with a value that fits it may be one
+
+
+_MEASURED = re.compile(r"result(?:\.\w+|\[\d+])*|reading\s+\S+\.\S+")
+_NAMED = re.compile(r"\$(?:(\$)|\{(\w+)}|([A-Za-z_]\w*))")
+
+MOST_ROUNDS = 100_000
+"""Of one `repeat`."""
+
+
+def _rounds(words: Sequence[str]) -> int:
+    text = " ".join(words)
+    if not text.isdecimal() or not 1 <= int(text) <= MOST_ROUNDS:
+        raise ValueRefused("repeat", f"{text!r} is no number of rounds, from 1 to {MOST_ROUNDS}")
+    return int(text)
+
+
+def names_in(word: str) -> set[str]:
+    """Return the names whose values a word wants."""
+    return {found[2] or found[3] for found in _NAMED.finditer(word) if not found[1]}
+
+
+def filled(word: str, known: Mapping[str, str]) -> str:
+    """Put values in the place of names; a value is text, and never more than this one word.
+
+    Raises:
+        ValueRefused: a name has no value here.
+    """
+
+    def value(found: re.Match[str]) -> str:
+        if found[1]:
+            return "$"
+        name = found[2] or found[3]
+        if name not in known:
+            has = ", ".join(f"${each}" for each in sorted(known)) or "none"
+            raise ValueRefused(
+                f"${name}", f"${name} has no value here; known are: {has}; `$$` is a dollar sign"
+            )
+        return known[name]
+
+    return _NAMED.sub(value, word)
+
+
+def deed_of(surface: Surface, words: tuple[str, ...], text: str) -> Do | Expect | Sleep:
+    """Understand the words of a line that does something.
+
+    Raises:
+        SupervisorError: they mean nothing, or a value cannot be meant.
+        BadName: a name cannot be one.
+    """
     match words[0]:
         case "expect":
             return _expect(" ".join(words[1:]))
@@ -176,13 +408,13 @@ def _deed(surface: Surface, words: tuple[str, ...], raw: str) -> Do | Expect | S
             return Sleep(values.duration(" ".join(words[1:])))
         case "try":
             if len(words) == 1:
-                raise SupervisorError(f"{raw.strip()!r} names no verb to try")
+                raise SupervisorError(f"{text!r} names no verb to try")
             return Do(surface.parse(words[1:]), may_fail=True)
         case _:
             return Do(surface.parse(words))
 
 
-def _require_source(deed: Do | Expect | Sleep, exists: Callable[[str], bool]) -> None:
+def _require_source(deed: Deed, exists: Callable[[str], bool]) -> None:
     """Refuse to create from a file that is not there; `try` may well want to see that fail."""
     if not isinstance(deed, Do) or deed.may_fail or deed.line.verb != "create":
         return

@@ -20,6 +20,7 @@ import msgspec
 from robotree.vr.agents.callers import ARRIVAL, GONE, Callers
 from robotree.vr.agents.children import ChildKeeper
 from robotree.vr.agents.choosing import Choosing
+from robotree.vr.agents.drills import Drills
 from robotree.vr.agents.hooks import Hooks
 from robotree.vr.agents.outside import OutsideCalls
 from robotree.vr.agents.pauses import Pauses
@@ -62,6 +63,7 @@ from robotree.vr.base.requests import (
     Delete,
     Describe,
     Described,
+    Disturb,
     Done,
     Enslave,
     Free,
@@ -190,6 +192,10 @@ class RobotAgent:
         self._taker = None if orders is None else self._new_taker(orders)
         self._begin_life()
 
+    def _show_drill(self, words: str) -> None:
+        self._publisher.drill = words
+        self.runtime.changed()
+
     def _new_publisher(self, registrar: Registrar | None) -> Publisher:
         self._streams = Streams(self.robot, self.address, self.transport, self._process.runner)
         return Publisher(self.runtime, self._hooks, self.transport, self._shared, registrar, self._streams)
@@ -235,6 +241,7 @@ class RobotAgent:
     def _begin_life(self) -> None:
         """Nothing is declared and nothing watched yet."""
         self._choosing = self._new_choosing()
+        self._drills = Drills(self.runtime, self.transport.presence, self._show_drill)
         self.brings: Callable[[Address], bool] = _nobody
         """Whether a robot is one that this one has brought along."""
         self.before_end: Callable[[], Awaitable[None]] | None = None
@@ -497,6 +504,7 @@ class RobotAgent:
             await asyncio.sleep(0.005)
 
     async def _withdraw(self) -> None:
+        self._drills.end("")
         for registration in (self._presence, *reversed(self._declared)):
             if registration is not None:
                 with contextlib.suppress(VrError):
@@ -722,6 +730,8 @@ class RobotAgent:
                 return self._pauses().go_on(asker)
             case SetPlacement():
                 return self._place(request, asker)
+            case Disturb():
+                return self._drills.take(request, asker)
             case Retract():
                 return self._retract(request, asker)
             case Renew():

@@ -99,6 +99,8 @@ class Publisher:
         self._same: tuple[State, bytes] | None = None
         """The state that was published last, if only a change of the robot can make another one, but for its
         readings."""
+        self.drill = ""
+        """What the robot suffers for a drill, for people; empty: nothing."""
         self._line = 0
         """Number of the line of the log that was published last."""
         runtime.on_news, runtime.log.on_line = self._hurry_soon, self._new_line
@@ -345,6 +347,7 @@ class Publisher:
             "held": self._runtime.held_step(),
             "on_way": self._runtime.on_way,
             "in_doubt": self._runtime.in_doubt,
+            "drill": self.drill,
             "asks": next((call.doubt for call in calls.live.values() if call.doubt), ""),
         }
 

@@ -268,6 +268,8 @@ class RobotDescription(_Agent, frozen=True, kw_only=True, omit_defaults=True):
     """Commands that were ended and whose code still runs: only a restart of its host ends them."""
     paused: str = ""
     """The one who has paused it, for people; empty: it is not paused."""
+    drill: str = ""
+    """What it suffers for a drill, and who has asked for that; empty: nothing."""
     held: str = ""
     """The step before which it waits then: `step 3: arm.go_to(x=0.3)`; empty: before none."""
     faults: tuple[str, ...] = ()

@@ -41,6 +41,7 @@ from robotree.vr.base.requests import (
     Create,
     Decide,
     Delete,
+    Disturb,
     Drain,
     Enslave,
     FindEntries,
@@ -73,7 +74,7 @@ and longer than it takes to see that a process hangs, so that an asker who gives
 
 BEGINS = (
     *(Call, Decide, Resume, Enslave, Free, Delete, Create, Reload),
-    *(Pause, TakeStep, Continue, Migrate, Drain, SetPlacement),
+    *(Pause, TakeStep, Continue, Migrate, Drain, SetPlacement, Disturb),
     *(WriteEntry, FindEntries, OpenTransaction, CloseTransaction, AcquireFence),
     *(LeaveOrder, ConfirmOrder, TakeOrder, TakeAlong, ReleaseHolds),
 )

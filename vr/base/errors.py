@@ -407,6 +407,12 @@ class NotPaused(CommandError):
     sentence = "{robot} is not paused; pause it first: `robotree pause {robot}`"
 
 
+class NoDrill(CommandError):
+    """A drill cannot be with this robot, or not asked for from there."""
+
+    sentence = "{robot} takes no part in this drill: {reason}"
+
+
 class NothingHeld(CommandError):
     """A paused robot is to take one step, and nothing of it waits before one."""
 

@@ -118,6 +118,22 @@ class Continue(_Message, frozen=True, kw_only=True):
     """End the pause of a robot and of those below it. Answered by `Done`."""
 
 
+class Disturb(_Message, frozen=True, kw_only=True):
+    """Have a robot suffer, for a drill, what an accident would do to it. Answered by `Done`.
+
+    It is over after `seconds`, when the program that asked is present no more, or with the next one. Its
+    state says meanwhile what it is and who has asked for it.
+    """
+
+    fault: Literal["", "cut", "delay", "freeze", "kill"]
+    """cut: nothing crosses the link to its controller; delay: everything takes longer there; freeze, kill:
+    somebody else does that to its process, and the robot only says so; empty: the drill ends."""
+    seconds: float = 0.0
+    """[s] that it lasts at most."""
+    delay: float = 0.0
+    """[s] each way."""
+
+
 class SetPlacement(_Message, frozen=True, kw_only=True):
     """Say how a virtual robot may be moved. Answered by `Done` with a note for people."""
 
@@ -1185,6 +1201,8 @@ class State(_Message, frozen=True, kw_only=True):
     """Name of the host to which it is moving; empty: it is not."""
     in_doubt: bool = False
     """Whether it is not known at the moment if it has arrived there: nobody acts for it meanwhile."""
+    drill: str = ""
+    """What it suffers for a drill, and who has asked for that: `cut, by anna@pts/3`; empty: nothing."""
 
 
 class StreamSample(_Message, frozen=True, kw_only=True):
@@ -1196,7 +1214,7 @@ class StreamSample(_Message, frozen=True, kw_only=True):
 
 AnyRequest = (
     Describe | Call | Detach | Cancel | Decide | Pause | TakeStep | Continue | Petition | Retract | Renew
-    | SetPlacement
+    | SetPlacement | Disturb
     | Release | SafeStop | Resume | Enslave | Free | Delete | Create | Reload | ReadLog | ReadHistory
     | DescribeHost | Register | Query | Look | DescribeView | WriteEntry | FindEntries | GiveUp | RenewEntry
     | OpenTransaction | CloseTransaction | RollBack | AcquireFence | RenewFence | WatchEntries

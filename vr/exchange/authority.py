@@ -43,6 +43,7 @@ from robotree.vr.base.requests import (
     DescribeSpace,
     DescribeView,
     Detach,
+    Disturb,
     Drain,
     Enslave,
     EventsRead,
@@ -130,6 +131,7 @@ NEEDS: Final[Mapping[type[AnyRequest], str]] = {
     LeaveOrder: MEMBER, CancelOrder: MEMBER, ConfirmOrder: MEMBER, ReadOrders: MEMBER, MarkSeen: MEMBER,
     ReadKnown: MEMBER, TakeAlong: MEMBER, ReleaseHolds: MEMBER, HoldOrders: STOP,
     FetchOrders: AGENTS, TakeOrder: AGENTS, TellOrders: AGENTS, RobotDeleted: AGENTS, ShareRecords: AGENTS,
+    Disturb: "command",
     Migrate: "migrate", SetPlacement: "migrate", PrepareMove: "create", TakeRobot: "create",
     AskMove: ANYBODY,
 }  # fmt: skip
@@ -164,7 +166,7 @@ ANYWHERE: Final = Here()
 
 OF_PEOPLE = (
     *(Create, Reload, Enslave, Free, Delete, Decide, Resume, Pause, TakeStep, Continue),
-    SetPlacement,
+    *(SetPlacement, Disturb),
 )
 """Requests that shape the tree, or decide something: no page of somebody else makes them."""
 

@@ -28,6 +28,7 @@ from robotree.vr.base.requests import (
     Described,
     DescribeHost,
     DescribeView,
+    Disturb,
     Done,
     Drain,
     Enslave,
@@ -242,6 +243,25 @@ class RobotClient:
             NotInControl: a parent commands the robot.
         """
         await self._ask(Decide(answer=answer), Done)
+
+    async def disturb(
+        self,
+        fault: Literal["", "cut", "delay", "freeze", "kill"],
+        *,
+        seconds: float = 0.0,
+        delay: float = 0.0,
+    ) -> str:
+        """Have it suffer a fault for a drill (`Disturb`); returns what it suffers, for people.
+
+        Args:
+            fault: what; empty: the drill ends.
+            seconds: [s] that it lasts at most.
+            delay: [s] that everything takes longer on the link to its controller, each way.
+
+        Raises:
+            NoDrill: it has no such link, or the asker is at another machine.
+        """
+        return (await self._ask(Disturb(fault=fault, seconds=seconds, delay=delay), Done)).note
 
     async def pause(self) -> str:
         """Have its commands, and those of robots below it, wait before each step; returns a note for people.

@@ -682,6 +682,19 @@ class RealmClient:
         """Have a virtual robot, and those below it, wait before each step; see `RobotClient.pause`."""
         return await self._ask(name, lambda robot: robot.pause())
 
+    async def disturb(
+        self,
+        name: str,
+        fault: Literal["", "cut", "delay", "freeze", "kill"],
+        *,
+        seconds: float = 0.0,
+        delay: float = 0.0,
+    ) -> str:
+        """Have a robot suffer a fault for a drill; see `RobotClient.disturb`."""
+        address = await self.directory.resolve(name)
+        robot = RobotClient(self._transport, address, sender=await self.caller())
+        return await self._awake(robot.disturb(fault, seconds=seconds, delay=delay))
+
     async def place(self, name: str, placement: Placement) -> str:
         """Say how a virtual robot may be moved; returns a note for people. See `RobotClient.place`."""
         return await self._ask(name, lambda robot: robot.place(placement))

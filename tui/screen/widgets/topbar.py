@@ -85,6 +85,8 @@ class Banner(CachedText):
         if stop and stop.open:
             unconfirmed = ", ".join(f"{seen(name)} ({seen(why)})" for name, why in stop.open.items())
             lines.append(Text(f" ■ NOT CONFIRMED: {unconfirmed} ", block(self.app)))
+        if drills := store.drills:
+            lines.append(Text(f" ▲ DRILL: {'; '.join(f'{seen(n)} {seen(t)}' for n, t in drills.items())} "))
         if unchecked := sorted(name for name, one in store.descriptions.items() if one.unchecked):
             names = ", ".join(map(seen, unchecked))
             lines.append(Text(f" ✗ CODE OF ANYBODY: {names} (--insecure-any-signer) ", block(self.app)))

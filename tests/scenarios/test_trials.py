@@ -1,0 +1,98 @@
+"""Real processes: the trials of the examples hold in the demo's cell, faults end with who began them."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import psutil
+import pytest
+import pytest_asyncio
+
+from robotree.client.joining import joined
+from robotree.tui.demo import cast
+from robotree.tui.processes.crew import Crew
+from robotree.tui.screen.app import Supervisor
+from robotree.vr.base.requests import State
+from tests.command_line import ROBOTREE, within_realm
+from tests.screen import text_of
+from tests.waiting import until
+
+pytestmark = pytest.mark.e2e
+
+TRIALS = Path(__file__).parents[2] / "examples" / "trials"
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def cell(shared_place: Path) -> AsyncIterator[Crew]:
+    async with Crew("drilled", shared_place) as crew:
+        await cast(crew, speedup="4")
+        yield crew
+
+
+def process_of(crew: Crew, *words: str) -> int:
+    (member,) = [each for each in crew.members if each.words[: len(words)] == words]
+    return member.process.pid
+
+
+@pytest.mark.asyncio(loop_scope="module")
+@pytest.mark.usefixtures("cell")
+async def test_the_trials_of_the_examples_hold(tmp_path: Path) -> None:
+    words = ("test", str(TRIALS), "--realm", "drilled")
+    process = await asyncio.create_subprocess_exec(
+        *ROBOTREE, *words, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT, cwd=tmp_path
+    )
+    out, _ = await process.communicate()
+    assert process.returncode == 0, out.decode()
+    assert "7 passed in " in out.decode()
+
+
+@pytest.mark.asyncio(loop_scope="module")
+@pytest.mark.usefixtures("cell")
+async def test_a_cut_is_on_the_screen_and_ends_with_a_killed_runner(tmp_path: Path) -> None:
+    (tmp_path / "a.session").write_text("fault cut arm-1\nsleep 10min\n")
+    runner = await asyncio.create_subprocess_exec(
+        *ROBOTREE, "run", str(tmp_path / "a.session"), "--realm", "drilled", stderr=asyncio.subprocess.PIPE
+    )
+    states: list[State] = []
+    async with joined("drilled") as realm_client:
+        await realm_client.watch_state("arm-1", lambda _, state: states.append(state))
+        await until(
+            lambda: bool(states) and states[-1].drill.startswith("cut, by ") and not states[-1].online
+        )
+        async with Supervisor(realm_client, realm="drilled").run_test(size=(100, 30)) as pilot:
+            await until(lambda: "DRILL: arm-1 cut, by " in text_of(pilot.app))
+        runner.send_signal(signal.SIGKILL)
+        await runner.wait()
+        await until(lambda: not states[-1].drill and states[-1].online)
+
+
+@pytest.mark.asyncio(loop_scope="module")
+async def test_a_frozen_process_wakes_when_the_runner_is_killed(cell: Crew, tmp_path: Path) -> None:
+    host = psutil.Process(process_of(cell, "host"))
+    (tmp_path / "a.session").write_text("fault freeze host-1\nsleep 10min\n")
+    runner = await asyncio.create_subprocess_exec(
+        *ROBOTREE, "run", str(tmp_path / "a.session"), "--realm", "drilled", stderr=asyncio.subprocess.PIPE
+    )
+    await until(lambda: host.status() == psutil.STATUS_STOPPED)
+    runner.send_signal(signal.SIGKILL)
+    await runner.wait()
+    await until(lambda: host.status() != psutil.STATUS_STOPPED)
+
+
+@pytest.mark.asyncio(loop_scope="module")
+async def test_a_killed_process_is_gone_and_none_of_ourselves_is_killed(cell: Crew) -> None:
+    run, proxy = within_realm("drilled"), process_of(cell, "proxy", "rover")
+    code, out, complaints = await run("fault", "kill", "rover-1")
+    assert (code, complaints) == (0, "")
+    assert f"process {proxy} of rover-1 was killed" in out
+    await until(
+        lambda: not psutil.pid_exists(proxy) or psutil.Process(proxy).status() == psutil.STATUS_ZOMBIE
+    )
+    assert os.getpid() != proxy
+    code, _, complaints = await run("fault", "kill", "rover-1")
+    assert code != 0
+    assert "robotree: " in complaints
