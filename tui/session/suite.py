@@ -5,8 +5,8 @@
     robotree test examples/trials -k 'lift and not drill' -x    whose names fit, up to a failure
     robotree test examples/trials --junit trials.xml    one test case for each trial
 
-The exit code is 0 if all held, 1 if one did not, 2 for Ctrl-C, a line that cannot be understood or a path that
-is not there, 5 if there was no trial. Scripts are read as a whole before the first trial is played.
+The exit code is 0 if all held, 1 if one did not, 2 for Ctrl-C, a line that cannot be understood or a path
+that is not there, 5 if there was no trial. Scripts are read as a whole before the first trial is played.
 """
 
 from __future__ import annotations

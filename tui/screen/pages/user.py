@@ -30,6 +30,7 @@ from robotree.tui.screen.widgets.field_row import FieldRow
 from robotree.tui.screen.widgets.flash import FlashLine
 from robotree.tui.screen.widgets.key_line import KeyLine
 from robotree.tui.screen.widgets.marks import tint
+from robotree.tui.seen.cells import seen
 from robotree.tui.seen import absence
 from robotree.tui.seen.behaviours import Behaviour, titles
 from robotree.vr.base.errors import VrError
@@ -115,6 +116,8 @@ class PlainPage(Page):
         head = Text.assemble(
             (" robotree ", tint(app, "primary", bold=True)), place, no_wrap=True, overflow="ellipsis"
         )
+        if drills := app.store.drills:
+            head.append(f"  drill: {', '.join(map(seen, drills))}", tint(app, "warning", bold=True))
         self.query_one("#head", CachedText).show(head)
         self.query_one(FlashLine).draw(app.store, app.now())
 
