@@ -307,7 +307,8 @@ class _Planner:
             for place, child in held:
                 if child not in wanted:
                     released += self._release(entry.name, place, child)
-            if missing := [word for name, word in wanted.items() if name not in {child for _, child in held}]:
+            there = {child for _, child in held} | (self._coming_back(entry.name, slot) if robot else set())
+            if missing := [word for name, word in wanted.items() if name not in there]:
                 in_the_way = not _grouped(robot, slot) and held and not released
                 available = [self._available(word) for word in missing]
                 if not in_the_way and all(available):
@@ -315,6 +316,15 @@ class _Planner:
         if robot is not None:
             self._others(entry, bound)
         self._watches(entry, robot)
+
+    def _coming_back(self, parent: str, slot: str) -> set[str]:
+        """Return the children that say that they are in a slot, also before their parent has them again."""
+        bonds = {name: robot.bond for name, robot in self._there.robots.items() if robot.bond}
+        return {
+            name
+            for name, bond in bonds.items()
+            if bond.parent.name == parent and bond.slot.partition("[")[0] == slot
+        }
 
     def _watches(self, entry: RobotEntry, robot: RobotDescription | None) -> None:
         """Have the robots watched that the file names, whoever commands them."""

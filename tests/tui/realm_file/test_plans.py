@@ -83,6 +83,16 @@ def test_two_children_change_places() -> None:
     assert sorted(lines[2:]) == ["enslave left.arm b", "enslave right.arm a"]
 
 
+def test_a_child_that_its_parent_takes_back_just_now_is_left_alone() -> None:
+    there = realm({"team": {"arm": "a"}, "a": {}})
+    team = there.robots["team"]
+    lost = msgspec.structs.replace(team, slots=(SlotSpec(name="arm", kind="Robot"),))
+    there = msgspec.structs.replace(there, robots={**there.robots, "team": lost})
+    found = planned("  team: {page: a.py, slots: {arm: a}}\n  a: {page: a.py}\n", there, prune=True)
+    assert not found.steps
+    assert not found.against
+
+
 def test_a_parent_becomes_the_child_of_its_child() -> None:
     there = realm({"up": {"arm": "down"}, "down": {"arm": ""}})
     found = planned("  down: {page: a.py, slots: {arm: up}}\n  up: {page: a.py, slots: {arm: []}}\n", there)

@@ -244,6 +244,7 @@ class Level(VirtualRobot):
 """
 
 
+@pytest.mark.speed
 async def test_of_thirty_levels_in_four_processes_ten_of_ten_stops_are_told_truly(
     start: Start, look: Look, tmp_path: Path
 ) -> None:

@@ -137,7 +137,12 @@ async def test_who_waits_first_gets_the_entry_first(stage: Stage) -> None:
 async def test_many_takers_of_many_writers_get_each_entry_once(stage: Stage) -> None:
     programs = [await stage.program(f"p{number}") for number in range(6)]
     taking = [asyncio.create_task(each.take(PATIENCE)) for each in programs for _ in range(20)]
-    await asyncio.gather(*(each.write(n * 6 + m) for m, each in enumerate(programs) for n in range(20)))
+
+    async def write(program: Program, numbers: range) -> None:
+        for number in numbers:  # one after the other: a request that waits for 3 s is void
+            await program.write(number)
+
+    await asyncio.gather(*(write(each, range(m, 120, 6)) for m, each in enumerate(programs)))
     assert sorted(chain.from_iterable(await asyncio.gather(*taking))) == list(range(120))
 
 
