@@ -307,7 +307,8 @@ class _Planner:
             for place, child in held:
                 if child not in wanted:
                     released += self._release(entry.name, place, child)
-            there = {child for _, child in held} | (self._coming_back(entry.name, slot) if robot else set())
+            coming = self._coming_back(entry.name, slot) if robot else set[str]()
+            there = {child for _, child in held} | coming
             if missing := [word for name, word in wanted.items() if name not in there]:
                 in_the_way = not _grouped(robot, slot) and held and not released
                 available = [self._available(word) for word in missing]
