@@ -119,16 +119,18 @@ def apart_from_all_others() -> Iterator[None]:
 
 @pytest.fixture(scope="session", autouse=True)
 def interrupts_are_heard() -> Iterator[None]:
-    """Have all that the tests start end at a SIGINT.
+    """Have all that the tests start end at a SIGINT and at a SIGHUP.
 
-    A shell has it ignored by what it starts in the background, and so by all that is started from there.
+    A shell has the one ignored by what it starts in the background, `nohup` the other, and so by all that is
+    started from there.
     """
-    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
-        yield
-        return
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    usual = {signal.SIGINT: signal.default_int_handler, signal.SIGHUP: signal.SIG_DFL}
+    ignored = [number for number in usual if signal.getsignal(number) is signal.SIG_IGN]
+    for number in ignored:
+        signal.signal(number, usual[number])
     yield
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in ignored:
+        signal.signal(number, signal.SIG_IGN)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -30,9 +30,9 @@ from robotree.tui.screen.widgets.field_row import FieldRow
 from robotree.tui.screen.widgets.flash import FlashLine
 from robotree.tui.screen.widgets.key_line import KeyLine
 from robotree.tui.screen.widgets.marks import tint
-from robotree.tui.seen.cells import seen
 from robotree.tui.seen import absence
 from robotree.tui.seen.behaviours import Behaviour, titles
+from robotree.tui.seen.cells import seen
 from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
