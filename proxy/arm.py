@@ -10,7 +10,7 @@ import msgspec
 
 from robotree.protocol.messages import Gripper, GripperState, MavComponent, Tool, Verb
 from robotree.proxy.guard import Limits, Span
-from robotree.proxy.motion import Hold, Motion
+from robotree.proxy.motion import Hold, Motion, PreviewedWay
 from robotree.proxy.robot_proxy import CarriedCamera, RobotProxy, Streamed
 from robotree.proxy.shown import OFTEN, PICTURES, CameraPicture, ToolForce, ToolPose
 from robotree.proxy.translate import twist_of
@@ -117,6 +117,11 @@ class Arm(RobotProxy):
     def go_to(self, x: X, y: Y, z: Z, twist: Twist, speed: ToolSpeed = USUAL_SPEED) -> None:
         """Move the gripper to a point, on a line if there is one, and turn it."""
         self.carry_out(GoTo(x=x, y=y, z=z, twist=twist, speed=speed))
+
+    @command(effect="read")
+    def preview_go_to(self, x: X, y: Y, z: Z, twist: Twist, speed: ToolSpeed = USUAL_SPEED) -> PreviewedWay:
+        """Tell the way that `go_to` would take, or fail as it would; nothing moves."""
+        return self.foresee(GoTo(x=x, y=y, z=z, twist=twist, speed=speed))
 
     @command(effect="read", offline="memory")
     def get_info(self) -> ArmInfo:

@@ -9,7 +9,7 @@ from typing import Annotated
 
 from robotree.protocol.messages import BaseState, LocalPositionNed, SysStatus, Verb
 from robotree.proxy.guard import Limits, Span
-from robotree.proxy.motion import Motion
+from robotree.proxy.motion import Motion, PreviewedWay
 from robotree.proxy.robot_proxy import Streamed
 from robotree.proxy.rover import LIMITS as ROVER_LIMITS
 from robotree.proxy.rover import Rover, RoverInfo
@@ -116,6 +116,25 @@ class Base(Rover):
     def drive(self, x: X, y: Y, heading: Heading, speed: BaseSpeed = USUAL_SPEED) -> None:
         """Drive to a place, around what stands in the way, and turn."""
         self.carry_out(Drive(x=x, y=y, heading=heading, speed=speed))
+
+    @command(effect="read")
+    def preview_drive(self, x: X, y: Y, heading: Heading, speed: BaseSpeed = USUAL_SPEED) -> PreviewedWay:
+        """Tell the way that `drive` would take, or fail as it would; nothing moves."""
+        return self.foresee(Drive(x=x, y=y, heading=heading, speed=speed))
+
+    @command(effect="repeat", offline="queue")
+    def go_to(self, x: X, y: Y, speed: BaseSpeed = USUAL_SPEED) -> None:
+        """Drive to a place, around what stands in the way, with the heading that it has now."""
+        self.carry_out(self._to(x, y, speed))
+
+    @command(effect="read")
+    def preview_go_to(self, x: X, y: Y, speed: BaseSpeed = USUAL_SPEED) -> PreviewedWay:
+        """Tell the way that `go_to` would take, or fail as it would; nothing moves."""
+        return self.foresee(self._to(x, y, speed))
+
+    def _to(self, x: float, y: float, speed: float) -> Motion:
+        heading = math.remainder(self.news(BaseState, since=self.asked_at).heading, math.tau)
+        return Drive(x=x, y=y, heading=heading, speed=speed)
 
     @command(effect="repeat", offline="queue")
     def turn(self, heading: Heading) -> None:

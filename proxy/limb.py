@@ -10,7 +10,7 @@ from robotree.protocol.messages import Verb
 from robotree.proxy.arm import LIMITS as ARM_LIMITS
 from robotree.proxy.arm import Arm, GoTo, Twist
 from robotree.proxy.guard import Limits, Span
-from robotree.proxy.motion import Motion, Request
+from robotree.proxy.motion import Motion, PreviewedWay, Request
 from robotree.vr.author.command import command
 from robotree.vr.base.units import Unit
 
@@ -97,6 +97,11 @@ class Limb(Arm):
     def go_to(self, x: X, y: Y, z: Z, twist: Twist, speed: HandSpeed = USUAL_SPEED) -> None:
         """Move the hand to a point, the fingers down, and turn it."""
         self.carry_out(GoTo(x=x, y=y, z=z, twist=twist, speed=speed))
+
+    @command(effect="read")
+    def preview_go_to(self, x: X, y: Y, z: Z, twist: Twist, speed: HandSpeed = USUAL_SPEED) -> PreviewedWay:
+        """Tell the way that `go_to` would take, or fail as it would; nothing moves."""
+        return self.foresee(GoTo(x=x, y=y, z=z, twist=twist, speed=speed))
 
     @command(effect="repeat", offline="queue")
     def reach(

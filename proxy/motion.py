@@ -7,11 +7,16 @@ that every controller knows.
 
 from __future__ import annotations
 
+import math
 from dataclasses import astuple, dataclass
-from typing import ClassVar, NamedTuple
+from itertools import takewhile
+from typing import Annotated, ClassVar, NamedTuple
 
-from robotree.protocol.messages import Verb
+import msgspec
+
+from robotree.protocol.messages import Verb, WayStatus
 from robotree.vr.base.description import Effect
+from robotree.vr.base.units import Unit
 
 
 class Request(NamedTuple):
@@ -39,6 +44,32 @@ class Motion:
         A motion whose arguments on the wire are others than its fields has a `request` of its own.
         """
         return Request(self.verb, tuple(float(value) for value in astuple(self)))
+
+
+Metres = list[Annotated[float, Unit("m")]]
+
+
+class PreviewedWay(msgspec.Struct, frozen=True, kw_only=True):
+    """The way that a motion would take, point by point in the frame of its coordinates.
+
+    The first point is where the tool or base is now; the lists have equal lengths, and are empty where the
+    controller tells no way.
+    """
+
+    x: Metres
+    y: Metres
+    z: Metres
+    duration: Annotated[float, Unit("s"), "when nothing holds it up; 0: not known"]
+    checked: Annotated[bool, "whether the controller was asked: else only the limits were compared"]
+
+
+def way_of(told: WayStatus) -> PreviewedWay:
+    """Return the way that a controller tells. Pure; what is not finite ends it."""
+    points = [*zip(told.x, told.y, told.z, strict=True)][: told.count]
+    points = [*takewhile(lambda point: all(map(math.isfinite, point)), points)]
+    x, y, z = ([point[axis] for point in points] for axis in range(3))
+    duration = told.duration if math.isfinite(told.duration) else 0.0
+    return PreviewedWay(x=x, y=y, z=z, duration=duration, checked=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import random
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -19,7 +20,15 @@ from weakref import WeakKeyDictionary
 from robotree.protocol.links.loopback import Faults
 from robotree.protocol.links.security import UNSIGNED, LinkSecurity
 from robotree.protocol.links.url import connect
-from robotree.protocol.messages import AnyMessage, GoalState, Message, Reason, Verb
+from robotree.protocol.messages import (
+    AnyMessage,
+    GoalState,
+    Message,
+    Reason,
+    Verb,
+    WayRequest,
+    WayStatus,
+)
 from robotree.protocol.services.claim_client import ClaimClient, ClaimDenied, ClaimGranted
 from robotree.protocol.services.goal_client import GoalEnded, GoalSilent
 from robotree.protocol.services.peer import Send
@@ -27,8 +36,8 @@ from robotree.proxy.connection import Connection, Dial
 from robotree.proxy.desired_mode import ReleaseConfirmed, ReleaseRefused, ReleaseUnanswered, StopConfirmed
 from robotree.proxy.guard import NO_LIMITS, EpochCheck, Limits, changed, check
 from robotree.proxy.mode_requests import ModeRequest, ModeRequests
-from robotree.proxy.motion import Hold, Motion, Request
-from robotree.proxy.outcome import error_of, silence_in_words, unclear
+from robotree.proxy.motion import Hold, Motion, PreviewedWay, Request, way_of
+from robotree.proxy.outcome import error_of, reason_in_words, silence_in_words, unclear
 from robotree.proxy.pending_goals import NotSent, OutcomeLost, PendingGoal, PendingGoals
 from robotree.proxy.session import (
     CONTROLLER,
@@ -294,6 +303,50 @@ class RobotProxy(Robot):
         pending = start(motion.request(), repeatable=effect != "once")
         self._follow(pending)
         self._raise_outcome(pending, effect)
+
+    def foresee(self, motion: Motion) -> PreviewedWay:
+        """Ask the controller whether it would carry out a motion now, and which way it would take.
+
+        Nothing moves. The limits are those of `carry_out`, and the rest is the controller's own planner.
+
+        Args:
+            motion: what it would be to do.
+
+        Returns:
+            The way; unchecked, if the controller answers no such questions.
+
+        Raises:
+            BadArgument: a value is out of its limit.
+            CommandFailed: the controller is offline, obeys somebody else, or would refuse it.
+        """
+        self.check()
+        self._wait_until_settled()
+        check(motion, self.limits, command=f"{self.name}.{self.context.command}")
+        if self.denied:
+            raise self._failed(self.denied)
+        if not self.online:
+            raise self._failed(f"{self._session.trouble}; {NEXT}")
+        verb, args = motion.request()
+        number, asked = bits(31) or 1, self.asked_at
+        padded = (*args, *[math.nan] * (7 - len(args)))
+        controller, activity, session = self._session.controller, running(), self._session
+        question = WayRequest(number, padded, verb, controller.system, controller.component)
+
+        def answered() -> bool:
+            found = session.twin.after(WayStatus, asked)
+            return (found is not None and found.number == number) or bool(session.trouble)
+
+        with self._connection.awaiting(WayStatus, asked, activity.wake):
+            self.tell(question)
+            activity.wait_for(answered, READING_TIMEOUT)
+        found = session.twin.after(WayStatus, asked)
+        if session.trouble:
+            raise self._failed(f"{session.trouble}; {NEXT}")
+        if found is None or found.number != number:
+            return PreviewedWay(x=[], y=[], z=[], duration=0.0, checked=False)
+        if found.reason != Reason.NONE:
+            raise self._failed(found.text.rstrip(". ") or reason_in_words(found.reason))
+        return way_of(found)
 
     def tell(self, message: AnyMessage) -> None:
         """Send something once that is no motion; only the controller knows whether it has come."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import nan
 from typing import Annotated
 
 import msgspec
 
 from robotree.protocol.messages import LocalPositionNed, Verb
 from robotree.proxy.guard import Limits, Span
-from robotree.proxy.motion import Motion
+from robotree.proxy.motion import Motion, PreviewedWay, Request
 from robotree.proxy.robot_proxy import RobotProxy, Streamed
 from robotree.proxy.shown import OFTEN, FloorPlace
 from robotree.proxy.translate import readings_of
@@ -31,6 +32,8 @@ USUAL_SPEED = 0.4
 
 Ahead = Annotated[float, Unit("m"), LIMITS["x"].range, "forward; negative: backward"]
 Aside = Annotated[float, Unit("m"), LIMITS["y"].range, "to the left; negative: to the right"]
+FloorX = Annotated[float, Unit("m"), LIMITS["arena_x"].range, "forward, from the middle of the floor"]
+FloorY = Annotated[float, Unit("m"), LIMITS["arena_y"].range, "to the left of the middle"]
 DriveSpeed = Annotated[float, Unit("m/s"), LIMITS["speed"].range, "along the way"]
 
 
@@ -44,6 +47,21 @@ class Move(Motion):
     x: float
     y: float
     speed: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GoToPlace(Motion):
+    """Drive straight to a place in W [m], without turning, at speed [m/s]; names are those of the limits."""
+
+    effect = "repeat"
+
+    arena_x: float
+    arena_y: float
+    speed: float
+
+    def request(self) -> Request:
+        """GO_TO; height and twist are those of the base."""
+        return Request(Verb.GO_TO, (self.arena_x, self.arena_y, nan, nan, self.speed))
 
 
 def check_arrival(motion: Move, here: tuple[float, float], limits: Limits, *, command: str) -> None:
@@ -96,6 +114,20 @@ class Rover(RobotProxy):
             check_arrival(motion, (here.x, here.y), self.limits, command=f"{self.name}.move")
 
         self.carry_out(motion, before=stay_inside)
+
+    @command(effect="repeat", offline="queue")
+    def go_to(self, x: FloorX, y: FloorY, speed: DriveSpeed = USUAL_SPEED) -> None:
+        """Drive straight to a place of the floor, without turning."""
+        self.carry_out(self._to(x, y, speed))
+
+    @command(effect="read")
+    def preview_go_to(self, x: FloorX, y: FloorY, speed: DriveSpeed = USUAL_SPEED) -> PreviewedWay:
+        """Tell the way that `go_to` would take, or fail as it would; nothing moves."""
+        return self.foresee(self._to(x, y, speed))
+
+    def _to(self, x: float, y: float, speed: float) -> Motion:
+        """Return the motion to a place."""
+        return GoToPlace(arena_x=x, arena_y=y, speed=speed)
 
     @command(effect="read", offline="memory")
     def get_info(self) -> RoverInfo:

@@ -22,6 +22,7 @@ from types import MappingProxyType
 from robotree.protocol.frame import Frame
 from robotree.protocol.messages import (
     AnyMessage,
+    CameraPose,
     ClaimStatus,
     CommandAck,
     DataTransmissionHandshake,
@@ -147,6 +148,8 @@ class ControllerSession:
         self._goals = GoalClient(*controller)
         self._heartbeats = HeartbeatSender()
         self._pictures = PictureReceiver()
+        self._camera_poses: dict[int, CameraPose] = {}
+        """Of pictures that are on their way, by the component of the camera."""
         self._listener = StatustextReceiver()
         self._desired = DesiredMode(controller)
         self._held_reported = ""
@@ -248,7 +251,9 @@ class ControllerSession:
             return []
         effects: list[SessionEffect] = []
         message = frame.message
-        if type(message) in FROM_ANY_COMPONENT:
+        if isinstance(message, CameraPose):
+            self._camera_poses[frame.component] = message
+        elif type(message) in FROM_ANY_COMPONENT:
             effects += self._pictures.receive(frame, None)
             effects += self._listener.receive(frame, None, now)
         if frame.component != self.controller.component:
@@ -284,6 +289,10 @@ class ControllerSession:
             case _:
                 pass
         return []
+
+    def take_camera_pose(self, component: int) -> CameraPose | None:
+        """Return where a camera was in the picture that has just come from it; None: it did not say."""
+        return self._camera_poses.pop(component, None)
 
     @property
     def simulated(self) -> bool | None:

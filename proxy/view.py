@@ -7,19 +7,29 @@ It asks for a picture only on request; requests for the same picture at the same
 from __future__ import annotations
 
 import asyncio
+import math
 import random
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from robotree.protocol.links.security import UNSIGNED, LinkSecurity
 from robotree.protocol.links.url import connect
-from robotree.protocol.messages import Joints, LocalPositionNed, MavComponent, Message, PictureRequest, Tool
+from robotree.protocol.messages import (
+    CameraPose,
+    Joints,
+    LocalPositionNed,
+    MavComponent,
+    Message,
+    PictureRequest,
+    Tool,
+)
 from robotree.protocol.services.peer import Send
 from robotree.protocol.services.picture import Picture
 from robotree.proxy.connection import Connection, Dial
 from robotree.proxy.session import ControllerSession, SessionEvent
 from robotree.proxy.translate import UNITS
 from robotree.vr.base.errors import BadArgument, CommandFailed
+from robotree.vr.base.requests import CameraLens, Shot
 
 CAMERAS: Mapping[str, int] = {"cell": MavComponent.CAMERA, "wrist": MavComponent.CAMERA2}
 """Cameras by their component of the controller, where a view is given no others."""
@@ -81,14 +91,16 @@ class WorkspaceView:
         the controller by the name of the camera; the first one is the default.
         """
         self.name, self._cameras = name, dict(cameras)
+        self.frame = url
+        """Names W, in which its cameras are: that of the robots of the same controller."""
         self._answer_within = answer_within
         self._session = ControllerSession(component=MavComponent.ONBOARD_COMPUTER, rates=RATES)
         self._connection = Connection(
             url, self._session, on_event=self._hear, dial=dial, chance=chance, security=security
         )
-        self._shared: dict[PictureSpec, asyncio.Task[bytes]] = {}
+        self._shared: dict[PictureSpec, asyncio.Task[Shot]] = {}
         self._turn: dict[str, asyncio.Lock] = {camera: asyncio.Lock() for camera in self._cameras}
-        self._expected: dict[int, asyncio.Future[bytes]] = {}
+        self._expected: dict[int, asyncio.Future[Shot]] = {}
 
     @property
     def online(self) -> bool:
@@ -113,6 +125,10 @@ class WorkspaceView:
         await self._connection.run()
 
     async def look(self, camera: str = "", width: int = 320, height: int = 180, quality: int = 75) -> bytes:
+        """Take one picture, as `shoot`, without where the camera was."""
+        return (await self.shoot(camera, width, height, quality)).jpeg
+
+    async def shoot(self, camera: str = "", width: int = 320, height: int = 180, quality: int = 75) -> Shot:
         """Take one picture.
 
         Args:
@@ -122,7 +138,7 @@ class WorkspaceView:
             quality: of the JPEG, 1 to 100.
 
         Returns:
-            The picture as JPEG.
+            The picture, and where the camera was in it, if the controller says so.
 
         Raises:
             BadArgument: the view has no such camera.
@@ -140,7 +156,7 @@ class WorkspaceView:
         # One caller that is cancelled must not cancel the picture of the others.
         return await asyncio.shield(task)
 
-    async def _fetch(self, spec: PictureSpec) -> bytes:
+    async def _fetch(self, spec: PictureSpec) -> Shot:
         """Ask each camera for one picture at a time: a picture does not name the request that it answers."""
         patience = ATTEMPTS * self._answer_within
         async with self._turn[spec.camera]:
@@ -148,15 +164,15 @@ class WorkspaceView:
             while ends - self._connection.now() > self._answer_within / 10:
                 if not self._session.online:
                     raise self._failed(self._session.trouble)
-                if (jpeg := await self._ask(spec, ends)) is not None:
-                    return jpeg
+                if (shot := await self._ask(spec, ends)) is not None:
+                    return shot
         raise self._failed(f"no whole picture came from camera {spec.camera} within {patience:g} s")
 
-    async def _ask(self, spec: PictureSpec, ends: float) -> bytes | None:
+    async def _ask(self, spec: PictureSpec, ends: float) -> Shot | None:
         """Ask once, and wait while pieces come, until the moment `ends` [s]; None: no whole picture came."""
         component, system = self._cameras[spec.camera], self._session.controller.system
         request = PictureRequest(spec.width, spec.height, system, component, spec.quality)
-        expected: asyncio.Future[bytes]
+        expected: asyncio.Future[Shot]
         expected = self._expected[component] = asyncio.get_running_loop().create_future()
         self._connection.perform([Send(request)])
         before = -1
@@ -172,7 +188,7 @@ class WorkspaceView:
     def _failed(self, detail: str) -> CommandFailed:
         return CommandFailed(robot=self.name, command="look", detail=detail)
 
-    def _shown(self, spec: PictureSpec, ended: asyncio.Task[bytes]) -> None:
+    def _shown(self, spec: PictureSpec, ended: asyncio.Task[Shot]) -> None:
         self._shared.pop(spec, None)
         if not ended.cancelled():
             ended.exception()  # was told to everyone who still looks
@@ -181,4 +197,15 @@ class WorkspaceView:
         if isinstance(event, Picture):
             expected = self._expected.get(event.peer.component)
             if expected is not None and not expected.done():
-                expected.set_result(event.data)
+                component = event.peer.component
+                expected.set_result(Shot(event.data, _lens(self._session.take_camera_pose(component))))
+
+
+def _lens(pose: CameraPose | None) -> CameraLens | None:
+    """Return what a controller says of its camera; None: nothing, or nothing that can be."""
+    if pose is None or not all(map(math.isfinite, (pose.x, pose.y, pose.z, *pose.q, pose.fovy))):
+        return None
+    if not (0.0 < pose.fovy < math.pi and any(pose.q)):
+        return None
+    w, x, y, z = pose.q
+    return CameraLens(x=pose.x, y=pose.y, z=pose.z, qw=w, qx=x, qy=y, qz=z, fovy=pose.fovy)

@@ -27,6 +27,7 @@ __all__ = [
     "AutopilotVersion",
     "AvailableModes",
     "BaseState",
+    "CameraPose",
     "Claim",
     "ClaimStatus",
     "ClaimWish",
@@ -95,6 +96,8 @@ __all__ = [
     "Tool",
     "Untyped",
     "Verb",
+    "WayRequest",
+    "WayStatus",
     "definition_of",
     "fields_of",
     "make",
@@ -1188,3 +1191,70 @@ class BaseState(Message, frozen=True, gc=False):
     """To the nearest person. [m]"""
     charging: int
     """1 while the battery charges."""
+
+
+@wire("ROBOTREE_WAY_REQUEST")
+class WayRequest(Message, frozen=True, gc=False):
+    """Asks whether a goal would begin now, and which way it would lead; nothing moves, and nobody needs a
+    claim. Answered by WAY_STATUS, over the link that asked.
+    """
+
+    number: int
+    """Of the question, for its sender."""
+    args: tuple[float, ...]
+    """Arguments of the verb, as in GOAL. (7,), NaN: no value"""
+    verb: int | Verb
+    """What would be done."""
+    target_system: int
+    """System."""
+    target_component: int
+    """Component."""
+
+
+@wire("ROBOTREE_WAY_STATUS")
+class WayStatus(Message, frozen=True, gc=False):
+    """What would become of a goal: why it would be refused, or points of the way that its tool or base would
+    take, from where it is now to its end. A controller that plans only while it moves tells no points.
+    """
+
+    number: int
+    """Of the question."""
+    x: tuple[float, ...]
+    """Points in W; unused ones are 0. (12,), [m]"""
+    y: tuple[float, ...]
+    """Points in W. (12,), [m]"""
+    z: tuple[float, ...]
+    """Points in W. (12,), [m]"""
+    duration: float
+    """Of the way, when nothing holds it up; NaN: not known. [s]"""
+    reason: int | Reason
+    """Why it would be refused; NONE: it would begin."""
+    target_system: int
+    """System of the asker."""
+    target_component: int
+    """Component of the asker."""
+    count: int
+    """How many points."""
+    text: str
+    """The reason as one sentence. at most 80 bytes"""
+
+
+@wire("ROBOTREE_CAMERA_POSE")
+class CameraPose(Message, frozen=True, gc=False):
+    """Where the camera of the picture that follows was, and what it saw: sent by the camera component to the
+    asker of a PICTURE_REQUEST, before the picture. Its frame is the optical one: x to the right of the
+    picture, y down, z along the view.
+    """
+
+    time_boot_ms: int
+    """Controller time. [ms]"""
+    x: float
+    """Position in W. [m]"""
+    y: float
+    """Position in W. [m]"""
+    z: float
+    """Position in W. [m]"""
+    q: tuple[float, ...]
+    """Orientation in W as a unit quaternion w, x, y, z. (4,)"""
+    fovy: float
+    """Vertical field of view of the picture; its pixels are square, and its middle is on the axis. [rad]"""

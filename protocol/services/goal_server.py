@@ -27,7 +27,7 @@ from robotree.protocol.services.fence import Fence, Refusal
 from robotree.protocol.services.peer import Peer, Send
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection
+    from collections.abc import Callable, Collection, Iterable
 
 CAPACITY = 256
 """Goals whose status is kept; the oldest finished one makes room."""
@@ -79,6 +79,16 @@ class _Record(msgspec.Struct):
     sequence: int = 0
     told: float = float("-inf")
     """[s] The last status that was sent unasked."""
+
+
+def misfit(verb: int, args: Iterable[float], verbs: Collection[Verb]) -> Refusal | None:
+    """Why no robot of these verbs can do that, whatever it looks like; None: it may be that it can."""
+    if verb not in verbs:
+        known = ", ".join(sorted(each.name for each in verbs))
+        return Reason.UNKNOWN_VERB, f"Verb {verb} is unknown here; known are {known}."
+    if any(map(isinf, args)):
+        return Reason.BAD_ARGUMENT, "An argument is infinite."
+    return None
 
 
 class GoalServer:
@@ -223,12 +233,7 @@ class GoalServer:
         return self._fence.admit(goal.epoch)
 
     def _objection(self, goal: Goal) -> Refusal | None:
-        if goal.verb not in self._verbs:
-            known = ", ".join(sorted(verb.name for verb in self._verbs))
-            return Reason.UNKNOWN_VERB, f"Verb {goal.verb} is unknown here; known are {known}."
-        if any(map(isinf, goal.args)):
-            return Reason.BAD_ARGUMENT, "An argument is infinite."
-        return self._check(goal)
+        return misfit(goal.verb, goal.args, self._verbs) or self._check(goal)
 
     def _cancel_whichever(
         self, cancel: GoalCancel, id_: GoalId, peer: Peer, now: float, *, may: bool

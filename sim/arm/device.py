@@ -31,7 +31,9 @@ from robotree.sim.firmware.device import (
     pursuing,
     require,
 )
+from robotree.sim.firmware.previews import POINTS, WayAhead
 from robotree.sim.motion.follower import Follower
+from robotree.sim.motion.path import Path
 from robotree.sim.motion.pursuit import Group, Pursuit
 from robotree.sim.physics.vectors import Vector
 
@@ -250,13 +252,33 @@ class Arm:
     def _here(self) -> Vector:
         return np.array((*self._position, twist_of(self._rotation)))
 
-    def _go_to(self, args: tuple[float, ...]) -> Start:
+    def way(self, verb: int, args: tuple[float, ...]) -> WayAhead:
+        """The way of the tool to the end of a GO_TO; none for other verbs.
+
+        Args:
+            verb: as for `prepare`.
+            args: as for `prepare`.
+
+        Raises:
+            GoalRefused: as `prepare`.
+        """
+        if verb != Verb.GO_TO:
+            return WayAhead()
+        path = self._path_to(args)
+        ticks = [path.duration * tick / (POINTS - 1) for tick in range(POINTS)]
+        points = [path.at(tick).pose.tolist() for tick in ticks]
+        return WayAhead([(x, y, z) for x, y, z, _ in points], path.duration)
+
+    def _path_to(self, args: tuple[float, ...]) -> Path:
         start = self._follower.reference
         goal = np.array([or_now(*each) for each in zip(AXES, args, start.pose.tolist(), strict=False)])
         tuning = self.tuning
         speed = or_now("speed", args[4], min(tuning.speed, tuning.top_speed))
         require("speed", speed, SLOWEST, tuning.top_speed, "m/s")
-        path = self._planner.plan(start, np.array(self._ports.q), goal, speed, tuning.acceleration)
+        return self._planner.plan(start, np.array(self._ports.q), goal, speed, tuning.acceleration)
+
+    def _go_to(self, args: tuple[float, ...]) -> Start:
+        path = self._path_to(args)
 
         def begin() -> None:
             self._follower.follow(path)

@@ -48,6 +48,7 @@ from robotree.protocol.messages import (
     SystemTime,
     Timesync,
     Untyped,
+    WayRequest,
 )
 from robotree.protocol.services import (
     absent,
@@ -75,6 +76,7 @@ from robotree.sim.firmware.modes import Modes
 from robotree.sim.firmware.movement import Movement
 from robotree.sim.firmware.outgoing import COMPONENT, Announcer, Outgoing
 from robotree.sim.firmware.parameters import Parameters
+from robotree.sim.firmware.previews import Previews
 from robotree.sim.firmware.rights import Rights
 from robotree.sim.firmware.setpoints import Setpoints
 from robotree.sim.firmware.stops import stop_asked_by
@@ -140,6 +142,7 @@ class Firmware:
         self._rights = Rights(ClaimServer(fence or Fence(), self._identity.life))
         self._goals = Goals(device, self._movement, self._rights)
         self._setpoints = Setpoints(device, self._movement, self._rights, self._goals.fence)
+        self._previews = Previews(device, self._movement)
         self._parameters = Parameters(device, self._movement.watchdog, self._rights)
         self._metadata = Metadata(self._parameters.described)
         announcer = Announcer()
@@ -264,6 +267,7 @@ class Firmware:
             (
                 _route(Goal, us, goals),
                 _route(GoalCancel, us, goals),
+                _route(WayRequest, us, self._previews.receive),
                 _dated_route(Setpoint, us, self._setpoints.receive),
                 _dated_route(Claim, us, self._claims.receive),
                 _route(SetMode, all_or_us, self._modes.receive),

@@ -46,6 +46,26 @@ _FADE: Final = (3.0, 16.0)
 _CORNERS: Final = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
 
 
+_OPTICAL: Final = np.array((1.0, -1.0, -1.0))
+"""From MuJoCo's camera frame (x right, y up, z backward) to the optical one, by the columns of a rotation."""
+
+
+class CameraSeat(NamedTuple):
+    """Where a camera is.
+
+    Its frame is the optical one of ROS REP 103: x to the right of the picture, y down, z along the view.
+
+    Attributes:
+        eye: (3,) in W [m].
+        rotation: (4,) its orientation in W as a unit quaternion w, x, y, z.
+        fovy: vertical field of view [rad]; pixels are square, the middle of the picture is on the axis.
+    """
+
+    eye: tuple[float, ...]
+    rotation: tuple[float, ...]
+    fovy: float
+
+
 def fit(width: int, height: int) -> tuple[int, int]:
     """The size that is drawn when `width` x `height` pixels are asked for: that, or one of its shape.
 
@@ -119,6 +139,16 @@ class Renderer:
             colours[:, edges] = (colours[:, edges] + fine) / (1 + len(_CORNERS))
         pixels = np.clip(255.0 * colours, 0.0, 255.0).astype(np.uint8)
         return np.ascontiguousarray(pixels.T).reshape(height, width, 3)
+
+    def pose(self, camera: str) -> CameraSeat:
+        """Where a camera was in the picture that was drawn last."""
+        model, data = self._model, self._data
+        view = model.camera(camera).id
+        quaternion = np.empty(4)
+        optical = data.cam_xmat[view].reshape(3, 3) * _OPTICAL
+        mujoco.mju_mat2Quat(quaternion, optical.ravel())
+        eye = tuple(map(float, data.cam_xpos[view]))
+        return CameraSeat(eye, tuple(map(float, quaternion)), math.radians(float(model.cam_fovy[view])))
 
     def _trace(self, eye: Vector, rays: Matrix) -> tuple[Planes, Planes]:
         """Colours (3, n) seen along `rays` (n, 3), and (4, n) normal and identity of what is seen."""

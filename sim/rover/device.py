@@ -20,6 +20,7 @@ from robotree.sim.firmware.device import (
     pursuing,
     require,
 )
+from robotree.sim.firmware.previews import POINTS, WayAhead
 from robotree.sim.motion.follower import Follower
 from robotree.sim.motion.path import Limits, Line
 from robotree.sim.motion.pursuit import Group, Pursuit
@@ -96,6 +97,7 @@ class Rover:
         self._running: Callable[[], Progress] = ended
         self._plans: Mapping[Verb, Plan] = {
             Verb.MOVE: self._move,
+            Verb.GO_TO: self._go_to,
             Verb.HOLD: lambda _: self.hold,
         }
 
@@ -118,7 +120,7 @@ class Rover:
         """Check and plan one movement; nothing moves yet.
 
         Args:
-            verb: MOVE or HOLD.
+            verb: MOVE, GO_TO or HOLD.
             args: (7,) as in robotree.xml.
 
         Returns:
@@ -176,18 +178,54 @@ class Rover:
         for name, value in zip(("dx", "dy"), args, strict=False):
             if not math.isfinite(value):
                 raise BadArgument(name, value, "a finite number of metres")
-        tuning = self.tuning
-        speed = or_now("speed", args[2], min(tuning.speed, tuning.top_speed))
-        require("speed", speed, SLOWEST, tuning.top_speed, "m/s")
-        start = self._follower.reference
         # From a set-point at rest, so that the errors of many moves do not add up.
-        origin = self._ports.position if self._follower.moving else start.pose
-        goal = origin + np.array(args[:2])
+        origin = self._ports.position if self._follower.moving else self._follower.reference.pose
+        return self._travel(self._path_to(origin + np.array(args[:2]), args[2]))
+
+    def _go_to(self, args: tuple[float, ...]) -> Start:
+        return self._travel(self._path_to(self._goal_of(args), args[4]))
+
+    def _goal_of(self, args: tuple[float, ...]) -> Vector:
+        """(2,) the place that a GO_TO means [m]; its height and twist are those of the floor and the base."""
+        here = self._follower.reference.pose.tolist()
+        return np.array([or_now(*each) for each in zip(("x", "y"), args, here, strict=False)])
+
+    def way(self, verb: int, args: tuple[float, ...]) -> WayAhead:
+        """The way of the base to the end of a GO_TO or a MOVE; none for other verbs.
+
+        Args:
+            verb: as for `prepare`.
+            args: as for `prepare`.
+
+        Raises:
+            GoalRefused: as `prepare`.
+        """
+        if verb == Verb.GO_TO:
+            path = self._path_to(self._goal_of(args), args[4])
+        elif verb == Verb.MOVE:
+            path = self._path_to(self._ports.position + np.array(args[:2]), args[2])
+        else:
+            return WayAhead()
+        ticks = [path.duration * tick / (POINTS - 1) for tick in range(POINTS)]
+        points = [path.at(tick).pose.tolist() for tick in ticks]
+        return WayAhead([(x, y, 0.0) for x, y in points], path.duration)
+
+    def _path_to(self, goal: Vector, speed: float) -> Line:
+        """The way to a place (2,) [m] at a speed [m/s], NaN: the usual one.
+
+        Raises:
+            BadArgument: too slow or too fast.
+            OutOfReach: it lies outside the arena.
+        """
+        tuning = self.tuning
+        speed = or_now("speed", speed, min(tuning.speed, tuning.top_speed))
+        require("speed", speed, SLOWEST, tuning.top_speed, "m/s")
         if float(np.abs(goal).max()) > ARENA:
             raise OutOfReach(goal.tolist(), f"the floor ends {ARENA} m from its middle")
         limits = Limits((speed, speed), (tuning.acceleration,) * 2, (JERK,) * 2)
-        path = Line(start, goal, limits)
+        return Line(self._follower.reference, goal, limits)
 
+    def _travel(self, path: Line) -> Start:
         def begin() -> None:
             self._follower.follow(path)
             self._running, self._pursuit = self._travelling, None

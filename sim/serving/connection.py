@@ -177,8 +177,9 @@ class Connection:
             while self._wanted:
                 await self._room()
                 request = self._wanted.pop(next(iter(self._wanted)))
-                data, width, height = await self._render_thread.render(request)
-                for message in split(data, width=width, height=height, quality=request.quality):
+                data, width, height, pose = await self._render_thread.render(request)
+                pieces = split(data, width=width, height=height, quality=request.quality)
+                for message in (pose, *pieces):
                     await self._room()
                     self.endpoint.send(message, component=request.target_component)
         finally:

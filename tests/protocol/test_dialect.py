@@ -72,6 +72,9 @@ CRC_EXTRA = {
     "ROBOTREE_SPEECH": 55,
     "ROBOTREE_TAGS": 108,
     "ROBOTREE_BASE_STATE": 54,
+    "ROBOTREE_WAY_REQUEST": 44,
+    "ROBOTREE_WAY_STATUS": 13,
+    "ROBOTREE_CAMERA_POSE": 175,
 }
 """Of our messages; another number means that older programs no longer understand us."""
 

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping, Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from robotree.vr.base.description import Listing
-from robotree.vr.base.requests import AnyRequest, DescribeView, Look, Picture, Reply, ViewDescribed
+from robotree.vr.base.requests import AnyRequest, DescribeView, Look, Picture, Reply, Shot, ViewDescribed
 from robotree.vr.base.transport import Registration, Transport
 from robotree.vr.exchange.authority import Here
 from robotree.vr.exchange.claim import claim, new_address
@@ -63,6 +63,20 @@ class View(Protocol):
         Raises:
             VrError: there is no such camera, or no picture can be had.
         """
+        ...
+
+
+@runtime_checkable
+class PlacedView(View, Protocol):
+    """A view that knows where its cameras are."""
+
+    @property
+    def frame(self) -> str:
+        """Name of the frame in which its cameras are, as in `ViewDescribed`."""
+        ...
+
+    async def shoot(self, camera: str, width: int, height: int, quality: int) -> Shot:
+        """Take one picture, as `look`, with where its camera was."""
         ...
 
 
@@ -120,16 +134,21 @@ class ViewAgent:
     async def _answer(self, request: AnyRequest) -> Reply:
         match request:
             case Look(camera=camera, width=width, height=height, quality=quality):
-                jpeg = await self._view.look(camera, width, height, quality)
+                view = self._view
+                if isinstance(view, PlacedView):
+                    jpeg, lens = await view.shoot(camera, width, height, quality)
+                else:
+                    jpeg, lens = await view.look(camera, width, height, quality), None
                 width, height = await asyncio.to_thread(jpeg_size, jpeg)
                 camera = camera or next(iter(self._view.cameras), "")
-                return Picture(jpeg=jpeg, width=width, height=height, camera=camera)
+                return Picture(jpeg=jpeg, width=width, height=height, camera=camera, lens=lens)
             case DescribeView():
                 return ViewDescribed(
                     address=self.address,
                     cameras=tuple(self._view.cameras),
                     readings=dict(self._view.readings()),
                     units=dict(self._view.reading_units),
+                    frame=self._view.frame if isinstance(self._view, PlacedView) else "",
                 )
             case _:
                 raise not_for("view", request)

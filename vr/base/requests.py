@@ -9,7 +9,7 @@ Decoding never trusts the sender: what cannot be read is `Garbled`. Each request
 from __future__ import annotations
 
 import math
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import msgspec
 
@@ -1085,6 +1085,34 @@ class RecordsShared(_Message, frozen=True, kw_only=True):
     holds: tuple[OrderHold, ...] = ()
 
 
+class CameraLens(msgspec.Struct, frozen=True, kw_only=True):
+    """Where a camera was in a picture, and what it saw.
+
+    The camera's frame is the optical one of ROS REP 103: x to the right of the picture, y down, z along the
+    view. Pixels are square, and the middle of the picture is on the axis: a pinhole without distortion.
+    """
+
+    x: float
+    """[m] Position in the frame of the cell, W, as are y and z."""
+    y: float
+    z: float
+    qw: float
+    """Orientation of the camera's frame in W, as a unit quaternion."""
+    qx: float
+    qy: float
+    qz: float
+    fovy: float
+    """[rad] Vertical field of view of the picture."""
+
+
+class Shot(NamedTuple):
+    """A picture as a view takes it."""
+
+    jpeg: bytes
+    lens: CameraLens | None = None
+    """None: its camera does not say where it is."""
+
+
 class Picture(_Message, frozen=True, kw_only=True):
     """One JPEG picture."""
 
@@ -1092,6 +1120,8 @@ class Picture(_Message, frozen=True, kw_only=True):
     width: int
     height: int
     camera: str
+    lens: CameraLens | None = None
+    """Where its camera was; None: it does not say."""
 
 
 class ViewDescribed(_Message, frozen=True, kw_only=True):
@@ -1102,6 +1132,8 @@ class ViewDescribed(_Message, frozen=True, kw_only=True):
     readings: dict[str, float] = {}
     units: dict[str, str] = {}
     """Symbol of the unit of each reading that has one."""
+    frame: str = ""
+    """Names the frame W in which its cameras are: the attribute `controller` of the robots that share it."""
 
 
 class Done(_Message, frozen=True, kw_only=True):
