@@ -25,7 +25,7 @@ Point = tuple[float, float, float]
 
 
 class WayAhead(NamedTuple):
-    """A way in W: at most `POINTS` points [m], the first where the robot is now, and how long it lasts [s]."""
+    """A way in W: up to `POINTS` points [m], the first where the robot is now, and how long it lasts [s]."""
 
     points: Sequence[Point] = ()
     duration: float = nan

@@ -61,7 +61,7 @@ class CameraSeat(NamedTuple):
         fovy: vertical field of view [rad]; pixels are square, the middle of the picture is on the axis.
     """
 
-    eye: tuple[float, ...]
+    eye: tuple[float, float, float]
     rotation: tuple[float, ...]
     fovy: float
 
@@ -147,8 +147,8 @@ class Renderer:
         quaternion = np.empty(4)
         optical = data.cam_xmat[view].reshape(3, 3) * _OPTICAL
         mujoco.mju_mat2Quat(quaternion, optical.ravel())
-        eye = tuple(map(float, data.cam_xpos[view]))
-        return CameraSeat(eye, tuple(map(float, quaternion)), math.radians(float(model.cam_fovy[view])))
+        x, y, z = data.cam_xpos[view].tolist()
+        return CameraSeat((x, y, z), tuple(quaternion.tolist()), math.radians(float(model.cam_fovy[view])))
 
     def _trace(self, eye: Vector, rays: Matrix) -> tuple[Planes, Planes]:
         """Colours (3, n) seen along `rays` (n, 3), and (4, n) normal and identity of what is seen."""

@@ -52,6 +52,6 @@ class RenderThread:
         camera = self._controller.cameras[request.target_component]
         now = self._controller.cell.time_ms
         picture = self._renderer.picture(self._controller.cell.published, camera, width, height)
-        eye, rotation, fovy = self._renderer.pose(camera)
-        pose = CameraPose(now & _WORD, *eye, rotation, fovy)
+        (x, y, z), rotation, fovy = self._renderer.pose(camera)
+        pose = CameraPose(now & _WORD, x, y, z, rotation, fovy)
         return Rendered(jpeg(picture, request.quality), width, height, pose)

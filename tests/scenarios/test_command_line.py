@@ -101,6 +101,11 @@ SHAPES: list[tuple[str, type, set[str]]] = [
     ("orders", dict, {"orders", "holds", "silent"}),
     ("group pair rover-1 arm-1", dict, {"name", "names", "where"}),
     ("groups", list, {"name", "names", "where"}),
+    ("places add shelf of arm-1", dict, {"name", "frame", "at", "by"}),
+    ("places arm-1", list, {"name", "frame", "at", "by"}),
+    ("call arm-1.preview_go_to @shelf z=0.3", dict, {"x", "y", "z", "duration", "checked"}),
+    ("go arm-1 @shelf z=0.3 --preview", dict, {"robot", "command", "goal", "way", "done"}),
+    ("places remove @shelf", dict, {"removed"}),
     ("group pair --delete", dict, {"deleted"}),
     ("run {folder}/a.session", dict, {"ok", "script", "wall_s", "steps", "not_played"}),
 ]
@@ -147,7 +152,7 @@ def test_watching_prints_an_object_for_each_state(say: Say) -> None:
 
 
 def test_no_verb_over_a_realm_is_left_out() -> None:
-    proved = {line.split()[0] for line, _, _ in SHAPES} | {"watch"}
+    proved = {line.split()[0] for line, _, _ in SHAPES} | {"watch", "places add", "places remove"}
     proved |= {"role", "rules explain"}  # over scripts and companions: their own tests show them
     proved |= {"decide", "space ls", "history", "why"}  # of hosts that crashed, of spaces, of what was kept
     proved |= {"inbox", "order show", "order cancel", "order confirm", "take"} | {

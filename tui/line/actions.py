@@ -431,6 +431,44 @@ ACTIONS: tuple[Action, ...] = (
     ),
     # -- command
     Action(
+        usage="go ROBOT PLACE|COORDINATE=VALUE … [--preview] [--within TIME]",
+        help="Send a robot to a named place, `@shelf`, or to a point, x=0.3 y=0.1 z=0.2; what is not given"
+        " stays as it is. The robot is asked first whether it would do it; --preview: only that, nothing moves.",
+        group=COMMAND,
+        right="command",
+        run="line.going:go",
+        alters=True,
+        examples=("go arm-1 @shelf --preview", "go arm-1 @shelf", "go rover-1 x=0.5 y='-20 cm'"),
+        guide=("robotree.tui.line.going",),
+    ),
+    Action(
+        usage="places [ROBOT]",
+        help="List the named places, or those that a robot can be sent to.",
+        group=LOOK,
+        right="see",
+        run="line.going:places",
+        examples=("places", "places arm-1 --json"),
+    ),
+    Action(
+        usage="places add NEW of ROBOT [COORDINATE=VALUE …]",
+        help="Name the point where a robot is now, or x, y, z, twist, heading in its frame. `@NEW` then"
+        " stands for it wherever a command asks for a pose: `call arm-1.go_to @shelf`.",
+        group=COMMAND,
+        right="command",
+        run="line.going:places_add",
+        alters=True,
+        examples=("places add shelf of arm-1", "places add dock of rover-1 x=0 y=0"),
+        guide=("robotree.tui.line.going",),
+    ),
+    Action(
+        usage="places remove PLACE",
+        help="Forget a named place.",
+        group=COMMAND,
+        run="line.going:places_remove",
+        alters=True,
+        examples=("places remove shelf",),
+    ),
+    Action(
         usage="call ROBOT.COMMAND [PARAMETER=VALUE …] [--within TIME] [--detach | --queue | --save FILE]"
         " [--until WHEN] [--robot IDENTITY] [--trace]",
         help="Have a command carried out: progress on stderr, result on stdout. It ends with this program;"

@@ -95,4 +95,7 @@ def check(line: Line, options: Mapping[str, str]) -> None:
             texts = (value,) if isinstance(value, str) else value
             for text in () if kind == "CHILD" and texts[:1] == (WHERE,) else texts:
                 judge(text)
-    values.assignments(line.many("PARAMETER=VALUE"))
+    for blank in ("PLACE|COORDINATE=VALUE", "COORDINATE=VALUE"):
+        values.arguments(line.many(blank))
+    judge_arguments = values.arguments if "ROBOT.COMMAND" in line.values else values.assignments
+    judge_arguments(line.many("PARAMETER=VALUE"))

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from robotree.vr.base.hosting import Placement
     from robotree.vr.base.permissions import Isolation
 
+PLACE_MARK = "@"
+"""Begins the name of a place among the arguments of a command."""
+
 Scalar = float | int | bool | str
 
 SLOWEST, FASTEST = 0.1, 10.0
@@ -89,6 +92,21 @@ def assignments(texts: Iterable[str]) -> dict[str, str]:
             raise ValueRefused("PARAMETER=VALUE", f"{name} is given twice; say once which value is meant")
         found[name] = value
     return found
+
+
+def arguments(texts: Iterable[str]) -> None:
+    """Refuse arguments of a command that are neither `name=value` nor `@PLACE`.
+
+    Raises:
+        ValueRefused: one is none, or two are about the same name.
+    """
+    assignments(text for text in texts if not place(text))
+
+
+def place(text: str) -> str:
+    """Read `@PLACE`; empty: that is none."""
+    name = text.removeprefix(PLACE_MARK)
+    return name if text.startswith(PLACE_MARK) and "=" not in name else ""
 
 
 def scalar(text: str) -> Scalar:

@@ -814,8 +814,10 @@ async def set_(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcom
 
 async def call(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
     """Have a command carried out and wait for it."""
+    from robotree.tui.line import going
+
     robot, command = values.dotted(line.text("ROBOT.COMMAND"), "ROBOT.COMMAND")
-    given = values.assignments(line.many("PARAMETER=VALUE"))
+    given = await going.arguments(realm_client, robot, command, line.many("PARAMETER=VALUE"))
     limit = (
         values.duration(line.text("--within"))
         if line.text("--within")
