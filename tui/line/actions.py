@@ -433,7 +433,7 @@ ACTIONS: tuple[Action, ...] = (
     Action(
         usage="go ROBOT PLACE|COORDINATE=VALUE … [--preview] [--within TIME]",
         help="Send a robot to a named place, `@shelf`, or to a point, x=0.3 y=0.1 z=0.2; what is not given"
-        " stays as it is. The robot is asked first whether it would do it; --preview: only that, nothing moves.",
+        " stays as it is. The robot is asked first whether it would; --preview: only that, nothing moves.",
         group=COMMAND,
         right="command",
         run="line.going:go",

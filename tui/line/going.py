@@ -2,7 +2,7 @@
 
 `@NAME` stands for the coordinates of a place wherever a command asks for a pose: `call arm-1.go_to @shelf`.
 A command asks for a pose if its parameters are named x and y, in metres, and a repetition of it ends the same
-(`effect="repeat"`): what adds up, such as the move of a rover, wants a distance and no place.
+(`effect="repeat"`).
 
 Before a robot moves, it is asked itself: the command `preview_NAME` beside a command NAME is the robot's own
 check, down to the planner of its controller. Nothing here knows reach or limits.
@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from robotree.tui.errors import ValueRefused
 from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
+from robotree.tui.line.poses import MARK, asks_for_pose, place_for
 from robotree.tui.line.verbs import CALL_LIMIT, Outcome, Teller, plain
 from robotree.tui.processes.place_files import (
     COORDINATES,
@@ -34,21 +35,12 @@ if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.description import CommandSpec, RobotDescription
     from robotree.vr.supervision.realm_client import RealmClient
 
-MARK = values.PLACE_MARK
 PREVIEW = "preview_"
 """Begins the name of the command that previews another one."""
 FIRST_CHOICES = ("go_to", "drive", "reach")
 """The commands that send a robot somewhere, the usual ones first."""
 PREVIEW_WITHIN = 5.0
 """[s] for a preview: a question to the controller, and back."""
-
-
-def asks_for_pose(spec: CommandSpec) -> bool:
-    """Whether a command's coordinates are those of a place, so that a named place may stand for them."""
-    by_name = spec.by_name
-    return spec.effect == "repeat" and all(
-        name in by_name and by_name[name].unit == COORDINATES[name] for name in ("x", "y")
-    )
 
 
 def pose_command(robot: RobotDescription) -> CommandSpec | None:
@@ -138,52 +130,6 @@ def way_in_words(way: Mapping[str, Any] | None) -> str:
     length = sum(math.dist(one, other) for one, other in pairwise(points))
     duration = f", {way['duration']:.1f} s" if way["duration"] else ""
     return f"the robot would go {length:.2f} m{duration}" if points else "the robot would do it"
-
-
-# -- places as arguments ---------------------------------------------------------------------------
-
-
-async def arguments(
-    realm_client: RealmClient, robot: str, command: str, texts: Sequence[str]
-) -> dict[str, Any]:
-    """Return the arguments of a command, with the coordinates of `@PLACE` where one is among them.
-
-    Raises:
-        ValueRefused: there is no such place, it is of another frame, or the command asks for no pose.
-    """
-    named = [text[1:] for text in texts if text.startswith(MARK)]
-    given: dict[str, Any] = dict(values.assignments(text for text in texts if not text.startswith(MARK)))
-    if not named:
-        return given
-    described = await realm_client.describe(robot)
-    spec = described.command(command)
-    if spec is None or not asks_for_pose(spec):
-        why = f"{robot}.{command} asks for no pose, so {MARK}{named[0]} means nothing to it"
-        raise ValueRefused("PLACE", why)
-    if len(named) > 1:
-        raise ValueRefused("PLACE", f"{MARK}{named[0]} and {MARK}{named[1]}: a robot goes to one place")
-    place = await place_for(realm_client, described, named[0])
-    known = {name: value for name, value in place.at.items() if name in spec.by_name}
-    if twice := sorted(known.keys() & given.keys()):
-        known = {name: value for name, value in known.items() if name not in twice}  # what is said counts
-    return {**known, **given}
-
-
-async def place_for(realm_client: RealmClient, robot: RobotDescription, name: str) -> NamedPlace:
-    """Return a place that is in the frame of a robot.
-
-    Raises:
-        ValueRefused: there is no such place, or it is of another frame.
-    """
-    place = places_beside(realm_client.gate).find(name)
-    robots = {one.name: one for one in await realm_client.tree()} if robot.slots else {}
-    frames = frames_below(robot, robots)
-    if place.frame and frames and place.frame not in frames:
-        theirs = ", ".join(sorted(frames))
-        raise ValueRefused(
-            "PLACE", f"{MARK}{name} is a place of {place.frame}, and {robot.name} moves in {theirs}"
-        )
-    return place
 
 
 # -- verbs -----------------------------------------------------------------------------------------

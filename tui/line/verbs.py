@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, NoReturn, Protocol, 
 
 from robotree.files import overwrite
 from robotree.tui.errors import BadLine, OldList, SomeHang, SomeSilent, SupervisorError, ValueRefused
-from robotree.tui.line import away, checking, sources, values
+from robotree.tui.line import away, checking, poses, sources, values
 from robotree.tui.line.grammar import Line
 from robotree.tui.seen import absence, forest, status, unlisted, wording
 
@@ -814,10 +814,8 @@ async def set_(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcom
 
 async def call(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
     """Have a command carried out and wait for it."""
-    from robotree.tui.line import going
-
     robot, command = values.dotted(line.text("ROBOT.COMMAND"), "ROBOT.COMMAND")
-    given = await going.arguments(realm_client, robot, command, line.many("PARAMETER=VALUE"))
+    given = await poses.arguments(realm_client, robot, command, line.many("PARAMETER=VALUE"))
     limit = (
         values.duration(line.text("--within"))
         if line.text("--within")
