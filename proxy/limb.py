@@ -90,6 +90,7 @@ class Limb(Arm):
     """An arm of a body: goes to points before the body, takes postures, yields when pushed, and feels."""
 
     limits = LIMITS
+    frame = "/body"
     camera = None
     pictures = None  # type: ignore[assignment] # its wrist has none
 

@@ -71,6 +71,8 @@ _log = logging.getLogger(__name__)
 
 T = TypeVar("T", bound=Message)
 
+FRAME = "frame"
+"""Attribute of a robot whose coordinates are not in W of its controller: the name of their frame."""
 HELD_BY = "held_by"
 """Attribute of a robot whose controller obeys another program: the name of that holder."""
 CANCEL_TIMEOUT = 0.8
@@ -116,6 +118,8 @@ class RobotProxy(Robot):
     """Its streams that are telemetry."""
     camera: ClassVar[CarriedCamera | None] = None
     """The camera of its stream `pictures`; None: it has none."""
+    frame: ClassVar[str] = ""
+    """What its coordinates are in, behind the name of its controller; empty: W of the controller."""
     settled_at: float = 0.0
     """When the last motion ended [s]: what was heard before shows the robot as it was."""
 
@@ -155,7 +159,8 @@ class RobotProxy(Robot):
             ValueError: the kind has no such limit.
         """
         link = SIGNED_LINK if security.signed else OPEN_LINK
-        super().__init__(name, {"controller": url, LINK: link})
+        moving = {FRAME: f"{url}{self.frame}"} if self.frame else {}
+        super().__init__(name, {"controller": url, LINK: link, **moving})
         self.online = False
         self.on_change: Callable[[], None] = lambda: None
         """Called on the loop when the robot goes online or offline, is held or released; for its agent."""

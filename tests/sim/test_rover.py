@@ -81,5 +81,5 @@ def test_nonsense_is_refused_and_nothing_moves(
 
 
 def test_a_verb_of_another_robot_is_unknown_here(rover: RoverBench) -> None:
-    status = rover.operator.do(Verb.GO_TO, 0.4, 0.0, 0.3)
+    status = rover.operator.do(Verb.GRIP, 0.04)
     assert (status.state, status.reason) == (GoalState.REFUSED, Reason.UNKNOWN_VERB)

@@ -21,15 +21,9 @@ from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.poses import MARK, asks_for_pose, place_for
 from robotree.tui.line.verbs import CALL_LIMIT, Outcome, Teller, plain
-from robotree.tui.processes.place_files import (
-    COORDINATES,
-    NamedPlace,
-    coordinates_in_words,
-    frame_of,
-    frames_below,
-    places_beside,
-)
+from robotree.tui.processes.place_files import COORDINATES, NamedPlace, coordinates_in_words, places_beside
 from robotree.tui.seen import wording
+from robotree.tui.seen.frames import frame_of, frames_below
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.description import CommandSpec, RobotDescription

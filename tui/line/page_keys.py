@@ -13,13 +13,15 @@ ENTER = "Into the form, and on to the next field. It never runs anything."
 AT_REST = "at the list of commands"
 """Where the letters of a panel are keys: nobody types there."""
 
+_CURSOR = "Move the cursor, with shift by five cells; the robot says which way it would take."
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageKey:
     """One key of one page."""
 
     page: str
-    """`panel`, `teleop`, `new`, `user`, `doing`, `question`, `text`."""
+    """`panel`, `teleop`, `new`, `user`, `doing`, `plan`, `question`, `text`."""
     name: str
     """Its action, in a word; `page.name` is its name in a keymap file."""
     key: str
@@ -222,6 +224,62 @@ PAGE_KEYS: tuple[PageKey, ...] = (
     ),
     PageKey(
         page="writing", name="make", key="ctrl+r", action="make", label="Make it", help="Check and make it."
+    ),
+    # -- the plan of a place, and a picture that one points into
+    PageKey(
+        page="plan",
+        name="up",
+        key="up",
+        action="cursor(0, -1)",
+        shown="↑ ↓ ← →",
+        help="Move the cursor, with shift by five cells; the robot says which way it would take.",
+    ),
+    *(
+        PageKey(page="plan", name=name, key=key, action=f"cursor({across}, {down})", help=_CURSOR, shown=" ")
+        for name, key, across, down in (
+            ("down", "down", 0, 1),
+            ("left", "left", -1, 0),
+            ("right", "right", 1, 0),
+            ("far-up", "shift+up", 0, -5),
+            ("far-down", "shift+down", 0, 5),
+            ("far-left", "shift+left", -5, 0),
+            ("far-right", "shift+right", 5, 0),
+        )
+    ),
+    PageKey(
+        page="plan",
+        name="go",
+        key="enter",
+        action="choose",
+        label="Go there",
+        help="Ask before the selected robot goes to the point under the cursor; it says what it would do.",
+    ),
+    PageKey(
+        page="plan",
+        name="nearer",
+        key="plus,equals_sign",
+        action="zoom(1)",
+        shown="+",
+        help="See less, and larger.",
+    ),
+    PageKey(page="plan", name="further", key="minus", action="zoom(-1)", help="See more, and smaller."),
+    PageKey(page="plan", name="all", key="0", action="zoom(0)", help="See everything that stands there."),
+    PageKey(
+        page="plan",
+        name="next",
+        key="right_square_bracket",
+        action="robot(1)",
+        label="Robot",
+        shown="[ ]",
+        help="Select the next robot of this place, or the one before.",
+    ),
+    PageKey(
+        page="plan",
+        name="previous",
+        key="left_square_bracket",
+        action="robot(-1)",
+        shown=" ",
+        help="Select the next robot of this place, or the one before.",
     ),
     # -- questions and texts over a page
     PageKey(

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from robotree.tui.errors import ValueRefused
 from robotree.tui.line import values
-from robotree.tui.processes.place_files import COORDINATES, NamedPlace, frames_below, places_beside
+from robotree.tui.processes.place_files import COORDINATES, NamedPlace, places_beside
+from robotree.tui.seen.frames import frames_below
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.description import CommandSpec, RobotDescription

@@ -20,7 +20,6 @@ from robotree.files import private_folder, read, replace
 from robotree.tui.errors import ValueRefused
 
 if TYPE_CHECKING:  # help must not wait for the agents
-    from robotree.vr.base.description import RobotDescription
     from robotree.vr.base.policy import PolicyGate
 
 FOLDER = "places"
@@ -28,8 +27,6 @@ LARGEST = 16 * 1024
 """[B] of one file."""
 COORDINATES = {"x": "m", "y": "m", "z": "m", "twist": "rad", "heading": "rad"}
 """What a place may say, and in which unit."""
-FRAME, CONTROLLER = "frame", "controller"
-"""Attributes of a robot: the name of the frame of its coordinates, or of its controller, whose W it is."""
 
 
 class NamedPlace(msgspec.Struct, frozen=True, kw_only=True):
@@ -52,26 +49,6 @@ class NamedPlace(msgspec.Struct, frozen=True, kw_only=True):
 def coordinates_in_words(at: Mapping[str, float]) -> str:
     """Return coordinates for people: `x 0.350 m  y 0.100 m`."""
     return "  ".join(f"{name} {at[name]:.3f} {unit}" for name, unit in COORDINATES.items() if name in at)
-
-
-def frame_of(robot: RobotDescription) -> str:
-    """Return the name of the frame in which a robot's coordinates are; empty: it does not say."""
-    return robot.attributes.get(FRAME) or robot.attributes.get(CONTROLLER, "")
-
-
-def frames_below(robot: RobotDescription, robots: Mapping[str, RobotDescription]) -> set[str]:
-    """Return the frames of a robot and of those that it commands, by their names."""
-    found, seen, waiting = set[str](), set[str](), [robot]
-    while waiting:
-        one = waiting.pop()
-        if one.name in seen:
-            continue
-        seen.add(one.name)
-        if frame := frame_of(one):
-            found.add(frame)
-        children = (each for slot in one.slots if (each := slot.child or slot.watched))
-        waiting += [robots[child.name] for child in children if child.name in robots]
-    return found
 
 
 class PlaceFiles:

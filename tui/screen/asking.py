@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+from robotree.tui.errors import SupervisorError
 from robotree.tui.line import grammar
 from robotree.tui.line.action import Where
 from robotree.tui.line.actions import BY_VERB, shapes
+from robotree.tui.line.going import trip_to
 from robotree.tui.line.grammar import Line
+from robotree.tui.processes.place_files import COORDINATES
 from robotree.tui.screen.operator_app import OperatorApp
 from robotree.tui.screen.pages.dialogs import Confirm, Reading
 from robotree.tui.screen.pages.enslave import EnslaveDialog, Opening, ReleaseDialog, openings
+from robotree.tui.screen.pages.going import GoDialog, NameDialog
 from robotree.tui.screen.pages.help import help_text
 from robotree.tui.screen.pages.host import HostDialog
 from robotree.tui.screen.pages.main import PANES, in_front, main_page
@@ -23,6 +27,7 @@ from robotree.tui.screen.pages.role import RoleDialog
 from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.prompt import Kind
 from robotree.tui.seen import wording
+from robotree.tui.seen.frames import frame_of
 from robotree.tui.seen.store import Store
 
 Ask = Callable[[OperatorApp, Place], None]
@@ -365,6 +370,54 @@ def _migrate(app: OperatorApp, place: Place) -> None:
         app.push_screen(HostDialog(place.name, robot.host, others), answered)
 
 
+def _point(app: OperatorApp) -> dict[str, float] | None:
+    """Return the point that somebody points at on the main page [m]; None: at none."""
+    return main_page(app).point
+
+
+def _go(app: OperatorApp, place: Place) -> None:
+    robot = app.store.descriptions.get(place.name)
+    if robot is None:
+        app.tell("no robot is selected", "warning")
+        return
+    front, readings = main_page(app), app.store.readings(place.name)
+    point = _point(app) if app.screen is front else None
+    frame = front.ground if point is not None else frame_of(robot)
+    if frame != frame_of(robot):
+        app.foresight.ask(app, robot, point or {}, frame)
+        newest = app.foresight.newest
+        app.tell("" if newest is None else newest.refusal, "warning")
+        return
+    here = {name: readings[name] for name in COORDINATES if name in readings}
+    try:
+        trip = trip_to(robot, here | (point or {}), readings)
+    except SupervisorError as error:
+        app.tell(str(error), "warning")
+        return
+
+    def answered(line: Line | None) -> None:
+        app.foresight.forget()
+        if line:
+            app.perform(line)
+
+    app.push_screen(GoDialog(robot, trip, frame), answered)
+
+
+def _keep(app: OperatorApp, place: Place) -> None:
+    if app.store.descriptions.get(place.name) is None:
+        app.tell("no robot is selected", "warning")
+        return
+    front = main_page(app)
+    point = _point(app) if app.screen is front else None
+
+    def answered(line: Line | None) -> None:
+        if line:
+            app.perform(line)
+            front.look_again()
+
+    app.push_screen(NameDialog(place.name, point), answered)
+
+
 def _line(kind: Kind) -> Ask:
     def ask(app: OperatorApp, _place: Place) -> None:
         front = app.screen
@@ -386,6 +439,8 @@ ASK: Mapping[str, Ask] = {
     "enslave": _enslave,
     "release": _release,
     "delete": _delete,
+    "go": _go,
+    "places add": _keep,
     "show": _about_robot("show"),
     "history": _about_robot("history"),
     "why": _about_robot("why", "NAME|KEY"),

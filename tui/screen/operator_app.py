@@ -22,6 +22,7 @@ from robotree.tui.line.surface import Surface
 from robotree.tui.line.verbs import CALL_LIMIT, Outcome
 from robotree.tui.processes.steps import Steps
 from robotree.tui.screen.error_boundary import ErrorBoundary
+from robotree.tui.screen.foresight import Foresight
 from robotree.tui.screen.key_guard import KeyGuard
 from robotree.tui.screen.keymap import Keymap
 from robotree.tui.screen.place import NOWHERE, Place
@@ -119,6 +120,8 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         """Lines that were typed at the prompt (`prompt.Known`)."""
         self.steps = steps or Steps()
         """The step of tele-operation that was chosen last, by robot."""
+        self.foresight = Foresight()
+        """What a robot says of the way that somebody is about to send it."""
         self.errors: list[Exception] = []
         """Errors that the fence held back."""
 

@@ -1,10 +1,10 @@
 """A plan of a place from above: robots, named places, the way and its goal, as characters. Pure.
 
-Frame: W of the cell as robots are commanded in it. On the screen x is up and y is left, so that a robot at its
-origin that looks along x looks up. A cell of a terminal is taken as twice as high as wide.
+Frame: W of the cell as robots are commanded in it. On the screen x is up and y is left, so that a robot at
+its origin that looks along x looks up. A cell of a terminal is taken as twice as high as wide.
 
-Each character has a tone, the name of a variable of the theme; signs differ too, so that a plan can be read in
-16 colours and in none.
+Each character has a tone, the name of a variable of the theme; signs differ too, so that a plan can be read
+in 16 colours and in none.
 """
 
 from __future__ import annotations

@@ -21,6 +21,7 @@ PAGES = {
     "panel": "In the panel of a robot",
     "teleop": "In the tele-operation of an arm",
     "new": "On the page for new robots",
+    "plan": "On the plan of a place, and in a picture",
     "question": "In a question",
     "text": "In a text",
 }

@@ -22,16 +22,20 @@ from robotree.tui.screen.widgets.cameras import PictureBox
 from robotree.tui.screen.widgets.details import Details
 from robotree.tui.screen.widgets.flash import LastLines
 from robotree.tui.screen.widgets.log_pane import LogPane
+from robotree.tui.screen.widgets.plan_pane import PlanPane
 from robotree.tui.screen.widgets.prompt import Prompt
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.tui.screen.widgets.views_pane import ViewsPane
 from robotree.tui.seen.rows import ORDERS, Placement, SortOrder, family, listed
 from robotree.tui.seen.store import Weight
 
-PANES = {"robots": "#robots", "views": "#cameras", "log": "#log"}
+PANES = {"robots": "#robots", "plan": "#plan", "views": "#cameras", "log": "#log"}
 """The widget with the focus in each pane, by the verb that brings it to the front."""
 FIRST = next(iter(PANES))
 """The pane to begin with."""
+
+SELECTING = {"robots", "plan"}
+"""The panes in which a robot is selected, so that keys can be about it."""
 
 CALM_DETAILS = 4.0
 """[s] between two drawings of the selected robot on a slow line."""
@@ -116,6 +120,7 @@ class MainPage(Page):
                         with VerticalScroll(id="details-box", can_focus=False):
                             yield Details(id="details")
                         yield PictureBox(id="picture-box", rate=PICTURES)
+                yield PlanPane(id=_pane_id("plan"))
                 yield ViewsPane(id=_pane_id("views"))
                 with Vertical(id=_pane_id("log")):
                     yield LogPane(id="log")
@@ -158,7 +163,7 @@ class MainPage(Page):
     @property
     def place(self) -> Place:
         """The object of keys: the selected robot, or nothing where none can be selected."""
-        if self.pane != FIRST or not self.selected:
+        if self.pane not in SELECTING or not self.selected:
             return NOWHERE
         bond = (robot := self.app.store.described(self.selected)) and robot.bond
         return Place(self.selected, bond.parent.name, bond.slot) if bond else Place(self.selected)
@@ -167,6 +172,20 @@ class MainPage(Page):
     def selected(self) -> str:
         """Name of the robot that is selected; empty: none."""
         return self.app.selection.name
+
+    @property
+    def point(self) -> dict[str, float] | None:
+        """The point that is pointed at [m], in the frame `ground`; None: nobody points."""
+        return self.query_one(PlanPane).point if self.pane == "plan" else None
+
+    @property
+    def ground(self) -> str:
+        """Name of the frame of that point."""
+        return self.query_one(PlanPane).ground
+
+    def look_again(self) -> None:
+        """Look for other named places at the next drawing."""
+        self.query_one(PlanPane).look_again()
 
     def show_pane(self, name: str) -> None:
         """Bring a pane to the front."""
@@ -263,7 +282,7 @@ class MainPage(Page):
         if action == "verb" and self.app.typing:
             return False  # the keys are letters now
         concerned = action == "verb" and BY_VERB[str(parameters[0])].about is not About.NOTHING
-        if concerned and self.is_mounted and self.pane != FIRST:
+        if concerned and self.is_mounted and self.pane not in SELECTING:
             return False
         return super().check_action(action, parameters)
 
@@ -309,6 +328,8 @@ class MainPage(Page):
             self._draw_selected(now)
         elif self.pane == "views":
             self.query_one(ViewsPane).draw()
+        elif self.pane == "plan":
+            self.query_one(PlanPane).draw(now)
         self.query_one(LogPane).draw(
             app.store, now, self.wall(), letters=self.filters.get("log", ""), level=self.level
         )

@@ -1,0 +1,73 @@
+"""A robot is sent to a point: by the plan, by a picture, and after it has said what it would do."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from textual.widgets import Button, Input
+
+from robotree.tui.screen.pages.going import GoDialog, NameDialog
+from robotree.tui.screen.widgets.cached_text import CachedText
+from robotree.tui.screen.widgets.plan_view import PlanView
+
+if TYPE_CHECKING:
+    from screens.conftest import Operate, Operator
+    from tui.conftest import Realm
+
+
+async def at_plan(operator: Operator) -> PlanView:
+    await operator.until(lambda: "arm-1" in operator.app.store.descriptions, "the arm")
+    operator.app.choose("arm-1")
+    await operator.press("F")
+    await operator.until(lambda: "arm-1" in operator.text, "the plan")
+    return operator.one(PlanView)
+
+
+async def test_the_cursor_of_the_plan_is_where_the_robot_goes(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.realm_client) as operator:
+        plan = await at_plan(operator)
+        await operator.press("up", "up", "left")
+        point = plan.point
+        assert point is not None
+        await operator.press("enter")
+        dialog = await operator.at(GoDialog)
+        assert realm.arm.calls == [], "nothing moves before somebody says so"
+        assert float(dialog.query_one("#at-x", Input).value) == round(point[0], 3)
+        dialog.query_one("#yes", Button).focus()
+        await operator.press("enter")
+        await operator.until(lambda: realm.arm.calls == ["go_to"], "the arm goes")
+        await operator.until(lambda: abs(realm.arm.pose["x"] - point[0]) < 1e-3, "it is there")
+
+
+async def test_a_place_that_is_no_number_is_said_in_a_sentence_and_goes_nowhere(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.realm_client) as operator:
+        await at_plan(operator)
+        await operator.press("G")
+        dialog = await operator.at(GoDialog)
+        dialog.query_one("#at-x", Input).value = "far"
+        way = dialog.query_one("#going-way", CachedText)
+        await operator.until(lambda: "'far' is not a number" in str(way.render()), "the complaint")
+        assert dialog.query_one("#yes", Button).disabled
+        await operator.press("escape")
+        assert realm.arm.calls == []
+
+
+async def test_a_point_gets_a_name(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.realm_client) as operator:
+        await at_plan(operator)
+        await operator.press("up", "K")
+        await operator.at(NameDialog)
+        await operator.type("shelf")
+        await operator.press("enter")
+        await operator.sees("this realm keeps nothing, so it has no places")
+
+
+async def test_a_click_moves_the_cursor_and_a_click_on_it_chooses(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.realm_client) as operator:
+        plan = await at_plan(operator)
+        await operator.click("#plan")
+        assert plan.cursor is not None
+        await operator.click("#plan")
+        await operator.at(GoDialog)
