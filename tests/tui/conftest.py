@@ -19,6 +19,7 @@ from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.host import Host
 from robotree.vr.agents.view import ViewAgent
 from robotree.vr.base import envelope
+from robotree.vr.base.requests import CameraLens, Shot
 from robotree.vr.exchange import claim
 from robotree.vr.lookup import registrar
 from robotree.vr.lookup.registrar import Registrar
@@ -172,6 +173,14 @@ class Cell:
 
     def readings(self) -> Mapping[str, float]:
         return {"lever": self._arm.lever, "peak_force": 6.5}
+
+    frame = ""
+    """That of the arm, which names none either."""
+
+    async def shoot(self, camera: str, width: int, height: int, quality: int) -> Shot:
+        """The cell from 1 m above, x to the right and y up in the picture: half a turn about x."""
+        over = CameraLens(x=0.3, y=0.0, z=1.0, qw=0.0, qx=1.0, qy=0.0, qz=0.0, fovy=math.pi / 2)
+        return Shot(await self.look(camera, width, height, quality), over)
 
     async def look(self, camera: str, width: int, height: int, quality: int) -> bytes:
         if camera not in {"", *self.cameras}:

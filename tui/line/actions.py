@@ -1257,6 +1257,7 @@ ACTIONS: tuple[Action, ...] = (
         where=SHOWN,
         key="L",
     ),
+    Action("together", "Show all cameras side by side, and back.", SCREEN, where=SHOWN, key="Y"),
     Action("camera", "Show the picture of the next camera.", SCREEN, where=SHOWN, key="V"),
     Action(
         "filter",

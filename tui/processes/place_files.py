@@ -48,7 +48,9 @@ class NamedPlace(msgspec.Struct, frozen=True, kw_only=True):
 
 def coordinates_in_words(at: Mapping[str, float]) -> str:
     """Return coordinates for people: `x 0.350 m  y 0.100 m`."""
-    return "  ".join(f"{name} {at[name]:.3f} {unit}" for name, unit in COORDINATES.items() if name in at)
+    known = {name: (at[name], unit) for name, unit in COORDINATES.items() if name in at}
+    # what rounds to nothing has no sign
+    return "  ".join(f"{name} {round(value, 3) + 0.0:.3f} {unit}" for name, (value, unit) in known.items())
 
 
 class PlaceFiles:

@@ -384,7 +384,7 @@ def _go(app: OperatorApp, place: Place) -> None:
     point = _point(app) if app.screen is front else None
     frame = front.ground if point is not None else frame_of(robot)
     if frame != frame_of(robot):
-        app.foresight.ask(app, robot, point or {}, frame)
+        app.foresee(robot, point or {}, frame)
         newest = app.foresight.newest
         app.tell("" if newest is None else newest.refusal, "warning")
         return
@@ -396,9 +396,10 @@ def _go(app: OperatorApp, place: Place) -> None:
         return
 
     def answered(line: Line | None) -> None:
-        app.foresight.forget()
         if line:
-            app.perform(line)
+            app.perform(line)  # the way stays on the plan while the robot takes it
+        else:
+            app.foresight.forget()
 
     app.push_screen(GoDialog(robot, trip, frame), answered)
 
@@ -465,6 +466,7 @@ ASK: Mapping[str, Ask] = {
     "unmark": lambda app, _place: in_front(app).unmark(),
     "dismiss": _dismiss,
     "level": lambda app, _place: in_front(app).raise_level(),
+    "together": lambda app, _place: in_front(app).set_side_by_side(),
     "camera": lambda app, _place: in_front(app).turn(),
     **{name: _pane(name) for name in PANES},
 }

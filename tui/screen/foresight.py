@@ -5,7 +5,7 @@ The plan, the pictures and the dialog draw the same one. Only the newest questio
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Coroutine, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from robotree.tui.errors import SupervisorError
@@ -14,8 +14,8 @@ from robotree.tui.seen.frames import frame_of
 from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
-    from robotree.tui.screen.operator_app import OperatorApp
     from robotree.vr.base.description import RobotDescription
+    from robotree.vr.supervision.realm_client import RealmClient
 
 Point = tuple[float, float, float]
 """[m] x, y, z in the robot's frame."""
@@ -67,31 +67,42 @@ class Foresight:
         """Nobody is about to send a robot anywhere."""
         self.newest = None
 
-    def ask(self, app: OperatorApp, robot: RobotDescription, at: Mapping[str, float], frame: str) -> None:
-        """Ask a robot what it would do, in the background.
+    def ask(
+        self,
+        realm_client: RealmClient,
+        robot: RobotDescription,
+        at: Mapping[str, float],
+        frame: str,
+        readings: Mapping[str, float],
+    ) -> Coroutine[Any, Any, None] | None:
+        """Ask a robot what it would do.
 
         Args:
-            app: over whose realm.
+            realm_client: over whose realm.
             robot: which.
             at: coordinates of a point [m, rad].
             frame: in which they are.
+            readings: what the robot reads.
+
+        Returns:
+            What waits for its answer, to be run in the background; None: it need not be asked.
         """
         self.newest = Foreseen(robot.name, frame, at)
         if (moves_in := frame_of(robot)) != frame:
             why = f"{robot.name} moves in {moves_in or 'a frame of its own'}, and the point is of {frame}"
             self.newest = self.newest._replace(refusal=f"{why}; choose a robot of that place", answered=True)
-            return
+            return None
         try:
-            trip = trip_to(robot, at, app.store.readings(robot.name))
+            trip = trip_to(robot, at, readings)
         except SupervisorError as error:
             self.newest = self.newest._replace(refusal=str(error), answered=True)
-            return
+            return None
         self.newest = asked = self.newest._replace(trip=trip)
-        app.run_worker(self._answer(app, asked, trip), group="foresight", exclusive=True, exit_on_error=False)
+        return self._answer(realm_client, asked, trip)
 
-    async def _answer(self, app: OperatorApp, asked: Foreseen, trip: Trip) -> None:
+    async def _answer(self, realm_client: RealmClient, asked: Foreseen, trip: Trip) -> None:
         try:
-            answer = asked._replace(way=await preview(app.realm_client, trip), answered=True)
+            answer = asked._replace(way=await preview(realm_client, trip), answered=True)
         except (VrError, SupervisorError) as error:
             answer = asked._replace(refusal=str(error), answered=True)
         if self.newest is asked:

@@ -186,6 +186,12 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
 
     # -- verbs -------------------------------------------------------------------------------------
 
+    def foresee(self, robot: RobotDescription, at: Mapping[str, float], frame: str) -> None:
+        """Ask a robot whether it would go to a point in a frame [m, rad], and which way: see `foresight`."""
+        asking = self.foresight.ask(self.realm_client, robot, at, frame, self.store.readings(robot.name))
+        if asking is not None:
+            self.run_worker(asking, group="foresight", exclusive=True, exit_on_error=False)
+
     def progress(self, fraction: float, text: str) -> None:
         """Take how far a verb is (`verbs.Teller`). The list shows it; the log would overflow."""
         del fraction, text

@@ -20,6 +20,8 @@ if TYPE_CHECKING:  # help must not wait for the agents
 Point = tuple[float, float, float]
 """[m] x, y, z in W."""
 
+LEVEL = 0.05
+"""[m] by which one press of a key raises the plane that is pointed at."""
 FARTHEST = 50.0
 """[m] from the camera: a ray that meets the plane beyond is one towards the horizon."""
 

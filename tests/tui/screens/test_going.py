@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import pytest
 from textual.widgets import Button, Input
 
 from robotree.tui.screen.pages.going import GoDialog, NameDialog
 from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.plan_view import PlanView
+from robotree.tui.screen.widgets.pointed_picture import PointedPicture
 
 if TYPE_CHECKING:
     from screens.conftest import Operate, Operator
@@ -71,3 +73,43 @@ async def test_a_click_moves_the_cursor_and_a_click_on_it_chooses(realm: Realm, 
         assert plan.cursor is not None
         await operator.click("#plan")
         await operator.at(GoDialog)
+
+
+async def test_a_point_in_a_picture_is_where_the_robot_goes(realm: Realm, operate: Operate) -> None:
+    """The camera is 1 m above x = 0.3 and sees 90 degrees: the middle of the picture is that point."""
+    async with operate(realm.realm_client) as operator:
+        await at_plan(operator)
+        await operator.press("v")
+        picture = operator.one(PointedPicture, "#pointed")
+        await operator.until(lambda: picture.lens is not None, "a picture with its camera")
+        picture.focus()
+        await operator.press("up")
+        assert picture.point == pytest.approx({"x": 0.3, "y": 0.0}, abs=1e-9)
+        await operator.press("up", "up", "right")
+        point, field = picture.point, picture.field
+        assert point is not None
+        assert point["y"] == pytest.approx(2 * 2 / field.height)
+        assert point["x"] == pytest.approx(0.3 + 2 * picture.aspect / field.width)
+        await operator.press("enter")
+        dialog = await operator.at(GoDialog)
+        dialog.query_one("#yes", Button).focus()
+        await operator.press("enter")
+        await operator.until(lambda: abs(realm.arm.pose["y"] - point["y"]) < 1e-3, "it is there")
+
+
+async def test_all_cameras_stand_side_by_side(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.realm_client) as operator:
+        await operator.press("v")
+        picture = operator.one(PointedPicture, "#pointed")
+        await operator.until(lambda: picture.frames > 0, "a picture")
+        await operator.press("Y")
+        await operator.until(
+            lambda: (
+                {one.of for one in operator.app.screen.query(PointedPicture) if one.frames and one.seen}
+                == {("cell", "cell"), ("cell", "wrist")}
+            ),
+            "both cameras",
+        )
+        await operator.sees("cell / cell", "cell / wrist")
+        await operator.press("Y")
+        await operator.until(lambda: picture.seen, "one picture again")

@@ -14,7 +14,7 @@ from textual.widgets import Button, Input, Label, Static
 
 from robotree.tui.errors import SupervisorError
 from robotree.tui.line.going import Trip, coordinates
-from robotree.tui.line.grammar import Line
+from robotree.tui.line.grammar import Line, Value
 from robotree.tui.processes.place_files import COORDINATES, coordinates_in_words
 from robotree.tui.screen.pages.dialogs import Modal
 from robotree.tui.screen.widgets.cached_text import CachedText
@@ -48,7 +48,8 @@ class GoDialog(Modal[Line | None]):
             for name, value in self._trip.goal.items():
                 with Horizontal(classes="field-row"):
                     yield Label(name, classes="field-name", markup=False)
-                    yield Input(f"{value:.4g}", id=f"at-{name}", classes="entry", compact=True)
+                    text = f"{round(value, 3) + 0.0:.3f}"  # what rounds to nothing has no sign
+                    yield Input(text, id=f"at-{name}", classes="entry", compact=True)
                     yield Label(COORDINATES[name], classes="field-hint", markup=False)
             yield CachedText(id="going-way")
             with Horizontal(classes="buttons"):
@@ -73,7 +74,7 @@ class GoDialog(Modal[Line | None]):
             self._complaint = str(error)
         else:
             self._complaint = ""
-            self.app.foresight.ask(self.app, self._robot, at, self._frame)
+            self.app.foresee(self._robot, at, self._frame)
         self._look()
 
     def _look(self) -> None:
@@ -133,7 +134,9 @@ class NameDialog(Modal[Line | None]):
         if not name:
             return
         texts = tuple(f"{axis}={value:.4f}" for axis, value in (self._at or {}).items())
-        values = {"NEW": name, "ROBOT": self._robot, **({"COORDINATE=VALUE": texts} if texts else {})}
+        values: dict[str, Value] = {"NEW": name, "ROBOT": self._robot}
+        if texts:
+            values["COORDINATE=VALUE"] = texts
         self.dismiss(Line("places add", values))
 
     @on(Button.Pressed, "#no")

@@ -34,6 +34,8 @@ PANES = {"robots": "#robots", "plan": "#plan", "views": "#cameras", "log": "#log
 FIRST = next(iter(PANES))
 """The pane to begin with."""
 
+POINTING = {"go", "places add"}
+"""The actions with the point that is pointed at in a picture."""
 SELECTING = {"robots", "plan"}
 """The panes in which a robot is selected, so that keys can be about it."""
 
@@ -163,7 +165,7 @@ class MainPage(Page):
     @property
     def place(self) -> Place:
         """The object of keys: the selected robot, or nothing where none can be selected."""
-        if self.pane not in SELECTING or not self.selected:
+        if self.pane not in {*SELECTING, "views"} or not self.selected:
             return NOWHERE
         bond = (robot := self.app.store.described(self.selected)) and robot.bond
         return Place(self.selected, bond.parent.name, bond.slot) if bond else Place(self.selected)
@@ -176,12 +178,21 @@ class MainPage(Page):
     @property
     def point(self) -> dict[str, float] | None:
         """The point that is pointed at [m], in the frame `ground`; None: nobody points."""
+        if self.pane == "views":
+            pointing = self.query_one(ViewsPane).pointing
+            return None if pointing is None else pointing.point
         return self.query_one(PlanPane).point if self.pane == "plan" else None
 
     @property
     def ground(self) -> str:
         """Name of the frame of that point."""
-        return self.query_one(PlanPane).ground
+        pointing = self.query_one(ViewsPane).pointing if self.pane == "views" else None
+        return self.query_one(PlanPane).ground if pointing is None else pointing.ground
+
+    def set_side_by_side(self) -> None:
+        """Show all cameras side by side, or one."""
+        self.show_pane("views")
+        self.query_one(ViewsPane).beside()
 
     def look_again(self) -> None:
         """Look for other named places at the next drawing."""
@@ -282,7 +293,8 @@ class MainPage(Page):
         if action == "verb" and self.app.typing:
             return False  # the keys are letters now
         concerned = action == "verb" and BY_VERB[str(parameters[0])].about is not About.NOTHING
-        if concerned and self.is_mounted and self.pane not in SELECTING:
+        pointing = self.pane == "views" and bool(parameters) and parameters[0] in POINTING
+        if concerned and self.is_mounted and self.pane not in SELECTING and not pointing:
             return False
         return super().check_action(action, parameters)
 

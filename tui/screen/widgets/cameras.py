@@ -12,7 +12,7 @@ from textual.containers import Vertical
 from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.cached_text import CachedText, entitle
 from robotree.tui.screen.widgets.marks import tint
-from robotree.tui.screen.widgets.picture import PictureView
+from robotree.tui.screen.widgets.picture import Fetch, PictureView
 from robotree.tui.seen.cells import seen
 from robotree.vr.base.errors import VrError
 from robotree.vr.base.requests import Picture
@@ -30,6 +30,8 @@ class Cameras(CachedText):
         self.all: list[tuple[str, str]] = []
         """View and camera."""
         self.at = 0
+        self.grounds: dict[str, str] = {}
+        """By view: the name of the frame in which its cameras are."""
         self._picture: PictureView | None = None
         self._known: tuple[str, ...] | None = None
 
@@ -85,6 +87,7 @@ class Cameras(CachedText):
                 self.app.tell(str(error), "warning")
                 continue
             found += [(view, camera) for camera in described.cameras or ("",)]
+            self.grounds[view] = described.frame
         before = self.all[self.at] if self.all else None  # a person may have turned meanwhile
         if before and before not in found:
             found.append(before)  # its last picture stays, with its age, until a person turns to another one
@@ -101,7 +104,16 @@ class Cameras(CachedText):
             self._picture.show(None, "no view is listed")
             return
         view, camera = self.all[self.at]
-        self._picture.show(partial(self._fetch, view, camera), f"looking through {camera or view} …")
+        self._picture.show(self.fetch(view, camera), f"looking through {camera or view} …")
+
+    def fetch(self, view: str, camera: str) -> Fetch:
+        """Return what fetches the pictures of a camera."""
+        return partial(self._fetch, view, camera)
+
+    @property
+    def ground(self) -> str:
+        """Name of the frame in which the camera is that one looks through; empty: nobody knows."""
+        return self.grounds.get(self.all[self.at][0], "") if self.all else ""
 
     async def _fetch(self, view: str, camera: str, width: int, height: int) -> Picture:
         return await self.app.realm_client.look(

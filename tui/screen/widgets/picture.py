@@ -11,7 +11,7 @@ from rich.color import Color
 from rich.segment import Segment
 from rich.style import Style
 from textual import work
-from textual.geometry import Size
+from textual.geometry import Region, Size
 from textual.strip import Strip
 from textual.widget import Widget
 
@@ -22,7 +22,7 @@ from robotree.tui.seen.cells import clip, fit
 from robotree.tui.seen.halfblocks import BLOCK, Colour, Run, decode
 from robotree.tui.seen.status import span
 from robotree.vr.base.errors import VrError
-from robotree.vr.base.requests import Picture
+from robotree.vr.base.requests import CameraLens, Picture
 
 RATE = 4.0
 """[Hz] Pictures in a second: 5 cost 40 % of a core in a large terminal, 4 look alive."""
@@ -81,6 +81,10 @@ class PictureView(Part, Widget):
         """Size in cells for which the rows were made."""
         self.frames = 0
         """Pictures shown so far."""
+        self.lens: CameraLens | None = None
+        """Where the camera of the present picture was; None: it does not say."""
+        self.aspect = 1.0
+        """Width of that picture over its height."""
 
     def on_mount(self) -> None:
         """Look at the age of the picture once a second."""
@@ -89,7 +93,7 @@ class PictureView(Part, Widget):
     def show(self, fetch: Fetch | None, message: str = "no view is selected") -> None:
         """Look through another view from now on; `message` stands there until its first picture comes."""
         self._fetch, self._rows, self._message = fetch, [], message
-        self._jpeg, self._trouble, self._dated = b"", "", False
+        self._jpeg, self._trouble, self._dated, self.lens = b"", "", False, None
         if self.app.calm:
             self._message = "no pictures: this line is slow (--calm)"
         self.refresh()
@@ -141,9 +145,19 @@ class PictureView(Part, Widget):
             if self.app.console.color_system != "truecolor":
                 drawn = _few(drawn)
             self._rows, self._jpeg, self._trouble, self._dated = drawn, picture.jpeg, "", False
+            self.lens, self.aspect = picture.lens, picture.width / max(picture.height, 1)
             self._drawn_for = (columns, rows)
             self.frames += 1
             self.refresh()
+
+    @property
+    def field(self) -> Region:
+        """The cells that the picture fills, in the widget's own; empty: there is none."""
+        if not self._rows:
+            return Region()
+        columns = sum(count for count, _, _ in self._rows[0])
+        left, top = (self.size.width - columns) // 2, (self.size.height - len(self._rows)) // 2
+        return Region(max(left, 0), max(top, 0), columns, len(self._rows))
 
     def get_content_width(self, container: Size, viewport: Size) -> int:  # noqa: ARG002 # Textual's signature
         """Take what there is."""

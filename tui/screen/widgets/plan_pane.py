@@ -137,7 +137,7 @@ class PlanPane(Part, Horizontal):
     def _ask(self) -> None:
         robot, point = self.app.store.described(self.app.selection.name), self.point
         if robot is not None and point is not None:
-            self.app.foresight.ask(self.app, robot, point, self._ground)
+            self.app.foresee(robot, point, self._ground)
             self.draw(self.app.now())
 
     @on(PlanView.Chosen)

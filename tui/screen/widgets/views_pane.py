@@ -1,21 +1,32 @@
-"""The views: which there are, what their instruments read, and the picture of the chosen camera."""
+"""The views: which there are, what their instruments read, and the pictures: one, or all side by side."""
 
 from __future__ import annotations
 
 from rich.text import Text
 from textual import on, work
 from textual.app import ComposeResult
-from textual.containers import Horizontal, Vertical
+from textual.containers import Grid, Horizontal, Vertical
+from textual.timer import Timer
 from textual.widgets import OptionList
 from textual.widgets.option_list import Option
 
+from robotree.tui.line.going import pose_command
 from robotree.tui.screen.part import Part
+from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.cameras import Cameras
 from robotree.tui.screen.widgets.marks import tint
-from robotree.tui.screen.widgets.picture import PictureView
+from robotree.tui.screen.widgets.picture import RATE
+from robotree.tui.screen.widgets.pointed_picture import PointedPicture
 from robotree.tui.screen.widgets.readings import Readings, ShownReadings
+from robotree.tui.seen.frames import frame_of
 from robotree.vr.base.errors import VrError
 
+MOST, WIDE = 6, 110
+"""Cameras side by side at most, and columns from which on three stand in a row."""
+SLOWEST = 0.5
+"""[Hz] of a picture among many."""
+REST = 0.25
+"""[s] that the cursor rests before the robot is asked for its way."""
 INSTRUMENTS = 0.5
 """[s] between two looks at the instruments."""
 
@@ -27,6 +38,9 @@ class ViewsPane(Part, Horizontal):
         """Know no view yet."""
         super().__init__(id=id)
         self._options: list[tuple[str, str]] = []
+        self._rest: Timer | None = None
+        self.together = False
+        """All cameras are shown side by side."""
 
     def compose(self) -> ComposeResult:
         """List, instruments, picture."""
@@ -35,19 +49,27 @@ class ViewsPane(Part, Horizontal):
             yield Readings(id="instruments")
         with Vertical(classes="picture-side"):
             yield Cameras()
-            yield PictureView()
+            yield PointedPicture(id="pointed")
+            with Grid(id="side-by-side"):
+                yield from ()
 
     def on_mount(self) -> None:
         """Point the picture and read the instruments regularly."""
         self.query_one("#cameras").border_title = "cameras"
         self.query_one("#instruments").border_title = "instruments"
-        self.query_one(Cameras).attach(self.query_one(PictureView))
+        self.query_one(Cameras).attach(self.query_one("#pointed", PointedPicture))
+        self.query_one("#side-by-side").display = False
         self.set_interval(INSTRUMENTS, self.guarded(self._tick))
 
     def draw(self) -> None:
         """Draw the list of cameras."""
         cameras = self.query_one(Cameras)
         cameras.draw()
+        self.query_one("#pointed", PointedPicture).ground = cameras.ground
+        for picture in self.query(PointedPicture):
+            picture.draw()
+        if self.together and [one.of for one in self.query("#side-by-side > PointedPicture")] != self._shown:
+            self._lay_out()
         if cameras.all != self._options:
             self._options = list(cameras.all)
             options = self.query_one("#cameras", OptionList)
@@ -70,8 +92,91 @@ class ViewsPane(Part, Horizontal):
         if cameras.all:
             options.highlighted = cameras.at
 
+    # -- all at once -------------------------------------------------------------------------------
+
+    def beside(self) -> None:
+        """Show all cameras side by side, or one."""
+        self.together = not self.together
+        self.query_one(".side").display = not self.together
+        self.query_one(Cameras).display = not self.together
+        self.query_one("#pointed").display = not self.together
+        self.query_one("#side-by-side").display = self.together
+        self._lay_out()
+
+    @property
+    def _shown(self) -> list[tuple[str, str]]:
+        return self.query_one(Cameras).all[:MOST]
+
+    @work(exclusive=True, exit_on_error=False, group="side by side")
+    async def _lay_out(self) -> None:
+        """Make a picture for each camera; they share the rate of one."""
+        grid, cameras, shown = self.query_one("#side-by-side", Grid), self.query_one(Cameras), self._shown
+        await grid.remove_children()
+        if not self.together:
+            self.query_one("#cameras").focus()
+            return
+        grid.styles.grid_size_columns = min(len(shown), 2 if self.size.width < WIDE else 3) or 1
+        for view, camera in shown:
+            picture = PointedPicture(rate=max(RATE / len(shown), SLOWEST))
+            picture.of, picture.ground = (view, camera), cameras.grounds.get(view, "")
+            picture.border_title = Text(f"{view} / {camera}")
+            await grid.mount(picture)
+            picture.show(cameras.fetch(view, camera), f"looking through {camera or view} …")
+        for first in grid.query(PointedPicture).results():
+            first.focus()
+            break
+
+    # -- pointing ----------------------------------------------------------------------------------
+
+    @property
+    def pointing(self) -> PointedPicture | None:
+        """The picture in which somebody points; None: in none."""
+        found = (one for one in self.query(PointedPicture) if one.display and one.point is not None)
+        return next(iter(sorted(found, key=lambda one: not one.has_focus)), None)
+
+    @on(PointedPicture.Pointed)
+    def _pointed(self, event: PointedPicture.Pointed) -> None:
+        for other in self.query(PointedPicture):
+            if other is not event.picture:
+                other.forget()
+        self.app.foresight.forget()
+        if self._rest is not None:
+            self._rest.stop()
+        self._rest = self.set_timer(REST, self.guarded(self._ask_robot))
+
+    def _ask_robot(self) -> None:
+        picture = self.pointing
+        robot = self.app.store.described(self._robot(picture)) if picture else None
+        if picture is not None and robot is not None and picture.point is not None:
+            self.app.foresee(robot, picture.point, picture.ground)
+
+    def _robot(self, picture: PointedPicture | None) -> str:
+        """Return the robot that would go: the selected one, else the first that moves in the same frame."""
+        store, selected = self.app.store, self.app.selection.name
+        known = store.described(selected)
+        if picture is None or (known is not None and frame_of(known) == picture.ground):
+            return selected
+        there = (name for name, robot in store.descriptions.items() if frame_of(robot) == picture.ground)
+        return next((name for name in there if (pose_command(store.descriptions[name]))), selected)
+
+    @on(PointedPicture.Chosen)
+    def _chosen(self, event: PointedPicture.Chosen) -> None:
+        if event.picture.point is None:
+            self.app.tell(event.picture.why_no_point, "warning")
+        else:
+            self.app.ask_for("go", Place(self._robot(event.picture)))
+
+    @on(PointedPicture.Turned)
+    def _turned(self, event: PointedPicture.Turned) -> None:
+        store = self.app.store
+        names = sorted(n for n, one in store.descriptions.items() if frame_of(one) == event.picture.ground)
+        if names:
+            at = names.index(self.app.selection.name) if self.app.selection.name in names else -1
+            self.app.choose(names[(at + event.by) % len(names)])
+            self._ask_robot()
+
     def _tick(self) -> None:
-        if self.query_one(PictureView).seen and self.query_one(Cameras).all:
+        if self.query_one("#pointed", PointedPicture).seen and self.query_one(Cameras).all:
             self._read()
 
     @work(exclusive=True, exit_on_error=False, group="instruments")
