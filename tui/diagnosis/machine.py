@@ -18,6 +18,7 @@ from packaging.specifiers import SpecifierSet
 
 from robotree.tui.diagnosis.finding import Finding
 from robotree.tui.line.actions import ACTIONS
+from robotree.tui.processes.terminal_graphics import pictures_here
 from robotree.tui.terminal import no_screen
 from robotree.vr.base.extras import MODULES, installation, lacks
 
@@ -169,6 +170,7 @@ def abilities() -> dict[str, str]:
         "type": term or "unknown",
         "size": f"{columns}x{lines}",
         "colours": colours,
+        "pictures": pictures_here().graphics,
         "encoding": getattr(sys.stdout, "encoding", "") or "unknown",
         "within": " in ".join(within) or "nothing else",
     }  # fmt: skip

@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from textual import work
+from textual.driver import Driver
 
 from robotree.tui.line import completion, ordering
 from robotree.tui.line.action import Where
@@ -21,6 +22,7 @@ from robotree.tui.line.grammar import Line
 from robotree.tui.line.surface import Surface
 from robotree.tui.line.verbs import CALL_LIMIT, Outcome
 from robotree.tui.processes.steps import Steps
+from robotree.tui.processes.terminal_graphics import CELLS
 from robotree.tui.screen.error_boundary import ErrorBoundary
 from robotree.tui.screen.foresight import Foresight
 from robotree.tui.screen.key_guard import KeyGuard
@@ -120,10 +122,17 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         """Lines that were typed at the prompt (`prompt.Known`)."""
         self.steps = steps or Steps()
         """The step of tele-operation that was chosen last, by robot."""
+        self.pictures = CELLS
+        """How pictures are drawn in this terminal; `supervise` finds it out."""
         self.foresight = Foresight()
         """What a robot says of the way that somebody is about to send it."""
         self.errors: list[Exception] = []
         """Errors that the fence held back."""
+
+    @property
+    def driver(self) -> Driver | None:
+        """Textual's way to the terminal; None: there is none."""
+        return self._driver
 
     @staticmethod
     def now() -> float:

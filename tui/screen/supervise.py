@@ -16,6 +16,7 @@ from robotree.tui import exit_codes
 from robotree.tui.processes.state_files import state_file
 from robotree.tui.processes.steps import FILE as STEPS_FILE
 from robotree.tui.processes.steps import Steps
+from robotree.tui.processes.terminal_graphics import pictures_here
 from robotree.tui.screen import keymap
 from robotree.tui.screen.app import Supervisor
 from robotree.tui.screen.promptness import prompt_answers
@@ -100,6 +101,8 @@ async def _show(make: Callable[..., Supervisor], realm: str, store: Store) -> in
     task, ends = asyncio.current_task(), list[float]()
     while True:
         app = make(store=store, keymap=keys, calm=wants_calm(), steps=steps)
+        if not app.is_web:
+            app.pictures = pictures_here()
         code = await app.run_async()
         if task is not None and task.cancelling():  # Textual ends at a cancel as at a key, and says nothing
             raise asyncio.CancelledError

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import time
 from collections.abc import Awaitable, Callable
 from functools import lru_cache
+from itertools import count
 
 from rich.color import Color
 from rich.segment import Segment
@@ -19,6 +21,7 @@ from robotree.tui.screen.palette import reduced
 from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.seen.cells import clip, fit
+from robotree.tui.seen.graphics import DIACRITICS, Graphics, kitty, kitty_forget, placeholders, sixel
 from robotree.tui.seen.halfblocks import BLOCK, Colour, Run, decode
 from robotree.tui.seen.status import span
 from robotree.vr.base.errors import VrError
@@ -53,6 +56,15 @@ def _rich(colour: Colour) -> Color:
     return Color.from_rgb(*colour)
 
 
+_numbers = count(os.getpid() % 0x3FFF << 8 | 1)
+"""Of pictures in the terminal: other programs in it have others, as far as chance allows."""
+
+
+def divmod_thrice(number: int) -> tuple[int, int, int]:
+    """Return a number of a picture as the colour by which kitty knows it: 24 bits."""
+    return number >> 16 & 0xFF, number >> 8 & 0xFF, number & 0xFF
+
+
 def _few(rows: list[list[Run]]) -> list[list[Run]]:
     """Return a picture in the colours of a terminal that has 256."""
     return [[(count, reduced(upper), reduced(lower)) for count, upper, lower in row] for row in rows]
@@ -81,6 +93,9 @@ class PictureView(Part, Widget):
         """Size in cells for which the rows were made."""
         self.frames = 0
         """Pictures shown so far."""
+        self._number = next(_numbers)
+        self._in_pixels: tuple[Graphics, Region] = ("cells", Region())
+        """How the present picture is drawn, and into which cells."""
         self.lens: CameraLens | None = None
         """Where the camera of the present picture was; None: it does not say."""
         self.aspect = 1.0
@@ -141,6 +156,7 @@ class PictureView(Part, Widget):
         if picture.jpeg == self._jpeg and not self._dated and self._drawn_for == (columns, rows):
             return  # nothing moves: nothing is drawn
         drawn = await asyncio.to_thread(decode, picture.jpeg, columns, rows)
+        pixels = await self._pixels_of(picture.jpeg, drawn)
         if fetch is self._fetch:
             if self.app.console.color_system != "truecolor":
                 drawn = _few(drawn)
@@ -148,7 +164,59 @@ class PictureView(Part, Widget):
             self.lens, self.aspect = picture.lens, picture.width / max(picture.height, 1)
             self._drawn_for = (columns, rows)
             self.frames += 1
-            self.refresh()
+            self._put_pixels(pixels)
+
+    # -- in pixels ---------------------------------------------------------------------------------
+
+    async def _pixels_of(self, jpeg: bytes, drawn: list[list[Run]]) -> str:
+        """Return what hands a picture over to the terminal in pixels; empty: it is drawn in cells."""
+        able = self.app.pictures
+        if able.graphics == "cells" or not drawn:
+            return ""
+        columns, rows = sum(count for count, _, _ in drawn[0]), len(drawn)
+        if max(columns, rows) > len(DIACRITICS):
+            return ""
+        if able.graphics == "kitty":
+            return await asyncio.to_thread(kitty, jpeg, self._number, columns, rows, tmux=able.tmux)
+        width, height = able.cell
+        return await asyncio.to_thread(sixel, jpeg, columns * width, rows * height, self.marks())
+
+    def marks(self) -> list[tuple[float, float]]:
+        """Return what is drawn into a picture in sixels, over which no cell can be: shares of its size."""
+        return []
+
+    def _put_pixels(self, pixels: str) -> None:
+        """Draw what has come: cells that differ, and the picture into them."""
+        before, field = self._in_pixels, self.field
+        self._in_pixels = (self.app.pictures.graphics, field) if pixels else ("cells", field)
+        if not pixels or before != self._in_pixels:
+            self.refresh()  # else the cells are as they were
+        if pixels:
+            self.call_after_refresh(self._send, pixels)
+
+    def _send(self, pixels: str) -> None:
+        if not self.seen or self.app.driver is None:
+            return
+        if self.app.pictures.graphics == "sixel":
+            corner = self.content_region.offset + self.field.offset
+            pixels = f"\x1b7\x1b[{corner.y + 1};{corner.x + 1}H{pixels}\x1b8"
+        self.app.driver.write(pixels)
+
+    def on_unmount(self) -> None:
+        """Have the terminal forget the picture."""
+        able = self.app.pictures
+        if self._in_pixels[0] == "kitty" and self.app.driver is not None:
+            self.app.driver.write(kitty_forget(self._number, tmux=able.tmux))
+
+    def _cells(self, row: int) -> list[Segment]:
+        """Return a row of the picture: half cells, or what stands for its pixels."""
+        graphics, columns = self._in_pixels[0], self.field.width
+        if graphics == "kitty":
+            style = Style.from_color(Color.from_rgb(*divmod_thrice(self._number)))
+            return [Segment(cell, style) for cell in placeholders(row, columns)]
+        if graphics == "sixel":
+            return [Segment(" " * columns, self.rich_style)]
+        return [Segment(BLOCK * count, _style(upper, lower)) for count, upper, lower in self._rows[row]]
 
     @property
     def field(self) -> Region:
@@ -184,7 +252,7 @@ class PictureView(Part, Widget):
         row = y - max((self.size.height - len(self._rows)) // 2, 0)
         if not 0 <= row < len(self._rows):
             return Strip.blank(width, background)
-        cells = [Segment(BLOCK * count, _style(upper, lower)) for count, upper, lower in self._rows[row]]
+        cells = self._cells(row)
         drawn = sum(count for count, _, _ in self._rows[row])
         left = max((width - drawn) // 2, 0)
         strip = Strip([Segment(" " * left, background), *cells], left + drawn)

@@ -174,6 +174,10 @@ class PointedPicture(PictureView, can_focus=True):
         known = newest is not None and newest.frame == self.ground
         return f"{words}  {newest.words}" if newest is not None and known else words
 
+    def marks(self) -> list[tuple[float, float]]:
+        """Return where the cursor is, for pictures in sixels."""
+        return [] if self._at is None else [self._at]
+
     def _draw_way(self, newest: Foreseen, signs: dict[tuple[int, int], tuple[str, str]]) -> None:
         tone = "error" if newest.refusal else "accent"
         points = newest.points

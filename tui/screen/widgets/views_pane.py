@@ -68,7 +68,10 @@ class ViewsPane(Part, Horizontal):
         self.query_one("#pointed", PointedPicture).ground = cameras.ground
         for picture in self.query(PointedPicture):
             picture.draw()
-        if self.together and [one.of for one in self.query("#side-by-side > PointedPicture")] != self._shown:
+        if (
+            self.together
+            and [one.of for one in self.query_one("#side-by-side", Grid).query(PointedPicture)] != self._shown
+        ):
             self._lay_out()
         if cameras.all != self._options:
             self._options = list(cameras.all)
