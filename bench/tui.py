@@ -2,6 +2,7 @@
 
     python bench/tui.py [--robots 1000] [--hz 10] [--seconds 10] [--size 160x48]
     python bench/tui.py --filter
+    python bench/tui.py --plan
 
 The supervisor runs in a terminal of its own (a pty). Its robots are played in its own process by a transport
 that hands over encoded states, so decoding them is part of what is measured, and playing them, too; the
@@ -35,6 +36,8 @@ SETTLE = 4.0
 """[s] after that, until everything is drawn."""
 COUNTER = 9
 """Descriptor of the file in which the child counts the states that it was told."""
+MOST_SPREAD = 100
+"""Robots up to which each has a place of its own on the plan."""
 PRESSES = 80
 """Keys whose answer is timed."""
 
@@ -68,6 +71,16 @@ class Crowd:
         readings = [{"x": 0.1 * part, "y": 0.0, "z": 0.4, "progress": part / 20} for part in range(20)]
         self.bodies = [encode(State(busy="go_to", readings=reading)) for reading in readings]
         self.calm = encode(State(readings={"x": 0.1, "y": 0.0, "z": 0.4}))
+        self.spread = [
+            [
+                encode(
+                    State(busy="drive", readings={"x": 0.5 * (n % 10) + 0.05 * part, "y": 0.4 * (n // 10)})
+                )
+                for part in range(20)
+            ]
+            for n in range(count if count <= MOST_SPREAD else 0)
+        ]
+        """By robot: its states on its way, each robot in a place of its own."""
         self.told = 0
         self.presence = Presence(held=lambda _: [], unheard=lambda _: [])
         for address in self.addresses:  # everybody is there from the beginning
@@ -107,7 +120,8 @@ class Crowd:
             for start in range(0, len(keys), size):
                 self.told += len(keys[start : start + size])
                 for number, key in enumerate(keys[start : start + size], start):
-                    handler(key, self.bodies[(turn + number) % 20] if self.hz else self.calm)
+                    bodies = self.spread[number] if self.spread else self.bodies
+                    handler(key, bodies[(turn + number) % 20] if self.hz else self.calm)
                 due += period * size / len(keys)
                 await asyncio.sleep(max(due - time.monotonic(), 0.0))
 
@@ -200,8 +214,10 @@ class Terminal:
         os.close(self.fd)
 
 
-def measure(name: str, count: int, hz: float, arguments: argparse.Namespace, *, calm: bool = False) -> None:
-    """Run one case and print its line; no robots: Textual alone."""
+def measure(  # what a case is
+    name: str, count: int, hz: float, arguments: argparse.Namespace, *, calm: bool = False, keys: bytes = b""
+) -> None:
+    """Run one case and print its line; no robots: Textual alone. `keys` are pressed before it."""
     words = [__file__, "--play", str(count), str(hz), *(["calm"] if calm else [])]
     if not count:
         words = [__file__, "--bare"]
@@ -210,6 +226,9 @@ def measure(name: str, count: int, hz: float, arguments: argparse.Namespace, *, 
     try:
         terminal.drain(LATEST, first=True)
         terminal.drain(SETTLE)
+        if keys:
+            os.write(terminal.fd, keys)
+            terminal.drain(SETTLE / 2)
         before, told = terminal.cpu(), terminal.told()
         sent, took = terminal.drain(arguments.seconds)
         share, states = (terminal.cpu() - before) / took, (terminal.told() - told) / took
@@ -277,6 +296,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--size", default="160x48")
     parser.add_argument("--filter", action="store_true", help="time the first `/` alone")
+    parser.add_argument("--plan", action="store_true", help="measure the plan of a place alone")
     parser.add_argument("--play", nargs="+", help=argparse.SUPPRESS)
     parser.add_argument("--bare", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
@@ -292,6 +312,10 @@ def main() -> None:
     )
     if arguments.filter:
         first_filter(arguments.robots, arguments)
+        return
+    if arguments.plan:
+        measure("100 robots, 4 Hz, list", 100, 4.0, arguments)
+        measure("100 robots, 4 Hz, plan", 100, 4.0, arguments, keys=b"F")
         return
     measure("bare Textual, one widget", 0, 0.0, arguments)
     measure("5 robots, idle", 5, 0.0, arguments)

@@ -51,7 +51,7 @@ class PointedPicture(PictureView, can_focus=True):
     def __init__(self, *, id: str | None = None, rate: float = RATE) -> None:  # noqa: A002 # Textual's name for it
         """Show nothing yet."""
         super().__init__(id=id, rate=rate)
-        self.of = ("", "")
+        self.of: tuple[str, str] = ("", "")
         """View and camera."""
         self.ground = ""
         """Name of the frame in which the camera is; empty: nobody knows."""

@@ -121,7 +121,8 @@ class ViewsPane(Part, Horizontal):
         grid.styles.grid_size_columns = min(len(shown), 2 if self.size.width < WIDE else 3) or 1
         for view, camera in shown:
             picture = PointedPicture(rate=max(RATE / len(shown), SLOWEST))
-            picture.of, picture.ground = (view, camera), cameras.grounds.get(view, "")
+            picture.of = view, camera
+            picture.ground = cameras.grounds.get(view, "")
             picture.border_title = Text(f"{view} / {camera}")
             await grid.mount(picture)
             picture.show(cameras.fetch(view, camera), f"looking through {camera or view} …")
