@@ -98,7 +98,7 @@ async def test_the_arm_goes_where_somebody_points(tmp_path: Path, monkeypatch: p
 
 
 async def named_places(realm_client: Any) -> None:
-    """A place has a name, which stands for it wherever a pose is asked; what is out of reach is a sentence."""
+    """A name stands for a place wherever a pose is asked; what is out of reach is one sentence."""
     code, place = await asyncio.to_thread(
         say, "places", "add", "shelf", "of", "arm-1", "x=0.35", "y=0.15", "z=0.3"
     )
