@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import contextlib
 import os
 import re
 import subprocess
@@ -36,6 +37,7 @@ from robotree.tui.screen.place import Place
 from robotree.tui.screen.user_app import UserApp
 from robotree.tui.wire.security import realm_key
 from robotree.vr.base.envelope import sitting_at
+from robotree.vr.base.errors import VrError
 from robotree.vr.supervision.realm_client import RealmClient
 
 HERE = Path(__file__).parent
@@ -172,6 +174,46 @@ async def log(stage: Stage) -> None:
 async def views(stage: Stage) -> None:
     """The pictures of the workspace."""
     await stage.open("views")
+
+
+@scene(BIG, USUAL, SMALL, SIXTEEN)
+async def plan(stage: Stage) -> None:
+    """The place of the arm from above, with two named places and the way to the cursor."""
+    await at_the_plan(stage)
+
+
+@scene(BIG, USUAL, SMALL, SIXTEEN)
+async def going(stage: Stage) -> None:
+    """The arm is about to be sent somewhere, and says which way it would take."""
+    await at_the_plan(stage)
+    await stage.pilot.press("enter")
+    await stage.settle()
+
+
+async def at_the_plan(stage: Stage) -> None:
+    """Free the arm, name two places, and move the cursor of the plan."""
+    with contextlib.suppress(VrError):  # the scene before has
+        await stage.realm_client.release("mover", "arm")
+    for line in ("places add shelf of arm-1 x=0.35 y=0.25 z=0.3", "places add tray of arm-1 x=0.2 y=-0.35"):
+        await stage.app.attempt(stage.app.prompt.parse(line.split()))
+    stage.app.choose("arm-1")
+    await stage.key("plan")
+    await stage.settle()
+    await stage.pilot.press(*["up"] * 4, *["left"] * 6)
+    await stage.settle()
+
+
+@scene(BIG, USUAL, SMALL, SIXTEEN)
+async def together(stage: Stage) -> None:
+    """All cameras side by side, and a point in one of them."""
+    with contextlib.suppress(VrError):
+        await stage.realm_client.release("mover", "arm")
+    stage.app.choose("arm-1")
+    await stage.open("views")
+    await stage.key("together")
+    await stage.settle()
+    await stage.pilot.press("down", "down", "down")
+    await stage.settle()
 
 
 @scene(BIG, USUAL)

@@ -17,6 +17,7 @@ class BasePreviewGoToResult:
     z: list[Annotated[float, Unit("m")]]
     duration: Annotated[float, Unit("s"), "when nothing holds it up; 0: not known"]
     checked: Annotated[bool, "whether the controller was asked: else only the limits were compared"]
+    refusal: Annotated[str, "why it would be refused now; empty: it would not"]
 
 
 @dataclass(kw_only=True)
@@ -49,6 +50,7 @@ class BasePreviewDriveResult:
     z: list[Annotated[float, Unit("m")]]
     duration: Annotated[float, Unit("s"), "when nothing holds it up; 0: not known"]
     checked: Annotated[bool, "whether the controller was asked: else only the limits were compared"]
+    refusal: Annotated[str, "why it would be refused now; empty: it would not"]
 
 
 class Base(Kind):
@@ -92,7 +94,7 @@ class Base(Kind):
         *,
         within: Within = None,
     ) -> BasePreviewGoToResult:
-        """Tell the way that `go_to` would take, or fail as it would; nothing moves."""
+        """Tell the way that `go_to` would take, or why it would be refused; nothing moves."""
         raise NotImplementedError
 
     @promised(effect="read")
@@ -133,7 +135,7 @@ class Base(Kind):
         *,
         within: Within = None,
     ) -> BasePreviewDriveResult:
-        """Tell the way that `drive` would take, or fail as it would; nothing moves."""
+        """Tell the way that `drive` would take, or why it would be refused; nothing moves."""
         raise NotImplementedError
 
     @promised(effect="repeat")

@@ -17,6 +17,7 @@ class LimbPreviewGoToResult:
     z: list[Annotated[float, Unit("m")]]
     duration: Annotated[float, Unit("s"), "when nothing holds it up; 0: not known"]
     checked: Annotated[bool, "whether the controller was asked: else only the limits were compared"]
+    refusal: Annotated[str, "why it would be refused now; empty: it would not"]
 
 
 @dataclass(kw_only=True)
@@ -86,7 +87,7 @@ class Limb(Kind):
         *,
         within: Within = None,
     ) -> LimbPreviewGoToResult:
-        """Tell the way that `go_to` would take, or fail as it would; nothing moves."""
+        """Tell the way that `go_to` would take, or why it would be refused; nothing moves."""
         raise NotImplementedError
 
     @promised(effect="read")

@@ -120,7 +120,7 @@ class Arm(RobotProxy):
 
     @command(effect="read")
     def preview_go_to(self, x: X, y: Y, z: Z, twist: Twist, speed: ToolSpeed = USUAL_SPEED) -> PreviewedWay:
-        """Tell the way that `go_to` would take, or fail as it would; nothing moves."""
+        """Tell the way that `go_to` would take, or why it would be refused; nothing moves."""
         return self.foresee(GoTo(x=x, y=y, z=z, twist=twist, speed=speed))
 
     @command(effect="read", offline="memory")

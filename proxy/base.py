@@ -119,7 +119,7 @@ class Base(Rover):
 
     @command(effect="read")
     def preview_drive(self, x: X, y: Y, heading: Heading, speed: BaseSpeed = USUAL_SPEED) -> PreviewedWay:
-        """Tell the way that `drive` would take, or fail as it would; nothing moves."""
+        """Tell the way that `drive` would take, or why it would be refused; nothing moves."""
         return self.foresee(Drive(x=x, y=y, heading=heading, speed=speed))
 
     @command(effect="repeat", offline="queue")
@@ -129,7 +129,7 @@ class Base(Rover):
 
     @command(effect="read")
     def preview_go_to(self, x: X, y: Y, speed: BaseSpeed = USUAL_SPEED) -> PreviewedWay:
-        """Tell the way that `go_to` would take, or fail as it would; nothing moves."""
+        """Tell the way that `go_to` would take, or why it would be refused; nothing moves."""
         return self.foresee(self._to(x, y, speed))
 
     def _to(self, x: float, y: float, speed: float) -> Motion:

@@ -61,6 +61,12 @@ class PreviewedWay(msgspec.Struct, frozen=True, kw_only=True):
     z: Metres
     duration: Annotated[float, Unit("s"), "when nothing holds it up; 0: not known"]
     checked: Annotated[bool, "whether the controller was asked: else only the limits were compared"]
+    refusal: Annotated[str, "why it would be refused now; empty: it would not"] = ""
+
+
+def refused_way(why: str) -> PreviewedWay:
+    """Return the preview of a motion that would be refused. Pure."""
+    return PreviewedWay(x=[], y=[], z=[], duration=0.0, checked=True, refusal=why)
 
 
 def way_of(told: WayStatus) -> PreviewedWay:

@@ -36,7 +36,7 @@ from robotree.proxy.connection import Connection, Dial
 from robotree.proxy.desired_mode import ReleaseConfirmed, ReleaseRefused, ReleaseUnanswered, StopConfirmed
 from robotree.proxy.guard import NO_LIMITS, EpochCheck, Limits, changed, check
 from robotree.proxy.mode_requests import ModeRequest, ModeRequests
-from robotree.proxy.motion import Hold, Motion, PreviewedWay, Request, way_of
+from robotree.proxy.motion import Hold, Motion, PreviewedWay, Request, refused_way, way_of
 from robotree.proxy.outcome import error_of, reason_in_words, silence_in_words, unclear
 from robotree.proxy.pending_goals import NotSent, OutcomeLost, PendingGoal, PendingGoals
 from robotree.proxy.session import (
@@ -64,7 +64,7 @@ from robotree.vr.author.robot import Robot
 from robotree.vr.author.stream import Sending
 from robotree.vr.base.chance import bits
 from robotree.vr.base.description import LINK, OPEN_LINK, SIGNED_LINK, Effect
-from robotree.vr.base.errors import CommandCancelled, CommandFailed, DeadlineExceeded
+from robotree.vr.base.errors import BadArgument, CommandCancelled, CommandFailed, DeadlineExceeded
 from robotree.vr.running.runner import Runner, Threads
 
 _log = logging.getLogger(__name__)
@@ -318,19 +318,17 @@ class RobotProxy(Robot):
             motion: what it would be to do.
 
         Returns:
-            The way; unchecked, if the controller answers no such questions.
-
-        Raises:
-            BadArgument: a value is out of its limit.
-            CommandFailed: the controller is offline, obeys somebody else, or would refuse it.
+            The way, or why it would be refused, which is no failure of the question; unchecked, if the
+            controller answers no such questions.
         """
         self.check()
         self._wait_until_settled()
-        check(motion, self.limits, command=f"{self.name}.{self.context.command}")
-        if self.denied:
-            raise self._failed(self.denied)
-        if not self.online:
-            raise self._failed(f"{self._session.trouble}; {NEXT}")
+        try:
+            check(motion, self.limits, command=self.name)
+        except BadArgument as error:
+            return refused_way(f"{error.data['parameter']} {error.data['reason']}")
+        if barred := self.denied or (not self.online and f"{self._session.trouble}; {NEXT}"):
+            return refused_way(barred)
         verb, args = motion.request()
         number, asked = bits(31) or 1, self.asked_at
         padded = (*args, *[math.nan] * (7 - len(args)))
@@ -346,12 +344,11 @@ class RobotProxy(Robot):
             activity.wait_for(answered, READING_TIMEOUT)
         found = session.twin.after(WayStatus, asked)
         if session.trouble:
-            raise self._failed(f"{session.trouble}; {NEXT}")
+            return refused_way(f"{session.trouble}; {NEXT}")
         if found is None or found.number != number:
             return PreviewedWay(x=[], y=[], z=[], duration=0.0, checked=False)
-        if found.reason != Reason.NONE:
-            raise self._failed(found.text.rstrip(". ") or reason_in_words(found.reason))
-        return way_of(found)
+        refusal = found.text.rstrip(". ") or reason_in_words(found.reason)
+        return way_of(found) if found.reason == Reason.NONE else refused_way(refusal)
 
     def tell(self, message: AnyMessage) -> None:
         """Send something once that is no motion; only the controller knows whether it has come."""

@@ -122,7 +122,7 @@ class Rover(RobotProxy):
 
     @command(effect="read")
     def preview_go_to(self, x: FloorX, y: FloorY, speed: DriveSpeed = USUAL_SPEED) -> PreviewedWay:
-        """Tell the way that `go_to` would take, or fail as it would; nothing moves."""
+        """Tell the way that `go_to` would take, or why it would be refused; nothing moves."""
         return self.foresee(self._to(x, y, speed))
 
     def _to(self, x: float, y: float, speed: float) -> Motion:

@@ -14,7 +14,16 @@ import pytest
 
 from robotree.protocol.links.link import Listener
 from robotree.protocol.links.url import listen
-from robotree.protocol.messages import Goal, GoalState, Gripper, ModeKind, Reason, Verb
+from robotree.protocol.messages import (
+    Goal,
+    GoalState,
+    Gripper,
+    ModeKind,
+    Reason,
+    Verb,
+    WayRequest,
+    WayStatus,
+)
 from robotree.protocol.services.goal_client import GoalClient
 from robotree.proxy import outcome, robot_proxy, session
 from robotree.proxy.arm import Arm
@@ -451,3 +460,63 @@ async def test_a_proxy_of_the_wrong_kind_says_so(make_controller: type[Controlle
         await scene.online()
         with pytest.raises(CommandFailed, match="sends no LOCAL_POSITION_NED; is it a Rover"):
             await scene.client.call("get_info", {})
+
+
+def questions(scene: Scene) -> list[WayRequest]:
+    return [message for message in scene.controller.heard if isinstance(message, WayRequest)]
+
+
+async def test_a_preview_is_what_the_controller_says_and_begins_nothing(scene: Scene) -> None:
+    await scene.online()
+    asked = scene.begin("preview_go_to", POINT)
+    await until(lambda: bool(questions(scene)), "the question arrives")
+    (question,) = questions(scene)
+    assert question.verb == Verb.GO_TO
+    assert question.args[:4] == pytest.approx((0.3, 0.1, 0.4, 0.5))
+    nothing = (0.0,) * 10
+    for number in (question.number + 1, question.number):  # the first answers somebody else
+        way = WayStatus(
+            number,
+            (0.1, 0.3, *nothing),
+            (0.0, 0.1, *nothing),
+            (0.4, 0.4, *nothing),
+            1.5,
+            Reason.NONE,
+            1,
+            1,
+            2,
+            "",
+        )
+        scene.controller.say(way)
+    told = await asked
+    assert (told["checked"], told["refusal"], told["duration"]) == (True, "", 1.5)
+    assert told["x"] == pytest.approx([0.1, 0.3])
+    assert scene.goals == []
+
+
+async def test_a_refusal_is_the_result_of_a_preview_in_the_words_of_the_controller(scene: Scene) -> None:
+    await scene.online()
+    asked = scene.begin("preview_go_to", POINT)
+    await until(lambda: bool(questions(scene)), "the question arrives")
+    number, none = questions(scene)[0].number, (0.0,) * 12
+    scene.controller.say(
+        WayStatus(number, none, none, none, 0.0, Reason.OUT_OF_REACH, 1, 1, 0, "It is too far away.")
+    )
+    assert (await asked)["refusal"] == "It is too far away"
+
+
+async def test_a_preview_beyond_the_limits_asks_nobody(make_controller: type[Controller]) -> None:
+    async with acting(make_controller(), lambda url: Arm("arm-1", url, {"x": Span(0.0, 0.2, "m")})) as scene:
+        await scene.online()
+        told = await scene.client.call("preview_go_to", POINT)
+        assert told["refusal"] == "x 0.3 m is outside 0 to 0.2 m"
+        assert questions(scene) == []
+
+
+async def test_a_controller_that_tells_no_ways_has_only_its_limits_compared(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(robot_proxy, "READING_TIMEOUT", 0.1)
+    await scene.online()
+    told = await scene.client.call("preview_go_to", POINT)
+    assert (told["checked"], told["refusal"], told["x"]) == (False, "", [])

@@ -74,7 +74,7 @@ async def test_the_arm_goes_where_somebody_points(tmp_path: Path, monkeypatch: p
         try:
             await asyncio.to_thread(person.shows, b"arm-1")
             await asyncio.to_thread(person.types, "F", sees="from above")
-            await asyncio.to_thread(person.types, UP * 6 + LEFT * 3, sees="the robot would go")
+            await asyncio.to_thread(person.types, UP * 2 + LEFT, sees="the robot would go")
             found = CURSOR.search(plain(person.shown))
             await asyncio.to_thread(person.types, ENTER, sees="Send arm-1 there?")
             await asyncio.to_thread(person.types, RIGHT + ENTER, sees="is done")

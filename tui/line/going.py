@@ -101,6 +101,8 @@ async def preview(realm_client: RealmClient, trip: Trip) -> dict[str, Any] | Non
         VrError: why it would be refused, in the words of whoever refuses it: the policy, the robot (its
             lease, its limits) or its controller (reach, way, stop).
     """
+    from robotree.vr.base.errors import CommandFailed
+
     robot = await realm_client.describe(trip.robot)
     denied = realm_client.refused("command", robot.name, robot.kinds, trip.command)
     if denied is not None:
@@ -111,6 +113,8 @@ async def preview(realm_client: RealmClient, trip: Trip) -> dict[str, Any] | Non
     way: dict[str, Any] = plain(
         await realm_client.call(trip.robot, command, trip.arguments, deadline=PREVIEW_WITHIN)
     )
+    if way.get("refusal"):
+        raise CommandFailed(robot=trip.robot, command=trip.command, detail=way["refusal"])
     return way
 
 
