@@ -106,6 +106,16 @@ PAGE_KEYS: tuple[PageKey, ...] = (
     ),
     PageKey(
         page="panel",
+        name="halt",
+        key="exclamation_mark",
+        action="halt",
+        help=f"Stop this robot alone, or the members of this group, {AT_REST} or while the form runs.",
+        shown="!",
+        verb="stop",
+        while_busy=True,
+    ),
+    PageKey(
+        page="panel",
         name="about",
         key="i",
         action="about",

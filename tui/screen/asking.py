@@ -15,6 +15,7 @@ from robotree.tui.screen.operator_app import OperatorApp
 from robotree.tui.screen.pages.dialogs import Confirm, Reading
 from robotree.tui.screen.pages.enslave import EnslaveDialog, Opening, ReleaseDialog, openings
 from robotree.tui.screen.pages.going import GoDialog, NameDialog
+from robotree.tui.screen.pages.group import GroupPanel
 from robotree.tui.screen.pages.help import help_text
 from robotree.tui.screen.pages.host import HostDialog
 from robotree.tui.screen.pages.main import PANES, in_front, main_page
@@ -42,6 +43,9 @@ MADE = "VirtualRobot"
 
 def _panel(app: OperatorApp, place: Place) -> None:
     name = place.name
+    if app.store.group(name):
+        app.push_screen(GroupPanel(name, app.store))
+        return
     if place.slot and not name:  # what one wants of an empty slot is to fill it
         _enslave(app, place)
         return
@@ -74,11 +78,33 @@ def _rebond(app: OperatorApp, parent: str, slot: str, child: str) -> None:
 
 
 def _set(app: OperatorApp, place: Place) -> None:
+    if app.store.group(place.name):
+        app.push_screen(GroupPanel(place.name, app.store, "set"))
+        return
     robot = app.store.descriptions.get(place.name)
     if robot is None or not wording.settings(robot):
         app.tell(f"{place.name} has no settings" if place.name else "no robot is selected", "warning")
     else:
         app.push_screen(PanelPage(robot, "set"))
+
+
+def _of_robots(ask: Ask) -> Ask:
+    """Ask what concerns one robot; a group is told apart."""
+
+    def asked(app: OperatorApp, place: Place) -> None:
+        if app.store.group(place.name):
+            app.tell(f"{place.name} is a group: select one of its members for that", "warning")
+        else:
+            ask(app, place)
+
+    return asked
+
+
+def _show(app: OperatorApp, place: Place) -> None:
+    if app.store.group(place.name):
+        app.do("groups", GROUP=place.name)
+    else:
+        _about_robot("show")(app, place)
 
 
 def _create(app: OperatorApp, _place: Place) -> None:
@@ -130,6 +156,9 @@ def _delete(app: OperatorApp, place: Place) -> None:
         _delete_marked(app)
         return
     name = place.name
+    if app.store.group(name):
+        confirm_line(app, Line("group", {"GROUP": name, "--delete": True}))
+        return
     robot = app.store.descriptions.get(name)
     if robot is None:
         app.tell("no robot is selected", "warning")
@@ -306,6 +335,8 @@ def _consequence(app: OperatorApp, line: Line) -> str:
             parent, _, slot = line.text("PARENT.SLOT").partition(".")
             child = _child(store, parent, slot) or "The child"
             return f"{child} stops what it does for {parent}, and can be commanded by others again."
+        case "group":
+            return f"{line.text('GROUP')} is a name no more; its robots stay as they are."
         case "resume":
             return f"{', '.join(store.stopped) or 'All robots'} may move again when commanded. Is all clear?"
         case _:
@@ -337,8 +368,11 @@ def _pane(name: str) -> Ask:
 
 
 def _role(app: OperatorApp, place: Place) -> None:
-    robot = app.store.descriptions.get(place.name)
-    known = robot.attributes.get("roles", "").split() if robot else []
+    group = app.store.group(place.name)
+    members = [app.store.descriptions.get(name) for name in (group.members if group else (place.name,))]
+    robot = members[0] if members else None
+    each = [one.attributes.get("roles", "").split() if one else [] for one in members]
+    known = [role for role in each[0] if all(role in other for other in each)] if each else []
     if not known:
         app.tell(f"{place.name} plays no roles" if place.name else "no robot is selected", "warning")
         return
@@ -435,19 +469,19 @@ ASK: Mapping[str, Ask] = {
     "panel": _panel,
     "create": _create,
     "set": _set,
-    "migrate": _migrate,
-    "reload": _about_robot("reload"),
-    "enslave": _enslave,
-    "release": _release,
+    "migrate": _of_robots(_migrate),
+    "reload": _of_robots(_about_robot("reload")),
+    "enslave": _of_robots(_enslave),
+    "release": _of_robots(_release),
     "delete": _delete,
-    "go": _go,
-    "places add": _keep,
-    "show": _about_robot("show"),
-    "history": _about_robot("history"),
-    "why": _about_robot("why", "NAME|KEY"),
+    "go": _of_robots(_go),
+    "places add": _of_robots(_keep),
+    "show": _show,
+    "history": _of_robots(_about_robot("history")),
+    "why": _of_robots(_about_robot("why", "NAME|KEY")),
     "cancel": _cancel,
     "pause": _about_robot("pause"),
-    "step": _about_robot("step"),
+    "step": _of_robots(_about_robot("step")),
     "continue": _about_robot("continue"),
     "stop": _stop,
     "resume": _resume,

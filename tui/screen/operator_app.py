@@ -264,7 +264,12 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
     def _note_stop(self, line: Line, outcome: Outcome | Refusal) -> None:
         """Keep who has confirmed a stop and who has not, until it is resumed."""
         if line.verb == "stop":
-            if isinstance(outcome, Outcome):
+            if isinstance(outcome, Outcome) and "group" in outcome.data:
+                each = outcome.data["members"]
+                told = [one["name"] for one in each if one["ok"]]
+                untold = {one["name"]: one["detail"] for one in each if not one["ok"]}
+                self.store.end_stop(told, untold, self.now())
+            elif isinstance(outcome, Outcome):
                 self.store.end_stop(outcome.data["stopped"], {}, self.now())
             elif isinstance(outcome.error, NotConfirmed):
                 data = outcome.error.data

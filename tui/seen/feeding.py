@@ -14,10 +14,11 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from robotree.tui.seen import absence, unlisted
-from robotree.tui.seen.store import Away, Store
+from robotree.tui.seen.store import Away, SeenGroup, Store
 from robotree.vr.base.address import Address, Role, shown_address
 from robotree.vr.base.errors import NoSuchPermit, TransportClosed, VrError
 from robotree.vr.network.permit_file import permits_beside
+from robotree.vr.supervision.groups import members_among
 
 if TYPE_CHECKING:
     from robotree.vr.base.description import RobotDescription
@@ -209,6 +210,18 @@ class Feed:
         )
         self.store.take_results(len(await orders.inbox()), self.clock(), RESULTS)
 
+    def _take_groups(self, tree: Sequence[RobotDescription]) -> None:
+        """Take who is in each group now, from what robots have just said of themselves."""
+        found: dict[str, SeenGroup] = {}
+        for name, group in self.realm_client.groups.all().items():
+            try:
+                members = members_among(self.realm_client, group, tree)
+            except VrError as error:  # its rule names a group that there is no more
+                found[name] = SeenGroup(str(error))
+            else:
+                found[name] = SeenGroup(group.about, tuple(one.name for one in members if one.sure))
+        self.store.take_groups(found)
+
     async def _look(self) -> None:
         try:
             tree = await self.realm_client.tree()
@@ -224,6 +237,7 @@ class Feed:
             self._tell_of_trouble({host.address.name: host.trouble for host in hosts})
             self.store.take_services(self.realm_client.services, self.clock(), stale=self.realm_client.stale)
             await self._take_away()
+            self._take_groups(tree)
         except VrError as error:
             self.store.tell(f"cannot see the tree: {error}", "warning", self.clock())
         except Exception:  # the last fence of this task: the supervisor goes on with what it knows

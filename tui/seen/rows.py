@@ -37,6 +37,8 @@ class Placement:
     """The parent's slot that it is in."""
     rail: str = ""
     """The lines of the tree before its name."""
+    group: bool = False
+    """It is a group of robots, and no robot."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +120,8 @@ def family(store: Store) -> tuple[Placement, ...]:
             placements[placement.name] = placement
             children = reversed(below.get(placement.name, {}).items())
             stack += [Placement(name, placement.depth + 1, placement.name, slot) for name, slot in children]
-    return _railed(placements.values())
+    groups = [Placement(name, group=True) for name in sorted(store.groups.keys() - names, key=natural)]
+    return (*groups, *_railed(placements.values()))
 
 
 def _railed(placements: Iterable[Placement]) -> tuple[Placement, ...]:
@@ -133,6 +136,8 @@ def row(
 ) -> RobotRow:
     """Return one robot as the list shows it at this moment [s]; `wide`: with epoch, lease and process."""
     name = placement.name
+    if placement.group:
+        return _group_row(store, placement, now, marked=name in marks)
     robot, listing, absent = store.described(name), store.robots.get(name), store.absent.get(name)
     known = robot or listing
     agent = known or absent
@@ -155,6 +160,22 @@ def row(
         process=process,
         unguarded=known is not None and known.unguarded,
         denied=bool(store.denied(name)),
+    )
+
+
+def _group_row(store: Store, placement: Placement, now: float, *, marked: bool) -> RobotRow:
+    """Return a group as the list shows it: how its members are, and who they are."""
+    group, name = store.group(placement.name), placement.name
+    count = len(group.members) if group else 0
+    return RobotRow(
+        placement,
+        kind=f"group of {count}",
+        status=store.status(name, now),
+        state=store.doing(name, now),
+        by="",
+        host="",
+        about=wording.summary(group.about) if group else "",
+        marked=marked,
     )
 
 
@@ -193,7 +214,7 @@ def listed(
         return _railed(placements)
     if order == "problems":
         return _railed(_worst_first(store, placements, now))
-    flat = [Placement(one.name, parent=one.parent) for one in placements]
+    flat = [Placement(one.name, parent=one.parent, group=one.group) for one in placements]
     flat.sort(key=lambda placement: natural(placement.name))
     if key := _KEYS.get(order):
         made = {placement.name: key(row(store, placement, now)) for placement in flat}
@@ -209,7 +230,7 @@ def _matching(store: Store, placements: Sequence[Placement], now: float, letters
         above = depths.get(placement.parent, -1)
         if matching.matches(wanted, FilterFields(store, placement, now)):
             depths[placement.name] = above + 1
-            found.append(Placement(placement.name, above + 1, placement.parent, placement.slot))
+            found.append(replace(placement, depth=above + 1, rail=""))
         else:
             depths[placement.name] = above
     return found
@@ -252,6 +273,8 @@ class FilterFields(Mapping[str, str]):
 
 
 def _kinds(store: Store, placement: Placement, _now: float) -> str:
+    if placement.group:
+        return "group"
     known = store.described(placement.name) or store.robots.get(placement.name)
     return " ".join(known.kinds) if known else ""
 
@@ -263,6 +286,8 @@ def _host(store: Store, placement: Placement, _now: float) -> str:
 
 
 def _about(store: Store, placement: Placement, _now: float) -> str:
+    if group := store.group(placement.name):
+        return f"{group.about} {' '.join(group.members)}"
     return f"{placement.slot} {store.speaks_of(placement.name)}"
 
 

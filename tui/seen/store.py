@@ -117,6 +117,16 @@ class Away:
 
 
 @dataclass(frozen=True, slots=True)
+class SeenGroup:
+    """A group of robots: a line of its own in the list."""
+
+    about: str
+    """Whom it has, in words."""
+    members: tuple[str, ...] = ()
+    """Their names, as far as somebody knows."""
+
+
+@dataclass(frozen=True, slots=True)
 class Missed:
     """An agent that is on no list any more; why must be found out."""
 
@@ -179,6 +189,8 @@ class Store:
     """[s] when that was known."""
     away: dict[str, Away] = field(default_factory=dict[str, Away])
     """Robots by name that are not here and that directories remember."""
+    groups: dict[str, SeenGroup] = field(default_factory=dict[str, SeenGroup])
+    """Groups by name, as this machine keeps them; a robot that is known comes before a group of its name."""
     results: int = 0
     """How many results of this person's orders wait."""
     permits: tuple[Permit, ...] = ()
@@ -437,6 +449,14 @@ class Store:
             self.away = found
             self.revision += 1
 
+    def take_groups(self, groups: Mapping[str, SeenGroup]) -> None:
+        """Take the groups of the realm, and who is in each now."""
+        if groups.keys() != self.groups.keys():
+            self.family += 1
+        if groups != self.groups:
+            self.groups = dict(groups)
+            self.revision += 1
+
     def take_results(self, count: int, now: float, how: str) -> None:
         """Take how many results wait for this person, and tell of new ones; `how` they are shown."""
         if count > self.results:
@@ -490,8 +510,9 @@ class Store:
             self._tell_change(name, old, state, now)
 
     def begin_stop(self, name: str, now: float) -> None:
-        """Note that a robot, or all (empty), are asked to stop."""
-        self.stop = StopRound.begin([name] if name else self.known, now)
+        """Note that a robot, the members of a group, or all (empty), are asked to stop."""
+        group = self.group(name)
+        self.stop = StopRound.begin(group.members if group else [name] if name else self.known, now)
 
     def end_stop(self, told: Iterable[str], untold: Mapping[str, str], now: float) -> None:
         """Note what came of that (`StopRound.end`)."""
@@ -668,15 +689,36 @@ class Store:
             return "gone", LEFT
         return None
 
+    def group(self, name: str) -> SeenGroup | None:
+        """Return the group of this name; None: there is none, or a robot has this name."""
+        found = self.groups.get(name)
+        if found is None:  # asked for each row that is drawn: with no group this costs nothing
+            return None
+        return None if name in self.known else found
+
+    def _of_members(self, group: SeenGroup, now: float) -> list[tuple[Status, int]]:
+        """Return how many members of a group have each status, the worst status first."""
+        known = self.known
+        found = Counter(self.status(one, now) if one in known else "gone" for one in group.members)
+        return [(each, found[each]) for each in status.STATUSES if found[each]]
+
     def status(self, name: str, now: float) -> Status:
-        """Return how a robot is, in one word. All pages ask this, or `doing`, and nothing else."""
+        """Return how a robot is, in one word; of a group, how the worst of its members is.
+
+        All pages ask this, or `doing`, and nothing else.
+        """
+        if group := self.group(name):
+            of_members = self._of_members(group, now)
+            return of_members[0][0] if of_members else "free"
         if away := self._away(name, now):
             return away[0]
         condition = self._condition_of(name)
         return status.status_of(condition, self._lacks(name)) if condition else "free"
 
     def answers(self, name: str, now: float) -> bool:
-        """Whether a robot is there to be commanded: it neither hangs nor has gone."""
+        """Whether a robot is there to be commanded: it neither hangs nor has gone; of a group, if one is."""
+        if group := self.group(name):
+            return any(self.answers(one, now) for one in group.members)
         return self.status(name, now) not in {"hangs", "gone", "away"}
 
     def doing(self, name: str, now: float) -> str:
@@ -685,6 +727,9 @@ class Store:
         return f"{words} · {place}" if place else words
 
     def _doing(self, name: str, now: float) -> str:
+        if group := self.group(name):
+            counted = [f"{count} {each}" for each, count in self._of_members(group, now)]
+            return ", ".join(counted) or "nobody is in it now"
         if away := self._away(name, now):
             return away[1]
         condition, heard = self._condition_of(name), self._heard.get(name)

@@ -4,6 +4,7 @@
   (partner robot (kind Companion) (needs say go_to) (attributes place=hall) (takes place kitchen)
     (optional) (return 300)
     (choose free) (where "battery > 30"))
+  (partner rovers (kind Rover) (count 2) (group cleaners)) ; an act of it is one of each, (act answer) an end
   (parameter greeting "Welcome")
   (hears person_seen (who text) (place text))
   (starts-by anna kim)       ; none: anyone
@@ -19,13 +20,15 @@ from typing import Any
 
 import msgspec
 
-from robotree.vr.base.errors import RequirementUnreadable
+from robotree.vr.base.address import check_name as check_agent_name
+from robotree.vr.base.errors import RequirementUnreadable, VrError
 from robotree.vr.base.written import Mark, Scalar, Word
 from robotree.vr.core.bonds import LONGEST_RETURN
 from robotree.vr.scripts.expression import Atom, Form, Node, read, value
 from robotree.vr.scripts.guard import Guard, named
 from robotree.vr.scripts.program import (
     MOST_RULES,
+    MOST_TOGETHER,
     SYSTEM,
     FactTemplate,
     Hears,
@@ -184,7 +187,8 @@ def _head(program: Program, construct: Form) -> Program:
 def check_head(partners: list[Partner], parameters: list[Parameter], hears: list[Hears], mark: Mark) -> None:
     """Refuse names that the script's robot could not tell apart."""
     seen: set[str] = set()
-    for name in [partner.name for partner in partners] + [hear.name for hear in hears]:
+    slots = [slot for partner in partners for slot in {partner.name, *partner.slots}]
+    for name in slots + [hear.name for hear in hears]:
         if name in seen:
             raise mark.error(f"{name!r} is declared twice")
         seen.add(name)
@@ -217,7 +221,10 @@ def _partner(part: Form) -> Partner:
         raise part.mark.error(f"partner {partner.name} needs a kind: (kind Arm)")
     if partner.where and not partner.choose:
         raise part.mark.error(f"partner {partner.name} has a where: write (choose free), too")
-    return partner
+    groups = [
+        one.rest[0] for one in part.rest[1:] if isinstance(one, Form) and one.head == "group" and one.rest
+    ]
+    return of_group(partner, Word(str(value(groups[0])), part.mark)) if groups else partner
 
 
 def _facet(facet: Form, takes: dict[str, tuple[str, ...]]) -> dict[str, Any]:  # noqa: PLR0911 # one each
@@ -228,6 +235,10 @@ def _facet(facet: Form, takes: dict[str, tuple[str, ...]]) -> dict[str, Any]:  #
             choose, where = (values[0] if facet.head == each else "" for each in ("choose", "where"))
             check_choice(Word(choose or FREE, facet.mark), Word(where, facet.mark))
             return {facet.head: values[0]}
+        case "count" if len(values) == 1:
+            return {"count": check_count(Word(values[0], facet.mark))}
+        case "group" if len(values) == 1:
+            return {}
         case "kind" | "doc" if len(values) == 1:
             return {facet.head: values[0]}
         case "needs":
@@ -244,7 +255,7 @@ def _facet(facet: Form, takes: dict[str, tuple[str, ...]]) -> dict[str, Any]:  #
         case head:
             raise facet.mark.error(
                 f"a partner has no ({head} …); it has: kind, needs, attributes, takes, optional, "
-                "return, choose, where, doc"
+                "return, choose, where, count, group, doc"
             )
 
 
@@ -273,6 +284,34 @@ def check_choice(choose: Word, where: Word) -> None:
         requirement(where.text)
     except RequirementUnreadable as error:
         raise where.mark.error(str(error)) from None
+
+
+def check_count(count: Word) -> int:
+    """Return how many robots a partner is.
+
+    Raises:
+        BrokenScript: it is no such number.
+    """
+    if not (count.text.isdecimal() and 1 <= int(count.text) <= MOST_TOGETHER):
+        raise count.mark.error(f"{count.text!r} is no number of robots: write one from 1 to {MOST_TOGETHER}")
+    return int(count.text)
+
+
+def of_group(partner: Partner, group: Word) -> Partner:
+    """Return a partner whose robots are chosen among the members of a group of the realm.
+
+    Raises:
+        BrokenScript: it is not said how many, or no group can have that name.
+    """
+    if not partner.count:
+        raise group.mark.error(f"partner {partner.name} is of group {group.text}: say how many, `count: 2`")
+    try:
+        check_agent_name(group.text)
+    except VrError as error:
+        raise group.mark.error(str(error)) from None
+    rule = f"in '{group.text}'"
+    where = f"({partner.where}) and {rule}" if partner.where else rule
+    return msgspec.structs.replace(partner, choose=FREE, where=where)
 
 
 def check_return(seconds: float, mark: Mark) -> float:

@@ -140,8 +140,11 @@ class Engine:
         self._roles: dict[str, Any] = {}
         self._told_of: dict[str, dict[tuple[str, Scalar], Any]] = {}
         """The readings and commands of a partner, as facts, by partner."""
-        for partner in program.partners:
-            self._seat(partner.name, "")
+        self._slots = {partner.name: partner.slots for partner in program.partners}
+        """The slots of each partner: of a group several."""
+        self._names = {slot: name for name, slots in self._slots.items() for slot in slots}
+        for slot in self._names:
+            self._seat(slot, "")
         values = {parameter.name: parameter.default for parameter in program.parameters} | dict(
             parameters or {}
         )
@@ -179,8 +182,8 @@ class Engine:
         self._orders.clear()
         self._told.clear()
         self._compared.value = 0
-        if happening.partner:
-            self._seat(happening.partner, happening.robot, stopped=happening.act == "stopped")
+        for slot in self._meant(happening.partner) if happening.partner else ():
+            self._seat(slot, happening.robot, stopped=happening.act == "stopped")
         event = self._memory.insert(
             MESSAGE,
             perf=into(happening.performative),
@@ -199,7 +202,7 @@ class Engine:
             self._memory.remove(event)
         self._settle(number)  # what a rule wanted when there was no such message
         if happening.act == "lost" and happening.partner and not self.handled:
-            reason = f"{happening.partner} is lost ({_first(happening)})"
+            reason = f"{happening.sender} is lost ({_first(happening)})"
             raise ScriptError(f"{reason} and no rule of {self.program.name} handles it")
         return list(self._orders)
 
@@ -215,15 +218,17 @@ class Engine:
         """Take note of the role that a partner plays from now on."""
         if (fact := self._roles.pop(partner, None)) is not None:
             self._memory.remove(fact)
-        self._roles[partner] = self._memory.insert(ROLE, partner=into(partner), name=into(role))
+        name = self._names.get(partner, partner)
+        self._roles[partner] = self._memory.insert(ROLE, partner=into(name), name=into(role))
 
     def reading(self, partner: str, name: str, value: float) -> None:
         """Take note of what a partner reads from now on."""
         facts = self._told_of.setdefault(partner, {})
         if (fact := facts.pop((READING, name), None)) is not None:
             self._memory.remove(fact)
+        of = self._names.get(partner, partner)
         facts[READING, name] = self._memory.insert(
-            READING, partner=into(partner), name=into(name), value=float(value)
+            READING, partner=into(of), name=into(name), value=float(value)
         )
 
     def choice(self, partner: str, argument: str, value: str) -> None:
@@ -231,7 +236,10 @@ class Engine:
         facts = self._told_of.setdefault(partner, {})
         if (argument, value) not in facts:
             facts[argument, value] = self._memory.insert(
-                CHOICE, partner=into(partner), argument=into(argument), value=into(value)
+                CHOICE,
+                partner=into(self._names.get(partner, partner)),
+                argument=into(argument),
+                value=into(value),
             )
 
     # -- what it looks like ------------------------------------------------------------------------
@@ -255,6 +263,10 @@ class Engine:
 
     # -- inside ------------------------------------------------------------------------------------
 
+    def _meant(self, partner: str) -> tuple[str, ...]:
+        """Return the slots that are meant: one, or in a table of tests all of a group."""
+        return (partner,) if partner in self._names else self._slots.get(partner, (partner,))
+
     def _seat(self, slot: str, robot: str, *, stopped: bool = False) -> None:
         state = "missing" if not robot else "stopped" if stopped else "here"
         if (fact := self._partners.pop(slot, None)) is not None:
@@ -262,7 +274,7 @@ class Engine:
         for fact in () if robot else self._told_of.pop(slot, {}).values():
             self._memory.remove(fact)
         self._partners[slot] = self._memory.insert(
-            PARTNER, name=into(slot), robot=into(robot or "none"), state=into(state)
+            PARTNER, name=into(self._names.get(slot, slot)), robot=into(robot or "none"), state=into(state)
         )
 
     def _settle(self, event: int) -> bool:
@@ -418,8 +430,8 @@ class Engine:
         return self._do_as(f"act-{self._numbers}", *values)
 
     def _do_as(self, conversation: Any, partner: Any, act: Any, *values: Any) -> Any:
-        if str(partner) not in self._partners:
-            known = ", ".join(self._partners) or "none"
+        if str(partner) not in self._slots:
+            known = ", ".join(self._slots) or "none"
             raise ScriptError(f"there is no partner {partner}; it has: {known}")
         plain: list[Scalar] = []
         named: dict[str, Scalar] = {}

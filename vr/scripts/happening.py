@@ -19,11 +19,11 @@ class Happening(msgspec.Struct, frozen=True, kw_only=True):
     """Something that the rules are told: a message, the end of an act, a timer, a partner that goes."""
 
     act: str
-    """A message's name, or `start`, `done`, `progress`, `lost`, `found`, `stopped`, `released`, `timer`; the
-    act that failed."""
+    """A message's name, or `start`, `done`, `answer`, `progress`, `lost`, `found`, `stopped`, `released`,
+    `timer`; the act that failed."""
     performative: str = "inform"
     sender: str = "script"
-    """Slot of a partner, name of a caller, or `script`."""
+    """A partner, name of a caller, or `script`."""
     arguments: tuple[Scalar, ...] = ()
     conversation: str = "none"
     reply_by: float = 0.0

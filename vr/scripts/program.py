@@ -20,6 +20,9 @@ MOST_RULES = 500
 MOST_CONDITIONS = 8
 """Of one rule. The work of the matcher may grow as the number of facts to the power of it."""
 
+MOST_TOGETHER = 16
+"""Robots in one partner: each act of a group is one of the script's acts for each of them."""
+
 _NAME = re.compile(r"[a-z][a-z0-9_-]{0,39}\Z")
 _IDENTIFIER = re.compile(r"[a-z][a-z0-9_]{0,39}\Z")
 
@@ -42,7 +45,14 @@ class Partner(msgspec.Struct, frozen=True, kw_only=True):
     """`free`: the script itself chooses a robot that has nothing to do; empty: a person puts one in."""
     where: str = ""
     """What a chosen one must be (`requirement`)."""
+    count: int = 0
+    """How many robots it is; 0: one alone, else a group, whose acts are given to each member."""
     doc: str = ""
+
+    @property
+    def slots(self) -> tuple[str, ...]:
+        """The slots of its robots: its own name, or of a group `rovers_1`, `rovers_2` …."""
+        return tuple(f"{self.name}_{each + 1}" for each in range(self.count)) or (self.name,)
 
 
 class Parameter(msgspec.Struct, frozen=True, kw_only=True):
@@ -162,6 +172,10 @@ class Program(msgspec.Struct, frozen=True, kw_only=True):
         """Whether it is written in CLIPS, and not as when and then."""
         return self.path.lower().endswith(".clp")
 
+    def of_slot(self, slot: str) -> Partner | None:
+        """Return the partner of a slot; None: there is none."""
+        return next((partner for partner in self.partners if slot in partner.slots), None)
+
     def template(self, name: str) -> FactTemplate | None:
         """Return a kind of fact that it declares or that every script has."""
         return next((one for one in (*self.templates, *SYSTEM) if one.name == name), None)
@@ -211,7 +225,7 @@ SYSTEM = (
     ),
     FactTemplate(
         name=PARTNER,
-        doc="A partner slot, and whether somebody is in it: here, stopped or missing.",
+        doc="A partner slot, and whether somebody is in it: here, stopped or missing; a group has several.",
         slots=(ScriptSlot(name="name"), ScriptSlot(name="robot"), ScriptSlot(name="state")),
     ),
     FactTemplate(name=PARAMETER, slots=(ScriptSlot(name="name"), ScriptSlot(name="value"))),

@@ -26,6 +26,7 @@ from robotree.vr.base.errors import CommandCancelled, CommandFailed, SlotEmpty, 
 from robotree.vr.base.written import Mark, Scalar, Word, value_of
 from robotree.vr.core.events import AT
 from robotree.vr.scripts.engine import Engine, ScriptError
+from robotree.vr.scripts.group_act import GroupAct
 from robotree.vr.scripts.happening import (
     CancelAct,
     Do,
@@ -70,6 +71,10 @@ class _Act(msgspec.Struct):
     """How far it was when the rules were told of it last, 0 to 1."""
     after: int = 0
     """Number of the act by which its partner takes the role that was given before it; 0: it has begun."""
+    group: int = 0
+    """Number of the act of a group that it is a part of; 0: of none."""
+    robot: str = ""
+    """The member that does it."""
 
 
 class _Asked(NamedTuple):
@@ -126,7 +131,13 @@ class ScriptRun:
         self._robot, self._program, self._now = robot, program, activity.now
         self._at = 0.0
         """[s] When the latest happening was taken out."""
-        self._seats = dict.fromkeys((partner.name for partner in program.partners), "")
+        self._slots = {partner.name: partner.slots for partner in program.partners}
+        self._names = {slot: name for name, slots in self._slots.items() for slot in slots}
+        self._groups = {partner.name: partner for partner in program.partners if partner.count}
+        self._left: frozenset[str] = frozenset()
+        """Slots whose robots were lost."""
+        self._seats = dict.fromkeys(self._names, "")
+        """The robot in each slot, as the rules know it."""
         self._held: dict[str, str] = {}
         """The partners that are stopped, with the reason."""
         self._stops: dict[str, int] = {}
@@ -140,9 +151,10 @@ class ScriptRun:
         self._wants_readings = _names_in(program, READING, "name")
         self._wants_choices = _names_in(program, CHOICE, "argument")
         self._acts: dict[int, _Act] = {}
+        """Acts of single robots, each with the slot of its partner."""
+        self._of_groups: dict[int, GroupAct] = {}
         self._timers: list[tuple[float, Wait]] = []
-        self._numbers = 0
-        self._second, self._orders = 0.0, 0
+        self._numbers, self._orders, self._second = 0, 0, 0.0
         self._over: ScriptEnd | None = None
         self._wants_progress = any("progress" in rule.clips for rule in program.rules)
 
@@ -215,15 +227,14 @@ class ScriptRun:
         """Take note of what has happened, and tell the rules."""
         if happening.number:
             act = self._acts.pop(happening.number, None)
-            if act is None:
-                return
-            if act.order.conversation == ROLE:
-                refused = happening.performative == "failure"
-                self._begin_after(happening.number, str(happening.arguments[0]) if refused else "")
+            if act is not None:
+                self._take_end(act, happening)
+            return
         partner = happening.partner
         match happening.act:
             case "found" | "lost" if partner:
                 self._seats[partner] = happening.robot
+                self._left = self._left - {partner} if happening.robot else self._left | {partner}
                 for kept in (self._held, self._stops, self._readings, self._looked):
                     kept.pop(partner, None)
             case "stopped" if partner:
@@ -239,6 +250,21 @@ class ScriptRun:
         if happening.key:
             self._take_message(happening)
         self._tell(happening)
+
+    def _take_end(self, act: _Act, ended: Happening) -> None:
+        """Take note of the end of an act; of a part of a group's act, and whether it was the last one."""
+        if act.order.conversation == ROLE:
+            refused = ended.performative == "failure"
+            self._begin_after(ended.number, str(ended.arguments[0]) if refused else "")
+        whole = self._of_groups.get(act.group)
+        if whole is None:
+            self._tell(ended)
+            return
+        slot = act.order.partner
+        self._tell(whole.answer(slot, act.robot or self._seats[slot], ended))
+        if not whole.open and whole.number in self._of_groups:  # a rule has not cancelled it just now
+            del self._of_groups[whole.number]
+            self._tell(whole.end())
 
     def _take_message(self, happening: Happening) -> None:
         """Remember a message as told, so that its sender is answered and it is not told twice."""
@@ -269,7 +295,7 @@ class ScriptRun:
             self._carry_out(order)
         if happening.act == "finish":
             self._over = self._over or ScriptEnd(text="finished on request")
-        here = self._seats.get(sender, "")
+        here = any(self._seats[slot] for slot in self._slots.get(sender, ()))
         if happening.performative == "failure" and here and not self.engine.handled:
             raise ScriptError(f"{sender}.{happening.act} failed ({arguments[0]}) and no rule handles it")
 
@@ -279,7 +305,7 @@ class ScriptRun:
         if happening.act == "role":
             self.engine.role(sender, str(arguments[0]))
         elif happening.act == "reading":
-            self.engine.reading(sender, str(arguments[0]), float(arguments[1]))
+            self.engine.reading(happening.robot or sender, str(arguments[0]), float(arguments[1]))
         elif happening.number and arguments[0] == "play" and len(arguments) > 1:
             self.engine.role(sender, str(arguments[1]))
         for argument, value in happening.choices:
@@ -310,19 +336,19 @@ class ScriptRun:
     def _change_of_partners(self) -> Happening | None:
         """Return that a partner is there, gone, stopped or released, where the rules do not know it yet."""
         self.missing = lacking(self._robot, self._program)
-        for partner in self._program.partners:
-            slot = self._robot.child_slots[partner.name]
+        for place in self._names:
+            slot = self._robot.child_slots[place]
             bond = slot.bond
-            name = "" if bond is None or unfit(self._robot, partner.name, self._program) else bond.child.name
-            before = self._seats[partner.name]
+            name = "" if bond is None or unfit(self._robot, place, self._program) else bond.child.name
+            before = self._seats[place]
             if before and name != before:
-                return _changed("lost", partner.name, "", before, slot.lost or "it was released")
+                return self._changed("lost", place, "", before, slot.lost or "it was released")
             if name != before and bond is not None:
-                found = _changed("found", partner.name, name, name)
+                found = self._changed("found", place, name, name)
                 choices = choices_of(bond.description.commands) if self._wants_choices else []
                 meant = tuple(choice for choice in choices if is_meant(choice[0], self._wants_choices))
                 return msgspec.structs.replace(found, choices=meant)
-            if name and (change := self._change_of_stop(partner.name)) is not None:
+            if name and (change := self._change_of_stop(place)) is not None:
                 return change
         return None
 
@@ -338,9 +364,9 @@ class ScriptRun:
         stops = self._stops.setdefault(partner, state.stops - bool(state.stop_reason))
         if state.stop_reason and partner not in self._held:
             self._stops[partner] = state.stops
-            return _changed("stopped", partner, name, name, state.stop_reason)
+            return self._changed("stopped", partner, name, name, state.stop_reason)
         if not state.stop_reason and partner in self._held and (state.stops < 0 or state.stops >= stops):
-            return _changed("released", partner, name, name)
+            return self._changed("released", partner, name, name)
         if partner not in self._held and all(act.order.partner != partner for act in self._acts.values()):
             self._stops[partner] = state.stops
         if self._wants_readings and self._now() >= self._looked.get(partner, -math.inf) + QUIET:
@@ -353,7 +379,8 @@ class ScriptRun:
         for name, value in readings.items():
             if is_meant(name, self._wants_readings) and value != latest.get(name) and math.isfinite(value):
                 latest[name] = value
-                self._news.append(Happening(act="reading", sender=partner, arguments=(name, value)))
+                of = self._names[partner]
+                self._news.append(Happening(act="reading", sender=of, robot=partner, arguments=(name, value)))
 
     def _look_at_progress(self) -> None:
         for act in self._acts.values():
@@ -363,7 +390,7 @@ class ScriptRun:
                 self._news.append(
                     Happening(
                         act="progress",
-                        sender=act.order.partner,
+                        sender=self._names[act.order.partner],
                         arguments=(act.order.act, share),
                         conversation=act.order.conversation,
                     )
@@ -384,7 +411,7 @@ class ScriptRun:
             failure = Happening(
                 performative="failure",
                 act=order.act,
-                sender=order.partner,
+                sender=self._names[order.partner],
                 arguments=(str(error),),
                 conversation=order.conversation,
                 number=number,
@@ -397,11 +424,11 @@ class ScriptRun:
                 self._news.append(failure)  # and that it is stopped, though it has not published that
                 if order.partner in self._stops:  # it is released when it has published that, and the end
                     self._stops[order.partner] += 1
-                return _changed("stopped", order.partner, name, name, str(error.data["reason"]))
+                return self._changed("stopped", order.partner, name, name, str(error.data["reason"]))
             return failure
         return Happening(
             act="done",
-            sender=order.partner,
+            sender=self._names[order.partner],
             arguments=(order.act, *flat(value)),
             conversation=order.conversation,
             number=number,
@@ -441,12 +468,26 @@ class ScriptRun:
             raise ScriptError(f"it floods: more than {MOST_A_SECOND} timers at once")
 
     def _do(self, order: Do) -> None:
+        if order.partner not in self._groups:
+            self._do_alone(order)
+            return
+        slots, optional = self._slots[order.partner], self._groups[order.partner].optional
+        there = [slot for slot in slots if self._seats[slot] or not (optional or slot in self._left)]
+        there = there or [slots[0]]  # that one says that it is not there
+        self._numbers += 1
+        number = self._numbers
+        self._of_groups[number] = GroupAct(order, number, {*there})
+        for slot in there:
+            self._do_alone(msgspec.structs.replace(order, partner=slot), number)
+
+    def _do_alone(self, order: Do, group: int = 0) -> None:
         if len(self._acts) >= MOST_ACTS:
             raise ScriptError(
                 f"it floods: {MOST_ACTS} acts are under way, {order.partner}.{order.act} would be one more"
             )
         self._numbers += 1
-        self._acts[self._numbers] = act = _Act(order, None, after=self._role_under_way(order.partner))
+        robot, role = self._seats[order.partner], self._role_under_way(order.partner)
+        self._acts[self._numbers] = act = _Act(order, None, after=role, group=group, robot=robot)
         if not act.after:
             self._begin(self._numbers, act)
 
@@ -506,8 +547,10 @@ class ScriptRun:
     def _cancel(self, what: str | None) -> None:
         cancelled: list[int] = []
         for number, act in list(self._acts.items()):
-            if what is None or what in {act.order.conversation, act.order.partner}:
+            partner = self._names[act.order.partner]
+            if what is None or what in {act.order.conversation, act.order.partner, partner}:
                 del self._acts[number]
+                self._of_groups.pop(act.group, None)
                 if act.call is not None:
                     act.call.cancel()
                 cancelled.append(number)
@@ -521,13 +564,12 @@ class ScriptRun:
         self.last_log = text
         running().progress(math.nan, text)
 
+    def _changed(self, act: str, slot: str, robot: str, *arguments: str) -> Happening:
+        return Happening(act=act, sender=self._names[slot], partner=slot, robot=robot, arguments=arguments)
+
 
 def _nobody() -> None:
     """Wake nobody: nobody waits."""
-
-
-def _changed(act: str, partner: str, robot: str, *arguments: str) -> Happening:
-    return Happening(act=act, sender=partner, partner=partner, robot=robot, arguments=arguments)
 
 
 def _is_of(timer: Wait, happening: Happening) -> bool:
@@ -571,21 +613,22 @@ def flat(value: Any) -> tuple[Scalar, ...]:
 def lacking(robot: VirtualRobot, program: Program) -> str:
     """Return which needed partners are missing, as words: `needs robot (Companion)`; empty: none."""
     found: list[str] = []
-    for partner in program.partners:
-        if partner.optional:
-            continue
-        if robot.child_slots[partner.name].bond is None:
-            found.append(f"{partner.name} ({partner.kind})")
-        elif reason := unfit(robot, partner.name, program):
-            found.append(f"{partner.name} ({partner.kind}): {reason}")
+    needed = [
+        (partner, slot) for partner in program.partners if not partner.optional for slot in partner.slots
+    ]
+    for partner, slot in needed:
+        if robot.child_slots[slot].bond is None:
+            found.append(f"{slot} ({partner.kind})")
+        elif reason := unfit(robot, slot, program):
+            found.append(f"{slot} ({partner.kind}): {reason}")
     return f"needs {', '.join(found)}" if found else ""
 
 
 def unfit(robot: VirtualRobot, slot: str, program: Program) -> str:
     """Return what the robot in a slot lacks of what its partner must have; empty: nothing."""
-    partner = next(one for one in program.partners if one.name == slot)
+    partner = program.of_slot(slot)
     bond = robot.child_slots[slot].bond
-    if bond is None:
+    if bond is None or partner is None:
         return ""
     known = {command.name for command in bond.description.commands if command.available}
     lacks = [need for need in partner.needs if need not in known]

@@ -300,14 +300,15 @@ def script_class(program: Program) -> type[Script]:
         "begins": "start" if program.itself else "",
     }
     for partner in program.partners:
-        members[partner.name] = Child(
-            partner.kind,
-            partner.doc,
-            optional=partner.optional,
-            returns=partner.returns,
-            choose="free" if partner.choose else "",
-            where=_required(partner) if partner.choose else "",
-        )
+        for slot in partner.slots:
+            members[slot] = Child(
+                partner.kind,
+                partner.doc,
+                optional=partner.optional,
+                returns=partner.returns,
+                choose="free" if partner.choose else "",
+                where=_required(partner) if partner.choose else "",
+            )
     members["start"] = _start(program)
     for hears in program.hears:
         members[hears.name] = _hearing(hears)

@@ -259,7 +259,7 @@ class Rehearsal:
     def _found(self, name: str) -> None:
         """Tell what the commands of a partner take."""
         for partner in self.program.partners if self.program.wanted(CHOICE) else ():
-            if partner.name == name:
+            if name in {partner.name, *partner.slots}:
                 also = ((argument, one) for argument, values in partner.takes.items() for one in values)
                 for argument, value in (*self._choices.get(partner.kind, ()), *also):
                     self.engine.choice(name, argument, value)

@@ -33,9 +33,11 @@ from robotree.vr.scripts.clp import (
     TYPES,
     add_rule,
     check_choice,
+    check_count,
     check_head,
     check_return,
     first_fact,
+    of_group,
     with_template,
 )
 from robotree.vr.scripts.expression import Atom, Form, Node, form, plain, variables
@@ -59,10 +61,13 @@ from robotree.vr.scripts.program import (
 )
 
 HEAD = ("script", "doc", "partners", "parameters", "facts", "hears", "start", "begin with", "rules")
+CHOSEN = ("choose", "where", "count", "group")
+"""How many robots a partner is, and which."""
 EVENTS = {
     "start": (),
     "done": ("partner", "act", "result", "conversation"),
     "failed": ("partner", "act", "reason", "conversation"),
+    "answer": ("partner", "act", "robot", "ok", "result", "conversation"),
     "progress": ("partner", "act", "fraction", "text", "conversation"),
     "lost": ("partner", "robot", "reason"),
     "found": ("partner", "robot"),
@@ -136,15 +141,15 @@ def _partner(key: Word, given: Written) -> Partner:
         return Partner(name=check_identifier(key.text, key.mark, "a partner"), kind=given.text)
     facets = entries(given, "a partner", key.mark)
     facets.expect(
-        ("kind", "needs", "attributes", "takes", "optional", "return", "returns", "choose", "where", "doc"),
-        "a partner",
+        ("kind", "needs", "attributes", "takes", "optional", "return", "returns", *CHOSEN, "doc"), "a partner"
     )
     returns = facets.get("return") or facets.get("returns")
     choose, where = (
         word(facets.get(facet) or Word("", key.mark), facet, key.mark) for facet in ("choose", "where")
     )
-    check_choice(choose, where)
-    return Partner(
+    group, count = facets.get("group"), facets.get("count")
+    check_choice(Word("free", choose.mark) if group is not None and not choose.text else choose, where)
+    partner = Partner(
         name=check_identifier(key.text, key.mark, "a partner"),
         kind=word(facets.get("kind"), "the kind of the partner", key.mark).text,
         needs=tuple(
@@ -162,8 +167,10 @@ def _partner(key: Word, given: Written) -> Partner:
         returns=0.0 if returns is None else _return(word(returns, "the time", key.mark)),
         choose=choose.text,
         where=where.text,
+        count=0 if count is None else check_count(word(count, "the count", key.mark)),
         doc=word(facets.get("doc") or Word("", key.mark), "doc", key.mark).text,
     )
+    return partner if group is None else of_group(partner, word(group, "the group", key.mark))
 
 
 def _return(said: Word) -> float:
@@ -473,6 +480,7 @@ class _Rule:
         slots: dict[str, list[Form]] = {
             "done": [inform, form("act", plain("done")), args("act", "result")],
             "failed": [failure, form("act", *act), args("reason")],
+            "answer": [form("act", plain("answer")), args("act", "robot", "ok", "result")],
             "progress": [form("act", plain("progress")), args("act", "fraction", "text")],
             "lost": [form("act", plain("lost")), args("robot", "reason")],
             "found": [form("act", plain("found")), args("robot")],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from robotree.vr.base.description import RobotDescription
@@ -37,9 +37,16 @@ async def members_of(realm_client: RealmClient, group: RobotGroup) -> Sequence[G
     Raises:
         VrError: its rule cannot be read, or names a group that there is not.
     """
+    return members_among(realm_client, group, await realm_client.tree())
+
+
+def members_among(
+    realm_client: RealmClient, group: RobotGroup, tree: Iterable[RobotDescription]
+) -> Sequence[GroupMember]:
+    """Return the same from what robots have just said of themselves (`RealmClient.tree`)."""
     rule = member_rule(group, realm_client.groups.find)
     asked = requirement(group.rule)
-    robots = {robot.name: robot for robot in await realm_client.tree()}
+    robots = {robot.name: robot for robot in tree}
     present = {address.name for address in realm_client.directory.present("robot")}
     found: dict[str, GroupMember] = {}
     for name, robot in robots.items():

@@ -41,7 +41,7 @@ BEGINS = "start"
 GLANCE = 1.0
 """[s] between two looks at the facts of a script, and for its answer."""
 
-LETTERS = {"teleoperate", "cancel", "about"}
+LETTERS = {"teleoperate", "cancel", "about", "halt"}
 """Actions whose keys are letters."""
 
 
@@ -49,6 +49,8 @@ class PanelPage(Page):
     """Commands on the left, the form of the chosen one on the right."""
 
     KEYS_OF: ClassVar[str] = "panel"
+    BESIDE: ClassVar[str] = "readings"
+    """What stands below the commands."""
     BINDINGS: ClassVar[list[BindingType]] = bindings(KEYS_OF)
 
     def __init__(self, robot: RobotDescription, command: str = "") -> None:
@@ -94,7 +96,7 @@ class PanelPage(Page):
     def on_mount(self) -> None:
         """Open the first form."""
         commands = self.query_one("#commands", OptionList)
-        commands.border_title, self.query_one("#readings").border_title = "commands", "readings"
+        commands.border_title, self.query_one("#readings").border_title = "commands", self.BESIDE
         if self.robot.commands:
             names = [command.name for command in self.robot.commands]
             wanted = self._command or (BEGINS if self._leads else "")
@@ -235,6 +237,10 @@ class PanelPage(Page):
         """Cancel everything that the robot does."""
         self.app.do("cancel", NAME=self.robot.name)
 
+    def action_halt(self) -> None:
+        """Stop this robot alone, as a person sees it move: the other ones go on."""
+        self.app.do("stop", NAME=self.robot.name)
+
     # -- keys --------------------------------------------------------------------------------------
 
     def action_back(self) -> None:
@@ -300,9 +306,9 @@ class PanelPage(Page):
         return super().check_action(action, parameters)
 
     def _at_rest(self, action: str) -> bool:
-        """Whether a letter is a key: at the list of commands; `c` also in a form that runs."""
+        """Whether a letter is a key: at the list of commands; `c` and `!` also in a form that runs."""
         focused = self.focused
-        if action == "cancel" and any(
+        if action in {"cancel", "halt"} and any(
             one.running and one.has_focus_within for one in self.query(CommandForm)
         ):
             return True

@@ -12,7 +12,7 @@ from robotree.tui.screen.widgets.marks import status_mark, tint
 from robotree.tui.screen.widgets.readings import Lines, ShownReadings
 from robotree.tui.seen import readiness, wording
 from robotree.tui.seen.cells import seen
-from robotree.tui.seen.store import Store
+from robotree.tui.seen.store import SeenGroup, Store
 
 if TYPE_CHECKING:
     from robotree.vr.base.description import RobotDescription
@@ -30,6 +30,10 @@ class Details(Lines):
             entitle(self.parent, seen(name))
         robot, listing = store.described(name), store.robots.get(name)
         text = Text()
+        if group := store.group(name):
+            self._members(text, store, group, now)
+            self.show(text)
+            return
         self._state(text, store, name, now)
         if robot is None:
             self.line(text, "about", Text(wording.summary(listing.doc) if listing else ""))
@@ -48,6 +52,14 @@ class Details(Lines):
         for key, value in sorted(robot.attributes.items()):
             self.line(text, key, Text(value))
         self.show(text)
+
+    def _members(self, text: Text, store: Store, group: SeenGroup, now: float) -> None:
+        """Draw how each member of a group is."""
+        self.line(text, "group", Text(group.about))
+        for name in group.members:
+            self.line(text, name, status_mark(self.app, store.status(name, now), store.doing(name, now)))
+        if not group.members:
+            self.line(text, "members", Text("nobody is in it now", tint(self.app, "muted")))
 
     def _state(self, text: Text, store: Store, name: str, now: float) -> None:
         shown = status_mark(self.app, store.status(name, now), store.doing(name, now))
