@@ -613,13 +613,22 @@ ACTIONS: tuple[Action, ...] = (
         alters=True,
     ),
     Action(
-        usage="decide NAME ANSWER",
-        help="Answer a command that asks after a crash: it is done, goes on (again), or ends (abort).",
+        usage="questions",
+        help="List what scripts ask people, and commands that ask after a crash, with their answers.",
+        group=COMMAND,
+        right="see",
+        run="questions:questions",
+        examples=("questions", "questions --json"),
+    ),
+    Action(
+        usage="decide NAME ANSWER [--question ID]",
+        help="Answer what a script asks, or a command that asks after a crash: it is done, goes on"
+        " (again), or ends (abort). --question: only if it is still this one.",
         group=COMMAND,
         right="command",
         run="decide",
         where=LINES,
-        examples=("decide mover again",),
+        examples=("decide mover again", "decide guide yes"),
         alters=True,
     ),
     Action(

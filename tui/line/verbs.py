@@ -31,6 +31,8 @@ if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.requests import HostDescribed, Level, LoggedLine, Reloaded, SpaceDescribed, State
     from robotree.vr.supervision.realm_client import Elsewhere, RealmClient
 
+ANSWER_LIMIT = 30.0
+"""[s] until a script has taken the answer to its question."""
 CALL_LIMIT = 120.0
 """[s] that a command may take when the line does not say."""
 
@@ -912,8 +914,15 @@ async def continue_(realm_client: RealmClient, line: Line, _teller: Teller) -> O
 
 
 async def decide(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
-    """Answer a command that asks after a crash."""
-    name, answer = line.text("NAME"), line.text("ANSWER")
+    """Answer what a script asks, or a command that asks after a crash."""
+    name, answer, question = line.text("NAME"), line.text("ANSWER"), line.text("--question")
+    robot = await realm_client.describe(name)
+    if "question-id" in robot.attributes and not robot.asks:
+        given = {"answer": answer, "question": question or robot.attributes["question-id"]}
+        await realm_client.call(name, "answer", given, deadline=ANSWER_LIMIT)
+        return Outcome({"decided": name, "answer": answer}, f"{name} has its answer: {answer}")
+    if question:
+        raise ValueRefused("--question", f"{name} asks that no more")
     if answer not in {"done", "again", "abort"}:
         raise ValueRefused("ANSWER", f"{answer!r} is none of: done, again, abort")
     await realm_client.decide(name, cast("Any", answer))

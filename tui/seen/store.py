@@ -13,6 +13,7 @@ from math import ceil, isnan
 from typing import TYPE_CHECKING, Literal
 
 from robotree.tui.seen import instruments, status, wording
+from robotree.tui.seen.asked import questions_of
 from robotree.tui.seen.status import Condition, Status
 from robotree.tui.seen.stopping import StopRound
 from robotree.tui.terminal import one_line
@@ -572,6 +573,7 @@ class Store:
         living = self.descriptions.keys() | self.robots.keys() | self.absent.keys() | self.remembered.keys()
         self._heard = {name: heard for name, heard in self._heard.items() if name in living}
         self._take_losses(before, now)
+        self._take_questions(before, now)
         if before.keys() != self.descriptions.keys() or any(
             (one.slots, one.kinds, one.bond and one.bond.parent)
             != ((old := before[name]).slots, old.kinds, old.bond and old.bond.parent)
@@ -579,6 +581,15 @@ class Store:
         ):
             self.family += 1
         self.revision += 1
+
+    def _take_questions(self, before: Mapping[str, RobotDescription], now: float) -> None:
+        """Tell what robots have just begun to ask people."""
+        for robot in self.descriptions.values():
+            known = {one.id for one in questions_of(before[robot.name])} if robot.name in before else set()
+            for one in questions_of(robot):
+                if one.id not in known:
+                    how = f"decide {one.robot} {one.how}"
+                    self.tell(f"{one.robot} asks: {one.text} `{how}` answers", "warning", now, one.robot)
 
     def _take_losses(self, before: Mapping[str, RobotDescription], now: float) -> None:
         """Remember who was in a slot whose child was lost; offer to bind it again as soon as it is back."""

@@ -23,6 +23,7 @@ from robotree.vr.scripts.agenda import RuleAgenda
 from robotree.vr.scripts.expression import Form, is_word, show
 from robotree.vr.scripts.guard import CHECK
 from robotree.vr.scripts.happening import (
+    Ask,
     CancelAct,
     Do,
     Happening,
@@ -57,6 +58,8 @@ MOST_MEMORY = 64_000_000
 """[bytes] of one environment."""
 MOST_ORDERS = 64
 """For one happening."""
+LONGEST_QUESTION = 400
+"""Letters."""
 LONGEST_WAIT = 7 * 24 * 3600.0
 """[s] of one timer."""
 LONGEST_TEXT = 1_000
@@ -145,18 +148,20 @@ class Engine:
         self._names = {slot: name for name, slots in self._slots.items() for slot in slots}
         for slot in self._names:
             self._seat(slot, "")
-        values = {parameter.name: parameter.default for parameter in program.parameters} | dict(
-            parameters or {}
-        )
+        self._begin_with(parameters or {})
+        self._look()
+        self._raise("with its first facts")
+
+    def _begin_with(self, parameters: Mapping[str, Scalar]) -> None:
+        """Take the parameters of the start, and the facts that are there at the beginning."""
+        values = {one.name: one.default for one in self.program.parameters} | dict(parameters)
         for name, value in values.items():
             self._memory.begin(PARAMETER, name=into(name), value=into(value))
-        for count, fact in enumerate(program.facts):
-            self._memory.begin(fact.head, **_slots(program, fact))
+        for count, fact in enumerate(self.program.facts):
+            self._memory.begin(fact.head, **_slots(self.program, fact))
             if count % _GLANCE == 0 or self._crowded is not None:
                 self._look()
                 self._raise("with its first facts")
-        self._look()
-        self._raise("with its first facts")
 
     def __del__(self) -> None:
         """Let go of the facts before their environment ends."""
@@ -407,6 +412,8 @@ class Engine:
         return {
             "do": self._do,
             "do-as": self._do_as,
+            "ask": self._ask,
+            "ask-as": self._ask_as,
             "reply": self._reply,
             "cancel": self._cancel,
             "play": self._play,
@@ -450,6 +457,17 @@ class Engine:
                 named=named,
             )
         )
+        return into(str(conversation))
+
+    def _ask(self, question: Any, *answers: Any) -> Any:
+        self._numbers += 1
+        return self._ask_as(f"ask-{self._numbers}", question, *answers)
+
+    def _ask_as(self, conversation: Any, question: Any, *answers: Any) -> Any:
+        asked, given = str(out(question)).strip(), tuple(_spoken(out(one)) for one in answers)
+        if not asked or len(asked) > LONGEST_QUESTION:
+            raise ScriptError(f"a question has 1 to {LONGEST_QUESTION} letters, and {asked[:40]!r} has not")
+        self._order(Ask(conversation=str(conversation), question=asked, answers=given))
         return into(str(conversation))
 
     def _reply(self, conversation: Any, performative: Any, *values: Any) -> None:
@@ -509,6 +527,11 @@ def _slots(program: Program, fact: Form) -> dict[str, Any]:
         known = template.slot(slot.head) if template else None
         slots[slot.head] = values if known is not None and known.several else values[0]
     return slots
+
+
+def _spoken(value: Scalar) -> str:
+    """Return an answer as people read and write it."""
+    return ("yes" if value else "no") if isinstance(value, bool) else str(value)
 
 
 def _fenced(mine: weakref.ref[Any], name: str) -> Callable[..., Any]:

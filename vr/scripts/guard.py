@@ -44,6 +44,8 @@ ACTS = {
     "do": (2, "a partner and an act"),
     "do-as": (3, "a conversation, a partner and an act"),
     "cancel": (1, "a conversation or a partner"),
+    "ask": (1, "a question and its answers"),
+    "ask-as": (2, "a conversation, a question and its answers"),
     "reply": (2, "a conversation and a performative"),
     "play": (2, "a partner and a role"),
     "wait": (2, "a name and seconds"),

@@ -19,8 +19,8 @@ class Happening(msgspec.Struct, frozen=True, kw_only=True):
     """Something that the rules are told: a message, the end of an act, a timer, a partner that goes."""
 
     act: str
-    """A message's name, or `start`, `done`, `answer`, `progress`, `lost`, `found`, `stopped`, `released`,
-    `timer`; the act that failed."""
+    """A message's name, or `start`, `done`, `answer`, `answered`, `progress`, `lost`, `found`, `stopped`,
+    `released`, `timer`; the act that failed."""
     performative: str = "inform"
     sender: str = "script"
     """A partner, name of a caller, or `script`."""
@@ -79,6 +79,15 @@ class Play(msgspec.Struct, frozen=True, kw_only=True):
     role: str
 
 
+class Ask(msgspec.Struct, frozen=True, kw_only=True):
+    """Put a question to a person; its answer comes as `answered`."""
+
+    conversation: str
+    question: str
+    answers: tuple[str, ...] = ()
+    """Those that there are; empty: any text."""
+
+
 class LogLine(msgspec.Struct, frozen=True, kw_only=True):
     """Tell people something."""
 
@@ -92,7 +101,7 @@ class ScriptEnd(msgspec.Struct, frozen=True, kw_only=True):
     well: bool = True
 
 
-ScriptOrder = Do | ScriptReply | Wait | CancelAct | Play | LogLine | ScriptEnd
+ScriptOrder = Do | Ask | ScriptReply | Wait | CancelAct | Play | LogLine | ScriptEnd
 
 
 def order_line(order: ScriptOrder) -> str:
@@ -103,6 +112,8 @@ def order_line(order: ScriptOrder) -> str:
             words = ["do", partner, act, *given]
         case ScriptReply(conversation=conversation, performative=performative, values=values):
             words = ["reply", conversation, performative, *map(spell, values)]
+        case Ask(question=question, answers=answers):
+            words = ["ask", spell(question), *map(spell, answers)]
         case Wait(name=name, seconds=seconds):
             words = ["wait", name, f"{seconds:g}"]
         case CancelAct(what=what):

@@ -19,7 +19,7 @@ from robotree.vr.scripts.program import CHOICE, MESSAGE, PARTNER, READING, ROLE,
 from robotree.vr.scripts.roles.profile import shipped
 from robotree.vr.scripts.trial import CHANGES, Trial, happening, words_of
 
-ORDERS = ("do", "reply", "wait", "cancel", "role", "log", "end", "fail")
+ORDERS = ("do", "ask", "reply", "wait", "cancel", "role", "log", "end", "fail")
 """The first words of orders in a table of tests."""
 _NAMED = re.compile(r"[a-z_]\w*=")
 KnownKinds = Mapping[str, Mapping[str, CommandSpec]]

@@ -249,15 +249,15 @@ SYSTEM = (
 
 RESERVED = frozenset({
     "and", "or", "not", "test", "exists", "forall", "logical", "object", "declare", "if", "then",
-    "else", "while", "is-a", "initial-fact", "do", "do-as", "reply", "cancel", "play", "wait", "log",
-    "end", "fail", "remember", "forget", "update", "slot", "multislot", "default",
+    "else", "while", "is-a", "initial-fact", "do", "do-as", "ask", "ask-as", "reply", "cancel", "play",
+    "wait", "log", "end", "fail", "remember", "forget", "update", "slot", "multislot", "default",
 })  # fmt: skip
 TAKEN = frozenset({
     "stream_outlet", "thaw", "move_to",
-    "attributes", "begins", "cancelled", "check", "checkpoint", "child_slots", "cleanup", "condition",
-    "context", "facts", "finish", "first", "halted", "hear", "isolated", "kinds", "lead", "learn_role",
-    "message", "name", "now", "on_resume", "one_at_a_time", "online", "pinned", "placement", "play",
-    "program", "progress", "random", "reading_units", "readings", "resume", "safe_stop", "sleep",
+    "answer", "attributes", "begins", "cancelled", "check", "checkpoint", "child_slots", "cleanup",
+    "condition", "context", "facts", "finish", "first", "halted", "hear", "isolated", "kinds", "lead",
+    "learn_role", "message", "name", "now", "on_resume", "one_at_a_time", "online", "pinned", "placement",
+    "play", "program", "progress", "random", "reading_units", "readings", "resume", "safe_stop", "sleep",
     "slots_now", "space", "start", "together", "verify", "wait_until", "why", "witness",
 })  # fmt: skip
 """Names that the script's robot uses itself."""

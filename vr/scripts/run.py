@@ -28,6 +28,7 @@ from robotree.vr.core.events import AT
 from robotree.vr.scripts.engine import Engine, ScriptError
 from robotree.vr.scripts.group_act import GroupAct
 from robotree.vr.scripts.happening import (
+    Ask,
     CancelAct,
     Do,
     Happening,
@@ -40,6 +41,7 @@ from robotree.vr.scripts.happening import (
 )
 from robotree.vr.scripts.inbox import ScriptInbox
 from robotree.vr.scripts.program import CHOICE, READING, Program
+from robotree.vr.scripts.questions import MOST_QUESTIONS, Questions
 
 TICK = 0.05
 """[s] Longest time until the thread looks again: at partners, at a cancel, at progress."""
@@ -53,6 +55,8 @@ STEP = 0.05
 """Share of an act after which its progress is told again."""
 REMEMBERED = 1000
 """Messages that are remembered as told; their senders have their answers long before."""
+ANSWERED = "answered"
+"""What happens when a person has answered a question."""
 ROLE = "role"
 """Conversation of the acts by which partners take roles."""
 TIMER = "(timer)"
@@ -123,8 +127,7 @@ class ScriptRun:
         """Conversations in which somebody waits for an answer."""
         self.taken: dict[str, str] = {}
         """Conversations of messages that the rules were told, by key of the call; the newest `REMEMBERED`."""
-        self.talks = 0
-        """Number of the latest conversation that the rules were told of."""
+        self.talks = 0  # number of the latest conversation that the rules were told of
         self.waiting: dict[str, Callable[[], None]] = {}
         """Wakes who waits until a message is taken, or answered: by key of the call that brought it."""
         self.last_log = ""
@@ -134,20 +137,18 @@ class ScriptRun:
         self._slots = {partner.name: partner.slots for partner in program.partners}
         self._names = {slot: name for name, slots in self._slots.items() for slot in slots}
         self._groups = {partner.name: partner for partner in program.partners if partner.count}
-        self._left: frozenset[str] = frozenset()
-        """Slots whose robots were lost."""
+        self._left: frozenset[str] = frozenset()  # slots whose robots were lost
         self._seats = dict.fromkeys(self._names, "")
         """The robot in each slot, as the rules know it."""
-        self._held: dict[str, str] = {}
-        """The partners that are stopped, with the reason."""
+        self._held: dict[str, str] = {}  # why partners are stopped
         self._stops: dict[str, int] = {}
         """The number of the stop of each partner that the rules were told of last, as far as is known."""
-        self._readings: dict[str, dict[str, float]] = {}
-        """The readings of each partner that the rules have."""
-        self._looked: dict[str, float] = {}
-        """When the readings of a partner were looked at [s]."""
+        self._readings: dict[str, dict[str, float]] = {}  # of each partner, as the rules have them
+        self._looked: dict[str, float] = {}  # when the readings of a partner were looked at [s]
         self._news: deque[Happening] = deque()
         """Happenings that were found at a look, beside those that were taken out there."""
+        self.questions = Questions()
+        self.late: set[str] = set()  # keys of calls that answered what was answered already
         self._wants_readings = _names_in(program, READING, "name")
         self._wants_choices = _names_in(program, CHOICE, "argument")
         self._acts: dict[int, _Act] = {}
@@ -249,7 +250,16 @@ class ScriptRun:
                 pass
         if happening.key:
             self._take_message(happening)
-        self._tell(happening)
+        if happening.act != ANSWERED or self._take_answer(happening):
+            self._tell(happening)
+
+    def _take_answer(self, happening: Happening) -> bool:
+        """Take what a person has answered; False: somebody else was faster, the rules have one answer."""
+        if self.questions.meant(happening.conversation) is None:
+            self.late.add(happening.key)
+            return False
+        self.questions.take_back(happening.conversation)
+        return True
 
     def _take_end(self, act: _Act, ended: Happening) -> None:
         """Take note of the end of an act; of a part of a group's act, and whether it was the last one."""
@@ -272,7 +282,7 @@ class ScriptRun:
         if happening.reply_by:
             self.open_conversations.add(happening.conversation)
         self.taken[key] = happening.conversation
-        number = happening.conversation.rpartition("-")[2]
+        number = happening.conversation.removeprefix("talk-")
         self.talks = max(self.talks, int(number) if number.isdigit() else 0)
         if len(self.taken) > REMEMBERED:
             del self.taken[next(iter(self.taken))]
@@ -436,7 +446,7 @@ class ScriptRun:
 
     # -- orders ------------------------------------------------------------------------------------
 
-    def _carry_out(self, order: ScriptOrder) -> None:
+    def _carry_out(self, order: ScriptOrder) -> None:  # noqa: C901 # one for each
         self._count()
         match order:
             case Do():
@@ -448,6 +458,8 @@ class ScriptRun:
                     self.answers[conversation] = order
                     for key in [key for key, talk in self.taken.items() if talk == conversation]:
                         self.waiting.get(key, _nobody)()
+            case Ask():
+                self._ask(order)
             case Wait(seconds=seconds):
                 self._timers.append((self._at + seconds, order))
             case CancelAct(what=what):
@@ -457,6 +469,12 @@ class ScriptRun:
                 running().say("info", text)
             case ScriptEnd():
                 self._over = self._over or order
+
+    def _ask(self, question: Ask) -> None:
+        if len(self.questions) >= MOST_QUESTIONS:
+            raise ScriptError(f"it floods: {MOST_QUESTIONS} questions wait for people")
+        self.questions.ask(question)
+        self._say(f"asks: {question.question}")
 
     def _count(self) -> None:
         if self._at - self._second >= 1.0:
@@ -545,6 +563,7 @@ class ScriptRun:
         return [dict(named), None if limit is None else [*limit], ""]
 
     def _cancel(self, what: str | None) -> None:
+        self.questions.take_back(what)
         cancelled: list[int] = []
         for number, act in list(self._acts.items()):
             partner = self._names[act.order.partner]

@@ -24,8 +24,9 @@ from robotree.vr.scripts.clp import read_clp
 from robotree.vr.scripts.engine import ScriptError
 from robotree.vr.scripts.happening import Happening
 from robotree.vr.scripts.program import Hears, Partner, Program
+from robotree.vr.scripts.questions import wrong
 from robotree.vr.scripts.roles.player import forward
-from robotree.vr.scripts.run import ScriptRun, flat, lacking, words
+from robotree.vr.scripts.run import ANSWERED, ScriptRun, flat, lacking, words
 from robotree.vr.scripts.when_then import read_yaml
 
 OPERATOR = "operator"
@@ -54,8 +55,10 @@ class Script(VirtualRobot):
     @property
     def attributes(self) -> dict[str, str]:
         """Free pairs, its condition among them."""
+        run = self._run
+        asks = run.questions.attributes() if run is not None else {}
         ended = {"ended": self._ended} if self._ended and self._run is None else {}
-        return {**self._given, "condition": self.condition, "script": self.program.hash[:12], **ended}
+        return {**self._given, "condition": self.condition, "script": self.program.hash[:12], **ended, **asks}
 
     @attributes.setter
     def attributes(self, given: dict[str, str]) -> None:
@@ -112,6 +115,27 @@ class Script(VirtualRobot):
         """End the script; what it has begun is cancelled."""
         self._deliver("finish")
         self._end()
+
+    @command(effect="read", resume="restart")
+    def answer(
+        self,
+        answer: Annotated[str, "to what it asks"],
+        question: Annotated[str, "id of the question; empty: the oldest one that waits"] = "",
+    ) -> None:
+        """Answer what the script asks a person."""
+        run = self._running("answer")
+        if self.context.key in run.taken:  # before its host was started again
+            return
+        asked = run.questions.meant(question)
+        if asked is None:
+            why = "that question waits for no answer any more" if question else "it asks nothing"
+            raise self._failed("answer", why)
+        if why := wrong(asked, answer):
+            raise self._failed("answer", why)
+        by = self.context.caller or "nobody"
+        run = self._deliver(ANSWERED, arguments=(answer, by), conversation=asked.conversation)
+        if self.context.key in run.late:
+            raise self._failed("answer", "somebody else has just answered that")
 
     @command(effect="read", resume="restart")
     def message(
@@ -228,6 +252,7 @@ class Script(VirtualRobot):
         performative: str = "inform",
         arguments: tuple[Scalar, ...] = (),
         reply_by: float = 0.0,
+        conversation: str = "",
     ) -> ScriptRun:
         """Say something to the rules; return when it is kept that they are told: see `Happening`."""
         run, activity, key = self._running(act), running(), self.context.key
@@ -238,7 +263,7 @@ class Script(VirtualRobot):
             performative=performative,
             sender=sender or self._sender,
             arguments=flat(arguments),
-            conversation=self._conversation(run),
+            conversation=conversation or self._conversation(run),
             reply_by=reply_by,
             key=key,
         )

@@ -51,7 +51,7 @@ from robotree.vr.scripts.when_then import new_fact
 
 HAPPENINGS = (
     "start", "finish", "done", "failed", "progress", "timer", "lost", "found", "stopped", "released",
-    "role", "reading",
+    "role", "reading", "answered",
 )  # fmt: skip
 """The first words of a line, beside the messages of the script."""
 CHANGES = frozenset({"lost", "found", "stopped", "released"})
@@ -162,7 +162,7 @@ def _wanted_fact(given: Written) -> str:
     return text
 
 
-def happening(line: str, mark: Mark = Mark()) -> Happening:  # noqa: B008 # frozen
+def happening(line: str, mark: Mark = Mark()) -> Happening:  # noqa: B008, PLR0911 # frozen; one each
     """Read a happening from one line.
 
     Raises:
@@ -171,7 +171,7 @@ def happening(line: str, mark: Mark = Mark()) -> Happening:  # noqa: B008 # froz
     words, conversation, sender = _words(line, mark)
     head, *rest = words
     values = tuple(value_of(Word(one, mark)) for one in rest)
-    least = {"done": 2, "failed": 2, "progress": 3, "timer": 1, "role": 2, "reading": 3}.get(
+    least = {"done": 2, "failed": 2, "progress": 3, "timer": 1, "role": 2, "reading": 3, "answered": 1}.get(
         head, 1 if head in CHANGES else 0
     )
     if len(rest) < least:
@@ -183,6 +183,8 @@ def happening(line: str, mark: Mark = Mark()) -> Happening:  # noqa: B008 # froz
             return change(sender=rest[0], arguments=values[1:])
         case "reading" if isinstance(values[-1], str | bool):
             raise mark.error(f"a reading is a number, not {values[-1]!r}: {line}")
+        case "answered":
+            return change(sender="operator", arguments=(rest[0], sender))
         case "failed":
             reason = values[2:] or ("it failed",)
             return change(performative="failure", act=rest[1], sender=rest[0], arguments=reason)

@@ -68,6 +68,7 @@ EVENTS = {
     "done": ("partner", "act", "result", "conversation"),
     "failed": ("partner", "act", "reason", "conversation"),
     "answer": ("partner", "act", "robot", "ok", "result", "conversation"),
+    "answered": ("answer", "by", "conversation"),
     "progress": ("partner", "act", "fraction", "text", "conversation"),
     "lost": ("partner", "robot", "reason"),
     "found": ("partner", "robot"),
@@ -78,7 +79,20 @@ EVENTS = {
 }
 """The events, and the conditions on each."""
 COMPARISONS = {"above": ">", "below": "<", "at least": ">=", "at most": "<="}
-ACTIONS = ("do", "remember", "forget", "update …", "wait", "cancel", "reply", "role", "log", "end", "fail")
+ACTIONS = (
+    "do",
+    "ask",
+    "remember",
+    "forget",
+    "update …",
+    "wait",
+    "cancel",
+    "reply",
+    "role",
+    "log",
+    "end",
+    "fail",
+)
 _VARIABLE = re.compile(r"\$([^\W\d]\w*)")
 
 
@@ -463,6 +477,8 @@ class _Rule:
         wishes = entries(given, name.text, name.mark)
         wishes.expect(EVENTS[name.text], name.text)
         said = {key.text: value for key, value in wishes}
+        if name.text == "answered" and "answer" in said:
+            said["answer"] = _as_said(said["answer"])
 
         def args(*names: str) -> Form:
             nodes = [
@@ -481,6 +497,7 @@ class _Rule:
             "done": [inform, form("act", plain("done")), args("act", "result")],
             "failed": [failure, form("act", *act), args("reason")],
             "answer": [form("act", plain("answer")), args("act", "robot", "ok", "result")],
+            "answered": [form("act", plain("answered")), args("answer", "by")],
             "progress": [form("act", plain("progress")), args("act", "fraction", "text")],
             "lost": [form("act", plain("lost")), args("robot", "reason")],
             "found": [form("act", plain("found")), args("robot")],
@@ -508,14 +525,16 @@ class _Rule:
     def _action(self, given: Written) -> list[Node]:
         key, value, one = _only(given, "an action", {"as", "with"})
         mark = key.mark
-        if key.text != "do" and len(one.entries) > 1:
-            raise given.mark.error("only `do` has `with` and `as`")
+        if key.text != "do" and len(one.entries) > 1 and not (key.text == "ask" and one.get("with") is None):
+            raise given.mark.error("only `do` has `with` and `as`, and `ask` has `as`")
         if key.text.startswith("update "):
             fact = self._named(Word(key.text.removeprefix("update ").strip(), mark))
             return [form("modify", fact, *_slots(value, mark), mark=mark)]
         match key.text:
             case "do":
                 made = [self._do(mark, value, one)]
+            case "ask":
+                made = [_ask(mark, value, one.get("as"))]
             case "remember":
                 facts = entries(value, "a fact", mark)
                 made = [
@@ -607,6 +626,24 @@ def _slots(given: Written, mark: Mark) -> list[Form]:
         form(slot.text, *map(_value, new.items if isinstance(new, Items) else (new,)), mark=slot.mark)
         for slot, new in entries(given, "the slots", mark)
     ]
+
+
+def _as_said(given: Written) -> Written:
+    """Return an answer of a person as a text: `yes` is one there, too."""
+    return Word(given.text, given.mark, quoted=True) if isinstance(given, Word) and given.text.isalpha() else given
+
+
+def _ask(mark: Mark, value: Written, tag: Written | None) -> Form:
+    """Return a question to a person: a text alone, or `{question: …, answers: [yes, no]}`."""
+    if isinstance(value, Word):
+        question, answers = value, ()
+    else:
+        asked = entries(value, "a question", mark)
+        asked.expect(("question", "answers"), "ask")
+        question = word(asked.get("question"), "the question", mark)
+        answers = items(asked.get("answers"), mark).items
+    nodes = [_value(question), *(_value(_as_said(one)) for one in answers)]
+    return form("ask", *nodes, mark=mark) if tag is None else form("ask-as", _value(tag), *nodes, mark=mark)
 
 
 def _role(mark: Mark, given: Written) -> Form:

@@ -22,6 +22,7 @@ from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.pages.dialogs import Confirm, Modal
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.pages.permits import ask_about_permit
+from robotree.tui.screen.pages.question import ask_question
 from robotree.tui.screen.pages.role import RoleDialog
 from robotree.tui.screen.pages.write import WritePage
 from robotree.tui.screen.widgets.cached_text import CachedText
@@ -31,6 +32,7 @@ from robotree.tui.screen.widgets.flash import FlashLine
 from robotree.tui.screen.widgets.key_line import KeyLine
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.seen import absence
+from robotree.tui.seen.asked import questions_of
 from robotree.tui.seen.behaviours import Behaviour, titles
 from robotree.tui.seen.cells import seen
 from robotree.vr.base.errors import VrError
@@ -252,6 +254,17 @@ class UserPage(PlainPage):
                     sign="?",
                     colour="warning",
                 )
+        for name, robot in sorted(self.app.store.descriptions.items()):
+            for question in questions_of(robot):
+                if question.id:
+                    yield self._row(
+                        f"question:{name}:{question.id}",
+                        question.text,
+                        f"{name} asks {question.more}".rstrip(),
+                        partial(ask_question, self.app, question),
+                        sign="?",
+                        colour="warning",
+                    )
         for permit in self.app.store.permits:
             yield self._row(
                 f"permit:{permit.id}",
