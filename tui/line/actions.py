@@ -617,7 +617,7 @@ ACTIONS: tuple[Action, ...] = (
         help="List what scripts ask people, and commands that ask after a crash, with their answers.",
         group=COMMAND,
         right="see",
-        run="questions:questions",
+        run="line.questions:questions",
         examples=("questions", "questions --json"),
     ),
     Action(

@@ -19,6 +19,8 @@ if TYPE_CHECKING:  # help must not wait for the agents
 SCRIPT = "Script"
 """Kind of robots that are led by rules."""
 START = "start"
+ANSWER = "answer"
+"""The command of a script that takes the answer to its question: the question has a place of its own."""
 INSIDE = frozenset(
     {"halt", "hold", "set", "stop", "finish", "message", "facts", "why", "play", "learn_role", "roles"}
 )
@@ -128,7 +130,11 @@ class Known:
         script = SCRIPT in robot.kinds
         leads = script and robot.attributes.get("condition") == "active"
         for spec in robot.commands:
-            if spec.name in INSIDE or (script and spec.name != START and not leads):
+            if (
+                spec.name in INSIDE
+                or (script and spec.name == ANSWER)
+                or (script and spec.name != START and not leads)
+            ):
                 continue
             if not script and (spec.effect == "read" or _for_hands(spec)):
                 continue

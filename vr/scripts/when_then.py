@@ -630,7 +630,11 @@ def _slots(given: Written, mark: Mark) -> list[Form]:
 
 def _as_said(given: Written) -> Written:
     """Return an answer of a person as a text: `yes` is one there, too."""
-    return Word(given.text, given.mark, quoted=True) if isinstance(given, Word) and given.text.isalpha() else given
+    return (
+        Word(given.text, given.mark, quoted=True)
+        if isinstance(given, Word) and given.text.isalpha()
+        else given
+    )
 
 
 def _ask(mark: Mark, value: Written, tag: Written | None) -> Form:
