@@ -56,7 +56,7 @@ class Script(VirtualRobot):
     def attributes(self) -> dict[str, str]:
         """Free pairs, its condition among them."""
         run = self._run
-        asks = run.questions.attributes() if run is not None else {}
+        asks: Mapping[str, str] = {} if run is None else run.questions.attributes()
         ended = {"ended": self._ended} if self._ended and self._run is None else {}
         return {**self._given, "condition": self.condition, "script": self.program.hash[:12], **ended, **asks}
 

@@ -639,8 +639,10 @@ def _as_said(given: Written) -> Written:
 
 def _ask(mark: Mark, value: Written, tag: Written | None) -> Form:
     """Return a question to a person: a text alone, or `{question: …, answers: [yes, no]}`."""
+    question: Word
+    answers: Sequence[Written] = ()
     if isinstance(value, Word):
-        question, answers = value, ()
+        question = value
     else:
         asked = entries(value, "a question", mark)
         asked.expect(("question", "answers"), "ask")
