@@ -42,7 +42,7 @@ async def test_a_question_of_a_script_is_asked_and_answered(realm: Realm, operat
     client, said = realm.realm_client, agent.runtime.log.since
     running = asyncio.ensure_future(client.call("asker", "start", {}, deadline=600.0))
     async with operate(client, kind=UserApp, size=(40, 20)) as operator:
-        await operator.until(lambda: agent.robot.condition == "active", "it runs")
+        await operator.until(lambda: agent.description().attributes.get("condition") == "active", "it runs")
         await client.call("asker", "ring", {"who": "Anna"}, deadline=60.0)
         await operator.sees("Questions", "May Anna come in?", "asker asks")
         await operator.press("home", "enter")
@@ -74,7 +74,7 @@ async def test_an_operator_is_told_of_a_question_and_how_it_is_answered(
     client, said = realm.realm_client, agent.runtime.log.since
     running = asyncio.ensure_future(client.call("asker", "start", {}, deadline=600.0))
     async with operate(client) as operator:
-        await operator.until(lambda: agent.robot.condition == "active", "it runs")
+        await operator.until(lambda: agent.description().attributes.get("condition") == "active", "it runs")
         await client.call("asker", "ring", {"who": "Anna"}, deadline=60.0)
         await operator.sees("asker asks: May Anna come in? `decide asker yes|later` answers")
         await operator.obey("decide asker later")
