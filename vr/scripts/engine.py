@@ -23,11 +23,11 @@ from robotree.vr.scripts.agenda import RuleAgenda
 from robotree.vr.scripts.expression import Form, is_word, show
 from robotree.vr.scripts.guard import CHECK
 from robotree.vr.scripts.happening import (
-    Ask,
     CancelAct,
     Do,
     Happening,
     LogLine,
+    PersonAsked,
     Play,
     ScriptEnd,
     ScriptOrder,
@@ -467,7 +467,7 @@ class Engine:
         asked, given = str(out(question)).strip(), tuple(_spoken(out(one)) for one in answers)
         if not asked or len(asked) > LONGEST_QUESTION:
             raise ScriptError(f"a question has 1 to {LONGEST_QUESTION} letters, and {asked[:40]!r} has not")
-        self._order(Ask(conversation=str(conversation), question=asked, answers=given))
+        self._order(PersonAsked(conversation=str(conversation), question=asked, answers=given))
         return into(str(conversation))
 
     def _reply(self, conversation: Any, performative: Any, *values: Any) -> None:

@@ -79,7 +79,7 @@ class Play(msgspec.Struct, frozen=True, kw_only=True):
     role: str
 
 
-class Ask(msgspec.Struct, frozen=True, kw_only=True):
+class PersonAsked(msgspec.Struct, frozen=True, kw_only=True):
     """Put a question to a person; its answer comes as `answered`."""
 
     conversation: str
@@ -101,7 +101,7 @@ class ScriptEnd(msgspec.Struct, frozen=True, kw_only=True):
     well: bool = True
 
 
-ScriptOrder = Do | Ask | ScriptReply | Wait | CancelAct | Play | LogLine | ScriptEnd
+ScriptOrder = Do | PersonAsked | ScriptReply | Wait | CancelAct | Play | LogLine | ScriptEnd
 
 
 def order_line(order: ScriptOrder) -> str:
@@ -112,7 +112,7 @@ def order_line(order: ScriptOrder) -> str:
             words = ["do", partner, act, *given]
         case ScriptReply(conversation=conversation, performative=performative, values=values):
             words = ["reply", conversation, performative, *map(spell, values)]
-        case Ask(question=question, answers=answers):
+        case PersonAsked(question=question, answers=answers):
             words = ["ask", spell(question), *map(spell, answers)]
         case Wait(name=name, seconds=seconds):
             words = ["wait", name, f"{seconds:g}"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from robotree.vr.scripts.happening import Ask
+from robotree.vr.scripts.happening import PersonAsked
 
 MOST_QUESTIONS = 20
 """Questions of one script that wait."""
@@ -19,18 +19,18 @@ class Questions:
 
     def __init__(self) -> None:
         """Nothing is asked."""
-        self._open: dict[str, Ask] = {}
+        self._open: dict[str, PersonAsked] = {}
 
     def __len__(self) -> int:
         return len(self._open)
 
-    def ask(self, question: Ask) -> None:
+    def ask(self, question: PersonAsked) -> None:
         """Put a question; one of the same conversation is replaced, and comes last."""
         self._open = {key: one for key, one in self._open.items() if key != question.conversation}
         self._open[question.conversation] = question
 
     def take_back(self, conversation: str | None) -> None:
-        """Ask one not any more; None: nothing at all."""
+        """PersonAsked one not any more; None: nothing at all."""
         self._open = (
             {}
             if conversation is None
@@ -46,14 +46,14 @@ class Questions:
         answers = {"answers": SEPARATOR.join(first.answers)} if first.answers else {}
         return {"question": first.question, "question-id": first.conversation, **answers, **more}
 
-    def meant(self, conversation: str) -> Ask | None:
+    def meant(self, conversation: str) -> PersonAsked | None:
         """Return the question of a conversation, or the oldest one (empty); None: there is none."""
         if conversation:
             return self._open.get(conversation)
         return next(iter(self._open.values()), None)
 
 
-def wrong(question: Ask, answer: str) -> str:
+def wrong(question: PersonAsked, answer: str) -> str:
     """Return why an answer is none, as a clause; empty: it is."""
     if question.answers and answer not in question.answers:
         return f"{answer!r} is no answer to that; there are: {', '.join(question.answers)}"

@@ -28,11 +28,11 @@ from robotree.vr.core.events import AT
 from robotree.vr.scripts.engine import Engine, ScriptError
 from robotree.vr.scripts.group_act import GroupAct
 from robotree.vr.scripts.happening import (
-    Ask,
     CancelAct,
     Do,
     Happening,
     LogLine,
+    PersonAsked,
     Play,
     ScriptEnd,
     ScriptOrder,
@@ -458,7 +458,7 @@ class ScriptRun:
                     self.answers[conversation] = order
                     for key in [key for key, talk in self.taken.items() if talk == conversation]:
                         self.waiting.get(key, _nobody)()
-            case Ask():
+            case PersonAsked():
                 self._ask(order)
             case Wait(seconds=seconds):
                 self._timers.append((self._at + seconds, order))
@@ -470,7 +470,7 @@ class ScriptRun:
             case ScriptEnd():
                 self._over = self._over or order
 
-    def _ask(self, question: Ask) -> None:
+    def _ask(self, question: PersonAsked) -> None:
         if len(self.questions) >= MOST_QUESTIONS:
             raise ScriptError(f"it floods: {MOST_QUESTIONS} questions wait for people")
         self.questions.ask(question)
