@@ -30,7 +30,7 @@ class Questions:
         self._open[question.conversation] = question
 
     def take_back(self, conversation: str | None) -> None:
-        """PersonAsked one not any more; None: nothing at all."""
+        """Take a question back; None: nothing at all."""
         self._open = (
             {}
             if conversation is None
