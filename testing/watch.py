@@ -71,7 +71,7 @@ def _is_in_robotree(thread: int) -> bool:
 
     Such code may be between two statements that belong together, as taking a lock and noting its holder.
     """
-    frame = sys._current_frames().get(thread)  # noqa: SLF001 # documented, in spite of its name
+    frame = sys._current_frames().get(thread)  # noqa: SLF001 # pyright: ignore[reportPrivateUsage] # documented
     while frame is not None and frame.f_code.co_filename.startswith(_LIBRARY):
         frame = frame.f_back
     return frame is not None and frame.f_globals.get("__name__", "").startswith("robotree.")
