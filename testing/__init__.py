@@ -11,6 +11,7 @@ operator are simulated processes with the real agents, leases, checks and stops 
 robot made from the description of a kind; `cell` is the simulated robot with its real proxy and firmware.
 Nothing here takes real time, and the same seed gives the same order of events.
 
+    trial       a page carried out once, for a program that asks
     parts       what can be in a slot, and what goes wrong with it
     kind        what a fake needs to know of a kind, from a class, a description or a file
     fake        fakes, their results and their faults

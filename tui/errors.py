@@ -131,6 +131,10 @@ class BadRecordedRealm(SessionError):
         super().__init__(f"the recording {path} {reason}")
 
 
+class BadComposition(SupervisorError):
+    """Steps that cannot be meant, or cannot be read; one sentence."""
+
+
 class ValueRefused(SupervisorError, ValueError):
     """A typed value that does not fit its field; the sentence stands beside the field."""
 

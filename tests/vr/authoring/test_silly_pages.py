@@ -9,7 +9,7 @@ import pytest
 
 from robotree.kinds import Arm
 from robotree.testing import Fake, rehearse
-from robotree.tui.authoring import findings
+from robotree.tui.line.findings import findings
 from robotree.tui.line.known_kinds import known_kinds
 from robotree.vr import Child, CommandFailed, VirtualRobot, command
 from robotree.vr.base.errors import BundleError

@@ -1,0 +1,134 @@
+"""What a composition commands, without any robot: what its test expects. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import msgspec
+
+from robotree.tui.composing.steps import (
+    Checked,
+    Comparison,
+    ComposedBranch,
+    ComposedCall,
+    ComposedExpectation,
+    ComposedPart,
+    ComposedRepeat,
+    ComposedStep,
+    ComposedTogether,
+    ComposedWait,
+    Kinds,
+    Value,
+    Variable,
+)
+from robotree.tui.errors import BadComposition
+
+LONGEST: Final = 5000
+"""Steps that one call may take."""
+
+Order = tuple[str, str, dict[str, Any]]
+"""Slot, command, arguments."""
+
+
+class Played(msgspec.Struct):
+    """What one call of a composition does."""
+
+    orders: list[Order] = []
+    """What is commanded, in its order; what only reads is left out."""
+    reads: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    """The results of the commands that are compared, one after the other: those with which all that is
+    expected holds, and each `if` that can."""
+    seconds: float = 0.0
+    """Of fakes, whose commands take a second."""
+    unordered: bool = False
+    """Whether some of it begins at the same time."""
+
+
+def play(checked: Checked, kinds: Kinds, arguments: Mapping[str, Any]) -> Played:
+    """Play a composition.
+
+    Args:
+        checked: it can be meant.
+        kinds: of its robots.
+        arguments: other values than the defaults of its parameters.
+
+    Raises:
+        BadComposition: it takes more than `LONGEST` steps.
+    """
+    player = _StepPlayer(checked, kinds, arguments)
+    player.steps(checked.composition.steps)
+    return player.played
+
+
+class _StepPlayer:
+    def __init__(self, checked: Checked, kinds: Kinds, arguments: Mapping[str, Any]) -> None:
+        self.played = Played()
+        self._slots = dict(checked.composition.slots)
+        self._kinds = kinds
+        self._given = dict(checked.composition.parameters) | dict(arguments)
+        self._left = LONGEST
+
+    def steps(self, steps: Sequence[ComposedStep]) -> None:
+        for step in steps:
+            self._left -= 1
+            if self._left < 0:
+                raise BadComposition(f"one call would take more than {LONGEST} steps; repeat less")
+            self._step(step)
+
+    def _step(self, step: ComposedStep) -> None:
+        match step:
+            case ComposedCall():
+                self._call(step)
+            case ComposedWait(seconds):
+                self.played.seconds += float(self._value(seconds))
+            case ComposedExpectation(that):
+                self._read(that)
+            case ComposedPart(_, inside):
+                self.steps(inside)
+            case ComposedRepeat(times, inside):
+                for _ in range(int(self._value(times))):
+                    self.steps(inside)
+            case ComposedBranch(that, then, _):
+                self._read(that)
+                self.steps(then)
+            case ComposedTogether(inside):
+                self.played.unordered = True
+                self.steps(inside)
+
+    def _call(self, step: ComposedCall) -> None:
+        spec = self._kinds[self._slots[step.slot]][step.command]
+        if spec.effect != "read":
+            given = {name: self._value(value) for name, value in step.arguments}
+            self.played.orders.append((step.slot, step.command, given))
+            self.played.seconds += 1.0
+
+    def _value(self, value: Value) -> Any:
+        if isinstance(value, Variable):
+            given = self._given[value.name]
+            return round(given + value.plus, 9) if value.plus else given
+        return value
+
+    def _read(self, that: Comparison) -> None:
+        """Have the reading be one with which the comparison holds."""
+        value = self._value(that.value)
+        match that.relation:
+            case "is":
+                found = value
+            case "above":
+                found = value + 1
+            case "below":
+                found = value - 1
+            case "is not":
+                found = not value if isinstance(value, bool) else self._other(that, value)
+        result = {that.field: found}
+        self.played.reads.setdefault((that.slot, that.command), []).append(result)
+
+    def _other(self, that: Comparison, value: Any) -> Any:
+        """Return another value than this one."""
+        spec = self._kinds[self._slots[that.slot]][that.command]
+        part = next(each for each in spec.result if each.name == that.field)
+        others = [choice for choice in part.choices if choice != value]
+        if others:
+            return others[0]
+        return value + 1 if isinstance(value, int | float) else f"not {value}"
