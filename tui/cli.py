@@ -165,9 +165,9 @@ def _start(line: Line, *, readonly: bool) -> int:
             return int(import_module(f"robotree.tui.{verb.partition(' ')[0]}").start(line))
         case verb:
             apart = {
-                "check": _author, "new": _author, "info": _look, "doctor": _look, "completion": _complete,
-                "man": _man, "stop": _stop, "save": _save, "apply": _apply, "hub": _realm,
-                "mcp": _mcp, "assistants": _assistant,
+                "check": _author, "new": _author, "compose": _compose, "info": _look, "doctor": _look,
+                "completion": _complete, "man": _man, "stop": _stop, "save": _save, "apply": _apply,
+                "hub": _realm, "mcp": _mcp, "assistants": _assistant,
             }  # fmt: skip
             families: dict[str, Callable[[Line, str, bool], int]] = {
                 "realm": _realm, "bundle": _bundle, "policy": _policy, "assistant": _assistant,
@@ -252,6 +252,18 @@ def _author(line: Line, _realm: str, _readonly: bool) -> int:  # noqa: FBT001 # 
     from robotree.tui.line.known_kinds import known_kinds
 
     return (authoring.check if line.verb == "check" else authoring.new)(line, known_kinds())
+
+
+def _compose(line: Line, realm: str, readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike
+    """Make a page of a file, also where no realm is; or open the composer."""
+    if not line.text("--from"):
+        from robotree.tui.line.installed import require
+
+        require("compose", "tui")
+        return _run(_supervise(realm, readonly=readonly, composing=True), on_screen=True)
+    from robotree.tui.line.shell import apart
+
+    return _run(apart(line, realm))
 
 
 def _ask(line: Line, realm: str, _readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike
@@ -373,6 +385,10 @@ def _demo(line: Line, *, readonly: bool) -> int:
         return _run(work, on_screen=not headless)
     over = demo.Wire.of(can=line.flag("--can"), classic=line.flag("--classic"))
     story = demo_companion.STORY if companion else demo_crash.Crash() if crash else demo.CELL
+    if line.text("STORY") == demo_companion.COMPOSE:
+        from robotree.tui import demo_compose
+
+        story = demo_compose.Compose()
     work = demo.demo(
         story,
         headless=headless or bool(without),
@@ -468,13 +484,13 @@ def _find_room_for_a_loop() -> None:
             end.close()
 
 
-async def _supervise(realm: str, *, readonly: bool, user: bool = False) -> int:
-    """Join the realm and show the full screen, or the page for people who do not operate robots."""
+async def _supervise(realm: str, *, readonly: bool, user: bool = False, composing: bool = False) -> int:
+    """Join the realm and show the full screen, its composer, or the page for who does not operate robots."""
     if without := no_screen():
         raise NeedsTerminal(without)
     from robotree.client.joining import joined
     from robotree.tui.screen import keymap
-    from robotree.tui.screen.app import Supervisor
+    from robotree.tui.screen.app import Composer, Supervisor
     from robotree.tui.screen.supervise import supervise
     from robotree.tui.screen.user_app import UserApp
 
@@ -484,7 +500,7 @@ async def _supervise(realm: str, *, readonly: bool, user: bool = False) -> int:
 
     async with joined(realm) as realm_client:
         await taken.merge(realm_client, Silent())
-        app = UserApp if user else Supervisor
+        app = UserApp if user else Composer if composing else Supervisor
         return await supervise(realm_client, realm, readonly=readonly, screen=app)
 
 

@@ -31,7 +31,8 @@ SITES = "sites"
 AWAY = "away"
 TRAVEL = "travel"
 MCP = "mcp"
-STORIES = ("", "cell", NAME, SITES, AWAY, TRAVEL, MCP)
+COMPOSE = "compose"
+STORIES = ("", "cell", NAME, SITES, AWAY, TRAVEL, MCP, COMPOSE)
 """The demos by name; the cell needs none."""
 ROBOT, SCRIPT, VIEW, EYES = "companion", "evening", "flat", "recogniser"
 PEOPLE = {11: "anna", 12: "bela", 13: "cleo"}

@@ -20,8 +20,10 @@ What a person did by hand is many small moves. Three things make few steps of th
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
+
+import msgspec
 
 from robotree.tui.composing.steps import (
     Comparison,
@@ -32,6 +34,7 @@ from robotree.tui.composing.steps import (
     Composition,
     Value,
     Variable,
+    walk,
 )
 from robotree.tui.errors import BadComposition
 from robotree.vr.base.description import CommandSpec
@@ -46,6 +49,7 @@ NEAR: Final = 0.08
 """[m] beside a place: moves so near, right before and after it, go along with it. The hand is as wide."""
 STANDS: Final = 0.004
 """[m] between two places that count as the same one: what a goal that was reached may miss."""
+ABOUT: Final = "What was shown once, in steps with names."
 MOST: Final = 20_000
 """Commands of one demonstration."""
 PLACES: Final = ("from", "to", "third", "fourth", "fifth", "sixth", "seventh", "eighth")
@@ -94,7 +98,8 @@ def composed(
     shown: Sequence[Shown],
     tolerance: float = TOLERANCE,
     starts: Mapping[str, Pose] | None = None,
-    doc: str = "What was shown once, in steps with names.",
+    before: Composition | None = None,
+    filled: Mapping[str, str] | None = None,
 ) -> Composition:
     """Return what was shown as a composition.
 
@@ -104,7 +109,8 @@ def composed(
         shown: their commands that ended well, in the order in which they began.
         tolerance: [m] by which a way may be simplified.
         starts: where each robot was at first, if that is known.
-        doc: what the robot is for.
+        before: steps behind which these come; None: none.
+        filled: the slots that robots have in those steps already, by the names of robots.
 
     Raises:
         BadComposition: nothing was shown, or too much.
@@ -115,8 +121,9 @@ def composed(
         raise BadComposition("nothing was shown: no robot was commanded meanwhile, or each command failed")
     if len(shown) > MOST:
         raise BadComposition(f"{len(shown)} commands were shown, and at most {MOST} become steps; show less")
-    slots = _slots(known, shown)
-    parameters: dict[str, float] = {}
+    old = before or Composition(name, doc=ABOUT, does="Do what was shown.", command="carry_out")
+    slots = _slots(known, shown, dict(filled or {}))
+    parameters: dict[str, Any] = dict(old.parameters)
     steps: list[ComposedStep] = []
     begun: set[str] = set()
     for robot, run in _runs(shown):
@@ -126,10 +133,18 @@ def composed(
             begun.add(robot)
         else:
             steps += [ComposedCall(slots[robot], one.command, tuple(one.arguments.items())) for one in run]
-    used = tuple((slots[robot], known[robot].kind) for robot in slots)
-    return Composition(
-        name, used, tuple(_named(steps)), tuple(parameters.items()), "carry_out", doc, "Do what was shown."
+    kinds = dict(old.slots) | {slots[robot]: known[robot].kind for robot in slots if robot in known}
+    return msgspec.structs.replace(
+        old,
+        name=name,
+        slots=tuple(kinds.items()),
+        steps=(*old.steps, *_named(steps, _part_names(old.steps))),
+        parameters=tuple(parameters.items()),
     )
+
+
+def _part_names(steps: Iterable[ComposedStep]) -> set[str]:
+    return {step.name for _, step in walk(steps) if isinstance(step, ComposedPart)}
 
 
 def _can(robot: ShownRobot, shown: Shown) -> bool:
@@ -138,15 +153,25 @@ def _can(robot: ShownRobot, shown: Shown) -> bool:
     return spec is not None and spec.effect != "read" and not spec.beside
 
 
-def _slots(known: Mapping[str, ShownRobot], shown: Iterable[Shown]) -> dict[str, str]:
+def _slots(known: Mapping[str, ShownRobot], shown: Iterable[Shown], slots: dict[str, str]) -> dict[str, str]:
     """Return a slot for each robot: its kind in small letters, and a number from the second one on."""
-    slots: dict[str, str] = {}
     for robot in dict.fromkeys(one.robot for one in shown):
-        stem = "".join(each for each in known[robot].kind.lower() if each.isascii() and each.isalnum())
-        stem = stem[:20] if stem[:1].isalpha() else "robot"
-        count = sum(slot.rstrip("0123456789") == stem for slot in slots.values())
-        slots[robot] = f"{stem}{count + 1 if count else ''}"
+        if robot not in slots:
+            slots[robot] = slot_for(known[robot].kind, slots.values())
     return slots
+
+
+def slot_for(kind: str, taken: Iterable[str]) -> str:
+    """Return the name of a slot for a robot of a kind."""
+    stem = "".join(each for each in kind.lower() if each.isascii() and each.isalnum())
+    stem = stem[:20] if stem[:1].isalpha() else "robot"
+    return _free(stem, set(taken))
+
+
+def _free(stem: str, taken: Collection[str]) -> str:
+    """Return a name that is not taken: this one, else with a number."""
+    numbered = (f"{stem}{number}" for number in range(2, len(taken) + 3))
+    return next(name for name in (stem, *numbered) if name not in taken)
 
 
 def _runs(shown: Iterable[Shown]) -> list[tuple[str, list[Shown]]]:
@@ -334,12 +359,12 @@ def _act(slot: str, act: Shown) -> ComposedStep:
     return ComposedCall(slot, act.command, tuple(act.arguments.items()))
 
 
-def _named(steps: Iterable[ComposedStep]) -> Iterable[ComposedStep]:
+def _named(steps: Iterable[ComposedStep], taken: set[str]) -> Iterable[ComposedStep]:
     """Give parts of the same name numbers from the second one on."""
-    counts: dict[str, int] = {}
     for step in steps:
         if isinstance(step, ComposedPart):
-            counts[step.name] = number = counts.get(step.name, 0) + 1
-            yield ComposedPart(step.name if number == 1 else f"{step.name}{number}", step.steps)
+            name = _free(step.name, taken)
+            taken.add(name)
+            yield ComposedPart(name, step.steps)
         else:
             yield step

@@ -296,8 +296,8 @@ class _Meaning:
             case ComposedExpectation():
                 if not _is_text(step.otherwise):
                     raise BadComposition(
-                        f"`expect {step.that.path} …` needs a text of up to {LONGEST_TEXT} characters that can be"
-                        ' printed, behind `else`, that says what is wrong: else "nothing is there"'
+                        f"`expect {step.that.path} …` needs a text of up to {LONGEST_TEXT} characters that"
+                        ' can be printed, behind `else`, that says what is wrong: else "nothing is there"'
                     )
                 return ComposedExpectation(self._comparison(step.that), step.otherwise)
             case ComposedPart() | ComposedTogether() | ComposedRepeat() | ComposedBranch() if not step.steps:

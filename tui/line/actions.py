@@ -208,6 +208,21 @@ ACTIONS: tuple[Action, ...] = (
         examples=("new", "new team --over arm", "new night --from patrol"),
     ),
     Action(
+        usage="compose [NAME] [--from FILE] [--of ROBOT …] [--tolerance LENGTH] [--untried] [--force]",
+        help="Make a virtual robot without writing code: a page NAME.py, its panel and its test. FILE: what"
+        " was shown once and recorded (`record`, FILE.mcap; --of: what these robots did, else what persons"
+        " asked), a FILE.session, or steps as text. Ways are simplified within LENGTH (10 mm). It is tried in"
+        " a twin of the cell before anything is written, unless --untried; nothing is overwritten without"
+        " --force. Without FILE: the page of the full screen, where one chooses steps or shows them by hand.",
+        group=AUTHOR,
+        run="recording.composed:compose",
+        where=ANYWHERE,
+        key="C",
+        label="Compose",
+        examples=("compose", "compose cup --from cup.mcap", "compose cup --from cup.steps --force"),
+        guide=("robotree.tui.composing.lines",),
+    ),
+    Action(
         usage="check FILE",
         help="Check a page and its panels without any robot: what it would lose, what blocks, what its"
         " children lack.",
@@ -714,7 +729,7 @@ ACTIONS: tuple[Action, ...] = (
         " another site, --delay milliseconds away (150), while the hub between them is killed; travel, the"
         " same by robots near the operator, near the arm, moved in between, and left to themselves; away, a"
         " rover that is switched off and takes its orders when it is back; mcp, an assistant that closes the"
-        " lever when you say yes."
+        " lever when you say yes; compose, a cup is carried once by hand, and again by the page made of that."
         " --crash: close the lever, kill the host of its robots meanwhile, and see them go on."
         " Its links are signed with the realm's own key, with --open they are not. --speedup: as for sim.",
         group=PROCESS,
@@ -728,6 +743,7 @@ ACTIONS: tuple[Action, ...] = (
             "demo travel --headless --delay 150",
             "demo away --headless",
             "demo mcp --headless",
+            "demo compose --headless",
             "demo --headless --can --classic",
         ),
     ),

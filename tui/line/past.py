@@ -22,6 +22,11 @@ if TYPE_CHECKING:  # help must not wait for the agents
 _CLOCK = re.compile(r"(\d{1,2}):(\d\d)(?::(\d\d))?")
 _R = TypeVar("_R")
 
+MOST_EVENTS = 10_000
+"""That are asked for of what was shown."""
+LOOKS = 0.1
+"""[s] between two looks whether all that was begun is over."""
+
 
 class _Kept(NamedTuple):
     """The answers of all processes that keep events."""
@@ -133,6 +138,26 @@ async def kept_events(realm_client: RealmClient, request: ReadEvents) -> _Kept:
     here = msgspec.structs.replace(request, robot=plain)
     read, faults = await _from_files(realm_client, answers, lambda file: file.read(here))
     return _Kept(answers | read, (*notes, *faults))
+
+
+async def settled_events(
+    realm_client: RealmClient, robot: str, since: float, within: float = 5.0
+) -> list[HistoryEvent]:
+    """Return what a robot did since a time, when all that it began is over, or after `within` [s]."""
+    import asyncio
+
+    from robotree.vr.base.requests import ReadEvents
+
+    latest = time.monotonic() + within
+    while True:
+        kept = await kept_events(realm_client, ReadEvents(robot=robot, since=since, most=MOST_EVENTS))
+        events = [event for _, event in kept.events()]
+        begun = {event.key for event in events if event.kind == "accepted"}
+        if begun <= {event.key for event in events if event.kind == "ended"} and begun:
+            return events
+        if time.monotonic() > latest:
+            return events
+        await asyncio.sleep(LOOKS)
 
 
 async def _from_files(

@@ -217,3 +217,21 @@ async def once(
         console.error(error)
         return exit_codes.code_of(error)
     return exit_codes.NOBODY
+
+
+async def apart(line: Line, realm: str) -> int:
+    """Do one verb that needs no realm, with the robots of the realm where there is one.
+
+    Returns:
+        The exit code.
+    """
+    from robotree.client.joining import joined
+    from robotree.tui.line.carrying import function_of
+    from robotree.tui.processes.realm import anybody_met
+
+    console = Console(as_json=line.flag("--json"))
+    if anybody_met(realm):
+        async with joined(realm) as realm_client:
+            return await obey(realm_client, line, console)
+    console.outcome(await function_of(line.verb)(None, line, console))
+    return exit_codes.DONE

@@ -266,3 +266,12 @@ class Supervisor(OperatorApp):
             self.ask_for(verb)
         else:
             self.main.action_verb(verb)
+
+
+class Composer(Supervisor):
+    """The full screen that begins with the composer."""
+
+    async def on_mount(self) -> None:
+        """Open the composer over the main page."""
+        await super().on_mount()
+        self.ask_for("compose")

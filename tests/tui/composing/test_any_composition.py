@@ -44,8 +44,8 @@ KINDS = ROBOTS.kinds
 SLOTS = {"arm": "Arm", "rover": "Rover", "friend": "Companion", "head": "Head"}
 HOSTILE = [
     '"', "'", '"""', "'''", "\\", "\\\\", "\n", "\r\n", "\u2028", "{x}", "{__import__('os')}", "%s", "$x", "$$",
-    "#", "# noqa", '");import os;("', '"""\nimport os\nos.abort()\n"""', "\x00", "\ud7ff", "\U0001f9be", "\u202e",
-    "\\N{BULLET}", "\\", "x\\", " ", "\t", "é", "()", "\x1b[31m",
+    "#", "# noqa", '");import os;("', '"""\nimport os\nos.abort()\n"""', "\x00", "\ud7ff", "\U0001f9be",
+    "\u202e", "\\N{BULLET}", "\\", "x\\", " ", "\t", "é", "()", "\x1b[31m",
 ]  # fmt: skip
 ANY_TEXTS = st.one_of(
     st.text(max_size=12),
@@ -92,7 +92,10 @@ def comparisons(draw: st.DrawFn, slots: tuple[str, ...]) -> Comparison:
     slot = draw(st.sampled_from([each for each in slots if each != "friend"] or ["friend"]))
     if slot == "friend":
         relation = draw(st.sampled_from(["is", "is not"]))
-        return Comparison("friend", "holding", "", relation, draw(TEXTS))
+        command, value = draw(
+            st.sampled_from([("holding", "nothing"), ("holding", "left"), ("roles", "butler"), ("roles", "")])
+        )
+        return Comparison("friend", command, "", relation, value)
     parts = {part.name: part for part in KINDS[SLOTS[slot]]["get_info"].result}
     name = draw(st.sampled_from(sorted(parts)))
     if parts[name].type == "bool":
@@ -261,7 +264,7 @@ def test_hostile_arguments_stay_arguments(text: str) -> None:
     said = ComposedCall("head", "say", (("text", f"a{text}"),))
     made = Composition("cup", (("head", "Head"),), (said,), doc=f"a{text}", does=f"a{text}")
     if not text.isprintable():
-        with pytest.raises(BadComposition, match="can be printed|cannot be printed"):
+        with pytest.raises(BadComposition, match="be printed"):
             prepared(made, ROBOTS, "Drawn by a test.")
         return
     good = prepared(made, ROBOTS, "Drawn by a test.").checked

@@ -1,0 +1,87 @@
+"""What was shown, out of what robots remember: their histories and states. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+from typing import Any, cast
+
+import msgspec
+
+from robotree.tui.composing.demonstration import AXES, Pose, Shown, ShownRobot
+from robotree.vr.base.arguments import check_arguments
+from robotree.vr.base.description import RobotDescription
+from robotree.vr.base.errors import BadArgument
+from robotree.vr.base.history_event import HistoryEvent
+from robotree.vr.base.principal import is_person
+
+
+class Gathered(msgspec.Struct, frozen=True):
+    """What was shown, by which robots, from where on."""
+
+    robots: tuple[ShownRobot, ...]
+    shown: tuple[Shown, ...]
+    starts: Mapping[str, Pose]
+    failed: int = 0
+    """Commands that did not end well, and are left out."""
+
+
+def gathered(
+    events: Iterable[HistoryEvent],
+    described: Mapping[str, RobotDescription],
+    wanted: Collection[str] = (),
+    starts: Mapping[str, Mapping[str, float]] | None = None,
+) -> Gathered:
+    """Return the commands that ended well, in the order in which they were asked.
+
+    Args:
+        events: of the histories of the robots.
+        described: the robots, by name.
+        wanted: what these robots did, whoever asked; empty: what persons asked of any robot.
+        starts: the readings of each robot before it began.
+    """
+    begun: list[HistoryEvent] = []
+    ended: dict[tuple[str, str], HistoryEvent] = {}
+    for event in sorted(events, key=lambda each: each.unix):
+        asked = event.robot in wanted if wanted else is_person(event.person or event.caller)
+        if event.kind == "accepted" and asked and event.robot in described:
+            begun.append(event)
+        elif event.kind == "ended":
+            ended[event.robot, event.key] = event
+    shown: list[Shown] = []
+    seen: set[tuple[str, str]] = set()
+    for event in begun:
+        key = (event.robot, event.key)
+        end = ended.get(key)
+        one = _shown(event, described[event.robot])
+        if one is not None and end is not None and not end.error and key not in seen:
+            shown.append(one)
+        seen.add(key)
+    names = dict.fromkeys(one.robot for one in shown)
+    poses = {name: pose for name in names if (pose := _pose((starts or {}).get(name, {}))) is not None}
+    robots = tuple(shown_robot(described[name]) for name in names)
+    return Gathered(robots, tuple(shown), poses, len(seen) - len(shown))
+
+
+def shown_robot(described: RobotDescription) -> ShownRobot:
+    """Return a robot with which something was shown."""
+    return ShownRobot(described.name, described.kind, {one.name: one for one in described.commands})
+
+
+def _shown(event: HistoryEvent, robot: RobotDescription) -> Shown | None:
+    """Return one command with its arguments as the robot takes them; None: it does not take them."""
+    spec = robot.command(event.command)
+    given = cast("dict[str, Any]", event.arguments) if isinstance(event.arguments, dict) else {}
+    if spec is None:
+        return None
+    try:
+        arguments = check_arguments(spec, given)
+    except BadArgument:
+        return None
+    return Shown(event.robot, event.command, arguments)
+
+
+def _pose(readings: Mapping[str, float]) -> Pose | None:
+    if not set(AXES) <= readings.keys():
+        return None
+    x, y, z, twist = (readings[axis] for axis in AXES)
+    return x, y, z, twist

@@ -1,0 +1,176 @@
+"""The verb `compose`: a virtual robot out of steps, of a recording, or of a session script.
+
+robotree compose cup --from cup.mcap
+robotree compose cup --from cup.steps
+robotree compose cup --from cup.session
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from robotree.tui.composing.demonstration import TOLERANCE, Shown, composed
+from robotree.tui.composing.gathering import Gathered, gathered, shown_robot
+from robotree.tui.composing.lines import LARGEST, read_lines
+from robotree.tui.composing.steps import Composition
+from robotree.tui.composing.writing import KnownRobots, Prepared, Tried, prepared, tried, write
+from robotree.tui.errors import BadComposition, ValueRefused
+from robotree.tui.line.grammar import Line
+from robotree.tui.line.verbs import Outcome, Teller, plain
+from robotree.tui.recording.exports import opened
+from robotree.tui.recording.tape import RecordedState, Tape
+from robotree.tui.session.playing import read_file
+from robotree.tui.session.script import Do
+from robotree.vr.base.arguments import check_argument, check_arguments
+from robotree.vr.base.description import FieldSpec, RobotDescription
+from robotree.vr.base.errors import VrError
+from robotree.vr.base.history_event import HistoryEvent
+
+if TYPE_CHECKING:
+    from robotree.vr.supervision.realm_client import RealmClient
+
+WAY = FieldSpec(name="LENGTH", type="float", unit="m", lower=0.0, upper=0.2)
+"""Of `--tolerance`."""
+
+
+async def compose(realm_client: RealmClient | None, line: Line, teller: Teller) -> Outcome:
+    """Make a page, its panel and its test, out of a file.
+
+    Args:
+        realm_client: of a realm whose robots may be composed, too; None: there is none.
+        line: understood.
+        teller: hears what happens.
+
+    Raises:
+        BadComposition: there is nothing in the file that can be meant.
+        BadRecordedRealm: it is a recording that cannot be read.
+        FileExistsError: one of the files is there, and `--force` was not given.
+        ValueRefused: a value of the line cannot be meant.
+    """
+    name, source = line.text("NAME").replace("-", "_"), line.text("--from")
+    if not source:
+        raise ValueRefused("--from", "say what it is made of: a FILE.mcap, a FILE.session or a FILE.steps")
+    living = [] if realm_client is None else list(await realm_client.tree())
+    made, robots = await asyncio.to_thread(_composition, line, name, source, living, teller)
+    made = msgspec.structs.replace(made, name=name)
+    origin = f"Made by `robotree compose {name} --from {Path(source).name}`."
+    ready = await asyncio.to_thread(prepared, made, robots, origin)
+    went = None
+    if not line.flag("--untried"):
+        teller.warn("it is tried in a twin of the cell, where nothing real moves: this takes some seconds …")
+        went = await asyncio.to_thread(tried, ready)
+        if not went.ok:
+            raise BadComposition(f"nothing was written: {went.told}; --untried writes it nevertheless")
+    there = await asyncio.to_thread(write, ready, Path(), replace=line.flag("--force"))
+    return outcome_of(ready, went, there, living)
+
+
+def outcome_of(
+    ready: Prepared, went: Tried | None, files: Iterable[str], living: Iterable[RobotDescription] = ()
+) -> Outcome:
+    """Return what is told of a composition that was written.
+
+    Args:
+        ready: it.
+        went: how it went in a twin; None: it was not tried.
+        files: that were written.
+        living: robots that may be put below it.
+    """
+    made, files = ready.checked.composition, list(files)
+    names = {kind: robot.name for robot in living for kind in robot.kinds}
+    then = [f"robotree create {ready.page} as {made.name}"]
+    then += [f"robotree enslave {made.name}.{slot} {names.get(kind, 'ROBOT')}" for slot, kind in made.slots]
+    changed = next((f" {key}={value}" for key, value in made.parameters), "")
+    then += [f"robotree call {made.name}.{made.command}{changed}"]
+    rows = [f"made {', '.join(files)}; the page has {ready.lines} lines"]
+    rows += [went.told] if went else ["it was not tried"]
+    rows += ["", "next:", *(f"  {one}" for one in then)]
+    data = {
+        "files": files, "lines": ready.lines, "parameters": dict(made.parameters), "next": then,
+        "tried": None if went is None else plain(went),
+    }  # fmt: skip
+    return Outcome(data, "\n".join(rows))
+
+
+def _composition(
+    line: Line, name: str, source: str, living: list[RobotDescription], teller: Teller
+) -> tuple[Composition, KnownRobots]:
+    """Return what a file says, and the robots that are known."""
+    if source.endswith(".mcap"):
+        tape = opened(source)
+        described = {robot.name: robot for robot in living} | _described(tape)
+        shown = shown_in(tape, described, line.many("--of"))
+    elif source.endswith(".session"):
+        described = {robot.name: robot for robot in living}
+        shown = _asked_in(source, described)
+    else:
+        text = _text(source)
+        return read_lines(text, source), KnownRobots.of(living)
+    if shown.failed:
+        teller.warn(f"{shown.failed} commands that did not end well are left out")
+    made = composed(name, shown.robots, shown.shown, _tolerance(line), shown.starts)
+    return made, KnownRobots.of(described.values())
+
+
+def _tolerance(line: Line) -> float:
+    text = line.text("--tolerance")
+    if not text:
+        return TOLERANCE
+    try:
+        return float(check_argument(WAY, text, command="compose"))
+    except VrError as error:
+        raise ValueRefused("--tolerance", str(error)) from None
+
+
+def _text(source: str) -> str:
+    path = Path(source)
+    if path.stat().st_size > 4 * LARGEST:
+        raise BadComposition(f"{source} is larger than {4 * LARGEST} bytes: it is no composition")
+    try:
+        return path.read_text()
+    except UnicodeDecodeError:
+        raise BadComposition(f"{source} is no text; a recording ends with .mcap") from None
+
+
+def _described(tape: Tape) -> dict[str, RobotDescription]:
+    found = (entry.content for entry in tape.entries)
+    return {robot.name: robot for robot in found if isinstance(robot, RobotDescription)}
+
+
+def shown_in(tape: Tape, described: Mapping[str, RobotDescription], wanted: Iterable[str]) -> Gathered:
+    """Return what was shown in a recording.
+
+    Args:
+        tape: the recording.
+        described: robots, by name.
+        wanted: what these robots did, whoever asked; empty: what persons asked of any robot.
+    """
+    events = [entry.content for entry in tape.entries if isinstance(entry.content, HistoryEvent)]
+    starts: dict[str, Mapping[str, float]] = {}
+    for _, content in tape.entries:
+        if isinstance(content, RecordedState) and content.state.readings:
+            starts.setdefault(content.name, content.state.readings)
+    return gathered(events, described, tuple(wanted), starts)
+
+
+def _asked_in(source: str, described: Mapping[str, RobotDescription]) -> Gathered:
+    """Return what a session script asks of robots, step by step."""
+    shown: list[Shown] = []
+    for step in read_file(source).steps:
+        if isinstance(step.deed, Do) and step.deed.line.verb == "call":
+            robot, _, command = step.deed.line.text("ROBOT.COMMAND").rpartition(".")
+            spec = described[robot].command(command) if robot in described else None
+            if spec is None:
+                raise BadComposition(
+                    f"{source}, line {step.number}: {robot} is not here with a command {command}; start it,"
+                    " and compose again"
+                )
+            given = dict(each.split("=", 1) for each in step.deed.line.many("PARAMETER=VALUE"))
+            shown.append(Shown(robot, command, check_arguments(spec, given)))
+    robots = {one.robot: described[one.robot] for one in shown}
+    return Gathered(tuple(map(shown_robot, robots.values())), tuple(shown), {})
