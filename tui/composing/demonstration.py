@@ -165,10 +165,10 @@ def slot_for(kind: str, taken: Iterable[str]) -> str:
     """Return the name of a slot for a robot of a kind."""
     stem = "".join(each for each in kind.lower() if each.isascii() and each.isalnum())
     stem = stem[:20] if stem[:1].isalpha() else "robot"
-    return _free(stem, set(taken))
+    return free(stem, set(taken))
 
 
-def _free(stem: str, taken: Collection[str]) -> str:
+def free(stem: str, taken: Collection[str]) -> str:
     """Return a name that is not taken: this one, else with a number."""
     numbered = (f"{stem}{number}" for number in range(2, len(taken) + 3))
     return next(name for name in (stem, *numbered) if name not in taken)
@@ -363,7 +363,7 @@ def _named(steps: Iterable[ComposedStep], taken: set[str]) -> Iterable[ComposedS
     """Give parts of the same name numbers from the second one on."""
     for step in steps:
         if isinstance(step, ComposedPart):
-            name = _free(step.name, taken)
+            name = free(step.name, taken)
             taken.add(name)
             yield ComposedPart(name, step.steps)
         else:

@@ -235,7 +235,7 @@ class _PageMaker:
         results = [
             f"{command}={_results(found)}"
             for (where, command), found in played.reads.items()
-            if where == slot
+            if where == slot and any(found)
         ]
         return f"Fake({', '.join([what, *results])})"
 
@@ -378,6 +378,8 @@ def _results(found: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _result(found: Mapping[str, Any]) -> str:
+    if not found:
+        return "None"  # what a fake returns unless it is told
     return literal(found[""]) if set(found) == {""} else _dict(found)
 
 

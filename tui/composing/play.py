@@ -37,8 +37,8 @@ class Played(msgspec.Struct):
     orders: list[Order] = []
     """What is commanded, in its order; what only reads is left out."""
     reads: dict[tuple[str, str], list[dict[str, Any]]] = {}
-    """The results of the commands that are compared, one after the other: those with which all that is
-    expected holds, and each `if` that can."""
+    """The results of the commands that only read, one after the other: those with which all that is expected
+    holds, and each `if`; empty where nothing is compared."""
     seconds: float = 0.0
     """Of fakes, whose commands take a second."""
     unordered: bool = False
@@ -102,6 +102,8 @@ class _StepPlayer:
             given = {name: self._value(value) for name, value in step.arguments}
             self.played.orders.append((step.slot, step.command, given))
             self.played.seconds += 1.0
+        else:
+            self.played.reads.setdefault((step.slot, step.command), []).append({})
 
     def _value(self, value: Value) -> Any:
         if isinstance(value, Variable):

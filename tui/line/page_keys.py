@@ -21,7 +21,7 @@ class PageKey:
     """One key of one page."""
 
     page: str
-    """`panel`, `teleop`, `new`, `user`, `doing`, `plan`, `question`, `text`."""
+    """`panel`, `teleop`, `new`, `user`, `doing`, `writing`, `plan`, `compose`, `question`, `text`."""
     name: str
     """Its action, in a word; `page.name` is its name in a keymap file."""
     key: str
@@ -290,6 +290,90 @@ PAGE_KEYS: tuple[PageKey, ...] = (
         action="robot(-1)",
         shown=" ",
         help="Select the next robot of this place, or the one before.",
+    # -- the composer
+    PageKey(
+        page="compose",
+        name="add",
+        key="a",
+        action="add",
+        label="Add",
+        help="Add a step below: a command of a robot, repeat, if, together, part, wait.",
+    ),
+    PageKey(
+        page="compose",
+        name="remove",
+        key="delete",
+        action="remove",
+        help="Take a step out, and what is in it.",
+    ),
+    PageKey(
+        page="compose",
+        name="up",
+        key="ctrl+up",
+        action="move(-1)",
+        help="Move a step up, down.",
+    ),
+    PageKey(
+        page="compose",
+        name="down",
+        key="ctrl+down",
+        action="move(1)",
+        help="Move a step up, down.",
+    ),
+    PageKey(
+        page="compose",
+        name="in",
+        key="right",
+        action="nest(1)",
+        help="Put a step into the one above, out of it.",
+    ),
+    PageKey(
+        page="compose",
+        name="out",
+        key="left",
+        action="nest(-1)",
+        help="Put a step into the one above, out of it.",
+    ),
+    PageKey(
+        page="compose",
+        name="parametrise",
+        key="dollar_sign",
+        action="parametrise",
+        label="Parameter",
+        shown="$",
+        help="Make a value of the step a parameter.",
+    ),
+    PageKey(
+        page="compose",
+        name="show",
+        key="T",
+        action="show",
+        label="By hand",
+        help="Lead a robot by hand: what it does becomes steps.",
+    ),
+    PageKey(
+        page="compose",
+        name="try",
+        key="f5",
+        action="try",
+        label="Try",
+        help="Carry it out in a twin of the cell, where nothing real moves.",
+    ),
+    PageKey(
+        page="compose",
+        name="make",
+        key="ctrl+r",
+        action="make",
+        label="Make it",
+        help="Write the page, its panel and its test into this folder.",
+    ),
+    PageKey(
+        page="compose",
+        name="back",
+        key="escape",
+        action="back",
+        label="Back",
+        help="Leave the line that is edited, then the composer.",
     ),
     # -- questions and texts over a page
     PageKey(

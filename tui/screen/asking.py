@@ -12,6 +12,7 @@ from robotree.tui.line.going import trip_to
 from robotree.tui.line.grammar import Line
 from robotree.tui.processes.place_files import COORDINATES
 from robotree.tui.screen.operator_app import OperatorApp
+from robotree.tui.screen.pages.compose import ComposePage
 from robotree.tui.screen.pages.dialogs import Confirm, Reading
 from robotree.tui.screen.pages.enslave import EnslaveDialog, Opening, ReleaseDialog, openings
 from robotree.tui.screen.pages.going import GoDialog, NameDialog
@@ -105,6 +106,8 @@ def _show(app: OperatorApp, place: Place) -> None:
         app.do("groups", GROUP=place.name)
     else:
         _about_robot("show")(app, place)
+def _compose(app: OperatorApp, _place: Place) -> None:
+    app.push_screen(ComposePage())
 
 
 def _create(app: OperatorApp, _place: Place) -> None:
@@ -467,6 +470,7 @@ def _line(kind: Kind) -> Ask:
 
 ASK: Mapping[str, Ask] = {
     "panel": _panel,
+    "compose": _compose,
     "create": _create,
     "set": _set,
     "migrate": _of_robots(_migrate),
