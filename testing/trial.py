@@ -51,7 +51,8 @@ def carry_out(trial: Trial) -> dict[str, Any]:
     robots = {slot: _robot(kind) for slot, kind in trial.robots.items()}
     simulated = [slot for slot, robot in robots.items() if isinstance(robot, Simulated)]
     told: dict[str, Any] = {"ok": False, "simulated": simulated}
-    with rehearse(trial.page, **robots) as team:
+    parts: dict[str, Any] = dict(robots)
+    with rehearse(trial.page, **parts) as team:
         things = _lay(robots, trial.things)
         began = team.now
         try:

@@ -384,7 +384,7 @@ def _demo(line: Line, *, readonly: bool) -> int:
         work = demo_mcp.demo(headless=apart, realm=line.text("--realm"), readonly=readonly, key=key)
         return _run(work, on_screen=not headless)
     over = demo.Wire.of(can=line.flag("--can"), classic=line.flag("--classic"))
-    story = demo_companion.STORY if companion else demo_crash.Crash() if crash else demo.CELL
+    story: demo.Story = demo_companion.STORY if companion else demo_crash.Crash() if crash else demo.CELL
     if line.text("STORY") == demo_companion.COMPOSE:
         from robotree.tui import demo_compose
 

@@ -162,6 +162,7 @@ def test_no_verb_over_a_realm_is_left_out() -> None:
     proved |= {"permits", "permit allow", "permit deny"}  # of assistants: tests/assistants
     proved |= {"fault cut", "fault delay", "fault freeze", "fault kill"}  # tests/scenarios/test_trials.py
     proved |= {"questions"}  # of scripts: tests/tui/screens/test_questions_of_scripts.py
+    proved |= {"compose"}  # tests/tui/composing
     proved |= {"record"}  # until it is interrupted: tests/scenarios/test_recordings.py
     promised = {action.verb for action in ACTIONS if action.run and Where.SHELL in action.where} | {"run"}
     assert proved == promised

@@ -70,7 +70,8 @@ def shown_robot(described: RobotDescription) -> ShownRobot:
 def _shown(event: HistoryEvent, robot: RobotDescription) -> Shown | None:
     """Return one command with its arguments as the robot takes them; None: it does not take them."""
     spec = robot.command(event.command)
-    given = cast("dict[str, Any]", event.arguments) if isinstance(event.arguments, dict) else {}
+    came: Any = event.arguments
+    given: dict[str, Any] = cast("dict[str, Any]", came) if isinstance(came, dict) else {}
     if spec is None:
         return None
     try:

@@ -33,7 +33,7 @@ class Offer(NamedTuple):
 
 
 def of_robot(robot: RobotDescription, readings: Mapping[str, float]) -> Iterator[Offer]:
-    """Yield a step for each command of a robot that does something, then what can be asked of it.
+    """Yield a step for each command of a robot that does something.
 
     Args:
         robot: which.
@@ -46,6 +46,10 @@ def of_robot(robot: RobotDescription, readings: Mapping[str, float]) -> Iterator
             ]
             about = spec.doc.partition("\n")[0]
             yield Offer(f"{robot.name}.{spec.name}", about, " ".join([f"SLOT.{spec.name}", *given]))
+
+
+def asked_of(robot: RobotDescription) -> Iterator[Offer]:
+    """Yield the steps that depend on what a robot tells."""
     for spec in robot.commands:
         if spec.effect == "read" and not any(field.required for field in spec.parameters):
             yield from _comparisons(robot.name, spec)

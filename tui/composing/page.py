@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import msgspec
 
@@ -222,22 +222,18 @@ class _PageMaker:
         return "\n".join([*rows, "", *body]) + "\n"
 
     def _case(self, name: str, arguments: Mapping[str, Any], played: Played) -> list[str]:
-        fakes = [f"{slot}={self._fake(slot, kind, played)}" for slot, kind in self._made.slots]
+        fakes = [self._fake(slot, kind, played) for slot, kind in self._made.slots]
         rows = [f"def {name}() -> None:", *_call("    team = rehearse", [self._class, *fakes], "(", ")")]
         given = [f"{key}={literal(value)}" for key, value in arguments.items()]
         late = [f"within={round(2 * played.seconds) + 60}"] if played.seconds > 20.0 else []
         rows += _call("    team.call", [literal(self._made.command), *given, *late], "(", ")")
         return [*rows, *_expected(played)]
 
-    def _fake(self, slot: str, kind: str, played: Played) -> str:
-        file = literal(described_in(self._made.name, slot))
-        what = kind if kind in self._imported else f"HERE / {file}"
-        results = [
-            f"{command}={_results(found)}"
-            for (where, command), found in played.reads.items()
-            if where == slot and any(found)
-        ]
-        return f"Fake({', '.join([what, *results])})"
+    def _fake(self, slot: str, kind: str, played: Played) -> Bracket:
+        what = kind if kind in self._imported else f"HERE / {literal(described_in(self._made.name, slot))}"
+        reads = {command: found for (where, command), found in played.reads.items() if where == slot}
+        results = [_results(command, found) for command, found in reads.items() if any(found)]
+        return Bracket(f"{slot}=Fake(", [what, *results], ")")
 
     def _moved(self) -> dict[str, Any]:
         """Return another value for the first parameter that is a number; empty: there is none."""
@@ -332,14 +328,34 @@ def _parted(text: str) -> list[str]:
     return [part.strip() for part in parts]
 
 
-def _call(head: str, parts: Sequence[str], opening: str, closing: str) -> list[str]:
-    """Return a line with parts between brackets; one line for each part if they do not fit."""
-    line = f"{head}{opening}{', '.join(parts)}{closing}"
-    if len(line) <= WIDTH or not parts:
+class Bracket(NamedTuple):
+    """Something in brackets, such as a call."""
+
+    head: str
+    """Up to the opening bracket."""
+    parts: Sequence[Bracket | str]
+    close: str
+
+    def __str__(self) -> str:
+        """Return it on one line."""
+        return f"{self.head}{', '.join(map(str, self.parts))}{self.close}"
+
+
+def laid_out(words: Bracket | str, pad: str, tail: str = "") -> list[str]:
+    """Return words on one line; a line for each part in brackets where they do not fit."""
+    line = f"{pad}{words}{tail}"
+    if isinstance(words, str) or len(line) <= WIDTH or not words.parts:
         return [line]
+    inside = [row for part in words.parts for row in laid_out(part, f"{pad}    ", ",")]
+    return [f"{pad}{words.head}", *inside, f"{pad}{words.close}{tail}"]
+
+
+def _call(head: str, parts: Sequence[Bracket | str], opening: str, closing: str) -> list[str]:
+    """Return a line with parts between brackets; more lines if they do not fit."""
     pad = head[: len(head) - len(head.lstrip())]
-    opening, closing = opening or "(", closing or ")"
-    return [f"{head}{opening}", *(f"{pad}    {part}," for part in parts), f"{pad}{closing}"]
+    if not opening and len(f"{head}{', '.join(map(str, parts))}") <= WIDTH:
+        return [f"{head}{', '.join(map(str, parts))}"]
+    return laid_out(Bracket(f"{head.lstrip()}{opening or '('}", parts, closing or ")"), pad)
 
 
 def _if(pad: str, condition: str) -> list[str]:
@@ -372,19 +388,24 @@ def _comparison(that: Comparison, *, holds: bool = True) -> str:
     return f"{reading} {sign if holds else inverse[sign]} {_expression(that.value)}"
 
 
-def _results(found: Sequence[Mapping[str, Any]]) -> str:
+def _results(command: str, found: Sequence[Mapping[str, Any]]) -> Bracket | str:
     each = [_result(one) for one in found]
-    return each[0] if len(set(each)) == 1 else f"in_turn({', '.join(each)})"
+    if len({str(one) for one in each}) > 1:
+        return Bracket(f"{command}=in_turn(", each, ")")
+    first = each[0]
+    return (
+        first._replace(head=f"{command}={first.head}") if isinstance(first, Bracket) else f"{command}={first}"
+    )
 
 
-def _result(found: Mapping[str, Any]) -> str:
+def _result(found: Mapping[str, Any]) -> Bracket | str:
     if not found:
         return "None"  # what a fake returns unless it is told
     return literal(found[""]) if set(found) == {""} else _dict(found)
 
 
-def _dict(found: Mapping[str, Any]) -> str:
-    return "{" + ", ".join(f"{literal(key)}: {literal(value)}" for key, value in found.items()) + "}"
+def _dict(found: Mapping[str, Any]) -> Bracket:
+    return Bracket("{", [f"{literal(key)}: {literal(value)}" for key, value in found.items()], "}")
 
 
 def _expected(played: Played) -> list[str]:
@@ -398,6 +419,6 @@ def _expected(played: Played) -> list[str]:
     return [*wanted, "    assert sorted(team.commanded, key=str) == sorted(expected, key=str)"]
 
 
-def _order(order: Order) -> str:
+def _order(order: Order) -> Bracket:
     slot, command, arguments = order
-    return f"({literal(slot)}, {literal(command)}, {_dict(arguments)})"
+    return Bracket("(", [literal(slot), literal(command), _dict(arguments)], ")")

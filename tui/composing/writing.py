@@ -11,7 +11,7 @@ import sys
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, cast
+from typing import Any, Final
 
 import msgspec
 
@@ -222,5 +222,5 @@ def tried(
     try:
         return msgspec.json.decode(rows[-1], type=Tried)
     except (IndexError, msgspec.MsgspecError):
-        said = cast("list[str]", done.stderr.decode(errors="replace").strip().splitlines())
+        said = done.stderr.decode(errors="replace").strip().splitlines()
         return Tried(ok=False, error=said[-1] if said else f"its process ended with code {done.returncode}")

@@ -21,7 +21,7 @@ class PageKey:
     """One key of one page."""
 
     page: str
-    """`panel`, `teleop`, `new`, `user`, `doing`, `writing`, `plan`, `compose`, `question`, `text`."""
+    """`panel`, `teleop`, `new`, `user`, `doing`, `plan`, `compose`, `question`, `text`."""
     name: str
     """Its action, in a word; `page.name` is its name in a keymap file."""
     key: str
@@ -290,6 +290,7 @@ PAGE_KEYS: tuple[PageKey, ...] = (
         action="robot(-1)",
         shown=" ",
         help="Select the next robot of this place, or the one before.",
+    ),
     # -- the composer
     PageKey(
         page="compose",

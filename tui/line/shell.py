@@ -12,7 +12,7 @@ import os
 import sys
 import time
 from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from robotree.tui import exit_codes
 from robotree.tui.line import taken
@@ -233,5 +233,6 @@ async def apart(line: Line, realm: str) -> int:
     if anybody_met(realm):
         async with joined(realm) as realm_client:
             return await obey(realm_client, line, console)
-    console.outcome(await function_of(line.verb)(None, line, console))
+    run: Any = function_of(line.verb)
+    console.outcome(await run(None, line, console))
     return exit_codes.DONE

@@ -15,6 +15,7 @@ from robotree.tui.line.keys import spell
 from robotree.tui.line.page_keys import PAGE_KEYS, page_keys
 from robotree.tui.screen.app import Supervisor
 from robotree.tui.screen.asking import ASK
+from robotree.tui.screen.pages.compose import ComposePage
 from robotree.tui.screen.pages.dialogs import Confirm, Reading
 from robotree.tui.screen.pages.enslave import EnslaveDialog
 from robotree.tui.screen.pages.help import help_text, page_rows
@@ -70,6 +71,7 @@ def test_only_what_is_on_the_screen_is_about_something_there() -> None:
         ("user", UserPage),
         ("doing", DoingPage),
         ("writing", WritePage),
+        ("compose", ComposePage),
     ],
 )
 def test_every_key_of_a_page_comes_from_the_registry_and_is_explained(name: str, page: type[Screen]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -163,7 +163,6 @@ class ComposePage(Page):
             good = checked(made, self.known().kinds) if self.rows else None
         except BadComposition as error:
             self._say(f"✗ {error}", "warning")
-            made = None
         else:
             robots = {slot: robot for robot, slot in self.filled.items()}
             slots = [f"{slot}: {kind} ({robots.get(slot, '?')})" for slot, kind in made.slots]
@@ -201,22 +200,24 @@ class ComposePage(Page):
 
     def action_add(self) -> None:
         """Choose a step, which comes below the cursor."""
-        offered: list[tuple[str, str]] = []
-        texts: dict[str, Callable[[], str]] = {}
-        for name, robot in sorted(self.app.store.descriptions.items()):
-            readings = self.app.store.readings(name)
-            for offer in offers.of_robot(robot, readings):
-                offered.append((offer.shown, offer.about))
-                texts[offer.shown] = lambda offer=offer, robot=robot: offer.text(self._slot(robot))
-        for offer in offers.of_blocks():
-            offered.append((offer.shown, offer.about))
-            texts[offer.shown] = lambda offer=offer: offer.text("")
+        robots = sorted(self.app.store.descriptions.items())
+        found = [
+            (offer, robot) for name, robot in robots for offer in offers.of_robot(robot, self._read(name))
+        ]
+        asked = [(offer, robot) for _, robot in robots for offer in offers.asked_of(robot)]
+        every = [*found, *((offer, None) for offer in offers.of_blocks()), *asked]
+        by_name = {offer.shown: (offer, robot) for offer, robot in every}
 
         def chosen(word: str | None) -> None:
             if word is not None:
-                self._insert(texts[word]())
+                offer, robot = by_name[word]
+                self._insert(offer.text("" if robot is None else self._slot(robot)))
 
+        offered = [(offer.shown, offer.about) for offer, _ in every]
         self.app.push_screen(Choosing("add a step", offered), chosen)
+
+    def _read(self, name: str) -> Mapping[str, float]:
+        return self.app.store.readings(name)
 
     def _insert(self, text: str) -> None:
         at, depth = 0, 0
@@ -341,7 +342,12 @@ class ComposePage(Page):
             self._leave_line(max(at - self._fresh, 0))
         elif self.rows and not self.said.startswith("✓ made"):
             question = Confirm("Leave the composer?", "The steps are not kept.", "Leave")
-            self.app.push_screen(question, lambda yes: self.dismiss() if yes else None)
+
+            def answered(yes: bool | None) -> None:  # noqa: FBT001 # as Textual calls it
+                if yes:
+                    self.dismiss()
+
+            self.app.push_screen(question, answered)
         else:
             self.dismiss()
 
@@ -371,7 +377,11 @@ class ComposePage(Page):
             return
         since, readings = time.time(), dict(self.app.store.readings(robot.name))
         self.app.tell(f"lead {robot.name}; esc ends it, and makes steps of what it did")
-        self.app.push_screen(TeleopPage(robot, found), lambda _: self._gather(robot, since, readings))
+
+        def left(_: None) -> None:
+            self._gather(robot, since, readings)
+
+        self.app.push_screen(TeleopPage(robot, found), left)
 
     @work(exit_on_error=False, group="compose", exclusive=True)
     async def _gather(self, robot: RobotDescription, since: float, readings: Mapping[str, float]) -> None:
@@ -445,7 +455,12 @@ class ComposePage(Page):
             await asyncio.to_thread(write, ready, Path(), replace=False)
         except FileExistsError as error:
             question = Confirm(f"Replace {ready.page}?", f"{error}.", "Replace")
-            self.app.push_screen(question, lambda yes: self._replace(ready) if yes else None)
+
+            def answered(yes: bool | None) -> None:  # noqa: FBT001 # as Textual calls it
+                if yes:
+                    self._replace(ready)
+
+            self.app.push_screen(question, answered)
         except OSError as error:
             self._say(f"✗ {error}", "error")
         else:
