@@ -20,7 +20,7 @@ from robotree.tui.composing.lines import written
 from robotree.tui.composing.page import described_in, texts
 from robotree.tui.composing.steps import Checked, Composition, Kinds, checked
 from robotree.tui.errors import BadComposition
-from robotree.tui.line.findings import findings
+from robotree.tui.line.findings import findings, panel_findings
 from robotree.tui.line.known_kinds import known_kinds
 from robotree.vr.base.description import RobotDescription
 from robotree.vr.bundle import Bundle
@@ -116,11 +116,13 @@ def prepared(composition: Composition, robots: KnownRobots, origin: str) -> Prep
     ready = Prepared(good, files, made.lines)
     with tempfile.TemporaryDirectory(prefix="robotree-compose-") as folder:
         _put(files, Path(folder))
-        found = findings(Bundle.read(str(Path(folder) / ready.page), ""), robots.kinds)
-    if mistakes := [one for one in found if one.level == "mistake"]:
-        raise BadComposition(
-            f"its page would not be taken: line {mistakes[0].line}: {mistakes[0].what}: {mistakes[0].instead}"
-        )
+        bundle = Bundle.read(str(Path(folder) / ready.page), "")
+        found = [(ready.page, one) for one in findings(bundle, robots.kinds)]
+        if not found:
+            found += [(Path(file).name, one) for file, some in panel_findings(bundle).items() for one in some]
+    for file, one in found:
+        if one.level == "mistake":
+            raise BadComposition(f"{file} would not be taken: line {one.line}: {one.what}: {one.instead}")
     return ready
 
 

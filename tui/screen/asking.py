@@ -106,6 +106,8 @@ def _show(app: OperatorApp, place: Place) -> None:
         app.do("groups", GROUP=place.name)
     else:
         _about_robot("show")(app, place)
+
+
 def _compose(app: OperatorApp, _place: Place) -> None:
     app.push_screen(ComposePage())
 

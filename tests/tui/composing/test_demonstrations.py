@@ -22,58 +22,10 @@ from robotree.tui.composing.gathering import gathered
 from robotree.tui.composing.lines import written
 from robotree.tui.composing.play import play
 from robotree.tui.composing.steps import checked
-from robotree.tui.composing.writing import KnownRobots, prepared
+from robotree.tui.composing.writing import prepared
 from robotree.tui.errors import BadComposition
-from robotree.vr.base.address import Address
-from robotree.vr.base.description import RobotDescription
 from robotree.vr.base.history_event import HistoryEvent
-
-ROBOTS = KnownRobots.of()
-KINDS = ROBOTS.kinds
-ARM = ShownRobot("arm-1", "Arm", KINDS["Arm"])
-ROVER = ShownRobot("rover-1", "Rover", KINDS["Rover"])
-HOME = (0.2, 0.0, 0.5, 0.0)
-
-
-def go(x: float, y: float, z: float, twist: float = 0.0) -> Shown:
-    return Shown("arm-1", "go_to", {"x": x, "y": y, "z": z, "twist": twist})
-
-
-def grip(action: str, *, holding: bool | None = None) -> Shown:
-    return Shown("arm-1", "grip", {"action": action}, holding)
-
-
-CARRIED = [
-    go(0.25, 0, 0.5), go(0.3, 0, 0.5), go(0.3, -0.1, 0.5),
-    go(0.3, -0.2, 0.5), go(0.3, -0.2, 0.3), go(0.3, -0.2, 0.03),
-    grip("close"),
-    go(0.3, -0.2, 0.1), go(0.3, -0.2, 0.15), go(0.3, -0.25, 0.15), go(0.3, -0.3, 0.15), go(0.3, -0.3, 0.03),
-    grip("open"),
-    go(0.3, -0.3, 0.1), go(0.3, -0.3, 0.2),
-]  # fmt: skip
-
-STEPS = """\
-robot cup 'What was shown once, in steps with names.'
-slot arm Arm
-parameter from_x = 0.3
-parameter from_y = -0.2
-parameter to_x = 0.3
-parameter to_y = -0.3
-command carry_out 'Do what was shown.'
-do
-  part take
-    arm.go_to x=0.3 y=0.0 z=0.5 twist=0.0
-    arm.go_to x=$from_x y=$from_y z=0.5 twist=0.0
-    arm.go_to x=$from_x y=$from_y z=0.03 twist=0.0
-    arm.grip action=close
-    expect arm.get_info.holding is true else 'nothing is there'
-    arm.go_to x=$from_x y=$from_y z=0.15 twist=0.0
-  part put
-    arm.go_to x=$to_x y=$to_y z=0.15 twist=0.0
-    arm.go_to x=$to_x y=$to_y z=0.03 twist=0.0
-    arm.grip action=open
-    arm.go_to x=$to_x y=$to_y z=0.2 twist=0.0
-"""
+from tests.tui.composing.shown import ARM, CARRIED, DESCRIBED, HOME, KINDS, ROBOTS, ROVER, STEPS, go, grip
 
 
 def test_a_cup_that_was_carried_by_hand_becomes_two_parts_with_places() -> None:
@@ -179,12 +131,6 @@ def test_a_straight_way_of_many_points_has_two() -> None:
 
 
 # -- out of histories ------------------------------------------------------------------------------
-
-DESCRIBED = {
-    "arm-1": RobotDescription(
-        address=Address("robot", "arm-1", "a"), kinds=("Arm",), commands=tuple(KINDS["Arm"].values())
-    )
-}
 
 
 def event(kind: str, unix: float, key: str, **more: object) -> HistoryEvent:

@@ -1,0 +1,170 @@
+"""The verb `compose`: files out of steps, recordings and sessions; nothing of a person's is overwritten."""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from robotree.tui.cli import main
+from robotree.tui.composing.demonstration import Shown
+from robotree.tui.composing.lines import read_lines
+from robotree.tui.composing.writing import KnownRobots, prepared, tried
+from robotree.tui.exit_codes import REFUSED, USAGE
+from robotree.tui.line.carrying import Refusal, Silent, carry_out
+from robotree.tui.line.grammar import Line
+from robotree.tui.recording.tape import TapeWriter
+from robotree.tui.session.playing import Player
+from robotree.tui.session.script import read
+from robotree.vr.base.history_event import HistoryEvent
+from robotree.vr.base.requests import State
+from tests.tui.composing.shown import CARRIED, DESCRIBED, HOME, NOON, STEPS
+
+if TYPE_CHECKING:
+    from tui.conftest import Realm
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    return tmp_path
+
+
+def recording(shown: Sequence[Shown]) -> bytes:
+    """Return the bytes of a recording in which a person has shown something."""
+    file = io.BytesIO()
+    writer = TapeWriter(file, {"realm": "hall", "began": repr(NOON)})
+    writer.description(NOON, DESCRIBED["arm-1"])
+    pose = dict(zip(("x", "y", "z", "twist"), HOME, strict=True))
+    writer.state(NOON, "arm-1", State(readings=pose))
+    for number, one in enumerate(shown):
+        key, at = f"k{number}", NOON + 1 + 2 * number
+        about = {"robot": one.robot, "key": key, "command": one.command}
+        writer.event(
+            HistoryEvent(
+                kind="accepted", unix=at, arguments=dict(one.arguments), caller="anna@pts/1", **about
+            )
+        )
+        writer.event(HistoryEvent(kind="ended", unix=at + 1, **about))
+    writer.close()
+    return file.getvalue()
+
+
+def test_a_recording_becomes_a_page_its_panel_its_test_and_its_steps(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (here / "cup.mcap").write_bytes(recording(CARRIED))
+    assert main(["compose", "cup", "--from", "cup.mcap", "--untried", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["files"] == ["cup.py", "cup.panel.yaml", "test_cup.py", "cup.steps"]
+    assert told["lines"] <= 40
+    assert told["parameters"] == {"from_x": 0.3, "from_y": -0.2, "to_x": 0.3, "to_y": -0.3}
+    assert (here / "cup.steps").read_text() == STEPS
+    assert main(["check", "cup.py"]) == 0
+    assert "nothing was found" in capsys.readouterr().out
+
+
+def test_what_was_written_is_replaced_only_when_that_is_asked_for(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (here / "mine.steps").write_text(STEPS)
+    (here / "test_cup.py").write_text("mine")
+    words = ["compose", "cup", "--from", "mine.steps", "--untried"]
+    assert main(words) != 0
+    assert "test_cup.py is there already, and is yours" in capsys.readouterr().err
+    assert sorted(path.name for path in here.iterdir() if path.is_file()) == ["mine.steps", "test_cup.py"]
+    assert (here / "test_cup.py").read_text() == "mine"
+    assert main([*words, "--force"]) == 0
+    assert "def test_it_does_what_was_composed" in (here / "test_cup.py").read_text()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        ("no.mcap", None, "does not exist"),
+        ("cut.mcap", b"\x89MCAP0\r\n", "recording"),
+        ("other.mcap", b"nonsense" * 100, "recording"),
+        ("no.steps", None, "no.steps"),
+        ("empty.steps", b"", "`robot NAME`"),
+        ("bytes.steps", b"\xff\xfe\x00", "is no text"),
+        ("large.steps", b"#" * 500_000, "larger than"),
+        ("no.session", None, "no.session"),
+        ("wrong.session", b"fly\n", "wrong.session, line 1"),
+        ("far.session", b"call arm-9.hold\n", "line 1: arm-9 is not here"),
+        ("idle.session", b"stop\n", "nothing was shown"),
+    ],
+)
+def test_a_file_that_cannot_be_read_is_refused_in_one_sentence(
+    here: Path, name: str, content: bytes | None, told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if content is not None:
+        (here / name).write_bytes(content)
+    assert main(["compose", "cup", "--from", name, "--untried"]) in {1, REFUSED, USAGE}
+    said = capsys.readouterr().err
+    assert told in said
+    assert "Traceback" not in said
+    assert not (here / "cup.py").exists()
+
+
+@pytest.mark.parametrize("words", [["os"], ["../x"], ["Cup Board"], ["cup", "--tolerance", "2kg"]])
+def test_a_name_or_tolerance_that_cannot_be_meant_is_refused(here: Path, words: list[str]) -> None:
+    (here / "cup.mcap").write_bytes(recording(CARRIED))
+    assert main(["compose", *words, "--from", "cup.mcap", "--untried"]) != 0
+    assert [path.name for path in here.iterdir() if path.is_file()] == ["cup.mcap"]
+
+
+async def test_a_session_line_composes_what_another_session_asks(realm: Realm, here: Path) -> None:
+    (here / "wave.session").write_text("call arm-1.go_to x=0.3 y=0 z='20 cm' twist=0\ncall arm-1.hold\n")
+    script = read("compose waving --from wave.session --untried\n", "it.session")
+    report = await Player(realm.realm_client, script, lambda _: None).play()
+    assert report.ok, [step.seen for step in report.told]
+    assert "self.arm.go_to(x=0.3, y=0.0, z=0.2, twist=0.0)" in (here / "waving.py").read_text()
+
+
+async def test_a_robot_of_a_page_is_described_beside_the_test(realm: Realm, here: Path) -> None:
+    await realm.create("move_to.py", "mover")
+    (here / "own.py").write_text(
+        '"""Own."""\nfrom robotree.vr import VirtualRobot, command\n\n\nclass Own(VirtualRobot):\n'
+        '    """Own."""\n\n    @command\n    def wave(self, times: int = 2) -> None:\n        """Wave."""\n'
+    )
+    await realm.realm_client.create(str(here / "own.py"), "own")
+    (here / "wave.session").write_text("call own.wave times=3\n")
+    line = Line("compose", {"NAME": "waving", "--from": "wave.session", "--untried": True})
+    made = await carry_out(realm.realm_client, line, Silent())
+    assert not isinstance(made, Refusal), str(made)
+    assert "waving.own.json" in made.data["files"]
+    assert 'Fake(HERE / "waving.own.json")' in (here / "test_waving.py").read_text()
+
+
+async def test_without_a_file_the_verb_says_what_it_needs(realm: Realm) -> None:
+    refused = await carry_out(realm.realm_client, Line("compose", {"NAME": "cup"}), Silent())
+    assert isinstance(refused, Refusal)
+    assert "FILE.mcap" in str(refused)
+
+
+def test_the_twin_carries_the_cup_carries_it_again_and_misses_one_that_is_not_there() -> None:
+    ready = prepared(read_lines(STEPS), KnownRobots.of(), "Shown.")
+    went = tried(ready)
+    assert went.ok, went.error
+    assert went.thing == pytest.approx((0.3, -0.3, 0.02), abs=0.005)
+    again = tried(ready, {"from_y": -0.25}, {"arm": (0.3, -0.25)})
+    assert again.ok, again.error
+    assert again.thing == pytest.approx((0.3, -0.3, 0.02), abs=0.005)
+    missed = tried(ready, {"from_y": -0.1}, {"arm": (0.3, -0.2)})
+    assert not missed.ok
+    assert "nothing is there" in missed.told
+
+
+def test_what_fails_in_the_twin_is_not_written(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (here / "far.steps").write_text("robot far\nslot arm Arm\ndo\n  arm.go_to x=0.65 y=0.65 z=0.8 twist=0\n")
+    assert main(["compose", "far", "--from", "far.steps"]) != 0
+    assert "nothing was written: tried in a twin of the cell: it failed" in capsys.readouterr().err
+    assert not (here / "far.py").exists()
+    assert "far" not in sys.modules

@@ -1,0 +1,150 @@
+"""The composer: steps are chosen by keys, changed, nested, given parameters, and made a page of one's own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from textual.widgets import Button, Input, OptionList
+
+from robotree.tui.screen.pages.compose import Choosing, ComposePage
+from robotree.tui.screen.pages.dialogs import Confirm
+from robotree.tui.screen.pages.main import MainPage
+from robotree.tui.screen.pages.teleop import TeleopPage
+
+if TYPE_CHECKING:
+    from screens.conftest import Operate, Operator
+    from tui.conftest import Realm
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+async def composer(operator: Operator) -> ComposePage:
+    """Open the composer when both robots are known."""
+    await operator.until(lambda: len(operator.app.store.descriptions) == 2, "both are described")
+    await operator.press("C")
+    return await operator.at(ComposePage)
+
+
+async def add(operator: Operator, word: str, line: str = "") -> None:
+    """Add a step by keys: choose it, and write another line over the one that is offered."""
+    await operator.press("a")
+    choosing = await operator.at(Choosing)
+    words = [choice for choice, _ in choosing._choices]
+    operator.one(OptionList).highlighted = words.index(word)
+    await operator.press("enter")
+    await operator.at(ComposePage)
+    if line:
+        operator.one(Input, "#step-line").value = line
+    await operator.press("enter")
+
+
+def lines(page: ComposePage) -> list[str]:
+    return [f"{'  ' * row.depth}{row.text}" for row in page.rows]
+
+
+async def test_steps_are_chosen_nested_given_parameters_and_made(
+    realm: Realm, operate: Operate, here: Path
+) -> None:
+    async with operate(realm.realm_client) as operator:
+        page = await composer(operator)
+        await operator.sees("no step yet")
+        await add(operator, "arm-1.go_to")
+        await add(operator, "repeat", "repeat 3")
+        await add(operator, "arm-1.grip")
+        await operator.until(lambda: len(page.rows) == 3, "three steps")
+        assert lines(page) == [
+            "arm.go_to x=0.35 y=0.0 z=0.4 twist=0.0", "repeat 3", "  arm.grip action=open",
+        ]  # fmt: skip
+        await operator.sees("✓ 3 steps, which can be tried and made", "arm: Arm (arm-1)")
+        await operator.press("home", "dollar_sign")
+        await operator.at(Choosing)
+        await operator.press("down", "enter")
+        await operator.at(ComposePage)
+        assert lines(page)[0] == "arm.go_to x=0.35 y=$y z=0.4 twist=0.0"
+        assert page.parameters == {"y": "0.0"}
+        await operator.press("ctrl+r")
+        await operator.sees("✓ made mine.py")
+        text = (here / "mine.py").read_text()
+        assert "def carry_out(self, y: Metres = 0.0) -> None:" in text
+        assert "for _ in range(3):" in text
+        await operator.press("escape")
+        await operator.at(MainPage)
+
+
+async def test_steps_move_with_what_is_in_them_and_can_be_taken_out(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.realm_client) as operator:
+        page = await composer(operator)
+        await add(operator, "wait", "wait 1")
+        await add(operator, "repeat")
+        await add(operator, "arm-1.hold")
+        assert lines(page) == ["wait 1", "repeat 2", "  arm.hold"]
+        await operator.press("up", "ctrl+up")
+        assert lines(page) == ["repeat 2", "  arm.hold", "wait 1"]
+        await operator.press("ctrl+down")
+        assert lines(page) == ["wait 1", "repeat 2", "  arm.hold"]
+        await operator.press("down", "left")
+        assert lines(page) == ["wait 1", "repeat 2", "arm.hold"]
+        await operator.sees("there is no step in `repeat`")
+        await operator.press("right")
+        assert lines(page) == ["wait 1", "repeat 2", "  arm.hold"]
+        await operator.press("up", "delete")
+        assert lines(page) == ["wait 1"]
+
+
+async def test_a_line_that_is_no_step_is_refused_and_a_new_one_that_is_left_goes(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.realm_client, size=(80, 24)) as operator:
+        page = await composer(operator)
+        await add(operator, "arm-1.hold", "import os")
+        await operator.sees("`import os` is no step")
+        await operator.press("escape")
+        assert page.rows == []
+        await operator.sees("no step yet")
+
+
+async def test_nothing_of_a_person_is_overwritten_without_a_question(
+    realm: Realm, operate: Operate, here: Path
+) -> None:
+    (here / "mine.py").write_text("mine")
+    async with operate(realm.realm_client) as operator:
+        await composer(operator)
+        await add(operator, "arm-1.hold")
+        await operator.press("ctrl+r")
+        await operator.at(Confirm)
+        await operator.press("enter")  # the harmless answer has the focus
+        await operator.at(ComposePage)
+        assert (here / "mine.py").read_text() == "mine"
+        await operator.press("ctrl+r")
+        await operator.at(Confirm)
+        operator.one(Button, "#yes").press()
+        await operator.sees("✓ made mine.py")
+        assert "self.arm.hold()" in (here / "mine.py").read_text()
+
+
+async def test_leaving_steps_is_asked_about(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.realm_client) as operator:
+        await composer(operator)
+        await add(operator, "arm-1.hold")
+        await operator.press("escape")
+        await operator.at(Confirm)
+        operator.one(Button, "#yes").press()
+        await operator.at(MainPage)
+
+
+async def test_a_robot_is_led_by_hand_and_what_it_did_not_keep_is_told(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.realm_client) as operator:
+        await composer(operator)
+        await operator.press("T")
+        await operator.at(TeleopPage)
+        await operator.press("escape")
+        await operator.at(ComposePage)
+        await operator.sees("nothing was shown")
