@@ -23,7 +23,7 @@ unexport PYTHONDONTWRITEBYTECODE
 SUBPACKAGES := assistants client files kinds protocol sim vr proxy testing tui
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test interpreters check soak interop comparison lock format clean
+.PHONY: help setup demo test browser interpreters check soak interop comparison lock format clean
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## */\t/' | expand -t 10
@@ -50,9 +50,17 @@ demo: $(STAMP)  ## the whole system in one terminal: cell, proxy, lookup, direct
 
 # One worker more than cores: nearly half of the time the tests wait for something. Tests that measure speed come
 # after the others, one at a time: a worker beside them on the same core makes their processor time longer, too.
-test: $(STAMP) $(NODE_READY)  ## the test suite (about 10 minutes on 2 cores); PYTHON=python3.13 chooses another interpreter
+test: $(STAMP) $(NODE_READY) browser  ## the test suite (about 10 minutes on 2 cores); PYTHON=python3.13 chooses another interpreter
 	$(BIN)/python -m pytest -n $(WORKERS)
 	$(BIN)/python -m pytest -m "speed and not soak" $$(grep -rl --include='test_*.py' 'mark\.speed' tests)
+
+# For the tests of `robotree web`, which are skipped without it: Debian's Chromium, where that may be installed.
+browser:
+	@if command -v chromium >/dev/null && command -v chromedriver >/dev/null; then :; \
+	elif test $$(id -u) = 0 && command -v apt-get >/dev/null; then \
+	  echo "installing Chromium for the tests of the browser …"; \
+	  { apt-get update && apt-get install --yes --no-install-recommends chromium chromium-driver; } >/dev/null 2>&1 || \
+	  echo "Chromium cannot be installed; the tests that need it are skipped"; fi
 
 # Looked for on PATH, then where pyenv and uv keep theirs. A shim of pyenv is there and runs nothing, so each is tried.
 interpreters:  ## the test suite on every interpreter that the project supports and this machine has

@@ -167,7 +167,7 @@ def _start(line: Line, *, readonly: bool) -> int:
             apart = {
                 "check": _author, "new": _author, "compose": _compose, "info": _look, "doctor": _look,
                 "completion": _complete, "man": _man, "stop": _stop, "save": _save, "apply": _apply,
-                "hub": _realm, "mcp": _mcp, "assistants": _assistant,
+                "hub": _realm, "mcp": _mcp, "assistants": _assistant, "web": _web,
             }  # fmt: skip
             families: dict[str, Callable[[Line, str, bool], int]] = {
                 "realm": _realm, "bundle": _bundle, "policy": _policy, "assistant": _assistant,
@@ -231,6 +231,13 @@ def _mcp(line: Line, realm: str, _readonly: bool) -> int:  # noqa: FBT001 # one 
     from robotree.tui import assisting
 
     return _run(assisting.serve(line, realm))
+
+
+def _web(line: Line, realm: str, readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike
+    """Serve the full screen to browsers."""
+    from robotree.tui.web.serving import web
+
+    return _run(web(line, realm, readonly=readonly))
 
 
 def _assistant(line: Line, realm: str, _readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike

@@ -37,6 +37,7 @@ WHERE_EXTRAS_ARE_USED = {
     "wire": ("protocol/dialect/", "protocol/tools/", "tui/recording/tape.py"),
     "machines": ("vr/sites/", "vr/network/signed.py"),
     "mcp": ("assistants/", "tui/demo_mcp.py"),
+    "web": ("tui/web/",),
     "postgres": ("vr/space/postgres.py", "vr/journal/postgres.py"),
     "services": ("examples/services/",),
     "testing": ("vr/world/", "testing/"),

@@ -765,6 +765,19 @@ ACTIONS: tuple[Action, ...] = (
         examples=("user",),
     ),
     Action(
+        usage="web [--listen ADDRESS] [--cert FILE] [--origin ORIGIN] [--tabs N]",
+        help="Serve the full screen to browsers at a port of this machine (7334), and print the addresses:"
+        " one to command, one to watch. Each tab has its own screen; what that has begun ends when the"
+        " tab closes."
+        " ADDRESS: another port, or HOST:PORT, which needs --cert, a certificate with its key. ORIGIN: of a"
+        " proxy in front of it, such as https://robots.example. --tabs: as many at most (8).",
+        group=PROCESS,
+        where=Where.SHELL,
+        needs=("tui", "web"),
+        examples=("web", "web --listen 8080 --readonly"),
+        guide=("robotree.tui.web.door",),
+    ),
+    Action(
         usage="run FILE [--junit FILE]",
         help="Play a script of verbs and `expect CONDITION within TIME` (- for standard input);"
         " --junit: write the steps as a JUnit report, too.",

@@ -22,6 +22,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
     "postgres": ("psycopg",),
     "services": ("clips", "cv2", "espeakng_loader", "numpy", "pocketsphinx"),
     "mcp": ("mcp", "mcp_types", "uvicorn"),
+    "web": ("textual_serve", "websockets"),
     "testing": ("greenlet", "pytest"),
 }
 """The modules of other people that we import, by the extra that brings them."""

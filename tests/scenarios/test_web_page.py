@@ -1,0 +1,152 @@
+"""The screen in a real browser: at a telephone, in tabs that close, freeze and crash, and among others."""
+
+from __future__ import annotations
+
+import http.server
+import json
+import subprocess
+import threading
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+
+from tests.browser import WITHOUT, Browser, Keys, open_browser
+from tests.command_line import ROBOTREE, robotree
+from tests.waiting import wait_until
+
+__all__ = ["open_browser"]
+pytestmark = [pytest.mark.e2e, pytest.mark.skipif(bool(WITHOUT), reason=WITHOUT)]
+
+PAGE = '''
+from pathlib import Path
+
+from robotree.vr import VirtualRobot, command
+
+
+class Waiter(VirtualRobot):
+    """Waits, and notes when it begins and when it has ended."""
+
+    @command
+    def wait(self, file: str) -> None:
+        """Wait until somebody cancels it."""
+        Path(file).write_text("waits")
+        try:
+            self.sleep(100_000)
+        finally:
+            Path(file).write_text("ended")
+'''
+
+
+@contextmanager
+def started(*words: str) -> Generator[str]:
+    """Run a process of robotree for the time of a block; yield the first line of its output."""
+    with subprocess.Popen(
+        [*ROBOTREE, *words], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    ) as process:
+        assert process.stdout is not None
+        try:
+            yield process.stdout.readline()
+        finally:
+            process.terminate()
+
+
+@pytest.fixture
+def addresses(place: Path) -> Iterator[dict[str, str]]:
+    """A realm with a robot that waits, and the addresses at which browsers find it."""
+    page = place / "waiter.py"
+    page.write_text(PAGE)
+    with (
+        started("lookup", "lookup-1"),
+        started("host", "host-1"),
+        started("web", "--listen", "0", "--json") as line,
+    ):
+        assert robotree("create", page, "as", "waiter").returncode == 0
+        yield json.loads(line)
+
+
+def begin(browser: Browser, note: Path) -> None:
+    """Have the robot begin to wait."""
+    browser.shows("waiter", "free")
+    browser.types(f":call waiter.wait file={note}", Keys.ENTER)
+    says(note, "waits")
+
+
+def says(note: Path, words: str) -> None:
+    wait_until(lambda: note.exists() and note.read_text() == words, f"the robot notes that it {words}")
+
+
+def test_a_person_commands_from_a_telephone_and_what_began_ends_with_the_tab(
+    addresses: dict[str, str], place: Path, open_browser: Callable[[], Browser]
+) -> None:
+    browser, note = open_browser(), place / "note"
+    browser.be_a_phone()
+    browser.driver.get(addresses["command"])
+    begin(browser, note)
+    assert browser.driver.current_url == addresses["command"].partition("#")[0], "the token is not to be seen"
+    loaded = browser.run("return performance.getEntriesByType('resource').map(one => new URL(one.name).host)")
+    assert set(loaded) == {urlsplit(addresses["command"]).netloc}, "nothing comes from elsewhere"
+    assert browser.run("return document.documentElement.scrollWidth <= innerWidth")
+    browser.touches("?")
+    browser.shows("Protective stop")
+    browser.touches("Esc")
+    browser.shows("waiter")
+    first = browser.driver.current_window_handle
+    browser.driver.switch_to.new_window("tab")
+    browser.driver.get(addresses["watch"])
+    browser.shows("read-only", "waiter")
+    browser.driver.switch_to.window(first)
+    browser.driver.close()
+    says(note, "ended")
+    browser.driver.switch_to.window(browser.driver.window_handles[0])
+    browser.types("?")
+    browser.shows("Protective stop")  # the other tab goes on
+
+
+def test_what_began_ends_with_a_tab_that_freezes_and_with_a_browser_that_is_killed(
+    addresses: dict[str, str], place: Path, open_browser: Callable[[], Browser]
+) -> None:
+    frozen, killed = place / "frozen", place / "killed"
+    browser = open_browser()
+    browser.driver.get(addresses["command"])
+    begin(browser, frozen)
+    browser.command("Page.setWebLifecycleState", state="frozen")
+    says(frozen, "ended")
+    browser.command("Page.setWebLifecycleState", state="active")
+    browser.shows("what this tab had begun", at="told")
+    browser.run("document.getElementById('again').click()")
+    browser.run("document.querySelector('.xterm-helper-textarea').focus()")
+    begin(browser, killed)
+    browser.kill()
+    says(killed, "ended")
+
+
+def test_pages_without_the_token_and_pages_of_others_get_nothing(
+    addresses: dict[str, str], open_browser: Callable[[], Browser], tmp_path: Path
+) -> None:
+    page, _, token = addresses["command"].partition("#")
+    browser = open_browser()
+    browser.driver.get(page)
+    browser.shows("This tab has no token", at="told")
+    browser.driver.get(f"{page}user#wrong")
+    browser.shows("without the token nothing is shown", at="told")
+    (tmp_path / "index.html").write_text("<p>somebody's page</p>")
+    somebody = partial(http.server.SimpleHTTPRequestHandler, directory=tmp_path)
+    elsewhere = http.server.ThreadingHTTPServer(("127.0.0.1", 0), somebody)
+    threading.Thread(target=elsewhere.serve_forever, daemon=True).start()
+    try:
+        browser.driver.get(f"http://127.0.0.1:{elsewhere.server_port}/")
+        browser.run(
+            f"window.heard = []; const one = new WebSocket('ws://{urlsplit(page).netloc}/screen');"
+            "one.onopen = () => { heard.push('open'); one.send(JSON.stringify({token: arguments[0]})) };"
+            "one.onmessage = () => heard.push('message'); one.onclose = () => heard.push('closed');",
+            token,
+        )
+        wait_until(lambda: browser.run("return heard.includes('closed')"))
+        assert browser.run("return heard.join()") == "closed", "it was never open"
+    finally:
+        elsewhere.shutdown()
+        elsewhere.server_close()

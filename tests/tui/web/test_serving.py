@@ -1,0 +1,233 @@
+"""The port for browsers with real screens behind it, asked by programs that know no manners."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.typing import Origin
+
+from robotree.tui.web import serving as place_for_browsers
+from robotree.tui.web import session
+from robotree.tui.web.door import Door
+from robotree.tui.web.serving import Reception, serving
+from tests.terminal import children, living
+from tests.waiting import until
+
+pytestmark = pytest.mark.usefixtures("place")
+
+TOKEN, WATCH = "a-token-that-is-for-this-test-alone", "one-to-watch"
+TOP = b"realm tabs"
+"""What stands on top of each screen."""
+HELP = b"On every page, but not"
+"""What the page of keys says."""
+
+
+class Port:
+    """A place for browsers, and a program that asks there."""
+
+    def __init__(self, reception: Reception, number: int) -> None:
+        self.reception, self.number = reception, number
+        self.origin = f"http://127.0.0.1:{number}"
+
+    async def raw(self, head: str) -> str:
+        reader, writer = await asyncio.open_connection("127.0.0.1", self.number)
+        writer.write(head.replace("\n", "\r\n").encode())
+        async with asyncio.timeout(60):
+            got = await reader.read()
+        writer.close()
+        return got.decode(errors="replace")
+
+    def connect(self, origin: str | None = None) -> Any:
+        return connect(
+            f"ws://127.0.0.1:{self.number}/screen",
+            origin=Origin(origin or self.origin),
+            max_size=None,
+            compression=None,
+        )
+
+    async def hello(self, socket: ClientConnection, **more: object) -> None:
+        await socket.send(json.dumps({"token": TOKEN, "size": [80, 24], **more}))
+
+    @property
+    def screens(self) -> list[int]:
+        """Processes of screens that run."""
+        return [pid for pid in children(os.getpid()) if b"behind_a_tab" in line_of(pid) and living(pid)]
+
+
+def line_of(pid: int) -> bytes:
+    """Return the command line of a process, as `ps` shows it."""
+    with contextlib.suppress(OSError):
+        return Path(f"/proc/{pid}/cmdline").read_bytes()
+    return b""
+
+
+def files_with(words: bytes, folder: Path) -> list[Path]:
+    """Return the files in which these words are."""
+    return [one for one in folder.rglob("*") if one.is_file() and words in one.read_bytes()]
+
+
+@pytest.fixture
+async def port() -> AsyncIterator[Port]:
+    reception = Reception(Door(TOKEN, WATCH), ["--realm", "tabs"], 3)
+    async with serving(reception, "127.0.0.1", 0) as server:
+        yield Port(reception, next(iter(server.sockets)).getsockname()[1])
+
+
+async def drawn(socket: ClientConnection, *words: bytes, answers: bool = True) -> bytes:
+    """Read what is drawn until these words are; answer beats meanwhile, as the page does."""
+    seen = b""
+    async with asyncio.timeout(60):
+        while not all(word in seen for word in words):
+            message = await socket.recv()
+            if isinstance(message, bytes):
+                seen += message
+                await socket.send(json.dumps({"taken": len(message)}))
+            elif answers and "beat" in message:
+                await socket.send(message)
+    return seen
+
+
+async def ended(socket: ClientConnection) -> tuple[int, str]:
+    """Return the code and the sentence with which a socket is closed."""
+    with contextlib.suppress(ConnectionClosed):
+        async with asyncio.timeout(60):
+            while True:
+                await socket.recv()
+    return socket.close_code or 0, socket.close_reason or ""
+
+
+async def test_who_knows_another_name_comes_from_elsewhere_or_has_no_token_gets_one_sentence(
+    port: Port,
+) -> None:
+    rebound = await port.raw("GET / HTTP/1.1\nHost: evil.example\n\n")
+    assert rebound.startswith("HTTP/1.1 421 ")
+    assert "this place is not called 'evil.example'" in rebound
+    assert "HTTP/1.1 421" in await port.raw("GET / HTTP/1.1\nHost: 127.0.0.1\nHost: evil.example\n\n")
+    assert "HTTP/1.1 404" in await port.raw("GET /../etc/passwd HTTP/1.1\nHost: localhost\n\n")
+    page = await port.raw("GET / HTTP/1.1\nHost: localhost\n\n")
+    assert "default-src 'none'" in page
+    assert "frame-ancestors 'none'" in page
+    for origin in ("http://evil.example", "null", f"http://127.0.0.1:{port.number + 1}"):
+        with pytest.raises(InvalidStatus) as refused:  # also with the token: it is not even asked for
+            async with port.connect(origin):
+                pass
+        assert refused.value.response.status_code == 403
+    for hello in ("{}", "nonsense", json.dumps({"token": "wrong"}), json.dumps({"token": [TOKEN]}), b"\xff"):
+        async with port.connect() as socket:
+            await socket.send(hello)
+            assert await ended(socket) == (4401, place_for_browsers.NO_TOKEN)
+    assert len(port.screens) == 1, "that one waits; nothing was begun for them"
+
+
+async def test_fifty_who_say_nothing_hinder_nobody_and_are_put_out(port: Port) -> None:
+    silent = [await asyncio.open_connection("127.0.0.1", port.number) for _ in range(25)]
+    mute = [
+        await connect(f"ws://127.0.0.1:{port.number}/screen", origin=Origin(port.origin)) for _ in range(25)
+    ]  # type: ignore[arg-type]
+    async with port.connect() as socket:
+        await port.hello(socket)
+        await drawn(socket, TOP)
+    for reader, writer in silent:
+        async with asyncio.timeout(60):
+            await reader.read()
+        writer.close()
+    for one in mute:
+        assert (await ended(one))[0] == 4401
+
+
+async def test_a_huge_message_ends_its_tab_and_no_other(port: Port) -> None:
+    async with port.connect() as small, port.connect() as huge:
+        for socket in (small, huge):
+            await port.hello(socket)
+            await drawn(socket, TOP)
+        with contextlib.suppress(ConnectionClosed):
+            await huge.send("x" * 100_000)
+        assert (await ended(huge))[0] == 1009
+        await small.send(json.dumps({"keys": "?"}))
+        await drawn(small, HELP)
+        await until(lambda: port.reception.tabs == 1)
+
+
+async def test_two_tabs_are_two_screens_and_each_ends_alone(port: Port) -> None:
+    async with port.connect() as first:
+        await port.hello(first)
+        await drawn(first, TOP)
+        before = set(port.screens)
+        async with port.connect() as second:
+            await second.send(json.dumps({"token": WATCH, "size": [80, 24]}))
+            await drawn(second, TOP, b"read-only")
+            assert port.reception.tabs == 2
+            (own,) = [pid for pid in before if b"--readonly" not in line_of(pid)][:1]
+        await until(lambda: port.reception.tabs == 1)
+        await first.send(json.dumps({"keys": "?", "size": [120, 40]}))
+        await drawn(first, HELP)
+        assert living(own)
+    await until(lambda: port.reception.tabs == 0)
+    await until(lambda: len(port.screens) <= 1)
+
+
+async def test_as_many_tabs_as_were_allowed_and_one_more_is_told(port: Port) -> None:
+    async with contextlib.AsyncExitStack() as tabs:
+        for _ in range(3):
+            socket = await tabs.enter_async_context(port.connect())
+            await port.hello(socket)
+        await until(lambda: port.reception.tabs == 3)
+        async with port.connect() as one_more:
+            await port.hello(one_more)
+            code, sentence = await ended(one_more)
+            assert code == 4429
+            assert "3 tabs are open" in sentence
+
+
+@pytest.mark.parametrize("how", ["frozen", "cut"])
+async def test_a_tab_that_answers_no_more_ends_with_its_screen(
+    port: Port, monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
+    async with port.connect() as socket:
+        await port.hello(socket)
+        await drawn(socket, TOP)
+        before = set(port.screens)
+        if how == "cut":
+            socket.transport.abort()
+        else:
+            monkeypatch.setattr(session, "SILENCE", 1.0)
+            monkeypatch.setattr(session, "BEAT", 0.1)
+            code, sentence = await ended(socket)
+            assert code == 1001
+            assert "silent for 1 s" in sentence
+        await until(lambda: port.reception.tabs == 0)
+        await until(lambda: sum(living(pid) for pid in before) <= 1, "only the one that waits is left")
+
+
+async def test_who_leaves_the_screen_is_told_and_a_hidden_tab_gets_it_whole_when_it_is_seen(
+    port: Port,
+) -> None:
+    async with port.connect() as socket:
+        await port.hello(socket)
+        await drawn(socket, TOP)
+        await socket.send(json.dumps({"hidden": True}))
+        await socket.send(json.dumps({"keys": "?"}))
+        await socket.send(json.dumps({"hidden": False}))
+        await drawn(socket, HELP, TOP)
+        await socket.send(json.dumps({"keys": "\x1b"}))
+        await socket.send(json.dumps({"keys": "\x11"}))  # ctrl+q
+        assert await ended(socket) == (1001, "The screen has been left.")
+
+
+async def test_the_token_is_in_no_process_and_in_no_file(port: Port, place: Path) -> None:
+    async with port.connect() as socket:
+        await port.hello(socket)
+        await drawn(socket, TOP)
+        for pid in port.screens:
+            assert TOKEN.encode() not in line_of(pid)
+            assert TOKEN.encode() not in await asyncio.to_thread(Path(f"/proc/{pid}/environ").read_bytes)
+        assert not await asyncio.to_thread(files_with, TOKEN.encode(), place.parent)

@@ -1,0 +1,253 @@
+"""The port at which browsers get the full screen: `robotree web`."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import http
+import logging
+import secrets
+import ssl
+from collections.abc import AsyncGenerator
+from pathlib import Path
+
+from websockets.asyncio.server import Server, ServerConnection, serve
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+
+from robotree.tui import exit_codes
+from robotree.tui.errors import ValueRefused
+from robotree.tui.line.grammar import Line
+from robotree.tui.terminal import answer, note
+from robotree.tui.web.assets import POLICY, Asset, assets
+from robotree.tui.web.door import LOOPBACK, Door, origin_of
+from robotree.tui.web.session import Screen, Session, message_of, size_of
+
+PORT = "7334"
+HELLO = 5.0
+"""[s] in which whoever connects says what he wants, and shows the token."""
+MESSAGE = 65_536
+"""Bytes of a message that is taken."""
+TABS = "8"
+NO_TOKEN = "without the token nothing is shown: open the address that `robotree web` printed"  # noqa: S105 # it is none
+GOING_AWAY, REFUSED, CROWDED = 1001, 4401, 4429
+"""Why a socket is closed: RFC 6455, section 7.4; and our own."""
+
+log = logging.getLogger(__name__)
+
+
+class Reception:
+    """Lets browsers in and gives each tab a screen."""
+
+    def __init__(self, door: Door, words: list[str], most: int) -> None:
+        """Be ready for tabs.
+
+        Args:
+            door: what is let in.
+            words: the command line before what a tab wants: the realm.
+            most: tabs at the same time.
+        """
+        self._door, self._words, self._most = door, words, most
+        self._assets = assets()
+        self._spare: Screen | None = None
+        self.tabs = 0
+        """How many are served now."""
+
+    # -- pages -------------------------------------------------------------------------------------
+
+    def answer(self, connection: ServerConnection, request: Request) -> Response | None:
+        """Answer what is no WebSocket; None: it is one that may go on."""
+        hosts = request.headers.get_all("Host")
+        host = hosts[0] if len(hosts) == 1 else ""
+        if reason := self._door.stranger(host):
+            return connection.respond(http.HTTPStatus.MISDIRECTED_REQUEST, f"{reason}\n")
+        path = request.path.partition("?")[0]
+        if path == "/screen":
+            if reason := self._door.foreign(request.headers.get("Origin", ""), host):
+                return connection.respond(http.HTTPStatus.FORBIDDEN, f"{reason}\n")
+            return None
+        found = self._assets.get(path)
+        if found is None:
+            return connection.respond(http.HTTPStatus.NOT_FOUND, "there is no such page; open /\n")
+        return self._page(found)
+
+    @staticmethod
+    def _page(asset: Asset) -> Response:
+        headers = Headers({
+            "Content-Type": f"{asset.kind}; charset=utf-8",
+            "Content-Encoding": "gzip",
+            "Content-Length": str(len(asset.packed)),
+            "Content-Security-Policy": POLICY,
+            "Cross-Origin-Opener-Policy": "same-origin",
+            "Cross-Origin-Resource-Policy": "same-origin",
+            "Referrer-Policy": "no-referrer",
+            "X-Content-Type-Options": "nosniff",
+            "Cache-Control": "no-cache",
+            "Connection": "close",
+        })  # fmt: skip
+        return Response(http.HTTPStatus.OK, "OK", headers, asset.packed)
+
+    # -- tabs --------------------------------------------------------------------------------------
+
+    async def meet(self, tab: ServerConnection) -> None:
+        """Serve one tab for as long as it is there."""
+        with contextlib.suppress(ConnectionClosed):
+            try:
+                async with asyncio.timeout(HELLO):
+                    hello = message_of(await tab.recv())
+            except TimeoutError:
+                await tab.close(REFUSED, NO_TOKEN)
+                return
+            token = hello.get("token")
+            right = self._door.right(token) if isinstance(token, str) else ""
+            if not right:
+                note("somebody came without the token of this place, and was not let in")
+                await tab.close(REFUSED, NO_TOKEN)
+            elif self.tabs >= self._most:
+                await tab.close(
+                    CROWDED, f"{self._most} tabs are open, and that is as many as there may be; close one"
+                )
+            else:
+                self.tabs += 1
+                try:
+                    await self._serve(tab, hello, right)
+                finally:
+                    self.tabs -= 1
+
+    async def _serve(self, tab: ServerConnection, hello: dict[str, object], right: str) -> None:
+        screen = await self._screen()
+        try:
+            size = size_of(hello.get("size")) or (80, 24)
+            screen.resize(*size)
+            readonly = ["--readonly"] if right == "watch" else []
+            screen.begin([*self._words, *readonly, "user" if hello.get("page") == "user" else "supervise"])
+            getting_ready = asyncio.ensure_future(self.prepare())
+            reason = await Session(tab, screen, size).last()
+            await getting_ready
+        finally:
+            await asyncio.shield(screen.close())
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(HELLO):
+                await tab.close(GOING_AWAY, reason)
+
+    async def _screen(self) -> Screen:
+        """Return the screen that has been got ready; or a new one."""
+        found, self._spare = self._spare, None
+        if found is not None and found.waits():
+            return found
+        if found is not None:
+            await found.close()
+        made = Screen()
+        await made.open()
+        return made
+
+    async def prepare(self) -> None:
+        """Get a screen ready for the next tab: it is there at once then."""
+        if self._spare is None and self.tabs < self._most:
+            self._spare = made = Screen()
+            await made.open()
+
+    async def close(self) -> None:
+        """End what nobody wanted."""
+        if self._spare is not None:
+            await self._spare.close()
+
+
+def door_of(line: Line) -> tuple[Door, str, int, ssl.SSLContext | None]:
+    """Return who is let in, and where: host, port, and what seals the connection.
+
+    Raises:
+        ValueRefused: the line does not say it properly.
+    """
+    given = line.text("--listen", f"127.0.0.1:{PORT}")
+    host, _, port = (given if ":" in given else f"127.0.0.1:{given}").rpartition(":")
+    if not (port.isdecimal() and int(port) < 65536 and host):
+        raise ValueRefused("ADDRESS", f"{given!r} is none; write a port, such as {PORT}, or HOST:PORT")
+    cert, origin = line.text("--cert"), line.text("--origin")
+    if host not in LOOPBACK and not cert:
+        raise ValueRefused(
+            "ADDRESS",
+            f"what goes to {host} could be read on the way; give --cert FILE, or leave the port on this"
+            " machine and reach it by `ssh -L`",
+        )
+    sealed = _sealed(cert) if cert else None
+    door = Door(
+        command=secrets.token_urlsafe(32),
+        watch=secrets.token_urlsafe(32),
+        origins=frozenset({origin_of(origin)} if origin else ()),
+        scheme="https" if sealed else "http",
+        hosts=LOOPBACK | {host.lower()},
+    )
+    return door, host.strip("[]"), int(port), sealed
+
+
+def _sealed(given: str) -> ssl.SSLContext:
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    try:
+        context.load_cert_chain(Path(given).expanduser())
+    except (OSError, ssl.SSLError) as error:
+        raise ValueRefused(
+            "--cert", f"{given} is no certificate with its key: {error.strerror or error}"
+        ) from None
+    return context
+
+
+@contextlib.asynccontextmanager
+async def serving(
+    reception: Reception, host: str, port: int, sealed: ssl.SSLContext | None = None
+) -> AsyncGenerator[Server]:
+    """Serve at a port for the time of a block; its tabs end with it."""
+    quiet = logging.getLogger("robotree.tui.web.socket")
+    quiet.setLevel(logging.CRITICAL)  # strangers could fill the log
+    async with serve(
+        reception.meet,
+        host,
+        port,
+        ssl=sealed,
+        process_request=reception.answer,
+        open_timeout=HELLO,
+        ping_interval=None,  # the beats of a session are answered by the page, those of the browser by itself
+        close_timeout=2.0,
+        max_size=MESSAGE,
+        max_queue=16,
+        server_header=None,
+        compression=None,
+        logger=quiet,
+    ) as server:
+        try:
+            await reception.prepare()
+            yield server
+        finally:
+            await reception.close()
+
+
+async def web(line: Line, realm: str, *, readonly: bool) -> int:
+    """Serve the full screen to browsers until this is interrupted."""
+    most = line.text("--tabs", TABS)
+    if not (most.isdecimal() and 1 <= int(most) <= 64):
+        raise ValueRefused("--tabs", f"{most!r} is no number from 1 to 64")
+    door, host, port, sealed = door_of(line)
+    words = ["--realm", realm, *(["--readonly"] if readonly else [])]
+    reception = Reception(door, words, int(most))
+    async with serving(reception, host, port, sealed) as server:
+        found = next(iter(server.sockets)).getsockname()[1]
+        shown = next(iter(door.origins), f"{door.scheme}://{line_host(host)}:{found}")
+        _tell(shown, door, realm, readonly=readonly)
+        await asyncio.get_running_loop().create_future()
+    return exit_codes.DONE
+
+
+def line_host(host: str) -> str:
+    """Return a host as it stands in an address."""
+    return f"[{host}]" if ":" in host else host
+
+
+def _tell(shown: str, door: Door, realm: str, *, readonly: bool) -> None:
+    addresses = {"watch": f"{shown}/#{door.watch}"}
+    if not readonly:
+        addresses = {"command": f"{shown}/#{door.command}", **addresses}
+    note(
+        f"whoever has an address acts in realm {realm} as you do; with /user before its # it shows that page"
+    )
+    answer("\n".join(f"ready to {what}: {where}" for what, where in addresses.items()), lambda: addresses)
