@@ -104,6 +104,10 @@ def test_a_person_commands_from_a_telephone_and_what_began_ends_with_the_tab(
     browser.driver.switch_to.window(browser.driver.window_handles[0])
     browser.types("?")
     browser.shows("Protective stop")  # the other tab goes on
+    browser.types(Keys.CONTROL + "q")
+    browser.shows("The screen has been left", at="told")
+    browser.run("document.getElementById('again').click()")
+    browser.shows("waiter", "free")
 
 
 def test_what_began_ends_with_a_tab_that_freezes_and_with_a_browser_that_is_killed(
@@ -117,8 +121,8 @@ def test_what_began_ends_with_a_tab_that_freezes_and_with_a_browser_that_is_kill
     says(frozen, "ended")
     browser.command("Page.setWebLifecycleState", state="active")
     browser.shows("what this tab had begun", at="told")
-    browser.run("document.getElementById('again').click()")
-    browser.run("document.querySelector('.xterm-helper-textarea').focus()")
+    browser.driver.switch_to.new_window("tab")
+    browser.driver.get(addresses["command"])
     begin(browser, killed)
     browser.kill()
     says(killed, "ended")
