@@ -148,9 +148,8 @@ def _start(line: Line, *, readonly: bool) -> int:
     realm = chosen(line.text("--realm"))
     tether = line.flag("--tether")
     match line.verb:
-        case "supervise" | "user" as verb:
-            _take_calm(line)
-            return _run(_supervise(realm, readonly=readonly, user=verb == "user"), on_screen=True)
+        case "supervise" | "user":
+            return _screen(line, realm, readonly=readonly)
         case "demo":
             return _demo(line, readonly=readonly)
         case "run" | "test":
@@ -186,6 +185,19 @@ def _play(line: Line, realm: str, *, readonly: bool) -> int:
     from robotree.tui.session.playing import play_file
 
     return _run(play_file(line, realm, readonly=readonly))
+
+
+def _screen(line: Line, realm: str, *, readonly: bool) -> int:
+    """Show what is in a realm: drawn, or in lines."""
+    if line.flag("--plain") or os.environ.get("ROBOTREE_PLAIN", "") not in {"", "0"}:
+        from robotree.tui.plain import supervise_in_lines
+
+        return _run(supervise_in_lines(realm, readonly=readonly), on_screen=True)
+    from robotree.tui.line.installed import require
+
+    require(line.verb, "tui")
+    _take_calm(line)
+    return _run(_supervise(realm, readonly=readonly, user=line.verb == "user"), on_screen=True)
 
 
 def _realm(line: Line, realm: str, _readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike

@@ -10,7 +10,7 @@ from robotree.tui.line.actions import ACTIONS, BY_VERB
 from robotree.tui.line.keys import spell
 from robotree.tui.line.surface import Surface
 
-EVERYWHERE = {"json": "", "realm": "NAME", "readonly": "", "calm": "", "help": "", "version": ""}
+EVERYWHERE = {"json": "", "realm": "NAME", "readonly": "", "calm": "", "plain": "", "help": "", "version": ""}
 """Options that every verb takes on the command line, before the verb or behind it."""
 
 INTERNAL = {"tether": ""}
@@ -39,6 +39,7 @@ The same by hand, in a second terminal while the demo runs:
 --json prints one JSON value, of an error too. --realm NAME (or $ROBOTREE_REALM) keeps groups of agents apart.
 --readonly (or $ROBOTREE_READONLY=1) leaves only what looks, and the protective stop.
 --calm (or $ROBOTREE_CALM=1) is for slow lines: the full screen without pictures, drawn seldom.
+--plain (or $ROBOTREE_PLAIN=1) is for screen readers: `robotree` says in lines what changes, and takes verbs.
 exit codes: 0 done · 1 refused or failed · 2 not understood · 3 nobody answers · 130 interrupted
 robotree help VERB explains one verb."""
 """The end of the overview; its lines are typed as they are (a test does)."""
