@@ -13,7 +13,7 @@ begin at the keyboard or in a session script.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 
 EVERYWHERE = "robotree stop --everywhere"
@@ -235,6 +235,24 @@ class DemoRuns(SupervisorError):
             f"a demo already runs in realm {realm!r} ({', '.join(taken)}); look at it with `robotree`, "
             "or start another one with --realm NAME"
         )
+
+
+class AlarmsUnusable(SupervisorError):
+    """The alarms of a realm cannot be read or kept."""
+
+    def __init__(self, path: str, reason: str) -> None:
+        """Say which file, and why."""
+        self.path, self.reason = path, reason
+        super().__init__(f"{path} cannot be used ({reason}): mend it, or delete it and set the alarms again")
+
+
+class NoSuchAlarm(SupervisorError):
+    """No alarm is set for this reading."""
+
+    def __init__(self, name: str, known: Iterable[str]) -> None:
+        """Name the reading, and those that have alarms."""
+        self.name = name
+        super().__init__(f"{name} has no alarm; {', '.join(sorted(known)) or 'none'} has")
 
 
 class StateInUse(SupervisorError):

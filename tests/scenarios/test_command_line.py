@@ -154,7 +154,13 @@ def test_watching_prints_an_object_for_each_state(say: Say) -> None:
 def test_no_verb_over_a_realm_is_left_out() -> None:
     proved = {line.split()[0] for line, _, _ in SHAPES} | {"watch", "places add", "places remove"}
     proved |= {"role", "rules explain"}  # over scripts and companions: their own tests show them
-    proved |= {"decide", "space ls", "history", "why"}  # of hosts that crashed, of spaces, of what was kept
+    proved |= {
+        "decide",
+        "space ls",
+        "history",
+        "why",
+        "where",
+    }  # of hosts that crashed, of spaces, of what was kept
     proved |= {"inbox", "order show", "order cancel", "order confirm", "take"} | {
         "order settle"
     }  # of robots that are away
@@ -162,6 +168,7 @@ def test_no_verb_over_a_realm_is_left_out() -> None:
     proved |= {"permits", "permit allow", "permit deny"}  # of assistants: tests/assistants
     proved |= {"fault cut", "fault delay", "fault freeze", "fault kill"}  # tests/scenarios/test_trials.py
     proved |= {"questions"}  # of scripts: tests/tui/screens/test_questions_of_scripts.py
+    proved |= {"alarms", "alarm above", "alarm below", "alarm ack", "alarm clear"}  # test_where_it_is.py
     proved |= {"compose"}  # tests/tui/composing
     proved |= {"record"}  # until it is interrupted: tests/scenarios/test_recordings.py
     promised = {action.verb for action in ACTIONS if action.run and Where.SHELL in action.where} | {"run"}

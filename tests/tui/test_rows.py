@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from itertools import pairwise
 from typing import Any
 
@@ -11,13 +12,26 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from robotree.tui.seen import matching, status
+from robotree.tui.seen.alarms import Alarm
 from robotree.tui.seen.rails import rails
-from robotree.tui.seen.rows import GAP, GOES, ORDERS, SortOrder, columns, family, listed, natural, row
+from robotree.tui.seen.rows import (
+    GAP,
+    GOES,
+    ORDERS,
+    SortOrder,
+    columns,
+    family,
+    heard,
+    listed,
+    natural,
+    row,
+)
 from robotree.tui.seen.store import Store
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import BondSpec, RobotDescription, SlotSpec
 from robotree.vr.base.presence import Held
 from robotree.vr.base.requests import State
+from robotree.vr.supervision.realm_client import Elsewhere
 
 
 def address(name: str) -> Address:
@@ -169,7 +183,7 @@ def test_a_filter_shows_what_it_says(letters: str, wanted: list[str]) -> None:
 )
 def test_a_term_and_its_opposite_never_hold_together(letters: str, said: dict[str, str]) -> None:
     for term in matching.terms(letters):
-        opposite = matching.Term(term.letters, term.field, not term.negative)
+        opposite = dataclasses.replace(term, negative=not term.negative)
         assert matching.matches([term], said) != matching.matches([opposite], said)
 
 
@@ -191,9 +205,86 @@ def test_what_is_short_of_room_goes_in_its_order_and_the_state_never(
         assert all(one.room >= 8 for one in shown if one.title in {"ROBOT", "STATE"})
 
 
+@pytest.mark.parametrize(
+    ("letters", "found"),
+    [
+        ("~am1", ["arm-1"]),
+        ("~rvr", ["rover-2", "rover-10"]),
+        ("re:^rover-[0-9]$", ["rover-2"]),
+        ("name:re:^(mover|LEVER)$", ["lever", "mover"]),
+        ("!re:rover !~lvr", ["mover", "arm-1"]),
+        ("re:(", ["lever", "mover", "arm-1", "rover-2", "rover-10"]),
+    ],
+)
+def test_letters_may_be_fuzzy_or_a_regular_expression(letters: str, found: list[str]) -> None:
+    assert names(store_of(*LEVER), letters=letters) == found
+
+
+@pytest.mark.parametrize(
+    ("expression", "why"),
+    [
+        ("(", "no regular expression: missing ), unterminated subpattern"),
+        ("(a+)+$", "a group cannot be repeated"),
+        ("a*b*c*d*e", "more than 3 repetitions"),
+        ("x" * 81, "longer than 80 characters"),
+    ],
+)
+def test_an_expression_that_could_hold_up_the_screen_is_named_and_asks_for_nothing(
+    expression: str, why: str
+) -> None:
+    assert matching.faults(f"arm !re:{expression}") == (f"{expression}: {why}",)
+    assert [term.letters for term in matching.terms(f"arm re:{expression}")] == ["arm"]
+
+
+def test_a_list_in_parts_has_a_heading_for_each_and_every_robot_once() -> None:
+    store = store_of(*LEVER)
+    store.take_state("rover-2", State(stopped=True), 2.0)
+    shown = listed(store, family(store), 2.0, division="kind")
+    assert [one.heading or (one.name, one.depth) for one in shown] == [
+        "Arm: 1 robot", ("arm-1", 0),
+        "MoveTo: 1 robot", ("mover", 0),
+        "OpenClose: 1 robot", ("lever", 0),
+        "Rover: 2 robots, 1 stopped", ("rover-2", 0), ("rover-10", 0),
+    ]  # fmt: skip
+    worst = listed(store, family(store), 2.0, division="state", order="name")
+    assert [one.heading for one in worst if one.heading][:2] == ["stopped: 1 robot", "needs: 2 robots"]
+    assert sorted(one.name for one in worst if one.name) == sorted(store.known)
+
+
+def test_parts_by_site_begin_with_this_machine() -> None:
+    store = store_of(*LEVER)
+    store.take_elsewhere({"rover-2": Elsewhere("hall", 0.1, silent=False)}, 1.0)
+    shown = listed(store, family(store), 2.0, division="site")
+    assert [one.heading for one in shown if one.heading] == ["this machine: 4 robots", "hall: 1 robot"]
+    assert [(one.name, one.depth) for one in shown[1:4]] == [("lever", 0), ("mover", 1), ("arm-1", 2)]
+
+
+def test_a_row_says_when_it_was_heard_who_commands_and_who_waits() -> None:
+    assert [heard(age) for age in (None, 0.1, 1.2, 1.44, 9.94, 12.4, 200.0)] == [
+        "", "≤1 s", "≤1 s", "1.4 s", "9.9 s", "12 s", "3 min",
+    ]  # fmt: skip
+    store = store_of(*LEVER)
+    state = State(busy="drive", caller="anna@pts/3", waiting=2, waiters=("bob@pts/4", "eve@pts/5"))
+    store.take_state("rover-2", state, 2.0)
+    shown = row(store, next(one for one in family(store) if one.name == "rover-2"), 3.5)
+    assert (shown.heard, shown.by, shown.waits) == ("1.5 s", "anna@pts/3", "bob@pts/4, eve@pts/5")
+
+
+def test_a_robot_with_an_alarm_says_so_and_comes_before_those_without_a_problem() -> None:
+    store = store_of(*LEVER)
+    alarm = Alarm(robot="rover-2", reading="battery", sign="<", limit=30.0, unit="%", raised=1.0)
+    store.take_alarms([alarm], 1.0, "press a")
+    assert names(store, "problems")[0] == "rover-2"
+    assert names(store, letters="state:alarm") == ["rover-2"]
+    assert row(store, family(store)[-1], 2.0).alarm == ""
+    assert (
+        row(store, next(one for one in family(store) if one.name == "rover-2"), 2.0).alarm == "battery < 30 %"
+    )
+
+
 def test_a_wide_list_has_epoch_lease_and_process_and_a_narrow_one_never() -> None:
     titles = [column.title for column in columns(160, {}, wide=True)]
-    assert titles == ["ROBOT", "KIND", "STATE", "BY", "HOST", "EPOCH", "LEASE", "PROCESS", "ABOUT"]
+    assert titles == ["ROBOT", "KIND", "STATE", "HEARD", "BY", "HOST", "EPOCH", "LEASE", "PROCESS", "ABOUT"]
     assert [column.title for column in columns(80, {}, wide=True)] == ["ROBOT", "KIND", "STATE", "BY", "HOST"]
     assert not {"EPOCH", "LEASE", "PROCESS"} & {column.title for column in columns(300, {})}
     store = store_of(*LEVER)

@@ -63,6 +63,7 @@ CHECKS: Mapping[str, Callable[[str], None]] = {
     "VIEW": name,
     "PARENT.SLOT": _path("PARENT.SLOT"),
     "ROBOT.COMMAND": _path("ROBOT.COMMAND"),
+    "ROBOT.READING": _path("ROBOT.READING"),
     "TIME": _time,
     "SIZE": _size,
     "FACTOR": _factor,

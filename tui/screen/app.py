@@ -69,6 +69,13 @@ def program_keys(*verbs: str) -> Iterable[Binding]:
             yield Binding(action.typing_key, asked, show=False, priority=True)
 
 
+def _short(words: Sequence[str]) -> Sequence[str]:
+    """Take `view NAME` for the use of a saved filter: what else begins with that word is for a shell."""
+    if len(words) == 2 and words[0] == "view" and f"view {words[1]}" not in BY_VERB:
+        return "view", "use", words[1]
+    return words
+
+
 class Supervisor(OperatorApp):
     """One operator, one realm."""
 
@@ -150,7 +157,7 @@ class Supervisor(OperatorApp):
     def run_typed(self, text: str) -> None:
         """Do what was typed at the prompt."""
         try:
-            words = grammar.split("quit" if text.strip() in QUITS else text)
+            words = _short(grammar.split("quit" if text.strip() in QUITS else text))
             line = self.prompt.parse(words) if words else None
         except UnknownVerb as error:
             near = f"did you mean {' or '.join(error.near)}?" if error.near else ""
@@ -165,7 +172,7 @@ class Supervisor(OperatorApp):
         if line.verb == "log" and (line.flag("--follow") or not line.text("NAME")):
             line = Line("log")  # what robots say comes there by itself
         if not BY_VERB[line.verb].run or line == Line("log"):
-            self.ask_for(line.verb)
+            asking.ASK[line.verb](self, Place(line.text("NAME")))  # some of these have no key
         elif BY_VERB[line.verb].danger:
             self._confirm(line)
         else:

@@ -25,7 +25,9 @@ from robotree.tui.screen.pages.orders import OrdersPage
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.pages.permits import PermitsPage
+from robotree.tui.screen.pages.readings import ReadingsPage
 from robotree.tui.screen.pages.role import RoleDialog
+from robotree.tui.screen.pages.where import WherePage
 from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.prompt import Kind
 from robotree.tui.seen import wording
@@ -34,6 +36,9 @@ from robotree.tui.seen.store import Store
 
 Ask = Callable[[OperatorApp, Place], None]
 """Takes the supervisor, and what is selected: a robot, an empty slot, or nothing."""
+
+SHARE = 10
+"""[%] of the page by which a key makes the part below the list larger."""
 
 HELP = "help"
 """Title of the help."""
@@ -356,6 +361,17 @@ def _permits(app: OperatorApp, _place: Place) -> None:
     app.push_screen(PermitsPage())
 
 
+def _readings(app: OperatorApp, _place: Place) -> None:
+    app.push_screen(ReadingsPage())
+
+
+def _where(app: OperatorApp, place: Place) -> None:
+    if place.name:
+        app.push_screen(WherePage(place.name))
+    else:
+        app.tell("no robot is selected", "warning")
+
+
 def _dismiss(app: OperatorApp, place: Place) -> None:
     if app.store.dismiss(place.name):
         app.tell(f"{place.name} is off the list; it is back as soon as it answers")
@@ -485,6 +501,8 @@ ASK: Mapping[str, Ask] = {
     "show": _show,
     "history": _of_robots(_about_robot("history")),
     "why": _of_robots(_about_robot("why", "NAME|KEY")),
+    "where": _of_robots(_where),
+    "readings": _readings,
     "cancel": _cancel,
     "pause": _about_robot("pause"),
     "step": _of_robots(_about_robot("step")),
@@ -501,6 +519,13 @@ ASK: Mapping[str, Ask] = {
     "tree": lambda app, _place: in_front(app).sort("tree"),
     "sort": lambda app, _place: in_front(app).sort(),
     "joints": lambda app, _place: in_front(app).unfold(),
+    "divide": lambda app, _place: in_front(app).divide(),
+    "larger": lambda app, _place: in_front(app).share(SHARE),
+    "smaller": lambda app, _place: in_front(app).share(-SHARE),
+    "view next": lambda app, _place: in_front(app).next_filter(),
+    "view use": lambda app, place: in_front(app).use_filter(place.name),
+    "view save": lambda app, place: in_front(app).save_filter(place.name),
+    "view drop": lambda app, place: in_front(app).drop_filter(place.name),
     "wide": lambda app, _place: in_front(app).widen(),
     "mark": lambda app, place: in_front(app).mark(place.name),
     "unmark": lambda app, _place: in_front(app).unmark(),

@@ -21,6 +21,8 @@ from robotree.tui.line.carrying import Refusal, carry_out
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.surface import Surface
 from robotree.tui.line.verbs import CALL_LIMIT, Outcome
+from robotree.tui.processes.alarm_file import alarms_of
+from robotree.tui.processes.layout import LayoutFile
 from robotree.tui.processes.steps import Steps
 from robotree.tui.processes.terminal_graphics import CELLS
 from robotree.tui.screen.error_boundary import ErrorBoundary
@@ -32,6 +34,7 @@ from robotree.tui.screen.themes import OURS, REDUCED, SIXTEEN, chosen
 from robotree.tui.seen import wording
 from robotree.tui.seen.feeding import Feed
 from robotree.tui.seen.selection import Selection
+from robotree.tui.seen.series import Reading, reading_of
 from robotree.tui.seen.store import Store, Weight
 from robotree.vr.base.errors import ChildCancelled, CommandCancelled, NotConfirmed, VrError
 from robotree.vr.network.realms import DEFAULT_REALM
@@ -69,7 +72,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
     STOP_WORD: ClassVar[str] = "STOP"
     """What the key of the stop does, in the line on top."""
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 # what a person has kept, beside the options of the command line
         self,
         realm_client: RealmClient,
         *,
@@ -80,6 +83,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         keymap: Keymap | None = None,
         calm: bool = False,
         steps: Steps | None = None,
+        layout: LayoutFile | None = None,
     ) -> None:
         """Supervise a realm client that has been joined.
 
@@ -92,6 +96,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
             keymap: the operator's keys; None: those of the registry.
             calm: whether the line is slow: no pictures, and what changes all the time is drawn seldom.
             steps: which step of tele-operation was chosen last; None: nothing is kept.
+            layout: how this person has arranged the screen; None: nothing is kept.
         """
         super().__init__()
         self.calm = calm
@@ -113,7 +118,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         self.store.denies = self._denies
         self._denied: tuple[object, dict[tuple[str, tuple[str, ...], str], str]] = (None, {})
         """What a policy was asked, and what it said."""
-        self.feed = Feed(realm_client, self.store, self.now)
+        self.feed = Feed(realm_client, self.store, self.now, alarms_of(realm_client.realm))
         self.selection = Selection()
         """The robot that keys are about, whatever page is in front."""
         self.marks: frozenset[str] = frozenset()
@@ -126,6 +131,10 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         """How pictures are drawn in this terminal; `supervise` finds it out."""
         self.foresight = Foresight()
         """What a robot says of the way that somebody is about to send it."""
+        self.layout = layout or LayoutFile()
+        """How this person has arranged the screen."""
+        self._tick_again()
+        self._rung = self.store.watched.rung
         self.errors: list[Exception] = []
         """Errors that the fence held back."""
 
@@ -178,6 +187,30 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
             refused = self.realm_client.refused("command", robot, kinds, command)
             known[asked] = "" if refused is None else str(refused)
         return known[asked]
+
+    # -- readings over time ------------------------------------------------------------------------
+
+    def tick(self, reading: Reading) -> None:
+        """Watch a reading over time, or end that; which are watched is kept for this person and realm."""
+        ticked = self.store.watched.ticked
+        if reading in ticked.series:
+            ticked.untick(reading)
+        else:
+            ticked.tick(reading)
+        kept = {**self.layout.layout.ticked, self.realm: ticked.names()}
+        self.layout.change(ticked={realm: names for realm, names in kept.items() if names})
+
+    def _tick_again(self) -> None:
+        """Watch what was watched when this person left."""
+        for name in self.layout.layout.ticked.get(self.realm, ()):
+            if reading := reading_of(name):
+                self.store.watched.ticked.tick(reading)
+
+    def ring(self) -> None:
+        """Ring the bell of the terminal, once for each time that alarms were raised."""
+        if self.store.watched.rung != self._rung:
+            self._rung = self.store.watched.rung
+            self.bell()
 
     # -- the selection -----------------------------------------------------------------------------
 

@@ -13,6 +13,7 @@ from logging.handlers import RotatingFileHandler
 from typing import TYPE_CHECKING
 
 from robotree.tui import exit_codes
+from robotree.tui.processes.layout import layout_file
 from robotree.tui.processes.state_files import state_file
 from robotree.tui.processes.steps import FILE as STEPS_FILE
 from robotree.tui.processes.steps import Steps
@@ -97,10 +98,10 @@ async def supervise(
 
 
 async def _show(make: Callable[..., Supervisor], realm: str, store: Store) -> int:
-    keys, steps = keymap.load(), Steps(state_file(realm, STEPS_FILE))
+    keys, steps, layout = keymap.load(), Steps(state_file(realm, STEPS_FILE)), layout_file()
     task, ends = asyncio.current_task(), list[float]()
     while True:
-        app = make(store=store, keymap=keys, calm=wants_calm(), steps=steps)
+        app = make(store=store, keymap=keys, calm=wants_calm(), steps=steps, layout=layout)
         if not app.is_web:
             app.pictures = pictures_here()
         code = await app.run_async()

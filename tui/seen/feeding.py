@@ -11,10 +11,13 @@ import contextlib
 import logging
 import time
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
+from robotree.tui.errors import SupervisorError
 from robotree.tui.seen import absence, unlisted
+from robotree.tui.seen.alarms import Alarm, judged
 from robotree.tui.seen.store import Away, SeenGroup, Store
+from robotree.tui.seen.watched import Passed
 from robotree.vr.base.address import Address, Role, shown_address
 from robotree.vr.base.errors import NoSuchPermit, TransportClosed, VrError
 from robotree.vr.network.permit_file import permits_beside
@@ -41,17 +44,38 @@ PATROL = 5.0
 RESULTS = "`inbox` prints it, the page of the orders shows it"
 """How a person gets at a result."""
 
+ALARMS = "`alarm ack` acknowledges it, or `k` on the page of the readings"
+"""How a person acknowledges an alarm."""
+
 PERMITS = "`permits` shows what it would do, and takes your answer"
 """How a person answers an assistant."""
 
 log = logging.getLogger(__name__)
 
 
+class AlarmKeeper(Protocol):
+    """Keeps the alarms of a realm."""
+
+    def all(self) -> tuple[Alarm, ...]:
+        """Return them; the same object while nothing has changed."""
+        ...
+
+    def change(self, change: Callable[[dict[str, Alarm]], None]) -> tuple[Alarm, ...]:
+        """Change them by name; returns them as they are then."""
+        ...
+
+
 class Feed:
     """Feeds one store from one realm client while it is open."""
 
-    def __init__(self, realm_client: RealmClient, store: Store, clock: Callable[[], float]) -> None:
-        """Feed `store` from `realm_client`; `clock` gives the store's `now` [s]."""
+    def __init__(
+        self,
+        realm_client: RealmClient,
+        store: Store,
+        clock: Callable[[], float],
+        alarms: AlarmKeeper | None = None,
+    ) -> None:
+        """Feed `store` from `realm_client`; `clock` gives its `now` [s]; `alarms` keeps alarms."""
         self.realm_client, self.store, self.clock = realm_client, store, clock
         self.moment_of: Callable[[LoggedLine], float] = lambda _: clock()
         """When a line of a log was said [s on the store's clock]: now; clocks of hosts are not compared."""
@@ -61,6 +85,11 @@ class Feed:
         self._ordering: Registration | None = None
         self._forget: Callable[[], None] | None = None
         self._tasks: tuple[asyncio.Task[None], ...] = ()
+        self.alarms = alarms
+        self._alarms: tuple[Alarm, ...] = ()
+        """As they were shown."""
+        self._alarming = ""
+        """Why they cannot be kept, as it was told."""
         self._troubles: dict[str, str] = {}
         """Of hosts whose robots would not survive their end, as told, by name."""
 
@@ -146,12 +175,40 @@ class Feed:
                 answering = self._servers.difference(shown_address(one.key) for one in hang)
                 self.store.take_servers(answering, self.clock(), left=self.realm_client.left)
                 self._take_permits()
+                self._take_alarms()
                 await asyncio.sleep(GLANCE)
 
     def _take_permits(self) -> None:
         """Show what assistants ask for; a realm that keeps nothing has no permits."""
         with contextlib.suppress(NoSuchPermit):
             self.store.take_permits(permits_beside(self.realm_client.gate).waiting(), self.clock(), PERMITS)
+
+    def _take_alarms(self) -> None:
+        """Keep which readings have passed their thresholds, and show what is kept, also by others."""
+        passed, store, keeper = self.store.watched.passed, self.store, self.alarms
+        if keeper is None:
+            return
+        try:
+            after = keeper.change(self._judging(passed)) if passed else keeper.all()
+        except SupervisorError as error:
+            if str(error) != self._alarming:
+                self._alarming = str(error)
+                store.tell(str(error), "warning", self.clock())
+            return
+        passed.clear()
+        if after is not self._alarms:
+            self._alarms = after
+            store.take_alarms(after, self.clock(), ALARMS)
+
+    def _judging(self, passed: Sequence[Passed]) -> Callable[[dict[str, Alarm]], None]:
+        since = time.time() - self.clock()
+
+        def change(alarms: dict[str, Alarm]) -> None:
+            for name, value, at in passed:
+                if name in alarms:
+                    alarms[name] = judged(alarms[name], value, at + since)
+
+        return change
 
     async def _keep_asking_where(self) -> None:
         """Show where robots of other sites are, and how old that is. Without a gateway nobody is asked."""

@@ -7,17 +7,28 @@ looked at, so that a thousand robots cost what the visible ones cost.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, Literal, get_args
+from typing import Any, Literal, cast, get_args
 
-from robotree.tui.seen import matching, wording
+from robotree.tui.seen import instruments, matching, wording
+from robotree.tui.seen.alarms import Alarm
 from robotree.tui.seen.rails import rails
 from robotree.tui.seen.status import PROBLEMS, STATUSES, UNGUARDED, Status, span
 from robotree.tui.seen.store import Store
 
 SortOrder = Literal["tree", "problems", "name", "kind", "state", "by", "host"]
+Division = Literal["", "site", "kind", "state"]
+DIVISIONS: tuple[Division, ...] = get_args(Division)
+"""By what the list is divided into parts with a heading each; empty: it is not."""
+HERE = "this machine"
+"""Heading of the robots that are at no other site."""
+RHYTHM = 1.25
+"""[s] An idle robot is heard each second: up to this age it is `≤1 s`, and its line is not drawn again."""
+EXACT = 10.0
+"""[s] Up to this age tenths are shown."""
 ORDERS: tuple[SortOrder, ...] = get_args(SortOrder)
 """How the list can be sorted; `tree`: by name, children below their parents; `problems`: the same, but the
 trees in which something is wrong come first, the worst one on top."""
@@ -39,6 +50,8 @@ class Placement:
     """The lines of the tree before its name."""
     group: bool = False
     """It is a group of robots, and no robot."""
+    heading: str = ""
+    """It is no robot, but the line above those that belong together: `hall: 3 robots`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +86,12 @@ class RobotRow:
     """Its controller obeys every program that reaches it: the link has no key."""
     denied: bool = False
     """The policy lets who sits here command nothing of it."""
+    heard: str = ""
+    """How long ago it was heard: `1.4 s`."""
+    waits: str = ""
+    """Who asked for the commands that wait behind the running one."""
+    alarm: str = ""
+    """The alarm at which a person must look: `fz > 20`."""
 
     @property
     def name(self) -> str:
@@ -160,6 +179,9 @@ def row(
         process=process,
         unguarded=known is not None and known.unguarded,
         denied=bool(store.denied(name)),
+        heard=heard(store.age(name, now)),
+        waits=", ".join(store.waiters(name)),
+        alarm=next((_alarm_words(one) for one in store.watched.open(name)), ""),
     )
 
 
@@ -177,6 +199,20 @@ def _group_row(store: Store, placement: Placement, now: float, *, marked: bool) 
         about=wording.summary(group.about) if group else "",
         marked=marked,
     )
+
+
+def _alarm_words(alarm: Alarm) -> str:
+    limit = " ".join(instruments.figure(alarm.limit, alarm.unit)).strip()
+    return f"{alarm.reading} {alarm.sign} {limit}"
+
+
+def heard(age: float | None) -> str:
+    """Write how long ago [s] a robot was heard; None: never."""
+    if age is None:
+        return ""
+    if age <= RHYTHM:
+        return "≤1 s"
+    return f"{age:.1f} s" if age < EXACT else span(age)
 
 
 def _more(store: Store, name: str) -> tuple[str, str, str]:
@@ -197,7 +233,13 @@ _KEYS: Mapping[SortOrder, Callable[[RobotRow], tuple[Any, ...]]] = {
 
 
 def listed(
-    store: Store, placements: Sequence[Placement], now: float, *, order: SortOrder = "tree", letters: str = ""
+    store: Store,
+    placements: Sequence[Placement],
+    now: float,
+    *,
+    order: SortOrder = "tree",
+    letters: str = "",
+    division: Division = "",
 ) -> tuple[Placement, ...]:
     """Return the places that are shown.
 
@@ -207,9 +249,68 @@ def listed(
         now: [s]
         order: by which they are sorted; all but `tree` and `problems` ignore parents.
         letters: of the filter (`matching`); who is below a robot that is hidden moves up.
+        division: by what they stand together, each part in this order below its heading.
     """
     if letters.strip():
         placements = _matching(store, placements, now, letters)
+    if not division:
+        return _ordered(store, placements, now, order)
+    parts: dict[str, list[Placement]] = {}
+    part_of = _PARTS[division]
+    for placement in placements:
+        parts.setdefault(part_of(store, placement.name, now), []).append(placement)
+    found: list[Placement] = []
+    for part in sorted(parts, key=_RANKS.get(division, natural)):
+        inside = _ordered(store, _moved_up(parts[part]), now, order)
+        found += [Placement("", heading=_heading(store, part, inside, now)), *inside]
+    return tuple(found)
+
+
+def _heading(store: Store, part: str, inside: Sequence[Placement], now: float) -> str:
+    """Return the heading of a part: its name, how many robots it has, and what is wrong with them."""
+    wrong = Counter(status for one in inside if (status := store.status(one.name, now)) in PROBLEMS)
+    count = f"{len(inside)} robot{'' if len(inside) == 1 else 's'}"
+    faults = [f"{wrong[status]} {status}" for status in STATUSES if wrong[status] and status != part]
+    return f"{part}: {', '.join([count, *faults])}"
+
+
+def _site(store: Store, name: str, _now: float) -> str:
+    where = store.elsewhere.get(name)
+    return where.site if where else HERE
+
+
+def _kind(store: Store, name: str, _now: float) -> str:
+    if store.group(name):
+        return "groups"
+    known = store.described(name) or store.robots.get(name) or store.absent.get(name)
+    return (known.kind if known else "") or "of unknown kind"
+
+
+_PARTS: Mapping[Division, Callable[[Store, str, float], str]] = {
+    "site": _site,
+    "kind": _kind,
+    "state": lambda store, name, now: store.status(name, now),
+}
+_RANKS: Mapping[Division, Callable[[str], Any]] = {
+    "site": lambda part: (part != HERE, natural(part)),
+    "state": lambda part: STATUSES.index(cast("Status", part)),
+}
+"""How parts are sorted that are not sorted by name."""
+
+
+def _moved_up(placements: Iterable[Placement]) -> list[Placement]:
+    """Return places as they are without those that are not among them: who is below one of these moves up."""
+    depths: dict[str, int] = {}
+    found: list[Placement] = []
+    for one in placements:
+        depths[one.name] = depths.get(one.parent, -1) + 1
+        found.append(replace(one, depth=depths[one.name], rail=""))
+    return found
+
+
+def _ordered(
+    store: Store, placements: Sequence[Placement], now: float, order: SortOrder
+) -> tuple[Placement, ...]:
     if order == "tree":
         return _railed(placements)
     if order == "problems":
@@ -247,7 +348,9 @@ def _worst_first(store: Store, placements: Iterable[Placement], now: float) -> l
 
     def worst(tree: list[Placement]) -> int:
         found = {store.status(placement.name, now) for placement in tree} & PROBLEMS
-        return min(map(STATUSES.index, found), default=len(STATUSES))
+        alarmed = any(store.watched.open(placement.name) for placement in tree)
+        rest = STATUSES.index("abandoned") if alarmed else len(STATUSES)  # a person must look
+        return min(map(STATUSES.index, found), default=rest)
 
     return [placement for tree in sorted(trees, key=worst) for placement in tree]
 
@@ -294,7 +397,8 @@ def _about(store: Store, placement: Placement, _now: float) -> str:
 def _state(store: Store, placement: Placement, now: float) -> str:
     known = store.described(placement.name) or store.robots.get(placement.name)
     link = UNGUARDED if known and known.unguarded else ""
-    return f"{store.status(placement.name, now)} {store.doing(placement.name, now)} {link}"
+    alarm = "alarm" if store.watched.open(placement.name) else ""
+    return f"{store.status(placement.name, now)} {store.doing(placement.name, now)} {link} {alarm}"
 
 
 _FILTER_FIELDS: Mapping[str, Callable[[Store, Placement, float], str]] = {
@@ -315,13 +419,13 @@ class Column:
     room: int
 
 
-LEAST = {"ROBOT": 16, "KIND": 11, "STATE": 22, "BY": 9, "HOST": 7, "ABOUT": 20}
-"""Cells that a column needs. Where they are not there, ABOUT goes, then HOST, then BY."""
-MOST = {"ROBOT": 36, "KIND": 18, "STATE": 34, "BY": 16, "HOST": 14}
+LEAST = {"ROBOT": 16, "KIND": 11, "STATE": 22, "HEARD": 6, "BY": 9, "HOST": 7, "ABOUT": 20}
+"""Cells that a column needs. Where they are not there, ABOUT goes, then HEARD, then HOST, then BY."""
+MOST = {"ROBOT": 36, "KIND": 18, "STATE": 34, "HEARD": 6, "BY": 28, "HOST": 14}
 """Cells that it takes however long its words are."""
 MORE = {"EPOCH": 11, "LEASE": 5, "PROCESS": 9}
 """Columns that a wide list has before ABOUT, and their cells. They go after ABOUT, the last one first."""
-GOES = ("ABOUT", "HOST", "BY")
+GOES = ("ABOUT", "HEARD", "HOST", "BY")
 GAP = 2
 _SHRINKS = (("STATE", 14), ("ROBOT", 12), ("KIND", 0), ("ROBOT", 4), ("STATE", 0))
 """To how many cells columns shrink, one after the other, where not even those have room that stay."""

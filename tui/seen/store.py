@@ -16,6 +16,7 @@ from robotree.tui.seen import instruments, status, wording
 from robotree.tui.seen.asked import questions_of
 from robotree.tui.seen.status import Condition, Status
 from robotree.tui.seen.stopping import StopRound
+from robotree.tui.seen.watched import WatchedReadings
 from robotree.tui.terminal import one_line
 from robotree.vr.base.address import Address, shown_address
 from robotree.vr.base.description import Lack, Listing, RobotDescription
@@ -24,6 +25,7 @@ from robotree.vr.base.principal import is_person
 from robotree.vr.base.requests import STOPPED, Level, LoggedLine, State
 
 if TYPE_CHECKING:  # help must not wait for the agents
+    from robotree.tui.seen.alarms import Alarm
     from robotree.vr.base.permit import Permit
     from robotree.vr.supervision.realm_client import Elsewhere
 
@@ -194,6 +196,8 @@ class Store:
     """Groups by name, as this machine keeps them; a robot that is known comes before a group of its name."""
     results: int = 0
     """How many results of this person's orders wait."""
+    watched: WatchedReadings = field(default_factory=WatchedReadings)
+    """Readings over time, and alarms."""
     permits: tuple[Permit, ...] = ()
     """Calls of assistants that wait for a person's yes, the oldest first."""
     late: frozenset[str] = frozenset()
@@ -477,6 +481,27 @@ class Store:
             self.permits = found
             self.revision += 1
 
+    def take_alarms(self, alarms: Iterable[Alarm], now: float, how: str) -> None:
+        """Take the alarms as they are kept, and tell what is new; `how` one is acknowledged."""
+        raised, acknowledged = self.watched.take_alarms(alarms)
+        for alarm in raised:
+            value = " ".join(instruments.figure(alarm.value, alarm.unit)).strip()
+            limit = " ".join(instruments.figure(alarm.limit, alarm.unit)).strip()
+            text = f"ALARM: {alarm.name} was {value}, {alarm.sign} {limit}; {how}"
+            self.tell(text, "error", now, alarm.robot)
+        for alarm in acknowledged:
+            text = f"the alarm of {alarm.name} was acknowledged by {alarm.acknowledged_by}"
+            self.tell(text, "good", now, alarm.robot)
+        self.revision += 1
+
+    def source_of(self, name: str, reading: str) -> str:
+        """Return the robot whose own reading it is: the robot, or one below it; empty: none has it."""
+        for below in self._downwards(name):
+            state = self.state(below)
+            if state is not None and reading in state.readings:
+                return below
+        return ""
+
     def take_hosts(self, hosts: Iterable[str]) -> None:
         """Take which hosts live."""
         self.hosts = tuple(sorted(hosts))
@@ -485,6 +510,7 @@ class Store:
     def take_state(self, name: str, state: State, now: float) -> None:
         """Take a state that a robot published. Called ten thousand times a second where there are many."""
         self.revision += 1
+        self.watched.take(name, state.readings, now)
         before = self._heard.get(name)
         if before is None:
             self._heard[name] = LatestState(state, now, now, now)
@@ -772,6 +798,11 @@ class Store:
         if state:
             return state.bond.name if state.bond else state.caller if state.busy else ""
         return robot.bond.parent.name if robot and robot.bond else ""
+
+    def waiters(self, name: str) -> tuple[str, ...]:
+        """Return who asked for the commands that wait at a robot, the next one first."""
+        state = self.state(name)
+        return state.waiters if state and not self.absent.get(name) else ()
 
     def rebond(self, name: str) -> tuple[str, str, str] | None:
         """Return parent, slot and child of a bond of this robot that was lost and can be made again."""

@@ -47,6 +47,9 @@ PAUSE = 0.1
 REVISIONS = 1 << 20
 """Revisions of its listing for each stay of a robot in a host: those of a later stay are higher."""
 
+WAITERS = 5
+"""Callers of waiting commands that a state names."""
+
 SHOWN = 1000
 """[bytes] of one value of declared state, encoded, that a description shows."""
 
@@ -309,6 +312,7 @@ class Publisher:
             running = calls.live.get(calls.running)
             return State(
                 caller="" if running is None else running.caller,
+                waiters=tuple(calls.live[key].caller for key in calls.waiting[:WAITERS]),
                 note="" if running is None else runtime.progress_of(running.key)[1],
                 bond=None if lease is None else lease.parent,
                 away=None if lease is None or not lease.away else max(lease.expires - now, 0.0),

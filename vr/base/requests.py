@@ -1206,6 +1206,8 @@ class State(_Message, frozen=True, kw_only=True):
 
     busy: str = ""
     waiting: int = 0
+    waiters: tuple[str, ...] = ()
+    """Who asked for the commands that wait, the next one first; of many only the first ones."""
     epoch: int = 0
     bond: Address | None = None
     away: float | None = None

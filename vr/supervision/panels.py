@@ -73,6 +73,28 @@ async def panel_of(transport: Transport, robot: RobotDescription, host: str, gat
         return JudgedPanel(reason=str(error))
 
 
+async def source_of(transport: Transport, robot: RobotDescription, host: str) -> str:
+    """Ask for the page that a robot runs, to be read; empty: its host does not have it.
+
+    Args:
+        transport: the way to its host.
+        robot: as it describes itself.
+        host: key of its host.
+
+    Raises:
+        VrError: the host does not answer.
+    """
+    hosted = await ask(transport, host, DescribeHost(), HostDescribed, timeout=ANSWERS_WITHIN)
+    digest = hosted.pages.get(robot.name, "")
+    if not digest:
+        return ""
+    answer = await ask(transport, host, ReadBundle(hash=digest), BundleRead, timeout=ANSWERS_WITHIN)
+    if answer.page is None:
+        return ""
+    page = bundle_of(answer.page)
+    return page.source if page.hash == digest else ""
+
+
 def judged(page: Bundle, robot: RobotDescription, gate: Gate, *, here: bool) -> JudgedPanel:
     """Judge the panel of a page.
 

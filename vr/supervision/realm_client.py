@@ -946,6 +946,22 @@ class RealmClient:
             return JudgedPanel(reason=str(error))
         return await panel_of(self._transport, robot, host.key, gate)
 
+    async def source(self, name: str) -> str:
+        """Return the source of the page that a robot runs, to be read; empty: it has none.
+
+        Raises:
+            VrError: it or its host does not answer.
+        """
+        from robotree.vr.supervision.panels import source_of
+
+        robot = await self.describe(name)
+        if not robot.host:
+            return ""
+        site = self.whereabouts(name)[0]
+        here = site in {"", self.places.own}
+        host = await self.directory.resolve(robot.host if here else f"{site}:{robot.host}", "host")
+        return await source_of(self._transport, robot, host.key)
+
     async def enslave(self, parent: str, slot: str, child: str) -> RobotDescription:
         """Bind a child to a slot; returns the parent's description."""
         address = await self.directory.resolve(child)

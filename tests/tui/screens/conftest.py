@@ -18,6 +18,7 @@ from textual.screen import Screen
 from textual.widget import Widget
 from textual.widgets import Input
 
+from robotree.tui.processes.layout import LayoutFile
 from robotree.tui.screen import key_guard, keys_in_order
 from robotree.tui.screen.app import Supervisor
 from robotree.tui.screen.keymap import Keymap
@@ -222,8 +223,17 @@ def operate() -> Operate:
         keymap: Keymap | None = None,
         calm: bool = False,
         kind: type[Supervisor] = Supervisor,
+        layout: LayoutFile | None = None,
     ) -> AsyncGenerator[Operator]:
-        app = kind(realm_client, realm="test", farewell=farewell, readonly=readonly, keymap=keymap, calm=calm)
+        app = kind(
+            realm_client,
+            realm="test",
+            farewell=farewell,
+            readonly=readonly,
+            keymap=keymap,
+            calm=calm,
+            layout=layout,
+        )
         async with app.run_test(size=size) as pilot:
             operator = Operator(app, pilot)
             await operator.until(

@@ -23,6 +23,8 @@ PAGES = {
     "new": "On the page for new robots",
     "plan": "On the plan of a place, and in a picture",
     "question": "In a question",
+    "where": "Where a robot is",
+    "readings": "On the page of readings over time",
     "text": "In a text",
 }
 """Titles of the pages that have keys of their own, in their order."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, cast
 
 from rich.text import Text
 from textual import on
@@ -14,6 +14,7 @@ from textual.widgets import ContentSwitcher
 
 from robotree.tui.line.action import About, Scope, Where
 from robotree.tui.line.actions import ACTIONS, BY_VERB
+from robotree.tui.processes.layout import LEAST, MOST, Layout
 from robotree.tui.screen.operator_app import OperatorApp
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.place import NOWHERE, Place
@@ -26,7 +27,8 @@ from robotree.tui.screen.widgets.plan_pane import PlanPane
 from robotree.tui.screen.widgets.prompt import Prompt
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.tui.screen.widgets.views_pane import ViewsPane
-from robotree.tui.seen.rows import ORDERS, Placement, SortOrder, family, listed
+from robotree.tui.seen import matching
+from robotree.tui.seen.rows import DIVISIONS, ORDERS, Division, Placement, SortOrder, family, listed
 from robotree.tui.seen.store import Weight
 
 PANES = {"robots": "#robots", "plan": "#plan", "views": "#cameras", "log": "#log"}
@@ -111,6 +113,10 @@ class MainPage(Page):
         self._shown: tuple[Placement, ...] = ()
         self._following: Timer | None = None
         """Will draw the details of the robot that was selected."""
+        self.division: Division = ""
+        """By what the list is divided into parts."""
+        self.viewed = ""
+        """Name of the saved filter that is in use."""
 
     def parts(self) -> ComposeResult:
         """Panes."""
@@ -133,8 +139,19 @@ class MainPage(Page):
         yield LastLines(id="last")
 
     def on_mount(self) -> None:
-        """Begin with the robots."""
-        self.query_one(RobotTable).focus()
+        """Begin as this person has left it."""
+        layout = self.app.layout.layout
+        self.order, self.level = cast("SortOrder", layout.sort), cast("Weight", layout.level)
+        self.division = cast("Division", layout.divide)
+        self.query_one(Details).folded = not layout.joints
+        self.share(0)
+        if layout.wide:
+            self.widen()
+        if layout.page in PANES:
+            self.query_one("#panes", ContentSwitcher).current = _pane_id(layout.page)
+        self._focus_pane()
+        if self.app.layout.fault:
+            self.app.tell(self.app.layout.fault, "warning")
 
     # -- where one is ------------------------------------------------------------------------------
 
@@ -149,18 +166,21 @@ class MainPage(Page):
         letters, title = self.filters.get(self.pane, ""), self.pane
         if self.pane == FIRST and self.order != "tree":
             title += ", problems first" if self.order == "problems" else f" by {self.order}"
+        if self.pane == FIRST and self.division:
+            title += f", in parts by {self.division}"
         if self.pane == "log" and self.level != "good":
             title += f"  {self.level}s" + (" and errors" if self.level == "warning" else "")
         if letters:
-            title += f"  /{letters}"
+            title += f"  {self.viewed} " if self.viewed and self.pane == FIRST else "  "
+            title += f"/{letters}"
         if self.pane == FIRST and letters:
-            title += f"  {len(self._shown)} of {len(self._family[1])}"
-        return title
+            title += f"  {len(self.shown)} of {len(self._family[1])}"
+        return "; ".join([title, *matching.faults(letters)])
 
     @property
     def shown(self) -> tuple[Placement, ...]:
         """The robots that the list shows, in their order."""
-        return self._shown
+        return tuple(placement for placement in self._shown if placement.name)
 
     @property
     def place(self) -> Place:
@@ -202,6 +222,7 @@ class MainPage(Page):
         """Bring a pane to the front."""
         self.query_one("#panes", ContentSwitcher).current = _pane_id(name)
         self.query_one(Prompt).letters = self.filters.get(name, "")
+        self.app.layout.change(page=name)
         self._focus_pane()
         self.draw()
         self.refresh_bindings()
@@ -231,17 +252,86 @@ class MainPage(Page):
             "problems": "robots with problems first, children below their parents",
         }
         self.app.tell(named.get(self.order, f"robots by {self.order}"))
+        self.app.layout.change(sort=self.order)
         self.show_pane(FIRST)
+
+    def divide(self) -> None:
+        """Divide the list into parts in the next way: by site, kind, state, or not at all."""
+        self.division = DIVISIONS[(DIVISIONS.index(self.division) + 1) % len(DIVISIONS)]
+        self.app.tell(f"robots in parts by {self.division}" if self.division else "robots in one list")
+        self.app.layout.change(divide=self.division)
+        self.show_pane(FIRST)
+
+    def share(self, by: int) -> None:
+        """Give the part below the list so many percent of the page more."""
+        wanted = min(max(self.app.layout.layout.share + by, LEAST), MOST)
+        if by:
+            self.app.layout.change(share=wanted)
+        usual = wanted == Layout().share
+        below = self.query_one("#below").styles
+        below.height, below.max_height = f"{wanted}%", None if not usual else 18
+        if by:
+            self.draw()
+
+    # -- saved filters -----------------------------------------------------------------------------
+
+    def save_filter(self, name: str) -> None:
+        """Keep the letters by which the list of robots is filtered now."""
+        letters = self.filters.get(FIRST, "").strip()
+        if not letters:
+            key = self.app.keymap.spelled("filter")
+            self.app.tell(f"nothing is filtered: {key} and some letters first, then save", "warning")
+            return
+        self.app.layout.change(filters={**self.app.layout.layout.filters, name: letters})
+        self.viewed = name
+        self.app.tell(f"the filter {letters} is kept as {name}", "good")
+        self.draw()
+
+    def use_filter(self, name: str) -> None:
+        """Filter the list of robots by what was saved under a name."""
+        saved = self.app.layout.layout.filters
+        if name not in saved:
+            known = f"there are {', '.join(saved)}" if saved else "none is saved yet: `view save NAME`"
+            self.app.tell(f"no saved filter {name!r}; {known}", "warning")
+            return
+        self.viewed, self.filters[FIRST] = name, saved[name]
+        self.show_pane(FIRST)
+
+    def next_filter(self) -> None:
+        """Use the next saved filter; after the last one show everything."""
+        names = list(self.app.layout.layout.filters)
+        after = names.index(self.viewed) + 1 if self.viewed in names else 0
+        if not names:
+            self.use_filter("")
+        elif after < len(names):
+            self.use_filter(names[after])
+        else:
+            self.viewed = ""
+            self.reveal()
+
+    def drop_filter(self, name: str) -> None:
+        """Keep a filter no longer."""
+        saved = dict(self.app.layout.layout.filters)
+        if saved.pop(name, None) is None:
+            self.use_filter(name)  # it says what there is
+            return
+        self.viewed = "" if self.viewed == name else self.viewed
+        self.app.layout.change(filters=saved)
+        self.app.tell(f"the filter {name} is kept no longer")
 
     def widen(self) -> None:
         """Give the whole page to the list, with more columns, and back."""
         self.toggle_class("-all")
-        self.query_one(RobotTable).widen(wide=self.has_class("-all"))
+        wide = self.has_class("-all")
+        self.query_one(RobotTable).widen(wide=wide)
+        if wide != self.app.layout.layout.wide:
+            self.app.layout.change(wide=wide)
 
     def unfold(self) -> None:
         """Give each joint of the selected robot a line of its own, and back."""
         details = self.query_one(Details)
         details.folded = not details.folded
+        self.app.layout.change(joints=not details.folded)
         self._detailed = ("", 0.0)
         self.draw()
 
@@ -249,6 +339,7 @@ class MainPage(Page):
         """Leave more out of the log: all, warnings and errors, errors."""
         levels: tuple[Weight, ...] = ("good", "warning", "error")
         self.level = levels[(levels.index(self.level) + 1) % len(levels)]
+        self.app.layout.change(level=self.level)
         self.show_pane("log")
 
     def mark(self, name: str) -> None:
@@ -279,6 +370,7 @@ class MainPage(Page):
     def action_clear_filter(self) -> None:
         """Show everything again; from another pane, back to the robots."""
         if self.filters.pop(self.pane, ""):
+            self.viewed = "" if self.pane == FIRST else self.viewed
             self.query_one(Prompt).letters = ""
         elif self.pane != FIRST:
             self.show_pane(FIRST)
@@ -322,9 +414,9 @@ class MainPage(Page):
             self._family = (store.family, family(store))
         placements = self._family[1]
         letters = self.filters.get(FIRST, "")
-        if self.order == "tree" and not letters.strip():
+        if self.order == "tree" and not letters.strip() and not self.division:
             return placements
-        return listed(store, placements, now, order=self.order, letters=letters)
+        return listed(store, placements, now, order=self.order, letters=letters, division=self.division)
 
     def draw(self) -> None:
         """Draw the pane in front."""
@@ -332,8 +424,9 @@ class MainPage(Page):
             return
         app, now = self.app, self.app.now()
         before, self._shown = self._shown, self._placements(now)
-        names = [placement.name for placement in self._shown]
-        app.selection = app.selection.among([placement.name for placement in before], names, now)
+        names = [placement.name for placement in self.shown]
+        there = [placement.name for placement in before if placement.name]
+        app.selection = app.selection.among(there, names, now)
         super().draw()
         if self.pane == "robots":
             self.query_one(RobotTable).draw(self._shown, self.selected, app.marks)

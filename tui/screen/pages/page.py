@@ -89,10 +89,10 @@ class Page(Part, Leaving[None]):
 
     # -- the prompt --------------------------------------------------------------------------------
 
-    def open_line(self, kind: Kind) -> None:
+    def open_line(self, kind: Kind, text: str = "") -> None:
         """Open the line below, for a verb or for a filter: all keys but that of the stop are text then."""
         self._left_for_line = self.focused
-        self.query_one(Prompt).open(kind)
+        self.query_one(Prompt).open(kind, text)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Take no key of the page while somebody types at the prompt."""
@@ -125,6 +125,7 @@ class Page(Part, Leaving[None]):
         app = self.app
         self.query_one(TopBar).draw(app.store, app.heading, self.title_of_page())
         self.query_one(Banner).draw(app.store)
+        app.ring()
         for line in self.children:  # a query would look at each widget of the page, four times a second
             if isinstance(line, FlashLine):
                 line.draw(app.store, app.now())

@@ -12,10 +12,15 @@ from robotree.tui.screen.widgets.marks import status_mark, tint
 from robotree.tui.screen.widgets.readings import Lines, ShownReadings
 from robotree.tui.seen import readiness, wording
 from robotree.tui.seen.cells import seen
+from robotree.tui.seen.series import sparkline
 from robotree.tui.seen.store import SeenGroup, Store
 
 if TYPE_CHECKING:
     from robotree.vr.base.description import RobotDescription
+
+
+SPARK = 24
+"""Cells of the line of a ticked reading."""
 
 
 class Details(Lines):
@@ -43,6 +48,7 @@ class Details(Lines):
             words = Text("re-bond {}.{} to {}? ⏎".format(*lost), tint(self.app, "warning"))
             self.line(text, "next", words)
         self.append_readings(text, ShownReadings.of(store, name, now), folded=self.folded)
+        self._over_time(text, store, name)
         self._lease(text, store, robot, now)
         self._slots(text, robot)
         self._streams(text, robot)
@@ -67,6 +73,14 @@ class Details(Lines):
         for number, reason in enumerate(readiness.reasons(store, name, now)):
             answer = reason if number else f"no: {reason}"
             self.line(text, "" if number else "ready", Text(answer, tint(self.app, "warning")))
+        if waiters := store.waiters(name):
+            self.line(text, "waits", Text(", then ".join(waiters)))
+
+    def _over_time(self, text: Text, store: Store, name: str) -> None:
+        """Draw the ticked readings of the robot as sparklines."""
+        for reading, series in store.watched.ticked.robots.get(name, {}).items():
+            words = Text(sparkline(series.newest(10 * SPARK)[::10], SPARK), tint(self.app, "accent"))
+            self.line(text, reading, words)
 
     def _lease(self, text: Text, store: Store, robot: RobotDescription, now: float) -> None:
         state = store.state(robot.name)

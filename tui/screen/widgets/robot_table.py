@@ -6,6 +6,7 @@ took a third of a core (docs/performance.md).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 from rich.cells import cell_len
@@ -83,12 +84,12 @@ class RobotTable(Part, ScrollView, can_focus=True):
     @property
     def names(self) -> list[str]:
         """Names of the robots that are shown, in their order."""
-        return [placement.name for placement in self._placements]
+        return [placement.name for placement in self._placements if placement.name]
 
     @property
     def row_count(self) -> int:
         """How many robots are shown."""
-        return len(self._placements)
+        return len(self.names)
 
     @property
     def selected(self) -> str:
@@ -106,7 +107,7 @@ class RobotTable(Part, ScrollView, can_focus=True):
             self._placements = placements
             self.virtual_size = Size(self.size.width, len(placements) + HEADER)
             self._lay_out()
-        at = next((i for i, placement in enumerate(placements) if placement.name == selected), -1)
+        at = _position(placements, selected)
         if at != self._at:
             self._at = at
             self.scroll_to_cursor()
@@ -119,7 +120,7 @@ class RobotTable(Part, ScrollView, can_focus=True):
     def point(self, selected: str) -> None:
         """Put the cursor on another robot, and draw no more than that: two lines, or all when it scrolls."""
         before, top = self._at, self.scroll_offset.y
-        self._at = next((i for i, placement in enumerate(self._placements) if placement.name == selected), -1)
+        self._at = _position(self._placements, selected)
         self.scroll_to_cursor()
         if self.scroll_offset.y != top:
             self._redraw()
@@ -138,6 +139,8 @@ class RobotTable(Part, ScrollView, can_focus=True):
         store = self.app.store
         longest = {"STATE": STATES}
         for placement in self._placements:
+            if placement.heading:
+                continue
             known = store.described(placement.name) or store.robots.get(placement.name)
             words = {
                 "ROBOT": cell_len(_lead(placement, MOST["ROBOT"])) + cell_len(placement.name) + 1,
@@ -208,7 +211,10 @@ class RobotTable(Part, ScrollView, can_focus=True):
     def _wanted(self, position: int) -> tuple[RobotRow, bool] | None:
         if not 0 <= position < len(self._placements):
             return None
-        made = row(self.app.store, self._placements[position], self.app.now(), self._marks, wide=self.wide)
+        placement = self._placements[position]
+        if placement.heading:
+            return RobotRow(placement, kind="", status="free", state="", by="", host="", about=""), False
+        made = row(self.app.store, placement, self.app.now(), self._marks, wide=self.wide)
         return made, position == self._at
 
     def render_line(self, y: int) -> Strip:
@@ -229,6 +235,11 @@ class RobotTable(Part, ScrollView, can_focus=True):
             return Strip.blank(width, base)
         self._drawn[y] = wanted
         shown, under_cursor = wanted
+        if shown.placement.heading:
+            words = clip(f" {shown.placement.heading}", width)
+            return Strip([Segment(words, base + tint(self.app, "primary", bold=True))]).adjust_cell_length(
+                width, base
+            )
         if under_cursor:
             cursor = self.get_component_rich_style("robot-table--cursor")
             base += Style(bgcolor=cursor.bgcolor, bold=cursor.bold, reverse=self.app.no_color)
@@ -265,15 +276,26 @@ class RobotTable(Part, ScrollView, can_focus=True):
                     tail += " stale" if shown.unlisted else ""
                     tail = f" ({self.app.keymap.spelled('enslave')})" if shown.status == "needs" else tail
                     tail += DENIED if shown.denied else ""
+                    alarm = f" ▲ {shown.alarm}" if shown.alarm else ""
                     tail = place + tail if shown.state.endswith(place) else tail
-                    text = clip(shown.state.removesuffix(place), max(room - 2 - len(tail), 0)) + tail
+                    left = max(room - 2 - cell_len(alarm), 0)
+                    text = clip(shown.state.removesuffix(place), max(left - len(tail), 0)) + tail
                     cells += [Segment(fit(sign, min(2, room)), strong)]
-                    cells += [Segment(fit(text, max(room - 2, 0)) + gap, words)]
+                    if alarm:
+                        text = clip(text, left)
+                        loud = base + tinted(self.app, "error", bold=True)
+                        cells += [
+                            Segment(text, words),
+                            Segment(fit(alarm, room - 2 - cell_len(text)) + gap, loud),
+                        ]
+                    else:
+                        cells += [Segment(fit(text, max(room - 2, 0)) + gap, words)]
                 case "KIND":
                     cells.append(Segment(fit(_short_kind(shown.kind, room), room) + gap, plain))
                 case title:
                     text = {
-                        "BY": shown.by,
+                        "BY": f"{shown.by}, then {shown.waits}" if shown.waits else shown.by,
+                        "HEARD": shown.heard or "-",
                         "HOST": shown.host or "-",
                         "EPOCH": shown.epoch or "-",
                         "LEASE": shown.lease or "-",
@@ -288,14 +310,20 @@ class RobotTable(Part, ScrollView, can_focus=True):
         """Have the selected robot in sight."""
         rows = max(self.size.height - HEADER, 1)
         top = self.scroll_offset.y
-        if self._at < 0 or top <= self._at < top + rows:
+        first = self._at - 1 if self._at > 0 and self._placements[self._at - 1].heading else self._at
+        if self._at < 0 or top <= first <= self._at < top + rows:
             return
-        self.scroll_to(y=self._at if self._at < top else self._at - rows + 1, animate=False, immediate=True)
+        self.scroll_to(y=first if first < top else self._at - rows + 1, animate=False, immediate=True)
 
     def action_move(self, by: int) -> None:
         """Select the robot so many lines below."""
-        if self._placements:
-            self._choose(min(max(self._at + by, 0), len(self._placements) - 1))
+        if not self.row_count:
+            return
+        wanted = min(max(self._at + by, 0), len(self._placements) - 1)
+        way = 1 if by > 0 else -1
+        if self._placements[wanted].heading:
+            wanted += way if 0 <= wanted + way < len(self._placements) else -way
+        self._choose(wanted)
 
     def action_page(self, by: int) -> None:
         """Select the robot a page below."""
@@ -303,8 +331,9 @@ class RobotTable(Part, ScrollView, can_focus=True):
 
     def action_move_to(self, position: int) -> None:
         """Select the robot in this position; negative: counted from the end."""
-        if self._placements:
-            self._choose(position % len(self._placements))
+        if self.row_count:
+            position %= len(self._placements)
+            self._choose(position + 1 if self._placements[position].heading else position)
 
     def _choose(self, position: int) -> None:
         self.app.choose(self._placements[position].name)
@@ -313,6 +342,8 @@ class RobotTable(Part, ScrollView, can_focus=True):
         """Select a robot; once more opens it."""
         position = self.scroll_offset.y + event.y - HEADER
         if event.y < HEADER or not 0 <= position < len(self._placements):
+            return
+        if self._placements[position].heading:
             return
         if position == self._at:
             self.post_message(self.Opened())
@@ -327,6 +358,11 @@ class RobotTable(Part, ScrollView, can_focus=True):
         self.virtual_size = Size(self.size.width, len(self._placements) + HEADER)
         self._lay_out()
         self.scroll_to_cursor()
+
+
+def _position(placements: Sequence[Placement], name: str) -> int:
+    """Return where a robot stands; -1: nowhere."""
+    return next((at for at, one in enumerate(placements) if one.name == name and name), -1)
 
 
 def _short_kind(kind: str, room: int) -> str:

@@ -37,6 +37,9 @@ class TopBar(CachedText):
             asks = f" {waiting} permit{' waits' if waiting == 1 else 's wait'}: "
             asks += f"{self.app.keymap.spelled('permits')}  "
             stop = Text.assemble((asks, tint_on_panel(self.app, "warning", bold=True)), stop)
+        if alarms := len(store.watched.open()):
+            rings = f" ▲ {alarms} alarm{'' if alarms == 1 else 's'}: {self.app.keymap.spelled('readings')}  "
+            stop = Text.assemble((rings, tint_on_panel(self.app, "error", bold=True)), stop)
         robots, others = self._robots(store), self._others(store)
         width = max(self.size.width, 1)
         room = width - left.cell_len - stop.cell_len - GAP

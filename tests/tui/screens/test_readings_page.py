@@ -1,0 +1,94 @@
+"""Readings over time on the screen: ticked, drawn, looked back at, two against each other; alarms."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from robotree.tui.processes.layout import LayoutFile
+from robotree.tui.screen.pages.main import MainPage
+from robotree.tui.screen.pages.readings import ReadingsPage
+from robotree.tui.screen.widgets.plot import Plot
+
+if TYPE_CHECKING:
+    import pytest
+    from screens.conftest import Operate, Operator
+    from tui.conftest import Realm
+
+
+async def on_readings(operator: Operator) -> ReadingsPage:
+    await operator.until(lambda: operator.app.store.state("arm-1") is not None)
+    operator.app.choose("arm-1")
+    await operator.press("C")
+    return await operator.at(ReadingsPage)
+
+
+async def test_a_ticked_reading_is_drawn_kept_and_looked_back_at(
+    realm: Realm, operate: Operate, tmp_path: Path
+) -> None:
+    file = tmp_path / "screen.yaml"
+    async with operate(realm.realm_client, size=(140, 40), layout=LayoutFile(file)) as operator:
+        page = await on_readings(operator)
+        await operator.sees("□ arm-1.fx", "Nothing is ticked yet. ⏎ ticks a reading")
+        await operator.press("E")
+        await operator.sees("tick two readings first")
+        await operator.press("enter")
+        await operator.until(lambda: any("⠀" < sign <= "⣿" for sign in operator.text), "the curve")
+        assert LayoutFile(file).layout.ticked == {"test": ["arm-1.fx"]}
+        await operator.press("down", "enter")
+        await operator.until(lambda: sum(plot.display for plot in page.query(Plot)) == 2, "two plots")
+        await operator.press("f")
+        assert "frozen" in page.title_of_page()
+        await operator.press("left", "right", "right", "right", "right")
+        assert "frozen" not in page.title_of_page(), "after the present the plots go on"
+        await operator.press("minus")
+        assert page.window == 10.0
+        await operator.press("E")
+        await operator.until(
+            lambda: sum(plot.display for plot in page.query(Plot)) == 1, "one against the other"
+        )
+        await operator.sees("against arm-1.fx, from")
+        await operator.press("E", "escape")
+        await operator.at(MainPage)
+    async with operate(realm.realm_client, size=(140, 40), layout=LayoutFile(file)) as operator:
+        page = await on_readings(operator)
+        await operator.sees("■ arm-1.fx", "■ arm-1.fy")
+        await operator.press("home", "enter")
+        assert LayoutFile(file).layout.ticked == {"test": ["arm-1.fy"]}
+        assert operator.app.store.watched.ticked.names() == ["arm-1.fy"]
+
+
+async def test_a_threshold_rings_is_in_row_log_and_header_and_a_person_acknowledges_it(
+    realm: Realm, operate: Operate, place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(realm.realm_client, "realm", "alarms")
+    monkeypatch.setenv("XDG_STATE_HOME", str(place))
+    async with operate(realm.realm_client, size=(140, 40)) as operator:
+        rung: list[int] = []
+        monkeypatch.setattr(operator.app, "bell", lambda: rung.append(1))
+        page = await on_readings(operator)
+        await operator.press("j")
+        await operator.sees("alarm above arm-1.fx")
+        await operator.type("nothing")
+        await operator.press("enter")
+        await operator.sees("'nothing' is no limit; write a number in N")
+        await operator.obey("alarm below arm-1.fz 0")
+        await operator.sees("ALARM: arm-1.fz was -20.0 N, < 0.0 N", "1 alarm: C", "raised")
+        await operator.until(lambda: rung == [1], "the bell")
+        await operator.press("escape")
+        await operator.sees("▲ fz < 0.0 N")
+        await operator.press("C")
+        page = await operator.at(ReadingsPage)
+        await operator.press("k")
+        await operator.sees("acknowledged by", "acknowledged")
+        await operator.until(lambda: "1 alarm: C" not in operator.text, "the header is calm")
+        await operator.press("k")
+        await operator.sees("no alarm waits to be acknowledged")
+        assert page.is_active
+    async with operate(realm.realm_client, size=(140, 40)) as operator:
+        await operator.until(lambda: "arm-1.fz" in operator.app.store.watched.alarms, "it is kept")
+        assert operator.app.store.watched.alarms["arm-1.fz"].state == "acknowledged"
+        await operator.obey("alarm clear arm-1.fz")
+        await operator.until(lambda: not operator.app.store.watched.alarms, "it is taken away")
+        await operator.obey("alarm clear arm-1.fz")
+        await operator.sees("arm-1.fz has no alarm")

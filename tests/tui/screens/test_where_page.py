@@ -1,0 +1,63 @@
+"""On the screen `z` shows where a robot is in its page, and the keys there pause it and let it step."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import TYPE_CHECKING
+
+from robotree.tui.screen.pages.main import MainPage
+from robotree.tui.screen.pages.where import WherePage
+from robotree.vr.base.history_event import HistoryEvent, NumberedEvent
+from robotree.vr.base.requests import EventsRead, ReadEvents
+
+if TYPE_CHECKING:
+    import pytest
+    from screens.conftest import Operate
+    from tui.conftest import Realm
+
+GOAL = {"x": 0.3, "y": 0.0, "z": 0.3, "twist": 0.0}
+
+
+async def test_the_page_shows_line_and_calls_and_pauses_steps_and_continues(
+    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    await realm.create("move_to.py", "mover")
+    await realm.realm_client.enslave("mover", "arm", "arm-1")
+    kept = [
+        HistoryEvent(kind="accepted", unix=time.time(), robot="mover", key="k", command="move"),
+        HistoryEvent(kind="accepted", unix=time.time(), robot="arm-1", key="k/2", command="go_to", line=4),
+    ]  # fmt: skip
+
+    async def read_events(request: ReadEvents) -> dict[str, EventsRead]:
+        found = [one for one in kept if one.robot == request.robot]
+        return {"host h1": EventsRead(events=tuple(NumberedEvent(*one) for one in enumerate(found, 1)))}
+
+    monkeypatch.setattr(realm.realm_client, "read_events", read_events)
+    async with operate(realm.realm_client, size=(160, 45)) as operator:
+        await operator.until(lambda: "mover" in operator.app.store.descriptions)
+        operator.app.choose("mover")
+        await operator.press("z")
+        await operator.at(WherePage)
+        await operator.sees("mover.move has run for", "▸ 2", "arm-1.go_to", "→   4", "time for each call")
+        await operator.press("b")
+        moving = asyncio.create_task(realm.realm_client.call("mover", "move", GOAL))
+        await operator.sees("mover.move is paused before step 1: arm.get_info()")
+        await operator.press("greater_than_sign")
+        await operator.sees("is paused before step 2: arm.go_to(")
+        await operator.press("B")
+        await moving
+        await operator.press("escape")
+        await operator.at(MainPage)
+
+
+async def test_who_may_only_look_sees_no_key_that_pauses(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.realm_client, readonly=True) as operator:
+        await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
+        operator.app.choose("arm-1")
+        await operator.press("z")
+        page = await operator.at(WherePage)
+        await operator.sees("arm-1 has carried nothing out yet")
+        assert not page.check_action("verb", ("pause",))
+        await operator.press("b")
+        assert not operator.app.store.descriptions["arm-1"].paused

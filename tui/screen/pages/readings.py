@@ -1,0 +1,265 @@
+"""Readings over time: which are watched on the left, their plots on the right.
+
+What is ticked is remembered from then on, also while another page is in front; readings of robots that nobody
+has ticked are not kept.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from rich.text import Text
+from textual import on
+from textual.app import ComposeResult
+from textual.binding import BindingType
+from textual.containers import Horizontal, Vertical
+from textual.widgets import OptionList
+from textual.widgets.option_list import Option
+
+from robotree.tui.line.alarming import row as alarm_row
+from robotree.tui.screen.bindings import bindings
+from robotree.tui.screen.pages.page import Page
+from robotree.tui.screen.widgets.cached_text import CachedText, entitle
+from robotree.tui.screen.widgets.marks import tint
+from robotree.tui.screen.widgets.plot import Plot, Shown
+from robotree.tui.seen import instruments
+from robotree.tui.seen.cells import seen
+from robotree.tui.seen.series import Reading, named, sparkline
+
+PLOTS = 4
+"""Plots at a time."""
+RATE = 5.0
+"""[Hz] of the plots."""
+SLOW = 1.0
+"""[Hz] of the plots on a slow line."""
+WINDOWS = (5.0, 10.0, 30.0, 60.0, 120.0, 300.0, 600.0)
+"""[s] that can be shown."""
+AGE = "age"
+"""The reading that comes last: how old the others are."""
+SPARK = 10
+"""Cells of a sparkline."""
+
+
+class ReadingsPage(Page):
+    """The readings that a person watches, and those of the selected robot."""
+
+    KEYS_OF: ClassVar[str] = "readings"
+    BINDINGS: ClassVar[list[BindingType]] = bindings(KEYS_OF)
+
+    def __init__(self) -> None:
+        """Show the last half minute."""
+        super().__init__()
+        self.window = 30.0
+        self.end: float | None = None
+        """[s] on the store's clock, at the right edge; None: now."""
+        self.is_against = False
+        self._listed: tuple[Reading, ...] = ()
+        self._texts: tuple[str, ...] = ()
+
+    def parts(self) -> ComposeResult:
+        """List and plots."""
+        with Horizontal(classes="columns"):
+            with Vertical(id="readings-side"):
+                yield OptionList(id="readings-list", markup=False, compact=True)
+                yield CachedText(id="readings-alarms")
+            with Vertical(id="plots"):
+                yield CachedText(id="plots-note")
+                for _ in range(PLOTS):
+                    yield Plot()
+
+    def on_mount(self) -> None:
+        """Begin to draw."""
+        super().on_mount()
+        self.query_one(OptionList).focus()
+        self.set_interval(1 / (SLOW if self.app.calm else RATE), self.guarded(self._plot))
+
+    def title_of_page(self) -> str:
+        """Say what is shown."""
+        shown = f"readings  {self.window:.0f} s"
+        if self.end is not None:
+            shown += f", frozen {self.app.now() - self.end:.0f} s ago"
+        return shown
+
+    # -- what is chosen ----------------------------------------------------------------------------
+
+    @property
+    def chosen(self) -> Reading | None:
+        """The reading under the cursor."""
+        at = self.query_one(OptionList).highlighted
+        return self._listed[at] if at is not None and at < len(self._listed) else None
+
+    def _wanted(self) -> tuple[Reading, ...]:
+        """Return the readings that are listed: those that are ticked, then those of the selected robot."""
+        store, selected = self.app.store, self.app.selection.name
+        ticked = tuple(store.watched.ticked.series)
+        own = ((store.source_of(selected, name), name) for name in store.readings(selected))
+        ordered = sorted(own, key=lambda one: (one[1] == AGE, one))
+        return (*ticked, *(one for one in ordered if one[0] and one not in ticked))
+
+    # -- keys --------------------------------------------------------------------------------------
+
+    def action_back(self) -> None:
+        """Leave."""
+        self.dismiss()
+
+    @on(OptionList.OptionSelected)
+    def _selected(self) -> None:
+        self.action_tick()
+
+    def action_tick(self) -> None:
+        """Watch the reading under the cursor, or end that."""
+        reading = self.chosen
+        if reading is None:
+            self.app.tell(
+                "no reading is here: select a robot that has some, in the list of robots", "warning"
+            )
+            return
+        self.app.tick(reading)
+        self.draw()
+        self._plot()
+
+    def action_freeze(self) -> None:
+        """Stand still, or go on."""
+        self.end = self.app.now() if self.end is None else None
+        self._plot()
+
+    def action_scroll(self, way: int) -> None:
+        """Look back by half of what is shown, or forward; at the present the plots go on."""
+        now = self.app.now()
+        end = (now if self.end is None else self.end) + way * self.window / 2
+        began = [one.began for one in self.app.store.watched.ticked.series.values() if one.began is not None]
+        self.end = max(end, min(began, default=now)) if end < now else None
+        self._plot()
+
+    def action_zoom(self, way: int) -> None:
+        """Show a longer time, or a shorter one."""
+        at = min(range(len(WINDOWS)), key=lambda number: abs(WINDOWS[number] - self.window))
+        self.window = WINDOWS[min(max(at + way, 0), len(WINDOWS) - 1)]
+        self._plot()
+
+    def action_against(self) -> None:
+        """Draw two readings against each other, or over time."""
+        if not self.is_against and len(self.app.store.watched.ticked.series) < 2:
+            self.app.tell("tick two readings first: one is drawn against the other", "warning")
+            return
+        self.is_against = not self.is_against
+        self._plot()
+
+    def action_alarm(self) -> None:
+        """Begin to type the threshold."""
+        if (reading := self.chosen) is None:
+            self.app.tell("no reading is here", "warning")
+        else:
+            self.open_line("verb", f"alarm above {named(reading)} ")
+
+    def action_acknowledge(self) -> None:
+        """Acknowledge the alarm of the reading, or all."""
+        reading, open_ones = self.chosen, {one.name for one in self.app.store.watched.open()}
+        if reading is not None and named(reading) in open_ones:
+            self.app.do("alarm ack", **{"ROBOT.READING": named(reading)})
+        elif open_ones:
+            self.app.do("alarm ack")
+        else:
+            self.app.tell("no alarm waits to be acknowledged")
+
+    # -- drawing -----------------------------------------------------------------------------------
+
+    def draw(self) -> None:
+        """Draw the list; the plots have a clock of their own."""
+        super().draw()
+        if self.is_mounted:
+            self._draw_list()
+
+    def _draw_list(self) -> None:
+        choices, wanted = self.query_one(OptionList), self._wanted()
+        rows = [self._row(one) for one in wanted]
+        if wanted != self._listed:
+            at, kept = choices.highlighted, self.chosen
+            self._listed = wanted
+            choices.clear_options()
+            choices.add_options([Option(row) for row in rows])
+            if wanted:
+                choices.highlighted = wanted.index(kept) if kept in wanted else min(at or 0, len(wanted) - 1)
+        else:
+            for number, row in enumerate(rows):
+                if number >= len(self._texts) or row.plain != self._texts[number]:
+                    choices.replace_option_prompt_at_index(number, row)
+        self._texts = tuple(row.plain for row in rows)
+        entitle(choices, "ticked, and of " + (seen(self.app.selection.name) or "no robot"))
+        alarms = [one for one in self.app.store.watched.alarms.values() if one.state != "calm"]
+        text = Text("\n").join(
+            Text(alarm_row(one), tint(self.app, "error" if one.open else "warning")) for one in alarms
+        )
+        shown = self.query_one("#readings-alarms", CachedText)
+        shown.display = bool(alarms)
+        shown.show(text)
+
+    def _row(self, reading: Reading) -> Text:
+        store, muted = self.app.store, tint(self.app, "muted")
+        series = store.watched.ticked.series.get(reading)
+        state = store.state(reading[0])
+        value = state.readings.get(reading[1]) if state else None
+        unit = self._unit(reading)
+        figure = " ".join(instruments.figure(value, unit)) if value is not None else "-"
+        alarm = store.watched.alarms.get(named(reading))
+        line = Text.assemble(
+            ("■ " if series is not None else "□ ", tint(self.app, "accent") if series is not None else muted),
+            f"{seen(named(reading))}  ",
+            (figure, "bold"),
+        )
+        if series is not None:
+            line.append(f"  {sparkline(series.newest(10 * SPARK)[::10], SPARK)}", tint(self.app, "accent"))
+        if alarm is not None:
+            limit = " ".join(instruments.figure(alarm.limit, alarm.unit)).strip()
+            style = "error" if alarm.open else "warning" if alarm.active else "muted"
+            line.append(f"  {alarm.sign} {limit}" + (f" {alarm.state}" if alarm.state != "calm" else ""),
+                        tint(self.app, style))  # fmt: skip
+        return line
+
+    def _unit(self, reading: Reading) -> str:
+        robot = self.app.store.described(reading[0])
+        return instruments.unit_of(reading[1], robot.units if robot else {})
+
+    def _plot(self) -> None:
+        """Draw the plots of the ticked readings, with that under the cursor among them."""
+        if not self.is_active or not self.is_mounted:
+            return
+        ticked = self.app.store.watched.ticked.series
+        readings, now = list(ticked), self.app.now()
+        end = now if self.end is None else self.end
+        wall = self.wall() - (now - end)
+        plots = list(self.query(Plot))
+        first = self._first(readings)
+        shown = readings[first : first + PLOTS]
+        note = self.query_one("#plots-note", CachedText)
+        note.display = not shown
+        if not shown:
+            key = self.app.keymap.spelled("readings.tick")
+            note.show(Text(f"\n  Nothing is ticked yet. {key} ticks a reading; it is drawn from then on.",
+                           tint(self.app, "muted")))  # fmt: skip
+        pair = self._pair(readings)
+        if self.is_against and pair:
+            for number, plot in enumerate(plots):
+                plot.display = number == 0
+            one, other = (Shown(each, ticked[each], self._unit(each)) for each in pair)
+            plots[0].draw_against(one, other, end, self.window)
+            return
+        for number, plot in enumerate(plots):
+            plot.display = number < len(shown)
+            if number < len(shown):
+                reading = shown[number]
+                alarm = self.app.store.watched.alarms.get(named(reading))
+                limits = (alarm.limit,) if alarm else ()
+                drawn = Shown(reading, ticked[reading], self._unit(reading))
+                plot.draw(drawn, end, self.window, limits=limits, wall=wall)
+
+    def _first(self, readings: list[Reading]) -> int:
+        at = readings.index(self.chosen) if self.chosen in readings else 0
+        return max(min(at - PLOTS + 1, len(readings) - PLOTS), 0)
+
+    def _pair(self, readings: list[Reading]) -> tuple[Reading, Reading] | None:
+        """Return the two that are drawn against each other: that under the cursor, and the one before it."""
+        if len(readings) < 2:
+            return None
+        at = max(readings.index(self.chosen), 1) if self.chosen in readings else 1
+        return readings[at - 1], readings[at]

@@ -1,0 +1,176 @@
+"""Where a robot is now: its page with the current line, the calls of its children, results and times."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+from rich.text import Text
+from textual import work
+from textual.app import ComposeResult
+from textual.binding import BindingType
+from textual.containers import Horizontal, VerticalScroll
+
+from robotree.tui.line import standing as words
+from robotree.tui.line.actions import BY_VERB
+from robotree.tui.screen.bindings import bindings
+from robotree.tui.screen.pages.page import Page
+from robotree.tui.screen.widgets.cached_text import CachedText, entitle
+from robotree.tui.screen.widgets.marks import tint
+from robotree.tui.seen.cells import seen
+from robotree.tui.seen.standing import ChildStep, Standing, times
+from robotree.vr.base.errors import VrError
+
+PERIOD = 1.0
+"""[s] between two questions to the hosts, where nothing is seen to change."""
+SOON = 0.2
+"""[s] after a change that was seen: what was done is kept a tenth of a second later."""
+
+
+class WherePage(Page):
+    """Watches one robot. Nothing is asked while it is not in front."""
+
+    KEYS_OF: ClassVar[str] = "where"
+    BINDINGS: ClassVar[list[BindingType]] = bindings(KEYS_OF)
+
+    def __init__(self, robot: str) -> None:
+        """Look at a robot."""
+        super().__init__()
+        self.robot = robot
+        self.found: Standing | None = None
+        self.source: Sequence[str] = ()
+        self._page = ""
+        """Hash of the page whose source is shown."""
+        self._note = "its host is asked …"
+        self._asked = -PERIOD
+        """[s] when the hosts were asked last."""
+        self._asking = False
+        self._seen: tuple[str, str, str] = ("", "", "")
+        """What its state said then: what runs, what waits, who has paused it."""
+        self._line = 0
+
+    def parts(self) -> ComposeResult:
+        """The page of the robot; beside it what it has called."""
+        yield CachedText(id="where-head")
+        with Horizontal(classes="columns"):
+            with VerticalScroll(id="where-source"):
+                yield CachedText(id="where-lines")
+            with VerticalScroll(id="where-calls"):
+                yield CachedText(id="where-steps")
+
+    def on_mount(self) -> None:
+        """Begin to look."""
+        self.query_one("#where-source").focus()
+        super().on_mount()
+
+    def title_of_page(self) -> str:
+        """Say which robot it is about."""
+        return f"where {self.robot} is"
+
+    # -- keys --------------------------------------------------------------------------------------
+
+    def action_back(self) -> None:
+        """Leave; the robot goes on."""
+        self.dismiss()
+
+    def action_verb(self, verb: str) -> None:
+        """Pause the robot, let it take a step, or let it go on."""
+        self.app.do(verb, NAME=self.robot)
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Leave out what changes robots where one may only look."""
+        if action == "verb" and not self.app.keyboard.has(BY_VERB[str(parameters[0])]):
+            return False
+        return super().check_action(action, parameters)
+
+    # -- looking -----------------------------------------------------------------------------------
+
+    def draw(self) -> None:
+        """Draw what is known, and ask again where it may have changed."""
+        super().draw()
+        if not self.is_mounted:
+            return
+        now, state = self.app.now(), self.app.store.state(self.robot)
+        seen_now = (state.busy, state.held, state.paused) if state else ("", "", "")
+        due = SOON if seen_now != self._seen else PERIOD
+        if self.is_active and not self._asking and now - self._asked >= due:
+            self._seen, self._asked, self._asking = seen_now, now, True
+            self._ask()
+        self._draw_found()
+
+    @work(exclusive=True, exit_on_error=False, group="where")
+    async def _ask(self) -> None:
+        try:
+            found, notes = await words.find(self.app.realm_client, self.robot)
+            if found is not None and (found.page != self._page or not self.source):
+                self.source = await words.page_of(self.app.realm_client, self.robot)
+                self._page = found.page
+            nothing = f"{self.robot} has carried nothing out yet, or only what reads"
+            self.found, self._note = found, "; ".join(notes) or ("" if found else nothing)
+        except VrError as error:
+            self._note = str(error)
+        finally:
+            self._asking = False
+        self._draw_found()
+
+    # -- drawing -----------------------------------------------------------------------------------
+
+    def _draw_found(self) -> None:
+        found, wall = self.found, self.wall()
+        head = Text(no_wrap=True, overflow="ellipsis")
+        if found is not None:
+            style = tint(self.app, "warning" if found.held else "accent" if found.runs else "muted")
+            head.append(f" {seen(words.head(found, wall))}", style)
+        if self._note:
+            head.append(
+                f"\n {seen(self._note)}" if head else f" {seen(self._note)}", tint(self.app, "warning")
+            )
+        self.query_one("#where-head", CachedText).show(head)
+        self._draw_source()
+        self._draw_steps(wall)
+
+    def _draw_source(self) -> None:
+        box, line = self.query_one("#where-source"), self.found.line if self.found else 0
+        text = Text(no_wrap=True, overflow="ellipsis")
+        for number, code in enumerate(self.source, 1):
+            here = number == line
+            text.append("\n" if number > 1 else "")
+            text.append(f"{'→' if here else ' '}{number:>4}  ", tint(self.app, "accent" if here else "muted"))
+            text.append(_code(code), tint(self.app, "accent", bold=True) if here else "")
+        none = "no page: it is a proxy, or its host does not say" if self.found else ""
+        self.query_one("#where-lines", CachedText).show(text if self.source else Text(none))
+        entitle(box, "its page", f"line {line}" if line else "")
+        if line and line != self._line:
+            self._line = line
+            box.scroll_to(y=max(line - box.size.height // 2, 0), animate=False)
+
+    def _draw_steps(self, wall: float) -> None:
+        found, text = self.found, Text()
+        for step in found.steps if found else ():
+            text.append_text(self._step(step, wall))
+            text.append("\n")
+        if found and not found.steps:
+            text.append("no child has been called yet\n", tint(self.app, "muted"))
+        if found and (totals := times(found, wall)):
+            text.append("\ntime for each call\n", tint(self.app, "muted"))
+            for call, count, seconds in totals:
+                text.append(f"  {seen(call)}  {count}x  ", "")
+                text.append(f"{seconds:.1f} s\n", "bold")
+        text.rstrip()
+        self.query_one("#where-steps", CachedText).show(text)
+        entitle(self.query_one("#where-calls"), "calls of children")
+
+    def _step(self, step: ChildStep, wall: float) -> Text:
+        colour = "accent" if step.open else "error" if step.error else "success"
+        written = seen_indented(words.step_words(step, wall))
+        return Text(written, tint(self.app, colour) if step.open or step.error else "")
+
+
+def seen_indented(text: str) -> str:
+    """Return a line without what steers a terminal; its indent stays."""
+    return " " * (len(text) - len(text.lstrip())) + seen(text)
+
+
+def _code(line: str) -> str:
+    """Return a line of a page as it is shown: tabs are four spaces."""
+    return seen_indented(line.expandtabs(4))
