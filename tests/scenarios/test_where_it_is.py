@@ -82,7 +82,7 @@ async def test_an_operator_steps_a_robot_sees_its_line_and_acknowledges_an_alarm
             await asyncio.to_thread(person.types, "B", sees="nothing runs; the last was team.press_twice")
             assert (await calling)[0] == 0
             await asyncio.to_thread(person.types, "\x1b", sees="ALARM: arm.fz was 25")
-            await asyncio.to_thread(person.types, "C", sees="raised")
+            await asyncio.to_thread(person.types, "U", sees="raised")
             await asyncio.to_thread(person.types, "\r", sees="to 25")
             await asyncio.to_thread(person.types, "k", sees="acknowledged by")
             (alarm,) = await answer("alarms")

@@ -1371,7 +1371,7 @@ ACTIONS: tuple[Action, ...] = (
         "Show readings over time: tick those of the selected robot, look back, and set alarms.",
         SCREEN,
         where=SHOWN,
-        key="C",
+        key="U",
     ),
     Action("views", "Show pictures of the workspaces.", SCREEN, where=SHOWN, key="v"),
     Action(

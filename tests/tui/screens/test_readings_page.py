@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 async def on_readings(operator: Operator) -> ReadingsPage:
     await operator.until(lambda: operator.app.store.state("arm-1") is not None)
     operator.app.choose("arm-1")
-    await operator.press("C")
+    await operator.press("U")
     return await operator.at(ReadingsPage)
 
 
@@ -73,15 +73,15 @@ async def test_a_threshold_rings_is_in_row_log_and_header_and_a_person_acknowled
         await operator.press("enter")
         await operator.sees("'nothing' is no limit; write a number in N")
         await operator.obey("alarm below arm-1.fz 0")
-        await operator.sees("ALARM: arm-1.fz was -20.0 N, < 0.0 N", "1 alarm: C", "raised")
+        await operator.sees("ALARM: arm-1.fz was -20.0 N, < 0.0 N", "1 alarm: U", "raised")
         await operator.until(lambda: rung == [1], "the bell")
         await operator.press("escape")
         await operator.sees("▲ fz < 0.0 N")
-        await operator.press("C")
+        await operator.press("U")
         page = await operator.at(ReadingsPage)
         await operator.press("k")
         await operator.sees("acknowledged by", "acknowledged")
-        await operator.until(lambda: "1 alarm: C" not in operator.text, "the header is calm")
+        await operator.until(lambda: "1 alarm: U" not in operator.text, "the header is calm")
         await operator.press("k")
         await operator.sees("no alarm waits to be acknowledged")
         assert page.is_active
