@@ -1,11 +1,12 @@
 """Kills at every boundary of moves: a robot goes to and fro between two hosts in the middle of a tour.
 
-    python -m tests.durability.moves [--kills 500] [--seed 1]
+    python -m tests.durability.moves [--kills 500] [--seed 1] [--apart] [--minutes 60]
 
 Each life of both hosts ends at a boundary of a move that chance has chosen, as the one that the robot leaves
 or the other one, or at any moment; it is started again some time later. The robot's children write down each
 thing that they do: one that was begun twice, or was left out, is counted; so is each moment in which two
 hosts say that the robot acts there, and a robot that is nowhere, or in doubt, when both hosts are there.
+With --apart the robot lives in a process of its own.
 """
 
 from __future__ import annotations
@@ -24,10 +25,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from robotree.vr.base.errors import VrError
+from robotree.vr.base.permissions import Isolation
 from tests.durability.stage import Program, Stage, staged
 
 SOURCE = ("prepared", "frozen", "out", "answered", "gone")
 DESTINATION = ("ready", "got", "logged", "served", "went")
+APART = ("prepared", "out", "answered", "gone", "ready", "got", "logged", "served")
+"""Those that the hosts pass of a robot in a process of its own."""
 BLOCK = 25
 """Kills during one command."""
 AWAY = 60.0
@@ -61,8 +65,12 @@ class Outcome:
 class Block:
     """One tour during which hosts are killed."""
 
-    def __init__(self, outcome: Outcome, stage: Stage, chance: random.Random, kills: int) -> None:
+    def __init__(
+        self, outcome: Outcome, stage: Stage, chance: random.Random, kills: int, *, level: Isolation = "none"
+    ) -> None:
         self._outcome, self._stage, self._chance, self._left = outcome, stage, chance, kills
+        self._level: Isolation = level
+        self._places = (*SOURCE, *DESTINATION) if level == "none" else APART
         self.hosts = [stage.host("h1"), stage.host("h2")]
         self._armed: dict[Program, str] = {}
         for host in self.hosts:
@@ -78,7 +86,7 @@ class Block:
         await self.hosts[1].start(KILL=self._arm(self.hosts[1]))
         for name in ("h2", "h3"):
             await stage.presence("host", name)
-        await stage.furnish(self.hosts[0], self._arm(self.hosts[0]), other="h3")
+        await stage.furnish(self.hosts[0], self._arm(self.hosts[0]), other="h3", level=self._level)
         call = asyncio.ensure_future(
             stage.realm_client.call("tourist", "tour", {"steps": STEPS, "pause": 0.05}, deadline=3600.0)
         )
@@ -100,7 +108,7 @@ class Block:
 
     def _arm(self, host: Program) -> str:
         """Choose where the next life of a host ends."""
-        place = self._chance.choice([*SOURCE, *DESTINATION, *("any",)])
+        place = self._chance.choice([*self._places, "any"])
         self._armed[host] = place
         return "" if place == "any" else f"move {place} 1"
 
@@ -168,14 +176,24 @@ class Block:
                 await host.start(KILL="")
 
 
-async def campaign(kills: int, seed: int, folder: Path) -> Outcome:
-    """Kill; returns what was counted."""
+async def campaign(
+    kills: int, seed: int, folder: Path, *, level: Isolation = "none", until: float = float("inf")
+) -> Outcome:
+    """Kill; returns what was counted.
+
+    Args:
+        kills: how often.
+        seed: of chance.
+        folder: for what the hosts keep.
+        level: how the robot is kept apart.
+        until: [s] on the monotonic clock, after which no other tour begins.
+    """
     outcome, chance = Outcome(), random.Random(seed)
-    while (left := kills - outcome.kills.total()) > 0:
+    while (left := kills - outcome.kills.total()) > 0 and time.monotonic() < until:
         place = folder / f"moves-{outcome.kills.total()}"
         place.mkdir()
         async with staged(place, place.name) as stage:
-            await Block(outcome, stage, chance, min(BLOCK, left)).play()
+            await Block(outcome, stage, chance, min(BLOCK, left), level=level).play()
         sys.stderr.write(f"{outcome.kills.total()} kills, {outcome.moves} moves, good: {outcome.good}\n")
     return outcome
 
@@ -196,6 +214,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--kills", type=int, default=500)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--apart", action="store_true")
+    parser.add_argument("--minutes", type=float, default=float("inf"))
     chosen = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="rt-") as name:
         folder = Path(name)
@@ -203,7 +223,9 @@ def main() -> int:
             path = folder / variable[4:7].lower()
             path.mkdir(mode=0o700)
             os.environ[variable] = str(path)
-        outcome = asyncio.run(campaign(chosen.kills, chosen.seed, folder))
+        level: Isolation = "process" if chosen.apart else "none"
+        until = time.monotonic() + 60 * chosen.minutes
+        outcome = asyncio.run(campaign(chosen.kills, chosen.seed, folder, level=level, until=until))
     sys.stdout.write(f"{report(outcome)}\n")
     return 0 if outcome.good and outcome.kills.total() >= chosen.kills else 1
 

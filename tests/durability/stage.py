@@ -16,6 +16,7 @@ from typing import Any
 
 from robotree.client.joining import joined
 from robotree.vr.base.address import Role
+from robotree.vr.base.permissions import Isolation
 from robotree.vr.supervision.realm_client import RealmClient
 from tests.waiting import PATIENCE
 
@@ -87,13 +88,16 @@ class Stage:
     def host(self, name: str = "h1") -> Program:
         return self.program(name, HERE / "host.py", name, self.folder / f"{name}.journal")
 
-    async def furnish(self, host: Program, kill: str = "", *, other: str = "", **environment: str) -> None:
+    async def furnish(
+        self, host: Program, kill: str = "", *, other: str = "", level: Isolation = "none", **environment: str
+    ) -> None:
         """Start a host, with a tourist and its helper on it, on top of the leaf's arms.
 
         Args:
             host: of both robots.
             kill: where it ends; see `host.py`.
             other: name of a host that runs, for the helper; empty: the same.
+            level: how the tourist is kept apart.
             environment: of the host.
         """
         await host.start(KILL=kill, **environment)
@@ -102,7 +106,8 @@ class Stage:
             ("tourist", "Tourist", host.name),
             ("helper", "Helper", other or host.name),
         ):
-            await self.realm_client.create(str(PAGES), name, where, kind)
+            isolate: Isolation = level if name == "tourist" else "none"
+            await self.realm_client.create(str(PAGES), name, where, kind, isolate=isolate)
         for name in ("arm-1", "arm-2", "helper", "tourist"):
             await self.presence("robot", name)
         await self.realm_client.enslave("helper", "arm", "arm-2")

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from robotree.vr.base.errors import VrError
+from robotree.vr.base.permissions import Isolation
 from tests.durability.stage import PATIENCE, Program, Stage
 
 pytestmark = pytest.mark.e2e
@@ -26,16 +27,18 @@ async def owners(stage: Stage) -> list[str]:
 
 
 async def furnished(
-    stage: Stage, source: str = "", destination: str = "", **environment: str
+    stage: Stage, source: str = "", destination: str = "", *, level: Isolation = "none", **environment: str
 ) -> list[Program]:
     """Start h1 with the tourist, h2 to which it moves, and h3 with its helper."""
     h1, h2, h3 = stage.host("h1"), stage.host("h2"), stage.host("h3")
     (stage.folder / "h2.journal").mkdir()  # so that its moments count from the start
+    if level != "none":  # its commands do not stand in the journal of its host, and begin no count there
+        (stage.folder / "h1.journal").mkdir()
     await h2.start(KILL=destination, **(environment if destination else {}))
     await h3.start()
     for name in ("h2", "h3"):
         await stage.presence("host", name)
-    await stage.furnish(h1, source, other="h3", **(environment if source else {}))
+    await stage.furnish(h1, source, other="h3", level=level, **(environment if source else {}))
     return [h1, h2, h3]
 
 
@@ -95,6 +98,17 @@ async def test_the_destination_is_killed_at_a_boundary(stage: Stage, place: str)
     hosts = await furnished(stage, "", f"move {place} 1")
     assert len(await play(stage, hosts, hosts[1])) == 1
     assert hosts[1].lives == 2
+
+
+@pytest.mark.parametrize("place", ["S out", "D logged"])
+async def test_a_host_of_a_robot_apart_is_killed_at_a_boundary(stage: Stage, place: str) -> None:
+    who, where = place.split()
+    kill = f"move {where} 1"
+    source, destination = (kill, "") if who == "S" else ("", kill)
+    hosts = await furnished(stage, source, destination, level="process")
+    killed = hosts[who == "D"]
+    assert len(await play(stage, hosts, killed)) == 1
+    assert killed.lives == 2
 
 
 def is_stopped(stat: Path) -> bool:

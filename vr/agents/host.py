@@ -22,7 +22,7 @@ from msgspec.structs import replace
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.behaviours import behaviours_of, own_slots
 from robotree.vr.agents.bundles import KnownBundles
-from robotree.vr.agents.moving import Moves
+from robotree.vr.agents.moving import LoadedPage, Moves
 from robotree.vr.agents.placing import PlaceFinder
 from robotree.vr.agents.shared import Shared
 from robotree.vr.author.service import Service
@@ -48,7 +48,6 @@ from robotree.vr.base.requests import (
     Create,
     Described,
     DescribeHost,
-    Done,
     Drain,
     EventsRead,
     EventsVerified,
@@ -197,6 +196,8 @@ class Host:
             TransportError: the transport does not work.
         """
         self.opens()
+        if self.apart is not None:
+            self.apart.courier = self.moves.courier
         try:
             now = asyncio.get_running_loop().time
             dispatcher = Dispatcher(self.address.name, self.answer, now=now, here=self.here)
@@ -235,7 +236,7 @@ class Host:
         if self.has_room() == 0:
             raise HostFull(host=self.address.name, most=self.most)
 
-    async def move(self, robot: str, host: str) -> Done:
+    async def move(self, robot: str, host: str) -> Reply:
         """Have a robot go on in another host; see `Moves.migrate`."""
         return await self.moves.migrate(robot, host)
 
@@ -403,32 +404,65 @@ class Host:
 
     # -- what `Moves` needs -------------------------------------------------------------------------
 
-    async def page_to_come(self, page: Create, sender: str, asker: Principal) -> KeptPage:
-        """Return a page that another host has sent, or has named by its hash; `sender` as in `PrepareMove`.
+    async def load(
+        self, sent: Create, name: str, asker: Principal, *, sender: str = "", children: tuple[str, ...] = ()
+    ) -> LoadedPage:
+        """Load the page of a robot that another host is about to send, where it is to run.
+
+        Args:
+            sent: the page, or its hash, and how the robot is kept apart if its author wants it.
+            name: of the robot.
+            asker: who sends it.
+            sender: as in `PrepareMove`.
+            children: names of the robots that are under it.
 
         Raises:
-            NoSuchBundle: nobody has it.
-        """
-        whole = page
-        if page.hash:
-            found = await self.bundles.find(page.hash, asker)
-            whole = replace(request_of(found), path=page.path, wanted=page.wanted, origin=page.origin)
-        return replace(_page(bundle_of(whole), whole.origin), sender=sender)
-
-    async def load(self, page: KeptPage, name: str, asker: Principal) -> tuple[VirtualRobot, Clearance]:
-        """Make a robot of a page that another host has sent.
-
-        Raises:
+            NoSuchBundle: nobody has the page.
             BundleError: it cannot be used here.
+            CannotMove: it must be kept apart here, and cannot be.
         """
+        whole = sent
+        if sent.hash:
+            found = await self.bundles.find(sent.hash, asker)
+            whole = replace(request_of(found), path=sent.path, wanted=sent.wanted, origin=sent.origin)
+        page = replace(_page(bundle_of(whole), whole.origin), sender=sender)
         bundle, clearance = self._admitted(_kept_bundle(page), asker)
-        self._expect_apart(clearance, name)
-        if self.isolate != "none":  # it would live in this process
-            raise NotApart(level=self.isolate, name=name)
+        level: Isolation = max((sent.isolate or "none", self.isolate, clearance.isolation), key=LEVELS.index)
+        if LEVELS.index(level) > LEVELS.index(self.gate.level):
+            create = replace(request_of(bundle, name, page.origin), isolate=sent.isolate)
+            may, chooses = _reach(bundle, clearance)
+            kept = KeptApart(create, bundle.sender, level, ITSELF, chooses, children)
+            return LoadedPage(await self._expected_apart(kept, may), clearance, page)
         make = partial(bundle.create, name, limit=self._limit)
         loop = asyncio.get_running_loop()
         robot, _ = await loop.run_in_executor(self._loaders, partial(_listen, make))
-        return robot, clearance
+        return LoadedPage(robot, clearance, page)
+
+    async def _expected_apart(self, kept: KeptApart, may: Permissions | None) -> RobotApart:
+        """Have a process of its own load the page of a robot that may come.
+
+        Raises:
+            CannotMove: this host has none; says why.
+        """
+        name, here, lack = kept.create.name, self.address.name, lack_for(kept.level)
+        if self.apart is None or not self.apart.keeps or lack:
+            reason = f"{here} keeps its code apart ({kept.level}), and has no process for it"
+            raise CannotMove(robot=name, host=here, reason=f"{reason}: {lack}" if lack else reason)
+        return await self.apart.expect(kept, may)
+
+    async def stop_apart(self, robot: Address, reason: str, order: str) -> None:
+        """Have a robot in a process of its own obey a stop that came while it was on its way."""
+        if (apart := self._apart(robot.name)) is not None and apart.address == robot:
+            await apart.stop(reason, order)
+
+    async def migrate_apart(self, robot: str, host: str, asker: Principal = ITSELF) -> Reply | None:
+        """Have a robot in a process of its own go on in another host; None: there is none of that name.
+
+        Raises:
+            VrError: it stays here; the error says why.
+        """
+        apart = self._apart(robot)
+        return None if apart is None else await apart.migrate(Migrate(robot=robot, host=host), asker)
 
     async def settle_in(
         self, robot: VirtualRobot, clearance: Clearance, state: RobotState, page: KeptPage
@@ -470,7 +504,7 @@ class Host:
         """
         if self._only not in ("", name):
             raise HostReserved(host=self.address.name, robot=self._only)
-        if name in self._coming or name in self.agents:
+        if name in self._coming or name in self.agents or self._apart(name) is not None:
             raise DuplicateName(role="robot", name=name)
         self.expect_room()
         self._coming.add(name)
@@ -728,6 +762,7 @@ class Host:
             may, chooses = _reach(bundle, clearance)
             kept = KeptApart(request, bundle.sender, level, asker, chooses)
             self.clearances[name] = clearance
+            self.bundles.keep(bundle)
             return await self.apart.begin(kept, may, fresh=True)
         finally:
             self._coming.discard(name)
@@ -739,13 +774,25 @@ class Host:
             name = kept.create.name
             try:
                 bundle = replace(bundle_of(kept.create), sender=kept.sender)
+                self.bundles.keep(bundle)
                 clearance = self.gate.admit(bundle, ITSELF, self.address.name)
                 self.clearances[name] = clearance
                 await apart.begin(kept, _reach(bundle, clearance)[0], fresh=False)
             except VrError as error:
                 _log.error("%s is not back: %s", name, error)
 
-        await asyncio.gather(*(restore(kept) for kept in apart.kept()))
+        robots = apart.kept()
+        for kept in [one for one in robots if not self._has_come(one)]:
+            apart.drop(kept)
+            robots.remove(kept)
+        await asyncio.gather(*map(restore, robots))
+
+    def _has_come(self, kept: KeptApart) -> bool:
+        """Whether a robot that was kept has come, if it is from another host: the journal decides."""
+        parcel = kept.parcel
+        return parcel is None or (
+            self._journal is not None and parcel.sent.transfer in self._journal.destination.taken
+        )
 
     async def _begin(self, agent: RobotAgent) -> None:
         """Call the command with which a robot begins by itself."""
@@ -800,7 +847,7 @@ class Host:
             self.clearances.pop(name, None)
         self._ended = [ended for ended in (*self._ended, agent) if ended.abandoned]
 
-    async def answer(  # noqa: C901, PLR0911, PLR0912 # one for each request
+    async def answer(  # noqa: C901, PLR0911 # one for each request
         self, received: Received, send: SendReply = lambda _: None
     ) -> Reply:
         """Answer a request to this host, once it is authorised; `send` sends replies before the last one.
@@ -833,9 +880,6 @@ class Host:
                 return replace(self.description(), ways=await self.placing.measured(keys))
             case ReadBundle() | ReadHistory() | DescribeHost():
                 return self._told(request)
-            case Migrate(robot=robot, host=host) if self._apart(robot) is not None:
-                reason = "it lives in a process of its own (`--isolate`), which stays"
-                raise CannotMove(robot=robot, host=host, reason=reason)
             case Migrate(robot=robot, host=host):
                 return await self.moves.migrate(robot, host, received.principal)
             case Drain():
@@ -909,7 +953,10 @@ class Host:
             instead_of=self.instead_of,
             keeps=self._journal is not None,
             alone=self._only,
-            on_way={name: departure.target for name, departure in self.moves.leaving.items()},
+            on_way={
+                **{name: departure.target for name, departure in self.moves.leaving.items()},
+                **{one.name: one.on_way for one in apart if one.on_way},
+            },
             load=None if self.placing is None else self.placing.load(),
             ways={} if self.placing is None else self.placing.distances(),
         )

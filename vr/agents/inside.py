@@ -24,6 +24,7 @@ from typing import Any
 import msgspec
 
 from robotree.files import private_folder
+from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.host import Host
 from robotree.vr.agents.run import kept_by, kept_in, place_of
 from robotree.vr.base.envelope import Received
@@ -33,10 +34,10 @@ from robotree.vr.base.permissions import Isolation, Permissions
 from robotree.vr.base.policy import PolicyGate
 from robotree.vr.base.policy_reading import read_policy
 from robotree.vr.base.presence import Held, Presence
-from robotree.vr.base.principal import Credentials, Principal
+from robotree.vr.base.principal import ITSELF, Credentials, Principal
 from robotree.vr.base.requests import Described, encode
 from robotree.vr.base.system import OS
-from robotree.vr.base.transport import Occupied, OnReply
+from robotree.vr.base.transport import ELSEWHERE, Occupied, OnReply
 from robotree.vr.base.whose import mark
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.admission import Clearance, Gate
@@ -50,12 +51,15 @@ from robotree.vr.journal.store import own
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.network.local import LocalTransport
 from robotree.vr.network.mesh import TakeFrame
+from robotree.vr.orders.ledger import ORDERS, Ledger
 from robotree.vr.running.heard import listening
 from robotree.vr.running.process import Process
 from robotree.vr.running.runner import runner_of
 
 BEAT = 0.5
 """[s] between two signs of life."""
+SAYS_WITHIN = 2.0
+"""[s] for a robot that has moved or was deleted to tell who waits for that."""
 ROOM = "room"
 """Name of the folder for files that nobody keeps, in that of the robot."""
 
@@ -79,6 +83,7 @@ class PipeMesh:
         self._numbers = itertools.count(1)
         self.on_control: Callable[[pipe.Control], None] = lambda _: None
         self.on_leave: Callable[[bool], None] = lambda _: None
+        self.on_arrive: Callable[[pipe.Parcel], None] = lambda _: None
         self._closed: Future[None] = Future()
         self._takers: dict[type[pipe.PipeFrame], Callable[[Any], None]] = {
             pipe.Come: self._come,
@@ -89,21 +94,20 @@ class PipeMesh:
             pipe.Rules: self._take_rules,
             pipe.Did: self._take_done,
             pipe.Control: self._control,
+            pipe.Arrive: lambda frame: self.on_arrive(frame.parcel),
             pipe.Leave: lambda frame: self.on_leave(frame.returns),
         }
 
     # -- what LocalTransport uses -----------------------------------------------------------------
 
     def serve(self, key: str, take: TakeFrame, *, rank: int = 0) -> None:
-        if rank:
-            raise ValueError(f"{key}: a robot apart does not move")
         self._servers[key] = take
-        self._send(pipe.Serve(key, on=True))
+        self._send(pipe.Serve(key, on=True, rank=rank))
 
     def end_serving(self, key: str) -> None:
         """Answer no more requests under a key."""
         if self._servers.pop(key, None) is not None:
-            self._send(pipe.Serve(key, on=False))
+            self._send(pipe.Serve(key, on=False, rank=0))
 
     def ask(
         self, key: str, body: bytes, *, void_at: float = 0.0, urgent: bool = False, on_reply: OnReply
@@ -211,7 +215,7 @@ class PipeMesh:
         number = frame.number
         take = next(iter(self._servers.values()), None)
         if take is None:
-            self._send(pipe.EndBack(number, None))
+            self._send(pipe.EndBack(number, ELSEWHERE))  # the host knows whether it has moved
             return
         take(
             frame.body,
@@ -293,9 +297,13 @@ async def _live(way: RobotPipe, mesh: PipeMesh, begin: pipe.BeginFrame, lacks: l
     async with contextlib.AsyncExitStack() as stack:
         stack.enter_context(listening())
         host = _host(mesh, begin, stack)
+        parcel: asyncio.Future[pipe.Parcel] = loop.create_future()
+        mesh.on_arrive = lambda came: loop.call_soon_threadsafe(parcel.set_result, came) and None
+        if begin.parcel is not None:
+            parcel.set_result(begin.parcel)
         threading.Thread(target=mesh.read, name="reader", daemon=True).start()
         try:
-            agent = await _made(host, begin)
+            agent = await (_arrived(host, begin, way, parcel) if begin.arrives else _made(host, begin))
         except Exception as error:  # noqa: BLE001 # the host is told, and tells who has asked
             way.send(pipe.FailedFrame(encode(refusal(error, begin.name))))
             return
@@ -310,6 +318,7 @@ async def _live(way: RobotPipe, mesh: PipeMesh, begin: pipe.BeginFrame, lacks: l
         if leaving in done:
             await host.close(returns=leaving.result())
         else:
+            await asyncio.wait([asyncio.wrap_future(each) for each in tasks] or [gone], timeout=SAYS_WITHIN)
             way.send(pipe.GoneFrame())
             await host.close(returns=False)
 
@@ -339,6 +348,9 @@ def _host(mesh: PipeMesh, begin: pipe.BeginFrame, stack: contextlib.AsyncExitSta
     process: Process[Any] = Process(runner, journal, history.machine_of if history else RobotCore)
     if journal is not None:
         transport = kept_by(journal, process, transport, begin.returns)
+    ledger = None if folder is None else Ledger(folder / ORDERS)
+    if ledger is not None:
+        stack.callback(ledger.close)
     host = Host(
         transport,
         begin.host,
@@ -349,6 +361,7 @@ def _host(mesh: PipeMesh, begin: pipe.BeginFrame, stack: contextlib.AsyncExitSta
         only=begin.name,
         journal=journal,
         gate=_Admitted(begin.permissions, begin.level),
+        ledger=ledger,
     )
     host.opens()
     if history is not None:
@@ -356,7 +369,7 @@ def _host(mesh: PipeMesh, begin: pipe.BeginFrame, stack: contextlib.AsyncExitSta
     return host
 
 
-async def _made(host: Host, begin: pipe.BeginFrame) -> Any:
+async def _made(host: Host, begin: pipe.BeginFrame) -> RobotAgent:
     await host.restore(abandon=begin.abandon)
     if begin.create is not None:
         return await host.make(begin.create, begin.asker)
@@ -365,11 +378,25 @@ async def _made(host: Host, begin: pipe.BeginFrame) -> Any:
     return host.agents[begin.name]
 
 
+async def _arrived(
+    host: Host, begin: pipe.BeginFrame, way: RobotPipe, parcel: asyncio.Future[pipe.Parcel]
+) -> RobotAgent:
+    """Load the page of a robot that comes from another host, and have it go on when it is here."""
+    await host.restore(abandon=begin.abandon)
+    if begin.name in host.agents:  # the process before had taken it in already
+        return host.agents[begin.name]
+    assert begin.create is not None  # noqa: S101 # it comes with one
+    loaded = await host.load(begin.create, begin.name, begin.asker)
+    way.send(pipe.Loaded())
+    return await host.moves.take_in(loaded, await parcel)
+
+
 def _control(loop: asyncio.AbstractEventLoop, host: Host, way: RobotPipe, frame: pipe.Control) -> None:
     async def answer() -> None:
         try:
             host.gate = _Admitted(frame.permissions, host.gate.level)
-            authorise(frame.principal, frame.request, None, host.here)
+            if frame.principal != ITSELF:  # of the host
+                authorise(frame.principal, frame.request, None, host.here)
             received = Received(frame.request, frame.principal, loop.time(), 60.0)
             body = encode(await host.answer(received))
         except Exception as error:  # noqa: BLE001 # the asker gets an answer
@@ -386,7 +413,9 @@ tasks: set[Future[None]] = set()
 
 async def _beat(way: RobotPipe, host: Host) -> None:
     while True:
-        way.send(pipe.Alive([name for agent in list(host.agents.values()) for name in agent.abandoned]))
+        abandoned = [name for agent in list(host.agents.values()) for name in agent.abandoned]
+        target = next((departure.target for departure in host.moves.leaving.values()), "")
+        way.send(pipe.Alive(abandoned, target))
         await asyncio.sleep(BEAT)
 
 

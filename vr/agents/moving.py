@@ -32,7 +32,6 @@ from robotree.vr.base.errors import (
     NoSuchHost,
     NoSuchRobot,
     NoSuchSite,
-    NotApart,
     NotDrained,
     VrError,
 )
@@ -55,13 +54,15 @@ from robotree.vr.base.requests import (
 from robotree.vr.base.transport import Transport
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.admission import Clearance
-from robotree.vr.bundle.requested import request_of
+from robotree.vr.bundle.requested import bundle_of, request_of
 from robotree.vr.core import transfer as of
 from robotree.vr.core.machine import RobotState, decode_state, encode_state
 from robotree.vr.exchange.asking import ask
 from robotree.vr.exchange.claim import SETTLE
 from robotree.vr.exchange.client import LOADING
 from robotree.vr.exchange.dispatcher import SendReply
+from robotree.vr.isolation.apart import KeptApart, RobotApart
+from robotree.vr.isolation.pipe import Parcel
 from robotree.vr.journal.journal import HostJournal
 from robotree.vr.journal.records import KeptPage, MovedOut
 from robotree.vr.journal.recovery import see_from, welcome
@@ -94,15 +95,22 @@ LONGEST_PARCEL = 16 << 20
 _log = logging.getLogger(__name__)
 
 
+class LoadedPage(NamedTuple):
+    """The page of a robot that may come, and how it runs here."""
+
+    robot: VirtualRobot | RobotApart
+    """The robot; in a process of its own: that, which has loaded the page."""
+    clearance: Clearance
+    page: KeptPage
+
+
 class Expected(NamedTuple):
     """A robot that may come."""
 
     source: str
     """Key of the host that sends it."""
     name: str
-    robot: VirtualRobot
-    clearance: Clearance
-    page: KeptPage
+    loaded: LoadedPage
 
 
 class MovingHost(Protocol):
@@ -111,22 +119,24 @@ class MovingHost(Protocol):
     address: Address
     agents: dict[str, RobotAgent]
 
-    async def page_to_come(self, page: Create, sender: str, asker: Principal) -> KeptPage:
-        """Return a page that another host has sent, or has named by its hash.
-
-        Raises:
-            NoSuchBundle: nobody has it.
-        """
-        ...
-
-    async def load(self, page: KeptPage, name: str, asker: Principal) -> tuple[VirtualRobot, Clearance]:
-        """Make a robot of a page, if it may run here."""
+    async def load(
+        self, sent: Create, name: str, asker: Principal, *, sender: str = "", children: tuple[str, ...] = ()
+    ) -> LoadedPage:
+        """Load the page of a robot that another host is about to send, where it is to run."""
         ...
 
     async def settle_in(
         self, robot: VirtualRobot, clearance: Clearance, state: RobotState, page: KeptPage
     ) -> RobotAgent:
         """Have a robot that has come serve and be present; its commands do not go on yet."""
+        ...
+
+    async def migrate_apart(self, robot: str, host: str, asker: Principal = ITSELF) -> Reply | None:
+        """Have a robot in a process of its own move; None: there is none of that name."""
+        ...
+
+    async def stop_apart(self, robot: Address, reason: str, order: str) -> None:
+        """Have such a robot obey a stop that came while it was on its way."""
         ...
 
     def note_move(self, agent: RobotAgent, text: str, person: str) -> None:
@@ -186,7 +196,12 @@ class Moves:
 
     # -- leaving ----------------------------------------------------------------------------------
 
-    async def migrate(self, robot: str, host: str, asker: Principal = ITSELF) -> Done:
+    @property
+    def courier(self) -> HostCourier:
+        """Makes the requests anew by which robots in processes of their own move."""
+        return HostCourier(self, self._transport)
+
+    async def migrate(self, robot: str, host: str, asker: Principal = ITSELF) -> Reply:
         """Have a robot go on in another host; returns when it does.
 
         Args:
@@ -200,11 +215,14 @@ class Moves:
             CannotMove: it stays here; the error says why.
         """
         agent = self._host.agents.get(robot)
+        here, whole = self._host.address.name, self._whole_name(robot, host)
+        if whole == here and (agent is not None or robot in self._apart()):
+            return Done(note=f"{robot} is in {here} already")
+        if agent is None and (reply := await self._host.migrate_apart(robot, whole, asker)) is not None:
+            return reply
         if agent is None or agent.gone:
             raise NoSuchRobot(name=robot)
-        here, host = self._host.address.name, self._whole_name(robot, host)
-        if host == here:
-            return Done(note=f"{robot} is in {here} already")
+        host = whole
         if robot in self.leaving:
             raise self._refusal(robot, host, f"it is on its way to {self.leaving[robot].target}")
         if self._journal is None:
@@ -269,16 +287,14 @@ class Moves:
             NotDrained: some have not moved; the error says why.
         """
         send(Accepted(key=""))
-        robots = sorted(self._host.agents.values(), key=_urgency)
+        agents = {agent.robot.name: agent for agent in sorted(self._host.agents.values(), key=_urgency)}
+        robots = [*agents, *sorted(self._apart())]
         hosts = await self._others()
         here, moved, reasons = self._host.address.name, list[str](), list[str]()
-        apart = {robot.name for robot in self._host.description().robots} - self._host.agents.keys()
-        reasons += [f"{name} lives in a process of its own, which stays" for name in sorted(apart)]
         busy, idle, counts = asyncio.Semaphore(AT_ONCE), asyncio.Semaphore(IDLE_AT_ONCE), dict(hosts)
 
-        async def move(agent: RobotAgent) -> None:
-            name = agent.robot.name
-            async with idle if _urgency(agent)[0] else busy:
+        async def move(name: str) -> None:
+            async with idle if name in agents and _urgency(agents[name])[0] else busy:
                 if not counts:
                     reasons.append(f"{name}: no other host keeps its robots and takes any")
                     return
@@ -298,6 +314,10 @@ class Moves:
         if reasons:
             raise NotDrained(host=here, reasons="; ".join(sorted(reasons)))
         return Done(confirmed=tuple(moved))
+
+    def _apart(self) -> set[str]:
+        """Return the names of the robots of the host that live in processes of their own."""
+        return {robot.name for robot in self._host.description().robots} - self._host.agents.keys()
 
     async def _others(self) -> dict[str, int]:
         """Return the other hosts that take robots, with how many they have."""
@@ -388,7 +408,6 @@ class Moves:
 
     async def _prepare(self, request: PrepareMove, journal: HostJournal, asker: Principal) -> Reply:
         name, here = request.robot.name, self._host.address.name
-        page = await self._host.page_to_come(request.page, request.sender, asker)
         presence = self._transport.presence
         named = here_of(presence, presence.keys(everyone("robot", name)))
         if any(key != request.robot.key for key in named):
@@ -400,17 +419,17 @@ class Moves:
         except (DuplicateName, HostReserved, HostFull) as error:
             raise self._refusal(name, here, str(error)) from None
         try:
-            robot, clearance = await self._host.load(page, name, asker)
-        except NotApart as error:
-            self._host.release(name)
-            raise self._refusal(name, here, _kept_apart(here, str(error.data["level"]), page)) from None
+            loaded = await self._host.load(
+                request.page, name, asker, sender=request.sender, children=request.children
+            )
         except BaseException:
             self._host.release(name)
             raise
+        expected = Expected(asker.agent, name, loaded)
         if not journal.destination.prepare(request.transfer):
-            self._host.release(name)
+            self._drop(expected)
             raise self._refusal(name, here, "that move is over")
-        self._expected[request.transfer] = Expected(asker.agent, name, robot, clearance, page)
+        self._expected[request.transfer] = expected
         asyncio.get_running_loop().call_later(PREPARED_FOR, self._expect_no_longer, request.transfer)
         self.moment("ready")
         return MoveReady(log=journal.name)
@@ -420,34 +439,37 @@ class Moves:
         expected = self._expected.pop(transfer, None)
         if expected is not None and self._journal is not None:
             self._journal.destination.ready.pop(transfer, None)
-            self._host.release(expected.name)
+            self._drop(expected)
         self._one.pop(transfer, None)
+
+    def _drop(self, expected: Expected) -> None:
+        """Let the name and the process of a robot go that does not come."""
+        self._host.release(expected.name)
+        if isinstance(expected.loaded.robot, RobotApart):
+            self.keep(expected.loaded.robot.end_expecting())
 
     async def _take(self, request: TakeRobot, journal: HostJournal, asker: Principal, asked: float) -> Reply:
         if len(request.state) > LONGEST_PARCEL:
             raise self._refusal(request.robot.name, self._host.address.name, "its state is too large")
         self.moment("got")
-        taken, expected = False, self._expected.get(request.transfer)
-        if expected is not None and expected.source != asker.agent:
-            raise self._refusal(request.robot.name, self._host.address.name, "another host was to send it")
+        taken, expected = False, self._expected_from(request, asker)
         state = None if expected is None else self._arrived_state(request, asker, asked)
         agent: RobotAgent | None = None
         for effect in journal.destination.take(request.transfer):
             match effect:
                 case of.WriteTaken():
                     assert expected is not None and state is not None  # noqa: S101 PT018 # it was prepared
-                    await self._write_taken(request, state, expected.page, journal)
+                    if isinstance(apart := expected.loaded.robot, RobotApart):
+                        await self._write_taken_apart(apart, self._parcel(request, state, asked), journal)
+                    else:
+                        await self._write_taken(request, state, expected.loaded.page, journal)
                     self.moment("logged")
                 case of.WriteNever():
                     await self._write_never(request.transfer, journal)
                 case of.BeginHere():
                     assert expected is not None and state is not None  # noqa: S101 PT018 # as above
                     self._expected.pop(request.transfer, None)
-                    # to write took time, and until all ask here, the source goes on to grant its lease
-                    margin = ANSWERED_WITHIN if asker.site else SETTLE
-                    welcome(state, 0.0, self._process.runner.now(), ANSWERED_WITHIN, margin)
-                    robot, clearance, page = expected.robot, expected.clearance, expected.page
-                    agent = await self._host.settle_in(robot, clearance, state, page)
+                    agent = await self._begun_here(expected.loaded, state, far=bool(asker.site))
                     self._host.release(request.robot.name)
                     self.moment("served")
                 case of.SayDecision():
@@ -456,6 +478,74 @@ class Moves:
             self._note_arrival(agent, request, asked)
             self.keep(self._go_on(agent, request.stopped, request.order))
         return MoveDecided(taken=taken)
+
+    def _expected_from(self, request: TakeRobot, asker: Principal) -> Expected | None:
+        """Return what was made ready for a robot; None: nothing, and so it never comes under this transfer.
+
+        Raises:
+            CannotMove: another host was to send it.
+        """
+        expected = self._expected.get(request.transfer)
+        if expected is not None and expected.source != asker.agent:
+            raise self._refusal(request.robot.name, self._host.address.name, "another host was to send it")
+        if (
+            expected is not None
+            and isinstance(robot := expected.loaded.robot, RobotApart)
+            and robot.has_ended
+        ):
+            self._expect_no_longer(request.transfer)
+            return None
+        return expected
+
+    async def _begun_here(self, loaded: LoadedPage, state: RobotState, *, far: bool) -> RobotAgent | None:
+        """Have a robot that has come serve, in this process or in its own; None: it goes on in that."""
+        if isinstance(loaded.robot, RobotApart):
+            await loaded.robot.arrive(state.address, state.moves, ANSWERED_WITHIN / 2)
+            return None
+        # to write took time, and until all ask here, the source goes on to grant its lease
+        return await self._begin_here(loaded, state, ANSWERED_WITHIN if far else SETTLE)
+
+    async def _begin_here(self, loaded: LoadedPage, state: RobotState, margin: float) -> RobotAgent:
+        """Have a robot serve that has come into this process; it does not go on yet."""
+        assert isinstance(loaded.robot, VirtualRobot)  # noqa: S101 # else it is in a process of its own
+        welcome(state, 0.0, self._process.runner.now(), ANSWERED_WITHIN, margin)
+        return await self._host.settle_in(loaded.robot, loaded.clearance, state, loaded.page)
+
+    async def take_in(self, loaded: LoadedPage, parcel: Parcel) -> RobotAgent:
+        """Have a robot go on for which this process was made, and which its host has taken."""
+        assert self._journal is not None  # noqa: S101 # only such hosts take robots
+        sent, now, unix = parcel.sent, self._process.runner.now(), self._process.runner.unix()
+        state = decode_state(sent.state)
+        by = (now - unix) - (parcel.now - parcel.unix)  # 0, unless the machine was started again meanwhile
+        welcome(state, by if abs(by) > ANSWERED_WITHIN else 0.0, now, ANSWERED_WITHIN, ANSWERED_WITHIN)
+        self._journal.arrived(sent.robot.key, sent.robot.name, loaded.page, sent.transfer, state)
+        await self._synced(self._journal)
+        agent = await self._begin_here(loaded, state, SETTLE)
+        self._note_arrival(agent, sent, parcel.now)
+        self.keep(self._go_on(agent, sent.stopped, sent.order))
+        return agent
+
+    def _parcel(self, request: TakeRobot, state: RobotState, asked: float) -> Parcel:
+        sent = replace(request, state=encode_state(state))
+        return Parcel(sent, asked or self._process.runner.now(), self._process.runner.unix())
+
+    async def _write_taken_apart(self, robot: RobotApart, parcel: Parcel, journal: HostJournal) -> None:
+        """Write what has come into the folder of its process, and then that it has: the commit."""
+        name, trouble = parcel.sent.robot.name, ""
+        robot.begin_arrival()
+        try:
+            await asyncio.get_running_loop().run_in_executor(None, robot.keep_arrival, parcel)
+        except OSError as error:
+            trouble = error.strerror or str(error)
+        else:
+            journal.came_apart(parcel.sent.transfer)
+            await self._synced(journal)
+            trouble = journal.trouble
+        if trouble:
+            journal.destination.not_written(parcel.sent.transfer)
+            self._expect_no_longer(parcel.sent.transfer)
+            raise self._refusal(name, self._host.address.name, trouble)
+        robot.count_arrival(parcel)
 
     def _note_arrival(self, agent: RobotAgent, request: TakeRobot, asked: float) -> None:
         stood = request.stood + max(0.0, self._process.runner.now() - asked) if asked else request.stood
@@ -495,7 +585,7 @@ class Moves:
         await self._synced(journal)
         expected = self._expected.pop(transfer, None)
         if expected is not None:
-            self._host.release(expected.name)
+            self._drop(expected)
         if journal.suspended:
             journal.destination.never.pop(transfer, None)
             raise self._refusal("the robot", self._host.address.name, journal.trouble)
@@ -516,6 +606,8 @@ class Moves:
         agent = self._host.agents.get(request.robot.name)
         if taken and request.stopped and agent is not None and agent.address == request.robot:
             agent.stop(request.stopped, request.order)
+        elif taken and request.stopped:
+            await self._host.stop_apart(request.robot, request.stopped, request.order)
         return MoveDecided(taken=taken)
 
     async def _go_on(self, agent: RobotAgent, stopped: str, order: str) -> None:
@@ -527,9 +619,42 @@ class Moves:
             await agent.meet_callers()
             self.moment("went")
             agent.go_on()
+            await agent.take_orders()
             await agent.listed()
         except VrError as error:
             _log.error("%s has come and does not go on: %s", agent.robot.name, error)
+
+
+class HostCourier:
+    """Sends robots that live in processes of their own: what is said of them is what their host knows.
+
+    Such a process decides when it leaves, and hands over its state. It does not decide what page it is, who
+    has sent that and how far it is trusted, nor whom it may command.
+    """
+
+    def __init__(self, moves: Moves, transport: Transport) -> None:
+        """Send in the name of the host of `moves`."""
+        self.key, self._name = moves.key, moves.name
+        self._moves, self._transport = moves, transport
+
+    def moment(self, place: str) -> None:
+        """Pass a boundary of a move: a test may end the process here."""
+        self._moves.moment(place)
+
+    def made_anew(
+        self, kept: KeptApart, request: PrepareMove | TakeRobot | AskMove, asker: Principal
+    ) -> PrepareMove | TakeRobot | AskMove:
+        """See `isolation.apart.Courier`."""
+        if isinstance(request, PrepareMove):
+            page = replace(kept.create, settings={}, sender="")
+            if request.page.hash:
+                digest = bundle_of(kept.create).hash
+                page = replace(page, source="", files={}, signed=None, hash=digest)
+            person = self._transport.gate.asker(asker) if asker.person else None
+            return replace(request, page=page, sender=kept.sender, asker=person, children=kept.children)
+        if isinstance(request, TakeRobot):
+            return replace(request, source=self._name, person=asker.person)
+        return request
 
 
 class Departure:
@@ -610,6 +735,7 @@ class Departure:
 
     async def _prepared(self) -> of.SourceEvent:
         """See whether it can travel, and have the other host be ready."""
+        await self._order_told()
         if reasons := unfit_reasons(self._runtime):
             return of.Refused(reason="; ".join(reasons))
         page = self._journal.page_of(self._runtime.key)
@@ -624,6 +750,14 @@ class Departure:
             self._entrusted = await children.entrust(self._secret)
         self._moves.moment("prepared")
         return of.DestinationReady(log=ready.log)
+
+    async def _order_told(self) -> None:
+        """Wait a moment while it tells of an order that is done, or is about to begin one."""
+        until = self._now() + STAND_WITHIN
+        while self._runtime.takes_order and self._now() < until:
+            if self._runtime.look(lambda state: bool(state.calls.live)):
+                return
+            await asyncio.sleep(0.01)
 
     async def _have_prepared(self, page: KeptPage, *, whole: bool) -> MoveReady:
         """Have the other host load the page; to another site goes only its hash, unless it is sent `whole`.
@@ -640,6 +774,7 @@ class Departure:
             page=_sent(page, self._name, whole=whole),
             sender=page.sender,
             asker=self._transport.gate.asker(self._asker) if self._asker.person else None,
+            children=tuple(sorted({child.split("/")[1] for _, child in self._children_now()})),
         )
         return await ask(
             self._transport, target[0], request, MoveReady, timeout=LOADING, sender=self._moves.key
@@ -881,13 +1016,6 @@ def _sent(page: KeptPage, name: str, *, whole: bool) -> Create:
     return Create(
         name=name, path=page.path, source="", wanted=page.wanted, origin=page.origin, hash=bundle.hash
     )
-
-
-def _kept_apart(host: str, level: str, page: KeptPage) -> str:
-    reason = f"{host} keeps its code apart ({level}), and such robots do not move; "
-    if page.signed is None:
-        return f"{reason}choose a host that was started without `--isolate`"
-    return f"{reason}who trusts its signer can say so there: `robotree bundle trust … --isolation none`"
 
 
 def _nobody(_: str, __: str) -> None:

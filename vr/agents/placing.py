@@ -21,7 +21,7 @@ from robotree.vr.base.address import Address, everyone
 from robotree.vr.base.errors import TransportError, VrError
 from robotree.vr.base.hosting import HostLoad
 from robotree.vr.base.places import Places
-from robotree.vr.base.requests import Done, HostDescribed
+from robotree.vr.base.requests import HostDescribed, Reply
 from robotree.vr.base.transport import Transport
 from robotree.vr.core import events as on
 from robotree.vr.core.machine import RobotState
@@ -77,7 +77,7 @@ class PlacingHost(Protocol):
         """How many robots it still takes; None: any number."""
         ...
 
-    async def move(self, robot: str, host: str) -> Done:
+    async def move(self, robot: str, host: str) -> Reply:
         """Have a robot go on in another host; see `Moves.migrate`."""
         ...
 

@@ -33,7 +33,7 @@ from robotree.vr.base.errors import (
     Unreachable,
     VrError,
 )
-from robotree.vr.base.order import Order, OrderHold, mark_of, merged, shifted
+from robotree.vr.base.order import DIRECTORIES, ORDER_NEWS, Order, OrderHold, mark_of, merged, shifted
 from robotree.vr.base.requests import (
     AnyRequest,
     Call,
@@ -55,7 +55,6 @@ from robotree.vr.exchange.asking import ask
 from robotree.vr.exchange.authority import expect_right
 from robotree.vr.orders.book import EXPIRED, SAME_CLOCK, by_age
 from robotree.vr.orders.ledger import Ledger, LedgerEntry
-from robotree.vr.orders.service import DIRECTORIES, ORDER_NEWS
 from robotree.vr.running.robot_runtime import NotDescribed, RobotRuntime
 
 ANSWER_WITHIN = 1.0
@@ -332,6 +331,7 @@ class OrderTaker:
                 and not state.pause.in_force
                 and not state.calls.live
                 and not lacking(state.slots.specs())
+                and not self._runtime.is_on_way
             )
 
         known = self._identity not in self._ledger.rest or bool(self._place())
@@ -354,10 +354,16 @@ class OrderTaker:
             return False
         elif reason := await self._unfit(order):
             await self._refuse(order, reason)
+        elif self._runtime.is_on_way:
+            return False
         else:
             taken = msgspec.structs.replace(order, state="taken", at=now, asks="")
-            await self._put(LedgerEntry(taken))
-            return await self._begin(taken) if await self._confirmed(taken) else False
+            self._runtime.takes_order = True  # from here on it does not move: only this host knows of it
+            try:
+                await self._put(LedgerEntry(taken))
+                return await self._begin(taken) if await self._confirmed(taken) else False
+            finally:
+                self._runtime.takes_order = False
         return True
 
     def _question(self, order: Order) -> str:

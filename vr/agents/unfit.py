@@ -50,7 +50,7 @@ def unfit_reasons(runtime: RobotRuntime, *, standing: bool = False) -> list[str]
         *(["its page is just being reloaded"] if runtime.reloads else []),
         *(
             ["it carries out an order; wait for its end"]
-            if runtime.look(partial(_of_orders, runtime))
+            if runtime.takes_order or runtime.look(partial(_of_orders, runtime))
             else []
         ),
     ]

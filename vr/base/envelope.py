@@ -179,6 +179,11 @@ def seal(
     return Sealed(body, now + holds if begins or ends else 0.0)
 
 
+def resealed(envelope: Envelope, request: AnyRequest, *, sender: str) -> bytes:
+    """Return an envelope with another request, of another sender, who asks for the first one."""
+    return _encode(msgspec.structs.replace(envelope, request=request, sender=sender, may=None))
+
+
 def read_envelope(body: bytes) -> Envelope:
     """Read an envelope, whoever it is for.
 

@@ -16,7 +16,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from robotree.vr.base.address import Role
+from robotree.vr.base.address import Role, everyone
 from robotree.vr.base.description import CommandSpec, FieldSpec, RobotDescription
 from robotree.vr.base.errors import NoSuchOrder, SeveralOrders, ShortTicket
 from robotree.vr.base.principal import Principal
@@ -38,6 +38,11 @@ RANK: Mapping[OrderState, int] = {
 
 OPEN: frozenset[OrderState] = frozenset({"waiting", "taken"})
 """States of an order that can still move its robot."""
+
+DIRECTORIES = everyone("directory")
+"""Presence pattern of all directories."""
+ORDER_NEWS = f"{DIRECTORIES}/orders"
+"""Under which directories publish for whom orders have changed; not which."""
 
 SHORTEST_TICKET = 4
 """Letters of a key that a person must write: one letter easily names an order that nobody meant."""

@@ -313,11 +313,13 @@ class PrepareMove(_Message, frozen=True, kw_only=True):
     """Unique for ever."""
     robot: Address
     page: Create
-    """As for a new robot; its settings do not matter. To another site it goes by its hash."""
+    """As for a new robot; its settings do not matter. To another site goes its hash."""
     sender: str = ""
     """Who has sent the page unsigned, if that was not the user of the hosts."""
     asker: Person | None = None
     """Who wants the robot to move, if that is not the host alone."""
+    children: tuple[str, ...] = ()
+    """Names of the robots that were put under it: where it runs apart it may command them."""
 
 
 class TakeRobot(_Message, frozen=True, kw_only=True):

@@ -18,28 +18,36 @@ import sys
 from collections.abc import Callable, Coroutine
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import msgspec
 
-from robotree.files import private_folder
+from robotree.files import private_folder, replace, sync_folder
 from robotree.vr.base.address import Address
-from robotree.vr.base.errors import NoAnswer, NotItsChild, Unreachable, VrError
+from robotree.vr.base.envelope import read_envelope, resealed, seal
+from robotree.vr.base.errors import CannotMove, NoAnswer, NotItsChild, Unreachable, VrError
 from robotree.vr.base.permissions import Isolation, Permissions
 from robotree.vr.base.presence import Held, Undo
-from robotree.vr.base.principal import Principal
+from robotree.vr.base.principal import ITSELF, Principal
 from robotree.vr.base.requests import (
+    AskMove,
     Create,
     Described,
+    Done,
+    Migrate,
+    MoveDecided,
+    PrepareMove,
     Raised,
     ReadEvents,
     Reload,
     Reply,
+    SafeStop,
+    TakeRobot,
     VerifyEvents,
     decode_reply,
     encode,
 )
-from robotree.vr.base.transport import Incoming, Occupied, Registration, Transport
+from robotree.vr.base.transport import ELSEWHERE, Incoming, Occupied, OnReply, Registration, Transport
 from robotree.vr.isolation import pipe
 from robotree.vr.isolation.judge import Judge, Misbehaved
 from robotree.vr.isolation.nursery import BOX, Nursery
@@ -64,7 +72,11 @@ FRAMES, BURST = 5000.0, 10000.0
 """Frames a second that a process may send for long, and at once; beyond that it waits."""
 BACKLOG = 32 * 1024 * 1024
 """[bytes] that a process has not read yet after which it is ended."""
-DELETED = "it was deleted"
+STOPS_WITHIN = 3.0
+"""[s] for the process of a robot to end that has moved."""
+MOVES_WITHIN = 3600.0
+"""[s] for a robot to move: as long as it is in doubt, nobody knows."""
+DELETED, MOVED = "it was deleted", "it has moved to another host"
 START = 20.0
 """[s] for a process to have its robot up, beyond the time that the page may take."""
 
@@ -76,6 +88,23 @@ def lack_for(level: Isolation) -> str:
     if sys.platform != "linux":
         return "it needs Linux"
     return "bubblewrap is not installed" if level == "sandbox" and BOX is None else ""
+
+
+class Courier(Protocol):
+    """Makes the requests anew by which a robot moves: in the name of its host, with what that knows of it."""
+
+    key: str
+    """Of the host."""
+
+    def made_anew(
+        self, kept: KeptApart, request: PrepareMove | TakeRobot | AskMove, asker: Principal
+    ) -> PrepareMove | TakeRobot | AskMove:
+        """Return what is sent instead; `asker`: who wants the robot to move."""
+        ...
+
+    def moment(self, place: str) -> None:
+        """Pass a boundary of a move: a test may end the process here."""
+        ...
 
 
 class ApartSetting(NamedTuple):
@@ -103,6 +132,8 @@ class KeptApart(msgspec.Struct, frozen=True):
     """Kinds of the slots for which its page chooses children, by name; None: of any."""
     children: tuple[str, ...] = ()
     """Names of the robots that have been put under it."""
+    parcel: pipe.Parcel | None = None
+    """The robot itself, which has come from another host; None: it is in its folder."""
 
 
 _kept: msgspec.msgpack.Decoder[KeptApart] = msgspec.msgpack.Decoder(KeptApart)
@@ -113,7 +144,7 @@ _PAGE = ".page"
 class RobotApart:
     """One robot, through all its processes."""
 
-    def __init__(  # what it is, and where
+    def __init__(  # noqa: PLR0915 # what it is, and where
         self,
         kept: KeptApart,
         permissions: Permissions | None,
@@ -173,6 +204,21 @@ class RobotApart:
         self._tasks: set[asyncio.Future[Any]] = set()
         self._last_sign = 0.0
         self._takers = self._new_takers()
+        self.courier: Courier | None = None
+        """Makes its requests anew by which it moves; None: it does not move."""
+        self.on_way = ""
+        """Name of the host to which it is moving, as it says; empty: it stays."""
+        self.moved = False
+        """Whether it goes on in another host."""
+        self._mover = ITSELF
+        """Who wants it to move."""
+        self._decided = asyncio.Event()
+        """Clear while it has been written down that it has come, and does not count yet."""
+        self._decided.set()
+        self._expected = False
+        """Whether it may come from another host."""
+        self._loaded: asyncio.Future[None] = self._loop.create_future()
+        """Whether the page is loaded of a robot that comes."""
 
     @property
     def address(self) -> Address | None:
@@ -198,15 +244,83 @@ class RobotApart:
         self._keep(self._live(self.kept.create if fresh else None))
         return await asyncio.shield(self._up)
 
+    async def expect(self) -> None:
+        """Start a process that loads the page of a robot which may come; returns when it has.
+
+        Raises:
+            VrError: it cannot be; it says why.
+        """
+        assert self.folder is not None  # noqa: S101 # a host that keeps nothing takes none
+        shutil.rmtree(self.folder, ignore_errors=True)
+        private_folder(self.folder)
+        self._for_good = self._expected = True  # until it has come
+        self._keep(self._live(self.kept.create))
+        both: tuple[asyncio.Future[Any], ...] = (self._loaded, self._up)
+        await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
+        if not self._loaded.done():
+            self._up.result()
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether there is no process any more, and none follows."""
+        return self._ended.is_set()
+
+    def begin_arrival(self) -> None:
+        """Have no process follow, and forget nothing, until it is known whether it has come."""
+        self._for_good = False
+        self._decided.clear()
+
+    def keep_arrival(self, parcel: pipe.Parcel) -> None:
+        """Write down what has come; it counts once the journal of the host says so, too. In any thread.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        kept = msgspec.structs.replace(self.kept, parcel=parcel)
+        replace(self._page_file, msgspec.msgpack.encode(kept))
+
+    def count_arrival(self, parcel: pipe.Parcel) -> None:
+        """Take note that it has come for good."""
+        self.kept = msgspec.structs.replace(self.kept, parcel=parcel)
+        self._decided.set()
+
+    async def end_expecting(self) -> None:
+        """Be none: it does not come."""
+        self._for_good = True
+        self._page_file.unlink(missing_ok=True)
+        self._decided.set()
+        await self.leave(returns=False)
+
+    async def arrive(self, address: Address, rank: int, within: float) -> None:
+        """Have a robot go on that has come; returns when it does, or it is present at least.
+
+        Args:
+            address: of the robot.
+            rank: how often it has moved.
+            within: [s] to wait for its process.
+        """
+        self._judge.expect_own(address.key)
+        await self._answer_under(address.key, rank)
+        await self._announce(address.key, [])
+        await self._transport.settle(within)
+        if self.kept.parcel is not None:
+            self._send(pipe.Arrive(self.kept.parcel))
+        await asyncio.wait((self._up,), timeout=within)
+
+    @property
+    def _page_file(self) -> Path:
+        assert self.folder is not None  # noqa: S101 # it is kept
+        return self.folder.with_name(f"{self.name}{_PAGE}")
+
     def _write_page(self) -> None:
         """Keep what the robot is made of beside its folder, where its process cannot write."""
         if self.folder is not None:
-            path = self.folder.with_name(f"{self.name}{_PAGE}")
+            path = self._page_file
             new = path.with_suffix(".new")
             new.write_bytes(msgspec.msgpack.encode(self.kept))
             new.replace(path)
 
-    async def _live(self, create: Create | None) -> None:
+    async def _live(self, create: Create | None) -> None:  # noqa: C901 # each way to end
         abandon, in_a_row = "", 0
         while not (self.over or self._leaving):
             began = self._loop.time()
@@ -218,7 +332,10 @@ class RobotApart:
             except OSError as error:
                 self.over = f"no process can be made for it: {error.strerror or error}"
                 break
-            if self.over or self._leaving or not self._up.done() or self._up.exception() is not None:
+            await self._decided.wait()
+            if self.moved:
+                self.over = MOVED
+            if self.over or self._leaving or not self._has_begun:
                 break
             if self.folder is None:
                 self.over = f"its process has ended ({_how(code)}), and the host keeps no robots"
@@ -239,6 +356,11 @@ class RobotApart:
             in_a_row = 0 if abandon else in_a_row
             _log.warning("the process of %s has ended (%s); it is started again", self.name, _how(code))
         await self._finish()
+
+    @property
+    def _has_begun(self) -> bool:
+        """Whether there is a robot that another process can go on with."""
+        return self.kept.parcel is not None or (self._up.done() and self._up.exception() is None)
 
     async def _one_process(self, create: Create | None, abandon: str) -> int:
         """Have one process be the robot; returns its exit code.
@@ -273,6 +395,7 @@ class RobotApart:
     def _first_frame(self, create: Create | None, abandon: str) -> pipe.BeginFrame:
         setting, identity = self._setting, self._transport.identity
         folder = "" if self.folder is None else str(self.folder)
+        parcel = self.kept.parcel
         return pipe.BeginFrame(
             name=self.name,
             host=setting.host,
@@ -283,7 +406,9 @@ class RobotApart:
             term=setting.term,
             returns=setting.returns if folder else 0.0,
             limit=setting.limit,
-            create=create,
+            create=create if parcel is None else self.kept.create,
+            arrives=parcel is not None or (create is not None and self._expected),
+            parcel=parcel,
             asker=self.kept.asker,
             level=self.kept.level,
             permissions=self._permissions,
@@ -334,7 +459,7 @@ class RobotApart:
             self._writer = None
         opened, self._open = self._open, {}
         for incoming in opened.values():
-            incoming.end(None)
+            self._end_without(incoming)
         for control in self._controls.values():
             if not control.done():
                 control.set_exception(Unreachable(key=self.name))
@@ -349,17 +474,59 @@ class RobotApart:
                 with contextlib.suppress(VrError):
                     await registration.close()
         for _, incoming in self._waiting:
-            incoming.end(None)
+            self._end_without(incoming)
         self._waiting.clear()
         if not self._up.done():
             self._up.set_exception(VrError(detail=f"{self.name} cannot be: {self.over or 'its host ends'}"))
-        elif self.over and self.over != DELETED:
+            self._up.exception()  # who has begun it may not wait for it
+        elif self.over and self.over not in {DELETED, MOVED}:
             _log.error("%s is gone: %s", self.name, self.over)
-        if self._for_good and self.folder is not None:
-            self.folder.with_name(f"{self.name}{_PAGE}").unlink(missing_ok=True)
+        if (self._for_good or self.moved) and self.folder is not None:
+            self._page_file.unlink(missing_ok=True)
             shutil.rmtree(self.folder, ignore_errors=True)
         self._ended.set()
         self._on_end(self)
+
+    def _end_without(self, incoming: Incoming) -> None:
+        """End a request without an answer, or have it asked where the robot goes on."""
+        if self.moved:
+            incoming.pass_on()
+        else:
+            incoming.end(None)
+
+    async def stop(self, reason: str, order: str) -> None:
+        """Have it obey a protective stop that came while it was on its way."""
+        if self._judge.key:
+            sealed = seal(SafeStop(reason=reason, order=order), now=self._loop.time(), within=STOPS_WITHIN)
+            self._transport.ask(self._judge.key, sealed.body, urgent=True, on_reply=lambda _: None)
+
+    async def migrate(self, request: Migrate, asker: Principal) -> Reply:
+        """Have it go on in another host; returns when it does, and nothing of it is left here.
+
+        Raises:
+            CannotMove: it stays here; the error says why.
+            VrError: likewise.
+        """
+        if self.courier is None or self.folder is None:
+            reason = f"{self._setting.host} keeps nothing of its robots"
+            raise CannotMove(robot=self.name, host=request.host, reason=reason)
+        self._mover = asker
+        try:
+            reply = await self.control(request, asker, MOVES_WITHIN)
+        except (
+            Unreachable
+        ):  # its process has ended meanwhile, and the next one knows no more of who has asked
+            if not self.moved:
+                reason = "its process has ended on the way; another one asks what became of it"
+                raise CannotMove(robot=self.name, host=request.host, reason=reason) from None
+            reply = Done(note=f"{self.name} has moved to {request.host}")
+        finally:
+            self._mover = ITSELF
+        if self.moved:
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(STOPS_WITHIN):
+                    await self._ended.wait()
+        return reply
 
     async def leave(self, *, returns: bool, within: float = 3.0) -> None:
         """End politely; its process is ended if it takes too long."""
@@ -376,7 +543,7 @@ class RobotApart:
 
     async def control(
         self,
-        request: Reload | ReadEvents | VerifyEvents,
+        request: Reload | Migrate | ReadEvents | VerifyEvents,
         principal: Principal,
         within: float,
         permissions: Permissions | None = None,
@@ -448,8 +615,8 @@ class RobotApart:
 
     def _hand_on(self, incoming: Incoming) -> None:
         number = next(self._numbers)
-        if self.over or len(self._open) + len(self._waiting) >= MOST_OPEN:
-            incoming.end(None)
+        if self.over or self.moved or len(self._open) + len(self._waiting) >= MOST_OPEN:
+            self._end_without(incoming)
         elif not self._ready:  # it is made, or goes on after a crash
             self._waiting.append((number, incoming))
         else:
@@ -489,6 +656,7 @@ class RobotApart:
 
     def _new_takers(self) -> dict[type[pipe.PipeFrame], Callable[[Any], Coroutine[Any, Any, None] | None]]:
         return {
+            pipe.Loaded: self._note_loaded,
             pipe.Ask: self._ask,
             pipe.ReplyBack: self._reply,
             pipe.EndBack: self._end,
@@ -520,6 +688,9 @@ class RobotApart:
     def _ask(self, frame: pipe.Ask) -> None:
         self._judge.expect_asked(frame.key, frame.body)
         on_reply = partial(self._replied, frame.number)
+        if frame.key.startswith("host/"):
+            self._ask_host(frame, on_reply)
+            return
         try:
             if self._judge.expect_child(frame.key, frame.body):
                 self._keep_children()
@@ -532,6 +703,49 @@ class RobotApart:
             frame.key, frame.body, void_at=frame.void_at, urgent=frame.urgent, on_reply=on_reply
         )
 
+    def _ask_host(self, frame: pipe.Ask, on_reply: OnReply) -> None:
+        """Ask another host to take it, in the name of this one, or what became of it."""
+        envelope, courier = read_envelope(frame.body), self.courier
+        request, name = envelope.request, self.name
+        if courier is None or self.moved or not isinstance(request, PrepareMove | TakeRobot | AskMove):
+            on_reply(None)
+            return
+        anew = courier.made_anew(self.kept, request, self._mover)
+        self.on_way = frame.key.split("/")[1]
+        if isinstance(request, TakeRobot):
+            courier.moment("out")
+
+        def hear(body: bytes | None) -> None:
+            if body is not None and not isinstance(request, PrepareMove):
+                with contextlib.suppress(VrError):
+                    reply = decode_reply(body, key=name)
+                    if isinstance(reply, MoveDecided):
+                        courier.moment("answered")
+                    if isinstance(reply, MoveDecided) and reply.taken:
+                        with contextlib.suppress(RuntimeError):  # the loop is closed
+                            self._loop.call_soon_threadsafe(self._has_moved)
+            elif body is not None:
+                courier.moment("prepared")
+            on_reply(body)
+
+        body = resealed(envelope, anew, sender=courier.key)
+        self._transport.ask(frame.key, body, void_at=frame.void_at, urgent=frame.urgent, on_reply=hear)
+
+    def _has_moved(self) -> None:
+        """Take note that it goes on in another host: nothing of it begins here any more."""
+        if self.moved:
+            return
+        self.moved = True
+        self._page_file.unlink(missing_ok=True)
+        sync_folder(self._page_file.parent)
+        if self.courier is not None:
+            self.courier.moment("gone")
+        self._loop.call_later(STOPS_WITHIN, self._kill)  # it leaves by itself before
+
+    def _note_loaded(self, _: pipe.Loaded) -> None:
+        if not self._loaded.done():
+            self._loaded.set_result(None)
+
     def _keep_children(self) -> None:
         """Keep whom the robot may command: the next process of it may, too."""
         self.kept = msgspec.structs.replace(self.kept, children=tuple(sorted(self._judge.children)))
@@ -542,7 +756,11 @@ class RobotApart:
             incoming.reply(frame.body)
 
     def _end(self, frame: pipe.EndBack) -> None:
-        if (incoming := self._open.pop(frame.number, None)) is not None:
+        if (incoming := self._open.pop(frame.number, None)) is None:
+            return
+        if frame.body == ELSEWHERE:
+            self._end_without(incoming)
+        else:
             incoming.end(frame.body)
 
     def _publish(self, frame: pipe.Publish) -> None:
@@ -551,6 +769,7 @@ class RobotApart:
 
     def _note_alive(self, frame: pipe.Alive) -> None:
         self.abandoned = tuple(str(each)[:100] for each in frame.abandoned[:20])
+        self.on_way = str(frame.on_way)[:100]
         since = self._stubborn_since
         self._stubborn_since = min(since, self._loop.time()) if self.abandoned else float("inf")
 
@@ -576,8 +795,15 @@ class RobotApart:
 
     async def _serve(self, frame: pipe.Serve) -> None:
         self._judge.expect_own(frame.key)
-        if frame.on and self._served is None:
-            self._served = await self._transport.serve(frame.key, self._take)
+        if frame.on:
+            await self._answer_under(frame.key, frame.rank)
+        elif self.moved and self._served is not None:
+            served, self._served = self._served, None
+            await served.close()
+
+    async def _answer_under(self, key: str, rank: int) -> None:
+        if self._served is None:
+            self._served = await self._transport.serve(key, self._take, rank=rank)
 
     async def _be_present(self, frame: pipe.Announce) -> None:
         self._judge.expect_own(frame.key)
@@ -603,6 +829,9 @@ class RobotApart:
         for number, incoming in waiting:
             self._pass(number, incoming)
         self._last_sign = self._loop.time()
+        if self.kept.parcel is not None:  # it is in its folder now
+            self.kept = msgspec.structs.replace(self.kept, parcel=None)
+            self._write_page()
         if not self._up.done():
             self._for_good = False
             self._up.set_result(reply)
@@ -615,7 +844,7 @@ class RobotApart:
             self.over = str(error)
 
     def _go(self, _: pipe.GoneFrame) -> None:
-        self.over, self._for_good = self.over or DELETED, True
+        self.over, self._for_good = self.over or (MOVED if self.moved else DELETED), True
 
     async def _announce(self, key: str, unless: list[str]) -> list[str]:
         if self._present is not None:
@@ -662,6 +891,8 @@ class RobotsApart:
         self._setting, self._transport = setting, transport
         self._nursery: Nursery | None = None
         self.robots: dict[str, RobotApart] = {}
+        self.courier: Courier | None = None
+        """See `RobotApart.courier`."""
 
     def kept(self) -> list[KeptApart]:
         """Return the robots that are kept in this host's folder; what cannot be read is left out."""
@@ -686,16 +917,44 @@ class RobotsApart:
         Raises:
             VrError: it cannot be; it says why.
         """
-        if self._nursery is None:
-            self._nursery = Nursery()
-        name = kept.create.name
-        robot = RobotApart(kept, permissions, self._setting, self._transport, self._nursery, self._forget)
-        self.robots[name] = robot
+        robot = self._new(kept, permissions)
         try:
             return await robot.begin(fresh=fresh)
         except BaseException:
-            self.robots.pop(name, None)
+            self.robots.pop(robot.name, None)
             raise
+
+    def _new(self, kept: KeptApart, permissions: Permissions | None) -> RobotApart:
+        if self._nursery is None:
+            self._nursery = Nursery()
+        robot = RobotApart(kept, permissions, self._setting, self._transport, self._nursery, self._forget)
+        robot.courier = self.courier
+        self.robots[robot.name] = robot
+        return robot
+
+    @property
+    def keeps(self) -> bool:
+        """Whether its robots survive their processes."""
+        return self._setting.folder is not None
+
+    async def expect(self, kept: KeptApart, permissions: Permissions | None) -> RobotApart:
+        """Be ready for a robot that may come from another host; returns when its page is loaded.
+
+        Raises:
+            VrError: it cannot be; it says why.
+        """
+        robot = self._new(kept, permissions)
+        try:
+            await robot.expect()
+        except BaseException:
+            self.robots.pop(robot.name, None)
+            raise
+        return robot
+
+    def drop(self, kept: KeptApart) -> None:
+        """Forget what was kept of a robot that has not come in the end."""
+        if self._setting.folder is not None:
+            (self._setting.folder / APART / f"{kept.create.name}{_PAGE}").unlink(missing_ok=True)
 
     def _forget(self, robot: RobotApart) -> None:
         if self.robots.get(robot.name) is robot:

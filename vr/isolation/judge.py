@@ -16,10 +16,12 @@ from types import MappingProxyType
 from robotree.vr.base.address import Address
 from robotree.vr.base.envelope import read_envelope
 from robotree.vr.base.errors import NotItsChild, VrError
+from robotree.vr.base.order import ORDER_NEWS
 from robotree.vr.base.permissions import Permissions
 from robotree.vr.base.requests import (
     AcquireFence,
     AnyRequest,
+    AskMove,
     Call,
     Cancel,
     CloseTransaction,
@@ -28,11 +30,13 @@ from robotree.vr.base.requests import (
     DescribeSpace,
     Detach,
     Enslave,
+    FetchOrders,
     FindEntries,
     GiveUp,
     OpenTransaction,
     Pause,
     Petition,
+    PrepareMove,
     Query,
     Register,
     Release,
@@ -43,7 +47,10 @@ from robotree.vr.base.requests import (
     RobotDeleted,
     RollBack,
     SafeStop,
+    TakeOrder,
+    TakeRobot,
     TakeStep,
+    TellOrders,
     WatchEntries,
     WriteEntry,
 )
@@ -54,7 +61,8 @@ ALLOWED: dict[str, tuple[type[AnyRequest], ...]] = {
         *(Pause, TakeStep, Continue),
     ),
     "lookup": (Register, Query),
-    "directory": (Register, Query, RobotDeleted),
+    "directory": (Register, Query, RobotDeleted, FetchOrders, TakeOrder, TellOrders),
+    "host": (PrepareMove, TakeRobot, AskMove),
     "space": (
         *(WriteEntry, FindEntries, GiveUp, RenewEntry, OpenTransaction, CloseTransaction, RollBack),
         *(AcquireFence, RenewFence, WatchEntries, DescribeSpace),
@@ -65,6 +73,8 @@ ALLOWED: dict[str, tuple[type[AnyRequest], ...]] = {
 OF_PARENTS = (Petition, Retract, Renew, Release)
 OF_CHILDREN = (Call, Detach, Cancel, Pause, TakeStep, Continue)
 """Requests to whom the robot commands."""
+OF_MOVES = (PrepareMove, TakeRobot, AskMove)
+"""Requests by which it moves to another host: its own host makes them anew."""
 NAMELESS = (Describe, Register, Query)
 """Requests that may come without a sender."""
 
@@ -196,6 +206,10 @@ class Judge:
         role = key.partition("/")[0]
         if not isinstance(request, ALLOWED.get(role, ())):
             raise Misbehaved(f"it asked {_shown(key)} for {what}, which no robot does")
+        if isinstance(request, OF_MOVES):
+            if envelope.terminal or envelope.proof or request.robot.key != self.key:
+                raise Misbehaved(f"it asked {_shown(key)} for {what} of another robot")
+            return
         nameless = not envelope.sender and isinstance(request, NAMELESS)
         if envelope.terminal or envelope.proof or (envelope.sender != self.key and not nameless):
             raise Misbehaved(f"it asked {_shown(key)} for {what} in the name of somebody else")
@@ -205,12 +219,21 @@ class Judge:
             raise Misbehaved(f"it asked {_shown(key)} for {what} with other permissions than its page has")
         if isinstance(request, OF_PARENTS) and request.parent.key != self.key:
             raise Misbehaved(f"it asked {_shown(key)} for {what} as {_shown(request.parent.key)}")
-        if isinstance(request, RobotDeleted) and request.identity != (self.identity or f"name:{self.name}"):
-            raise Misbehaved("it wanted another robot to be forgotten")
+        self._expect_own_orders(request)
         if isinstance(request, Register) and any(one.address.key != self.key for one in request.listings):
             raise Misbehaved("it wanted to list another robot")
         if isinstance(request, Register) and any(one.key != self.key for one, _ in request.withdrawn):
             raise Misbehaved("it wanted to take another robot out of the lookup")
+
+    def _expect_own_orders(self, request: AnyRequest) -> None:
+        address = Address.parse(self.key)
+        own = {self.identity or f"name:{self.name}", "" if address is None else address.incarnation}
+        if isinstance(request, RobotDeleted) and request.identity not in own:
+            raise Misbehaved("it wanted another robot to be forgotten")
+        if isinstance(request, FetchOrders | TakeOrder) and request.identity not in own:
+            raise Misbehaved("it wanted the orders of another robot")
+        if isinstance(request, TellOrders) and any(one.identity not in own for one in request.orders):
+            raise Misbehaved("it told of the orders of another robot")
 
     def expect_published(self, key: str) -> None:
         """Refuse a sample under another one's key.
@@ -227,7 +250,7 @@ class Judge:
         Raises:
             Misbehaved: it wants to hear somebody else.
         """
-        if not pattern.startswith(("robot/", "space/")):
+        if not pattern.startswith(("robot/", "space/")) and pattern != ORDER_NEWS:
             raise Misbehaved(f"it wanted to hear {_shown(pattern)}")
 
 

@@ -15,7 +15,7 @@ import msgspec
 from robotree.vr.base.permissions import Isolation, Permissions
 from robotree.vr.base.presence import Held
 from robotree.vr.base.principal import Principal
-from robotree.vr.base.requests import Create, ReadEvents, Reload, VerifyEvents
+from robotree.vr.base.requests import Create, Migrate, ReadEvents, Reload, TakeRobot, VerifyEvents
 
 LARGEST = 16 * 1024 * 1024
 """[bytes] of a frame."""
@@ -40,6 +40,16 @@ class Rules(PipeFrame, frozen=True):
     """Number of the user whose agent the robot is, where several users share the realm."""
 
 
+class Parcel(msgspec.Struct, frozen=True):
+    """A robot that has come from another host, for the process that is to go on with it."""
+
+    sent: TakeRobot
+    """As it came; its state is as the host has it now."""
+    now: float
+    """[s] on the monotonic clock of the host, when it came; so is the next, since 1970."""
+    unix: float
+
+
 class BeginFrame(PipeFrame, frozen=True):
     """The first frame to a process: which robot it is to be."""
 
@@ -60,6 +70,9 @@ class BeginFrame(PipeFrame, frozen=True):
     """[s] for a page to run."""
     create: Create | None
     """The new robot; None: it goes on from its folder."""
+    arrives: bool
+    """Whether that robot comes from another host: `parcel`, or `Arrive` later, has the rest."""
+    parcel: Parcel | None
     asker: Principal
     """Who has made it."""
     level: Isolation
@@ -122,10 +135,10 @@ class Did(PipeFrame, frozen=True):
 
 
 class Control(PipeFrame, frozen=True):
-    """A request of the host itself: `Reload`, `ReadEvents`, `VerifyEvents`. Answered by `Answered`."""
+    """A request of the host itself: `Reload`, `Migrate`, `ReadEvents`, … Answered by `Answered`."""
 
     number: int
-    request: Reload | ReadEvents | VerifyEvents
+    request: Reload | Migrate | ReadEvents | VerifyEvents
     principal: Principal
     permissions: Permissions | None
     """Of the page with which it is to go on."""
@@ -138,11 +151,23 @@ class Leave(PipeFrame, frozen=True):
     """Whether it will be started again."""
 
 
+class Arrive(PipeFrame, frozen=True):
+    """The robot for which the process has loaded the page is here: it is to go on with it."""
+
+    parcel: Parcel
+
+
+class Loaded(PipeFrame, frozen=True):
+    """The page is loaded of a robot that comes."""
+
+
 class Serve(PipeFrame, frozen=True):
     """The robot answers under a key, or no longer."""
 
     key: str
     on: bool
+    rank: int
+    """How often it has moved: see `Transport.serve`."""
 
 
 class Announce(PipeFrame, frozen=True):
@@ -236,15 +261,18 @@ class Alive(PipeFrame, frozen=True):
 
     abandoned: list[str]
     """Commands that were ended and whose code still runs."""
+    on_way: str
+    """Name of the host to which it is moving; empty: it stays."""
 
 
 class GoneFrame(PipeFrame, frozen=True):
     """The robot was deleted."""
 
 
-ToRobot = BeginFrame | Come | Replied | Sampled | Present | Silent | Rules | Did | Control | Leave
+ToRobot = BeginFrame | Arrive | Come | Replied | Sampled | Present | Silent | Rules | Did | Control | Leave
 FromRobot = (
-    Serve
+    Loaded
+    | Serve
     | Announce
     | Withdraw
     | Settle

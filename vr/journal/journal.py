@@ -31,6 +31,7 @@ from robotree.vr.core.transfer import Destination
 from robotree.vr.journal.records import (
     VERSION,
     Began,
+    CameApart,
     CameHere,
     Deleted,
     Happened,
@@ -334,6 +335,10 @@ class HostJournal:
         self._made[key], self._numbers[key] = made, made.robot
         self._looks[key] = lambda take: take(state)
         self._put(CameHere(made.robot, key, name, page, transfer, state, self._clocks.now()))
+
+    def came_apart(self, transfer: str) -> None:
+        """Take note that a robot has come that lives in a process of its own, and lies in its folder."""
+        self._put(CameApart(transfer))
 
     def looks(self, key: str, look: LookAtState) -> None:
         """Take who hands the state of a robot on that has come."""

@@ -121,6 +121,15 @@ class CameHere(_LogRecord, frozen=True):
     """[s] on the monotonic clock, when it came."""
 
 
+class CameApart(_LogRecord, frozen=True):
+    """A robot has come that lives in a process of its own: this decides that it is here.
+
+    What it is lies in its folder, where it was written before.
+    """
+
+    transfer: str
+
+
 class NeverTaken(_LogRecord, frozen=True):
     """A robot that was to come never does under this transfer; written before anybody is told."""
 
@@ -140,7 +149,7 @@ class Whole(_LogRecord, frozen=True):
 
 LogRecord = (
     Began | Made | PageOffered | StateKept | Happened | Deleted | Whole
-    | MovedOut | MovedBack | CameHere | NeverTaken | Transfers
+    | MovedOut | MovedBack | CameHere | CameApart | NeverTaken | Transfers
 )  # fmt: skip
 
 encoder = msgspec.msgpack.Encoder(enc_hook=to_plain)

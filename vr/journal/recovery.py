@@ -14,6 +14,7 @@ from robotree.vr.core.machine import RobotCore, RobotState, shift
 from robotree.vr.journal.records import (
     VERSION,
     Began,
+    CameApart,
     CameHere,
     Deleted,
     Happened,
@@ -117,7 +118,7 @@ class Recovered:
                     self._handle(robot, robot.machine, record, path)
             case Began() | Made() | Whole():
                 self._take_segment(record, path)
-            case MovedOut() | MovedBack() | CameHere() | NeverTaken() | Transfers():
+            case MovedOut() | MovedBack() | CameHere() | CameApart() | NeverTaken() | Transfers():
                 self._take_move(record)
             case Deleted(robot=number):
                 self._robots.pop(self._keys.pop(number, ""), None)
@@ -125,7 +126,9 @@ class Recovered:
                 if robot := self._robot(number):
                     robot.take(record, self._machine_of)
 
-    def _take_move(self, record: MovedOut | MovedBack | CameHere | NeverTaken | Transfers) -> None:
+    def _take_move(
+        self, record: MovedOut | MovedBack | CameHere | CameApart | NeverTaken | Transfers
+    ) -> None:
         """Take what is written when robots move between hosts."""
         match record:
             case MovedOut(robot=number) | MovedBack(robot=number):
@@ -138,6 +141,8 @@ class Recovered:
                 self._keys[number] = key
                 robot = self._robots[key] = KeptRobot(Made(number, key, name, page))
                 robot.machine = self._machine_of(state)
+                self.taken[transfer] = None
+            case CameApart(transfer=transfer):
                 self.taken[transfer] = None
             case NeverTaken(transfer=transfer):
                 self.never[transfer] = None

@@ -22,7 +22,7 @@ from robotree.vr.base.address import Address, everyone
 from robotree.vr.base.description import RobotDescription
 from robotree.vr.base.envelope import Received
 from robotree.vr.base.errors import VrError
-from robotree.vr.base.order import KnownAgent, Order
+from robotree.vr.base.order import DIRECTORIES, KnownAgent, Order
 from robotree.vr.base.policy import PolicyTarget
 from robotree.vr.base.presence import Undo
 from robotree.vr.base.principal import Principal
@@ -62,10 +62,6 @@ from robotree.vr.exchange.dispatcher import Dispatcher, not_for
 from robotree.vr.orders.book import OrderBook, OrderNews
 from robotree.vr.orders.store import OrderStore
 
-DIRECTORIES = everyone("directory")
-"""Presence pattern of all directories."""
-ORDER_NEWS = f"{DIRECTORIES}/orders"
-"""Under which directories publish that orders have changed."""
 SHARE_WITHIN = 1.0
 """[s] for another directory to confirm a record, while somebody waits for it."""
 LOOK_WITHIN = 2.0

@@ -44,17 +44,17 @@ class Place:
 
     host: Host
 
-    def __init__(self, folder: Path, root: Path) -> None:
-        self.folder, self.root = folder, root
+    def __init__(self, folder: Path, root: Path, name: str = "h1") -> None:
+        self.folder, self.root, self.name = folder, root, name
 
     async def start(self) -> None:
         self.transport = await join("test", root=self.root)
         runner = runner_of(asyncio.get_running_loop())
-        self.journal = HostJournal(self.folder / "h1", runner)
+        self.journal = HostJournal(self.folder / self.name, runner)
         process: Process[Any] = Process(runner, self.journal)
         way = kept_by(self.journal, process, self.transport)
-        self.host = Host(way, "h1", process=process, journal=self.journal)
-        setting = ApartSetting("h1", "test", 5.0, 10.0, LIMIT, self.folder / "h1")
+        self.host = Host(way, self.name, process=process, journal=self.journal)
+        setting = ApartSetting(self.name, "test", 5.0, 10.0, LIMIT, self.folder / self.name)
         self.host.apart = RobotsApart(setting, way)
         await self.host.start()
         await self.host.restore()

@@ -86,7 +86,7 @@ def test_who_wanted_a_move_and_what_came_of_it_is_kept(tmp_path: Path) -> None:
             await stage.migrate("tour", "nowhere")
         stage.homes["h1"].host.gate = Gate(any_signer=True)  # as with --isolate: it takes none
         stage.homes["h1"].host.isolate = "process"
-        with pytest.raises(CannotMove, match="without `--isolate`"):
+        with pytest.raises(CannotMove, match="keeps its code apart"):
             await stage.migrate("tour", "h1")
         moved, refused = await stage.noted("tour")
         who = f"{user_name(os.geteuid())}@pts/3"
