@@ -129,8 +129,9 @@ async def wake_later(program: Program, seconds: float) -> None:
 async def test_one_of_both_hangs_at_a_boundary_and_wakes(stage: Stage, place: str) -> None:
     """It sleeps longer than it takes to be noticed, and shorter than the children wait."""
     who, where = place.split()
-    kills = {"source" if who == "S" else "destination": f"move {where} 1"}
-    hosts = await furnished(stage, **kills, HANGS="1")
+    kill = f"move {where} 1"
+    source, destination = (kill, "") if who == "S" else ("", kill)
+    hosts = await furnished(stage, source, destination, HANGS="1")
     waking = asyncio.ensure_future(wake_later(hosts[who == "D"], 2.5))
     found = await play(stage, hosts)
     await waking

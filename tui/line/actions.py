@@ -463,9 +463,13 @@ ACTIONS: tuple[Action, ...] = (
     Action(
         usage="place NAME PLACEMENT",
         help="Say how a virtual robot is moved. PLACEMENT: manual, by people alone; advise, it says where its"
-        " calls would take less time; auto, it moves there by itself. `show` and `why` say the reason.",
+        " calls would take less time; auto, it moves there by itself. `tree` marks it, `show` and `why`"
+        " say the reason.",
         group=SHAPE,
         run="place",
+        where=ANYWHERE,
+        key="a",
+        about=About.ROBOT,
         right="migrate",
         examples=("place tour auto", "place tour advise"),
         guide=("robotree.vr.core.placement",),

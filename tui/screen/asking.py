@@ -18,7 +18,7 @@ from robotree.tui.screen.pages.enslave import EnslaveDialog, Opening, ReleaseDia
 from robotree.tui.screen.pages.going import GoDialog, NameDialog
 from robotree.tui.screen.pages.group import GroupPanel
 from robotree.tui.screen.pages.help import help_text
-from robotree.tui.screen.pages.host import HostDialog
+from robotree.tui.screen.pages.host import HostDialog, PlacementDialog
 from robotree.tui.screen.pages.main import PANES, in_front, main_page
 from robotree.tui.screen.pages.new import NewPage
 from robotree.tui.screen.pages.orders import OrdersPage
@@ -474,6 +474,22 @@ def _keep(app: OperatorApp, place: Place) -> None:
     app.push_screen(NameDialog(place.name, point), answered)
 
 
+def _place(app: OperatorApp, place: Place) -> None:
+    robot = app.store.descriptions.get(place.name)
+    if robot is None:
+        app.tell("no robot is selected", "warning")
+    elif not robot.host:
+        app.tell(f"{place.name} is a proxy, and stays where its controller is", "warning")
+    else:
+
+        def answered(line: Line | None) -> None:
+            if line:
+                app.perform(line)
+
+        state = app.store.state(place.name)
+        app.push_screen(PlacementDialog(robot, state.advised if state else robot.advised), answered)
+
+
 def _line(kind: Kind) -> Ask:
     def ask(app: OperatorApp, _place: Place) -> None:
         front = app.screen
@@ -492,6 +508,7 @@ ASK: Mapping[str, Ask] = {
     "create": _create,
     "set": _set,
     "migrate": _of_robots(_migrate),
+    "place": _of_robots(_place),
     "reload": _of_robots(_about_robot("reload")),
     "enslave": _of_robots(_enslave),
     "release": _of_robots(_release),

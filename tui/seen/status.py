@@ -98,6 +98,11 @@ class Condition(Protocol):
         ...
 
     @property
+    def advised(self) -> str:
+        """Name of the host on which it would be better off; empty: on none."""
+        ...
+
+    @property
     def away(self) -> float | None:
         """[s] that it still waits for a parent whose process has ended; None: it does not."""
         ...
@@ -186,7 +191,23 @@ def span(seconds: float) -> str:
     return f"{minutes:.0f} min" if minutes < LONG else f"{minutes / 60:.0f} h"
 
 
-def doing(  # noqa: PLR0911 # one for each
+def doing(
+    robot: Condition,
+    share: float | None = None,
+    *,
+    lacks: Sequence[Lack] = (),
+    seconds: float = 0.0,
+    note: str = "",
+) -> str:
+    """Return how it is where the sign of its status stands beside, and where it would be better off.
+
+    `go_to 40 % 12 s +2; better off on host-2`. The arguments are those of `_doing`.
+    """
+    told = _doing(robot, share, lacks=lacks, seconds=seconds, note=note)
+    return f"{told}; better off on {robot.advised}" if robot.advised and not robot.on_way else told
+
+
+def _doing(  # noqa: PLR0911 # one for each
     robot: Condition,
     share: float | None = None,
     *,

@@ -757,7 +757,7 @@ class RobotAgent:
         mode, robot = request.placement, self.robot
         placing = self.runtime.look(lambda state: state.placing)
         self.runtime.post(on.PlacingSet(placing=msgspec.structs.replace(placing, mode=mode), principal=asker))
-        self.runtime.advice = ""
+        self.runtime.advice = self.runtime.advised = ""
         self.runtime.changed()
         self._note_order(f"placement {mode}", asker)
         pinned = mode != "manual" and isinstance(robot, VirtualRobot) and robot.pinned

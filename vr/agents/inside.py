@@ -298,7 +298,11 @@ async def _live(way: RobotPipe, mesh: PipeMesh, begin: pipe.BeginFrame, lacks: l
         stack.enter_context(listening())
         host = _host(mesh, begin, stack)
         parcel: asyncio.Future[pipe.Parcel] = loop.create_future()
-        mesh.on_arrive = lambda came: loop.call_soon_threadsafe(parcel.set_result, came) and None
+
+        def arrive(came: pipe.Parcel) -> None:
+            loop.call_soon_threadsafe(parcel.set_result, came)
+
+        mesh.on_arrive = arrive
         if begin.parcel is not None:
             parcel.set_result(begin.parcel)
         threading.Thread(target=mesh.read, name="reader", daemon=True).start()
@@ -313,12 +317,15 @@ async def _live(way: RobotPipe, mesh: PipeMesh, begin: pipe.BeginFrame, lacks: l
         way.send(pipe.Up(encode(Described(robot=agent.description())), host.page_of(begin.name)))
         beats = loop.create_task(_beat(way, host))
         gone = loop.create_task(agent.closed.wait())
-        done, _ = await asyncio.wait([leaving, gone], return_when=asyncio.FIRST_COMPLETED)
+        both: tuple[asyncio.Future[Any], ...] = (leaving, gone)
+        done, _ = await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
         beats.cancel()
         if leaving in done:
             await host.close(returns=leaving.result())
         else:
-            await asyncio.wait([asyncio.wrap_future(each) for each in tasks] or [gone], timeout=SAYS_WITHIN)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(SAYS_WITHIN):
+                    await asyncio.gather(*map(asyncio.wrap_future, tuple(tasks)), return_exceptions=True)
             way.send(pipe.GoneFrame())
             await host.close(returns=False)
 

@@ -350,6 +350,7 @@ class Publisher:
             "paused": state.pause.in_force,
             "held": self._runtime.held_step(),
             "on_way": self._runtime.on_way,
+            "advised": self._runtime.advised,
             "in_doubt": self._runtime.in_doubt,
             "drill": self.drill,
             "asks": next((call.doubt for call in calls.live.values() if call.doubt), ""),

@@ -302,6 +302,8 @@ class RobotDescription(_Agent, frozen=True, kw_only=True, omit_defaults=True):
     """Why it has moved to where it is, as a sentence; empty: people have put it there."""
     advice: str = ""
     """What the latest look at its place has shown, as a sentence; empty: nobody has looked."""
+    advised: str = ""
+    """Name of the host on which its calls would take less time, by that look; empty: on none."""
     calls: dict[str, int] = {}
     """How often each command was called, over all incarnations of this name."""
     unchecked: bool = False

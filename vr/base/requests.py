@@ -1239,6 +1239,8 @@ class State(_Message, frozen=True, kw_only=True):
     """Whether it is not known at the moment if it has arrived there: nobody acts for it meanwhile."""
     drill: str = ""
     """What it suffers for a drill, and who has asked for that: `cut, by anna@pts/3`; empty: nothing."""
+    advised: str = ""
+    """See `RobotDescription.advised`."""
 
 
 class StreamSample(_Message, frozen=True, kw_only=True):

@@ -144,7 +144,7 @@ _PAGE = ".page"
 class RobotApart:
     """One robot, through all its processes."""
 
-    def __init__(  # noqa: PLR0915 # what it is, and where
+    def __init__(  # what it is, and where
         self,
         kept: KeptApart,
         permissions: Permissions | None,
@@ -202,8 +202,12 @@ class RobotApart:
         self._leaving = self._for_good = False
         """Whether its process is to end; whether nothing of the robot stays then."""
         self._tasks: set[asyncio.Future[Any]] = set()
-        self._last_sign = 0.0
         self._takers = self._new_takers()
+        self._stay()
+
+    def _stay(self) -> None:
+        """Begin without a move."""
+        self._last_sign = 0.0
         self.courier: Courier | None = None
         """Makes its requests anew by which it moves; None: it does not move."""
         self.on_way = ""
