@@ -22,7 +22,7 @@ async def test_a_robot_that_would_be_better_off_elsewhere_is_marked_and_a_key_ca
     async with operate(realm.realm_client) as operator:
         await operator.until(lambda: "mover" in operator.app.store.descriptions, "its description")
         operator.app.choose("mover")
-        await operator.press("a")
+        await operator.press("f")
         await operator.at(PlacementDialog)
         await operator.sees("mover is on", "nobody has looked yet", "manual", "people alone move it (now)")
         await operator.press("down", "enter")
@@ -34,7 +34,7 @@ async def test_a_robot_that_would_be_better_off_elsewhere_is_marked_and_a_key_ca
         await operator.until(
             lambda: operator.app.store.descriptions["mover"].advice == runtime.advice, "the advice"
         )
-        await operator.press("a")
+        await operator.press("f")
         await operator.at(PlacementDialog)
         await operator.sees(
             "host-2 is nearer than host-1", "move to host-2 now", "where it would be better off (now)"
@@ -45,5 +45,5 @@ async def test_a_robot_that_would_be_better_off_elsewhere_is_marked_and_a_key_ca
             "no host named 'host-2' is running"
         )  # it was obeyed: only the host is missing here
         operator.app.choose("arm-1")
-        await operator.press("a")
+        await operator.press("f")
         await operator.sees("arm-1 is a proxy, and stays where its controller is")
