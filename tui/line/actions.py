@@ -104,9 +104,19 @@ ACTIONS: tuple[Action, ...] = (
         examples=("recording monday.mcap", "recording monday.mcap --at 12s"),
     ),
     Action(
-        usage="replay FILE [--from TIME] [--speed SPEED]",
+        usage="recording compare FILE OTHER",
+        help="Print where two recordings differ: commands are aligned by what was asked; of each, whether it"
+        " ended otherwise, took longer, or left other readings.",
+        group=LOOK,
+        where=Where.SHELL,
+        needs=("wire",),
+        examples=("recording compare monday.mcap tuesday.mcap",),
+    ),
+    Action(
+        usage="replay FILE [--from TIME] [--speed SPEED] [--beside OTHER]",
         help="Show a recording in the full screen: space holds it, left and right go back and forward by 5 s,"
-        " with shift by 30 s, `[` and `]` make it slower and faster. Nothing in it can be commanded.",
+        " with shift by 30 s, `[` and `]` make it slower and faster. Nothing in it can be commanded."
+        " --beside: on top stands what was otherwise in OTHER at the command that ended last.",
         group=LOOK,
         where=Where.SHELL,
         needs=("wire", "tui"),

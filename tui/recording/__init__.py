@@ -3,6 +3,7 @@
 tape       the file: written as it comes, read also where it is cut off.
 recorder   from a living realm into a file: `robotree record`
 summary    what a recording holds, in words
+comparing  where two recordings differ
 report     the same as Markdown, with pictures
 replayed   what persons asked for in it, as a session script
 exports    the verbs that make a file of another format: `robotree export`

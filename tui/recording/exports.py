@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 from errno import EEXIST
 from pathlib import Path
+from typing import BinaryIO
 
 from robotree.files import overwrite
 from robotree.tui import exit_codes
-from robotree.tui.errors import BadRecordedRealm
+from robotree.tui.errors import BadRecordedRealm, ValueRefused
 from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
-from robotree.tui.recording import replayed, report, summary, tape
+from robotree.tui.recording import comparing, replayed, report, summary, tape
 from robotree.tui.terminal import answer
 
 LARGEST = 4_000_000_000
@@ -25,6 +27,10 @@ def start(line: Line) -> int:
         BadRecordedRealm: the recording cannot be read.
         OSError: the other file cannot be written.
     """
+    if line.verb == "recording compare":
+        first, second = opened(line.text("FILE")), opened(line.text("OTHER"))
+        answer(comparing.text(first, second), lambda: comparing.data(first, second))
+        return exit_codes.DONE
     found = opened(line.text("FILE"))
     match line.verb:
         case "recording":
@@ -52,9 +58,19 @@ def opened(name: str) -> tape.Tape:
         if path.stat().st_size > LARGEST:
             raise BadRecordedRealm(name, f"is larger than {LARGEST / 1e9:.0f} GB, which is not read at once")
         with path.open("rb") as file:
-            return tape.read(file, name)
+            return tape.read(file, name, growing=_is_written(file))
     except OSError as error:
         raise BadRecordedRealm(name, f"cannot be read: {error.strerror}") from None
+
+
+def _is_written(file: BinaryIO) -> bool:
+    """Whether a recorder writes into a file now: it keeps a lock on it, which the kernel ends with it."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    fcntl.flock(file, fcntl.LOCK_UN)
+    return False
 
 
 def _is_mine(page: str) -> bool:
@@ -68,10 +84,22 @@ def _is_mine(page: str) -> bool:
 
 def _show(found: tape.Tape, moment: str) -> None:
     if moment:
-        text = summary.at(found, values.duration(moment))
+        text = summary.at(found, within(found, moment))
         answer(text, lambda: {"at": moment, "text": text})
     else:
         answer(summary.text(found), lambda: summary.data(found))
+
+
+def within(found: tape.Tape, moment: str) -> float:
+    """Return a moment [s] after the beginning of a recording.
+
+    Raises:
+        ValueRefused: it is no duration, or the recording ended before.
+    """
+    seconds, length = values.duration(moment), found.ended - found.began
+    if seconds > length:
+        raise ValueRefused("TIME", f"{found.name} is only {length:.1f} s long; write a shorter time")
+    return seconds
 
 
 def _new(path: Path) -> Path:

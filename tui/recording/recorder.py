@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import fcntl
 import time
 from collections.abc import AsyncGenerator, Collection, Sequence
 from pathlib import Path
@@ -88,11 +89,14 @@ def _rate(text: str) -> float:
 
 def _created(name: str) -> BinaryIO:
     try:
-        return Path(name).open("xb")
+        file = Path(name).open("xb")  # noqa: SIM115 # it is open as long as it is recorded
     except FileExistsError:
         raise BadRecordedRealm(name, "exists already, and recordings are not overwritten") from None
     except OSError as error:
         raise BadRecordedRealm(name, f"cannot be written: {error.strerror}") from None
+    with contextlib.suppress(OSError):  # a file system without locks
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # who reads it meanwhile knows that it goes on
+    return file
 
 
 @contextlib.asynccontextmanager

@@ -10,16 +10,18 @@ from textual.binding import Binding, BindingType
 
 from robotree.tui import exit_codes
 from robotree.tui.errors import NeedsTerminal, ValueRefused
-from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
-from robotree.tui.recording.exports import opened
+from robotree.tui.recording.comparing import Beside
+from robotree.tui.recording.exports import opened, within
 from robotree.tui.recording.playback import Playback
 from robotree.tui.recording.tape import Tape
 from robotree.tui.recording.transport import RecordedTransport
 from robotree.tui.screen.app import Supervisor
+from robotree.tui.screen.driver import LEAVE, OutlivingDriver
 from robotree.tui.screen.place import NOWHERE, Place
 from robotree.tui.screen.supervise import supervise
-from robotree.tui.terminal import no_screen
+from robotree.tui.seen.cells import seen
+from robotree.tui.terminal import no_screen, put
 from robotree.vr.supervision.realm_client import RealmClient
 
 TICK = 0.1
@@ -101,7 +103,13 @@ class Replay(Supervisor):
             self.player.go_to(self.player.playback.position + seconds)
         else:
             self.player.begin_at = max(self.player.playback.position + seconds, self.player.tape.began)
+            self._keep_screen()
             self.exit(AGAIN)
+
+    def _keep_screen(self) -> None:
+        """Leave the terminal as it is when this screen ends: the next one is drawn over it."""
+        if isinstance(self._driver, OutlivingDriver):
+            self._driver.stays = True
 
     def action_pace(self, factor: float) -> None:
         """Play faster or slower."""
@@ -111,9 +119,10 @@ class Replay(Supervisor):
 class Player:
     """Plays one recording."""
 
-    def __init__(self, tape: Tape, speed: float) -> None:
-        """Begin at the beginning, at a multiple of the recording's own speed."""
+    def __init__(self, tape: Tape, speed: float, beside: Tape | None = None) -> None:
+        """Begin at the beginning, at a multiple of the recording's own speed, beside another recording."""
         self.tape, self.speed = tape, speed
+        self._beside = None if beside is None else Beside(tape, beside)
         self.begin_at = tape.began
         """[s] since 1970: where it is opened next."""
         self.held = False
@@ -151,8 +160,10 @@ class Player:
         """Return which moment is shown, for people."""
         at, length = self.playback.position - self.tape.began, self.tape.ended - self.tape.began
         state = "held" if self.held else "ended" if self.playback.over else f"x{self.speed:g}"
-        cut = "" if self.tape.whole else ", cut off"
-        return f"REPLAY {_clock(at)} of {_clock(length)}{cut}  {state}"
+        cut = "" if self.tape.whole else ", being written" if self.tape.growing else ", cut off"
+        other = self._beside.words(at) if self._beside is not None else ""
+        differs = f"  ≠ {seen(other)}" if other else ""
+        return f"REPLAY {_clock(at)} of {_clock(length)}{cut}  {state}{differs}"
 
 
 def _clock(seconds: float) -> str:
@@ -168,18 +179,29 @@ async def replay(line: Line) -> int:
     """
     if without := no_screen():
         raise NeedsTerminal(without)
-    player = Player(opened(line.text("FILE")), _speed(line.text("--speed")))
+    beside = opened(line.text("--beside")) if line.text("--beside") else None
+    player = Player(opened(line.text("FILE")), _speed(line.text("--speed")), beside)
     if line.text("--from"):
-        player.begin_at += values.duration(line.text("--from"))
-    while True:
-        realm_client = RealmClient(player.open())
-        await realm_client.start()
-        try:
-            code = await supervise(realm_client, "", readonly=True, screen=partial(Replay, player))
-        finally:
-            await realm_client.close()
-        if code != AGAIN:
-            return code or exit_codes.DONE
+        player.begin_at += within(player.tape, line.text("--from"))
+    code = exit_codes.DONE
+    try:
+        code = await _shown(player)
+        while code == AGAIN:
+            code = await _shown(player)
+    finally:
+        if code == AGAIN:  # the screen was kept for another one, which has not come
+            put(LEAVE)
+    return code or exit_codes.DONE
+
+
+async def _shown(player: Player) -> int:
+    """Show the recording from a moment on; returns `AGAIN` when it shall be shown from another one."""
+    realm_client = RealmClient(player.open())
+    await realm_client.start()
+    try:
+        return await supervise(realm_client, "", readonly=True, screen=partial(Replay, player))
+    finally:
+        await realm_client.close()
 
 
 def _speed(text: str) -> float:

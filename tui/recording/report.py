@@ -58,7 +58,7 @@ def head(tape: Tape) -> str:
         f"# Realm {_cell(tape.about.get('realm') or 'default')}, {day}",
         "",
         f"{tape.ended - tape.began:.1f} s; from the recording `{tape.name}`."
-        + ("" if tape.whole else " The recording was cut off."),
+        + ("" if tape.whole else f" The recording: {tape.end_in_words}."),
         "",
         "## Robots",
         "",

@@ -66,7 +66,7 @@ def text(tape: Tape) -> str:
     )
     day = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(tape.began))
     length = f"{tape.ended - tape.began:.1f} s from {day}"
-    ends = "" if tape.whole else "; it was cut off, or its end is damaged"
+    ends = f"; {tape.end_in_words}" if tape.end_in_words else ""
     rows = [
         (robot.name, robot.kind, f"{robot.states} states", _peaks(robot)) for robot in robots_of(tape)
     ] + [(name, "camera", f"{count} pictures", "") for name, count in sorted(cameras.items())]
@@ -82,6 +82,7 @@ def data(tape: Tape) -> dict[str, Any]:
         "began": tape.began,
         "seconds": round(tape.ended - tape.began, 3),
         "whole": tape.whole,
+        "growing": tape.growing,
         "robots": [robot._asdict() for robot in robots_of(tape)],
         "pictures": sum(isinstance(entry.content, RecordedPicture) for entry in tape.entries),
         "lines": len(lines_of(tape)),

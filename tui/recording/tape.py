@@ -212,14 +212,31 @@ class TapeWriter:
 class Tape:
     """What is read of a recording: the entries in the order of their times."""
 
-    def __init__(self, about: Mapping[str, str], entries: Iterable[Entry], *, whole: bool, name: str) -> None:
+    def __init__(
+        self,
+        about: Mapping[str, str],
+        entries: Iterable[Entry],
+        *,
+        whole: bool,
+        name: str,
+        growing: bool = False,
+    ) -> None:
         """Made by `read`."""
+        self.growing = growing and not whole
+        """Whether it is still being written: then it ends where its writer was when it was read."""
         self.about = about
         self.entries = sorted(entries, key=lambda entry: entry.unix)
         self.whole = whole
         """Whether it was closed by its writer; else it ends where the writer was killed, or is damaged."""
         self.name = name
         """Of its file."""
+
+    @property
+    def end_in_words(self) -> str:
+        """Why it has no end that its writer wrote, as a clause; empty: it has."""
+        if self.whole:
+            return ""
+        return "it is still being written" if self.growing else "it was cut off, or its end is damaged"
 
     @property
     def began(self) -> float:
@@ -237,12 +254,13 @@ class Tape:
         return self.entries[-1].unix
 
 
-def read(stream: BinaryIO, name: str) -> Tape:
+def read(stream: BinaryIO, name: str, *, growing: bool = False) -> Tape:
     """Read a recording whole.
 
     Args:
         stream: the bytes of the file.
         name: of the file, for messages.
+        growing: whether somebody writes it at this moment.
 
     Raises:
         BadRecordedRealm: it is no recording of a realm, of another version, or nothing of it can be read.
@@ -262,7 +280,7 @@ def read(stream: BinaryIO, name: str) -> Tape:
     if not reading.entries:
         detail = "holds nothing that can be read: its beginning is damaged, or it is empty"
         raise BadRecordedRealm(name, detail)
-    return Tape(reading.about, reading.entries, whole=reading.whole, name=name)
+    return Tape(reading.about, reading.entries, whole=reading.whole, name=name, growing=growing)
 
 
 class _Reading:

@@ -41,8 +41,20 @@ class Outliving:
         return self._stream.fileno()
 
 
+LEAVE = "\x1b[?1049l"
+"""What leaves the alternate screen (xterm), so that the shell shows again."""
+
+
 class OutlivingDriver(LinuxDriver):
     """Goes on when its terminal has gone. What ends the program then is `processes.ending`."""
+
+    stays = False
+    """Whether the alternate screen is not left at the end, because another program is drawn over this one."""
+
+    def write(self, data: str) -> None:
+        """Write to the terminal."""
+        if not (self.stays and data == LEAVE):
+            super().write(data)
 
     def __init__(self, *given: Any, **named: Any) -> None:
         """Take what Textual gives."""

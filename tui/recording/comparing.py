@@ -1,0 +1,229 @@
+"""Two recordings beside each other: the same commands, and where they differ. No clock is read here.
+
+Commands are aligned by robot, name and arguments, in the order in which they were asked. Of a command that is
+in both, how it ended, how long it took, and the readings of its robot when it ended are compared.
+"""
+
+from __future__ import annotations
+
+import difflib
+from bisect import bisect_right
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from robotree.tui.recording.tape import RecordedLine, RecordedState, Tape
+from robotree.tui.seen import wording
+from robotree.vr.base.history_event import HistoryEvent
+
+NEAR = 0.02
+"""Readings that differ by less than this share of their range in both recordings count as equal."""
+
+SLOWER = 0.1
+"""[s] Durations that differ by less count as equal; so do those within a tenth of each other."""
+
+ENDS = {"done": "done", "failed": "failed", "cancelled": "cancelled"}
+
+
+class Ran(NamedTuple):
+    """One command of a recording."""
+
+    robot: str
+    words: str
+    """`arm-1.go_to x=0.3`."""
+    began: float
+    """[s] since the recording began."""
+    ended: float | None
+    """[s]; None: it went on when the recording ended."""
+    result: str
+    """`done`, or the name of the error."""
+    readings: Mapping[str, float]
+    """Of its robot when it ended, in SI units."""
+    units: Mapping[str, str]
+
+    @property
+    def took(self) -> float | None:
+        """[s]."""
+        return None if self.ended is None else self.ended - self.began
+
+
+class Pair(NamedTuple):
+    """A command of both recordings, or of one."""
+
+    first: Ran | None
+    second: Ran | None
+    differs: tuple[str, ...]
+    """What is another one in the second, in words; empty: nothing."""
+
+
+def ran(tape: Tape) -> list[Ran]:
+    """Return the commands of a recording in the order in which they were asked."""
+    begun, ended = dict[tuple[str, str], tuple[float, str]](), dict[tuple[str, str], tuple[float, str]]()
+    for unix, content in tape.entries:
+        match content:
+            case RecordedLine(robot, line) if line.level == "asked":
+                words = f"{robot}.{line.command} {line.arguments}".rstrip()
+                begun.setdefault((robot, line.key), (unix, words))
+            case RecordedLine(robot, line) if line.level in ENDS:
+                ended.setdefault((robot, line.key), (unix, ENDS[line.level]))
+            case HistoryEvent(kind="ended") if content.error:
+                ended[content.robot, content.key] = (
+                    ended.get((content.robot, content.key), (unix, ""))[0],
+                    content.error,
+                )
+            case _:
+                pass
+    moments = _moments(tape)
+    units = _units(tape)
+    found = list[Ran]()
+    for (robot, key), (unix, words) in begun.items():
+        end, result = ended.get((robot, key), (None, "went on"))
+        readings = _at(moments.get(robot, ([], [])), tape.ended if end is None else end)
+        since = None if end is None else end - tape.began
+        found.append(Ran(robot, words, unix - tape.began, since, result, readings, units.get(robot, {})))
+    return sorted(found, key=lambda each: each.began)
+
+
+Moments = tuple[list[float], list[Mapping[str, float]]]
+
+
+def _moments(tape: Tape) -> Mapping[str, Moments]:
+    """Return the readings of each robot with their times."""
+    found = dict[str, Moments]()
+    for unix, content in tape.entries:
+        if isinstance(content, RecordedState):
+            times, readings = found.setdefault(content.name, ([], []))
+            times.append(unix)
+            readings.append(content.state.readings)
+    return found
+
+
+def _at(moments: Moments, unix: float) -> Mapping[str, float]:
+    times, readings = moments
+    position = bisect_right(times, unix)
+    return readings[position - 1] if position else {}
+
+
+def _units(tape: Tape) -> Mapping[str, Mapping[str, str]]:
+    from robotree.vr.base.description import RobotDescription
+
+    contents = (entry.content for entry in tape.entries)
+    return {robot.name: robot.units for robot in contents if isinstance(robot, RobotDescription)}
+
+
+def ranges(*tapes: Tape) -> Mapping[tuple[str, str], float]:
+    """Return how far each reading of each robot went in all recordings together."""
+    least, most = dict[tuple[str, str], float](), dict[tuple[str, str], float]()
+    for tape in tapes:
+        for _, content in tape.entries:
+            if isinstance(content, RecordedState):
+                for name, value in content.state.readings.items():
+                    at = content.name, name
+                    least[at], most[at] = min(least.get(at, value), value), max(most.get(at, value), value)
+    return {at: most[at] - least[at] for at in most}
+
+
+def compared(first: Tape, second: Tape) -> list[Pair]:
+    """Return the commands of both recordings beside each other."""
+    ones, others = ran(first), ran(second)
+    spans = ranges(first, second)
+    matcher = difflib.SequenceMatcher(
+        None, [each.words for each in ones], [each.words for each in others], autojunk=False
+    )
+    pairs = list[Pair]()
+    for _, begin, end, from_, to in matcher.get_opcodes():
+        pairs += _aligned(ones[begin:end], others[from_:to], spans)
+    return pairs
+
+
+def _aligned(
+    ones: Sequence[Ran], others: Sequence[Ran], spans: Mapping[tuple[str, str], float]
+) -> Iterator[Pair]:
+    if [each.words for each in ones] == [each.words for each in others]:
+        for one, other in zip(ones, others, strict=True):
+            yield Pair(one, other, tuple(_differences(one, other, spans)))
+        return
+    for one in ones:
+        yield Pair(one, None, ("only in the first",))
+    for other in others:
+        yield Pair(None, other, ("only in the second",))
+
+
+def _differences(one: Ran, other: Ran, spans: Mapping[tuple[str, str], float]) -> Iterator[str]:
+    if one.result != other.result:
+        yield f"{one.result} → {other.result}"
+    if one.took is not None and other.took is not None:
+        less, more = sorted((one.took, other.took))
+        if more - less > max(SLOWER, less * 0.1):
+            yield f"{one.took:.2f} s → {other.took:.2f} s"
+    for name in sorted({*one.readings} & {*other.readings} - {"age", "progress"}):
+        before, after = one.readings[name], other.readings[name]
+        if abs(after - before) > NEAR * spans.get((one.robot, name), 0.0):
+            unit = one.units.get(name, "")
+            yield f"{name} {wording.quantity(before, unit)} → {wording.quantity(after, unit)}"
+
+
+def text(first: Tape, second: Tape) -> str:
+    """Return the comparison, for people."""
+    pairs = compared(first, second)
+    rows = [
+        (
+            "=" if not pair.differs else "≠",
+            (pair.first or pair.second or _NONE).words,
+            "; ".join(pair.differs),
+        )
+        for pair in pairs
+    ]
+    unequal = sum(bool(pair.differs) for pair in pairs)
+    head = f"{first.name} → {second.name}: {len(pairs)} commands, {unequal} differ"
+    lengths = f"{first.ended - first.began:.1f} s → {second.ended - second.began:.1f} s"
+    return "\n".join([f"{head}; {lengths}", wording.columns(rows)])
+
+
+_NONE = Ran("", "", 0.0, None, "", {}, {})
+
+
+def data(first: Tape, second: Tape) -> dict[str, Any]:
+    """Return the same as plain data."""
+    pairs = compared(first, second)
+    return {
+        "first": first.name,
+        "second": second.name,
+        "differ": sum(bool(pair.differs) for pair in pairs),
+        "commands": [
+            {
+                "words": (pair.first or pair.second or _NONE).words,
+                "first": _plain(pair.first),
+                "second": _plain(pair.second),
+                "differs": list(pair.differs),
+            }
+            for pair in pairs
+        ],
+    }
+
+
+def _plain(one: Ran | None) -> dict[str, Any] | None:
+    if one is None:
+        return None
+    took = None if one.took is None else round(one.took, 3)
+    return {"began": round(one.began, 3), "took": took, "result": one.result, "readings": dict(one.readings)}
+
+
+class Beside:
+    """Another recording, beside one that is replayed: what differs at the command that was ended last."""
+
+    def __init__(self, first: Tape, second: Tape) -> None:
+        """Compare both; the first is replayed."""
+        self._ended = sorted(
+            ((pair.first.ended or pair.first.began, pair) for pair in compared(first, second) if pair.first),
+            key=lambda each: each[0],
+        )
+        self._times = [ended for ended, _ in self._ended]
+
+    def words(self, seconds: float) -> str:
+        """Return what differs at the last command that had ended by then, [s] after the beginning."""
+        position = bisect_right(self._times, seconds)
+        if not position:
+            return ""
+        pair = self._ended[position - 1][1]
+        assert pair.first is not None  # noqa: S101 # chosen above
+        return f"{pair.first.words}: {'; '.join(pair.differs) or 'as in the other'}"
