@@ -36,6 +36,8 @@ WHERE_EXTRAS_ARE_USED = {
     "scripts": ("vr/scripts/",),
     "wire": ("protocol/dialect/", "protocol/tools/", "tui/recording/tape.py"),
     "machines": ("vr/sites/", "vr/network/signed.py"),
+    "foxglove": ("tui/recording/foxglove_server.py",),
+    "lerobot": ("tui/recording/lerobot.py",),
     "mcp": ("assistants/", "tui/demo_mcp.py"),
     "web": ("tui/web/",),
     "postgres": ("vr/space/postgres.py", "vr/journal/postgres.py"),

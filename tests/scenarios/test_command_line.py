@@ -170,6 +170,7 @@ def test_no_verb_over_a_realm_is_left_out() -> None:
     proved |= {"questions"}  # of scripts: tests/tui/screens/test_questions_of_scripts.py
     proved |= {"alarms", "alarm above", "alarm below", "alarm ack", "alarm clear"}  # test_where_it_is.py
     proved |= {"compose"}  # tests/tui/composing
+    proved |= {"foxglove"}  # tests/scenarios/test_trials.py
     proved |= {"record"}  # until it is interrupted: tests/scenarios/test_recordings.py
     promised = {action.verb for action in ACTIONS if action.run and Where.SHELL in action.where} | {"run"}
     assert proved == promised

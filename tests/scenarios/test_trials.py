@@ -19,6 +19,7 @@ from robotree.tui.screen.app import Supervisor
 from robotree.vr.base.requests import State
 from tests.command_line import ROBOTREE, within_realm
 from tests.screen import text_of
+from tests.tui.recording.foxglove_client import connected
 from tests.waiting import until
 
 pytestmark = pytest.mark.e2e
@@ -81,6 +82,26 @@ async def test_a_frozen_process_wakes_when_the_runner_is_killed(cell: Crew, tmp_
     runner.send_signal(signal.SIGKILL)
     await runner.wait()
     await until(lambda: host.status() != psutil.STATUS_STOPPED)
+
+
+@pytest.mark.asyncio(loop_scope="module")
+@pytest.mark.usefixtures("cell")
+async def test_foxglove_is_served_until_it_is_ended() -> None:
+    server = await asyncio.create_subprocess_exec(
+        *(*ROBOTREE, "foxglove", "--port", "0", "--realm", "drilled"),
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+    )
+    assert server.stdout is not None
+    word, address = (await server.stdout.readline()).decode().split()
+    assert word == "ready"
+    async with connected(address) as client:
+        await until(lambda: {"/robots/arm-1/get_info", "/robots/arm-1/go_to"} <= client.services.keys())
+        await client.call("/robots/arm-1/get_info", 1)
+        await until(lambda: 1 in client.answers)
+        assert {"x", "y", "z"} <= client.answers[1]["result"].keys()
+        server.send_signal(signal.SIGTERM)
+        assert await server.wait() == 0
 
 
 @pytest.mark.asyncio(loop_scope="module")

@@ -108,6 +108,7 @@ CHANGES = {
     *("migrate", "drain", "place", "service"),
     *("wire conform", "bundle trust", "policy set"),
     *("fault cut", "fault delay", "fault freeze", "fault kill"),
+    "foxglove",
     *("order cancel", "order confirm", "order settle"),
     *("go", "places add", "places remove"),
     *("mcp", "assistant invite", "assistant revoke", "permit allow"),

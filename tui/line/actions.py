@@ -123,6 +123,19 @@ ACTIONS: tuple[Action, ...] = (
         examples=("replay monday.mcap --from 2min --speed 4",),
     ),
     Action(
+        usage="foxglove [--port PORT] [--pictures RATE] [--look-only] [--for TIME]",
+        help="Serve the realm to Foxglove until Ctrl-C, at an address of this machine (PORT, else 8765; 0: a"
+        " free one) with a token: readings, logs, pictures, transforms, and the robots' commands as services,"
+        " which end with the client that calls them. --look-only: without commands.",
+        group=LOOK,
+        run="recording.foxglove_server:foxglove",
+        where=Where.SHELL,
+        alters=True,
+        needs=("wire", "foxglove"),
+        examples=("foxglove", "foxglove --port 0 --look-only"),
+        guide=("robotree.tui.recording.foxglove_server",),
+    ),
+    Action(
         usage="export session FILE [OUT]",
         help="Print what persons asked for in a recording as a session script, or write it into OUT:"
         " `robotree run` plays it again, and --junit makes a test of it.",

@@ -51,7 +51,7 @@ SETTLE = 0.3
 async def record(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
     """Record a realm until Ctrl-C, or for a time."""
     name = line.text("FILE")
-    rate = _rate(line.text("--pictures"))
+    rate = rate_of(line.text("--pictures"))
     wanted = line.many("NAME")
     for robot in wanted:  # one that nobody has would record nothing for ever
         await realm_client.describe(robot)
@@ -72,7 +72,7 @@ async def record(realm_client: RealmClient, line: Line, teller: Teller) -> Outco
     return Outcome({"file": name, **counts, "seconds": round(seconds, 3)}, text)
 
 
-def _rate(text: str) -> float:
+def rate_of(text: str) -> float:
     """Return how many pictures a second are wanted of each camera.
 
     Raises:

@@ -50,7 +50,7 @@ CHUNK: Final = 256 * 1024
 _NUMBER: Final = {"type": "number"}
 _TEXT: Final = {"type": "string"}
 _TIME: Final = {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
-_SCHEMAS: Final[Mapping[str, Mapping[str, Any]]] = {
+SCHEMAS: Final[Mapping[str, Mapping[str, Any]]] = {
     "foxglove.Log": {
         "type": "object",
         "properties": {
@@ -74,7 +74,7 @@ _SCHEMAS: Final[Mapping[str, Mapping[str, Any]]] = {
 }
 """Foxglove's own, as https://docs.foxglove.dev/docs/visualization/message-schemas has them."""
 
-_LEVELS: Final = {"debug": 1, "warning": 3, "cancelled": 3, "error": 4, "failed": 4}
+LEVELS: Final = {"debug": 1, "warning": 3, "cancelled": 3, "error": 4, "failed": 4}
 """Levels of `foxglove.Log`; all others are INFO, 2."""
 
 _ROBOT = re.compile(r"/robots/(.+)/(state|description|log|gone)")
@@ -163,7 +163,7 @@ class TapeWriter:
         self._add(f"/robots/{name}/log", line.unix, msgspec.json.encode(line), _schema_of(LoggedLine))
         said = {
             "timestamp": _time(line.unix),
-            "level": _LEVELS.get(line.level, 2),
+            "level": LEVELS.get(line.level, 2),
             "message": line.text,
             "name": name,
             "file": "",
@@ -379,7 +379,7 @@ def _encoded(said: Mapping[str, Any]) -> bytes:
 
 
 def _foxglove(name: str) -> tuple[str, bytes]:
-    return name, _encoded(_SCHEMAS[name])
+    return name, _encoded(SCHEMAS[name])
 
 
 _made: dict[type, tuple[str, bytes]] = {}

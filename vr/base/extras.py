@@ -21,6 +21,8 @@ MODULES: Mapping[str, tuple[str, ...]] = {
     "machines": ("cryptography", "zenoh"),
     "postgres": ("psycopg",),
     "services": ("clips", "cv2", "espeakng_loader", "numpy", "pocketsphinx"),
+    "foxglove": ("websockets",),
+    "lerobot": ("pyarrow",),
     "mcp": ("mcp", "mcp_types", "uvicorn"),
     "web": ("textual_serve", "websockets"),
     "testing": ("greenlet", "pytest"),
