@@ -145,6 +145,17 @@ ACTIONS: tuple[Action, ...] = (
         examples=("export session monday.mcap monday.session",),
     ),
     Action(
+        usage="export lerobot FILE [OUT] [--fps NUMBER]",
+        help="Write a recording as a LeRobot data set (version 3.0) into the new folder OUT: each command"
+        " that a person asked for and that was done is an episode, with NUMBER (10) frames a second of all"
+        " readings and pictures.",
+        group=LOOK,
+        where=Where.SHELL,
+        needs=("wire", "lerobot"),
+        examples=("export lerobot monday.mcap monday --fps 20",),
+        guide=("robotree.tui.recording.lerobot",),
+    ),
+    Action(
         usage="export report FILE [OUT]",
         help="Write a recording as Markdown with pictures: who was there, what was asked, what was read.",
         group=LOOK,

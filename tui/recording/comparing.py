@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 from robotree.tui.recording.tape import RecordedLine, RecordedState, Tape
 from robotree.tui.seen import wording
 from robotree.vr.base.history_event import HistoryEvent
+from robotree.vr.base.principal import is_person
 
 NEAR = 0.02
 """Readings that differ by less than this share of their range in both recordings count as equal."""
@@ -55,12 +56,14 @@ class Pair(NamedTuple):
     """What is another one in the second, in words; empty: nothing."""
 
 
-def ran(tape: Tape) -> list[Ran]:
-    """Return the commands of a recording in the order in which they were asked."""
+def ran(tape: Tape, *, persons: bool = False) -> list[Ran]:
+    """Return the commands of a recording, or those of persons alone, in the order of their beginnings."""
     begun, ended = dict[tuple[str, str], tuple[float, str]](), dict[tuple[str, str], tuple[float, str]]()
     for unix, content in tape.entries:
         match content:
-            case RecordedLine(robot, line) if line.level == "asked":
+            case RecordedLine(robot, line) if line.level == "asked" and (
+                is_person(line.caller) or not persons
+            ):
                 words = f"{robot}.{line.command} {line.arguments}".rstrip()
                 begun.setdefault((robot, line.key), (unix, words))
             case RecordedLine(robot, line) if line.level in ENDS:

@@ -37,6 +37,8 @@ def start(line: Line) -> int:
             _show(found, line.text("--at"))
         case "export session":
             _put(line, replayed.session_of(found, _is_mine), "session")
+        case "export lerobot":
+            _export_lerobot(found, line)
         case _:
             out = _new(Path(line.text("OUT") or Path(found.name).with_suffix(".md").name))
             folder, count = report.write(found, out)
@@ -80,6 +82,15 @@ def _is_mine(page: str) -> bool:
         return Path(path).stat().st_uid == os.geteuid()
     except OSError:
         return False
+
+
+def _export_lerobot(found: tape.Tape, line: Line) -> None:
+    from robotree.tui.recording import lerobot
+
+    folder = _new(Path(line.text("OUT") or Path(found.name).with_suffix("").name))
+    counts = lerobot.write(found, folder, lerobot.fps_of(line.text("--fps")))
+    text = f"{folder}: {counts['episodes']} episodes, {counts['frames']} frames, {counts['tasks']} tasks"
+    answer(text, lambda: {"folder": str(folder), **counts})
 
 
 def _show(found: tape.Tape, moment: str) -> None:

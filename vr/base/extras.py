@@ -22,7 +22,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
     "postgres": ("psycopg",),
     "services": ("clips", "cv2", "espeakng_loader", "numpy", "pocketsphinx"),
     "foxglove": ("websockets",),
-    "lerobot": ("pyarrow",),
+    "lerobot": ("PIL", "pyarrow"),
     "mcp": ("mcp", "mcp_types", "uvicorn"),
     "web": ("textual_serve", "websockets"),
     "testing": ("greenlet", "pytest"),
