@@ -31,6 +31,7 @@ WHERE_EXTRAS_ARE_USED = {
     "sim": ("sim/",),
     "tui": (
         *("tui/screen/", "tui/panels/", "tui/seen/cells.py", "tui/seen/halfblocks.py"),
+        "tui/seen/graphics.py",
         "tui/recording/replaying.py",
     ),
     "scripts": ("vr/scripts/",),
