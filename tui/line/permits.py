@@ -32,13 +32,37 @@ async def permits(realm_client: RealmClient, line: Line, _teller: Teller) -> Out
 
 
 async def permit_allow(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
-    """Say yes to one call of an assistant."""
+    """Say yes to one call of an assistant, unless it could not begin with it."""
+    from robotree.vr.base.errors import PermitRefused
+
+    found = permits_of(realm_client).find(line.text("PERMIT"))
+    if found.state == "waits" and (reason := await voided(realm_client, found)):
+        raise PermitRefused(permit=found.id, reason=f"{reason}; the assistant has to ask again")
     return _answered(realm_client, line.text("PERMIT"), yes=True)
 
 
 async def permit_deny(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """Say no to one call of an assistant."""
     return _answered(realm_client, line.text("PERMIT"), yes=False)
+
+
+async def voided(realm_client: RealmClient, found: Permit) -> str:
+    """Return why a yes would be of no use, as a clause: the robots are not as they were; empty: it would."""
+    from robotree.vr.base.errors import VrError
+
+    asked = {found.robot: (found.life, found.stops), **{one: tuple(was) for one, was in found.below.items()}}
+    for name, (life, stops) in asked.items():
+        if not life:
+            continue  # it could not be asked then; the robot itself judges
+        try:
+            now = await realm_client.describe(name)
+        except VrError as error:
+            return f"{name} cannot be asked ({error})"
+        if now.address.key != life:
+            return f"{name} was started anew since it was asked for"
+        if now.stops != stops:
+            return f"{name} was stopped since it was asked for"
+    return ""
 
 
 def _answered(realm_client: RealmClient, permit: str, *, yes: bool) -> Outcome:

@@ -693,7 +693,9 @@ class RobotAgent:
         children = self._virtual("enslave others")
         if request.child is not None:
             await children.enslave(request.slot, request.child, asker)
-            self._note_order(f"{request.slot}: {request.child.name} enslaved", asker)
+            slot = self.runtime.look(lambda state: state.slots.by_name.get(request.slot))
+            done = "watched" if slot is not None and slot.watched is not None else "enslaved"
+            self._note_order(f"{request.slot}: {request.child.name} {done}", asker)
         elif self._choosing is not None:
             await self._choosing.enslave(request.slot, request.where, asker)
             self._note_order(f"{request.slot}: a choice was asked for", asker)

@@ -13,6 +13,9 @@ from msgspec.structs import replace
 from PIL import Image
 from textual.widgets import OptionList
 
+from robotree.tui.line.action import Where
+from robotree.tui.line.carrying import Refusal, Silent, carry_out
+from robotree.tui.line.surface import Surface
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.permits import PermitDialog, PermitsPage
 from robotree.tui.screen.pages.user import UserPage
@@ -45,7 +48,7 @@ def permits(realm: Realm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pe
 
 def asked(id_: str, x: float = 0.5) -> Permit:
     return Permit(
-        id=id_, assistant="claude", robot="arm-1", life="robot/arm-1/1", stops=0, command="go_to",
+        id=id_, assistant="claude", robot="arm-1", life="", stops=0, command="go_to",
         arguments={"x": x}, units={"x": "m"}, why="the lever [/x] is open", asked=time.time(),
         preview=("it would go 0.21 m",),
     )  # fmt: skip
@@ -119,3 +122,25 @@ async def test_it_is_a_question_in_the_list_for_users(
         await operator.until(lambda: permits.find("aaaaaaaa").state == "allowed", "it is allowed")
         await operator.at(UserPage)
         await operator.until(lambda: "May claude" not in operator.text, "the question is answered")
+
+
+async def test_a_yes_that_a_stop_has_made_useless_is_not_given(realm: Realm, permits: PermitFiles) -> None:
+    client = realm.realm_client
+    robot = await client.describe("arm-1")
+    life = {"life": robot.address.key, "stops": robot.stops}
+    permits.ask(replace(asked("aaaaaaaa"), **life))
+    permits.ask(replace(asked("bbbbbbbb"), **life))
+    permits.ask(replace(asked("cccccccc"), life="robot/arm-1/another", stops=robot.stops))
+
+    async def answered(permit: str) -> str:
+        outcome = await carry_out(client, Surface(Where.SCRIPT).parse(["permit", "allow", permit]), Silent())
+        return str(outcome) if isinstance(outcome, Refusal) else outcome.text
+
+    assert "may begin, once" in await answered("aaaaaaaa")
+    await client.stop("arm-1")
+    await client.resume("arm-1")
+    assert "arm-1 was stopped since it was asked for; the assistant has to ask again" in await answered(
+        "bbbbbbbb"
+    )
+    assert permits.find("bbbbbbbb").state == "waits"
+    assert "arm-1 was started anew since it was asked for" in await answered("cccccccc")

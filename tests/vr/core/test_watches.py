@@ -119,6 +119,8 @@ async def test_many_watch_a_robot_beside_its_commander(realm: Realm) -> None:
     assert (slot.watch, slot.child, slot.watched) == (True, None, reporter.address)
     assert reporter.runtime.lease is not None
     assert reporter.runtime.lease.parent == boss.address, "it is still commanded by its boss"
+    said = [line.text for line in one.runtime.log.since(0)]
+    assert not any("enslaved" in text for text in said), said
 
     hearing = [asyncio.ensure_future(realm.client(agent).call("hear", {"count": 3})) for agent in (one, two)]
     await until(lambda: _listeners(reporter, "words") == 2, "both listen")
