@@ -39,6 +39,8 @@ PEOPLE = {11: "anna", 12: "bela", 13: "cleo"}
 """The names of people by their tags."""
 LONGEST = 900.0
 """[s] that the evening may take."""
+LEADS = "active"
+"""The condition of a script that leads all its partners."""
 LISTEN = 0.2
 """[s] between two questions what was heard."""
 DOOR, NEAR = (-1.55, -1.10), 0.5
@@ -86,10 +88,13 @@ class Companion:
             with suppress(VrError):  # the script may not run yet, or not any more
                 number, who, text = await heard(realm_client, number)
                 here |= {who} - {""}
-                started = (await realm_client.describe(SCRIPT)).calls.get("start", 0)
+                script = await realm_client.describe(SCRIPT)
+                started = script.calls.get("start", 0)
                 runs, reported = started, reported if started == runs else set[str]()
                 if "have to go" in text or "Thank you" in text:
                     here.discard(who)
+                if script.attributes.get("condition") != LEADS:
+                    continue  # it would refuse, and each refusal is a line of its log
                 if "have to go" in text:
                     await realm_client.call(SCRIPT, "person_left", {"who": who})
                 for one in sorted(here - reported):

@@ -16,6 +16,7 @@ from robotree.client.joining import joined
 from robotree.tui.demo_crash import begun_in
 from robotree.tui.processes.crew import Crew
 from robotree.vr.base.errors import VrError
+from robotree.vr.base.order import Order
 from robotree.vr.supervision.realm_client import RealmClient
 
 pytestmark = [pytest.mark.e2e]
@@ -37,8 +38,13 @@ async def leave(realm_client: RealmClient, step: float) -> str:
                 await asyncio.sleep(0.2)
 
 
+def outcome(order: Order) -> str:
+    """Return the state of an order that is over; of one that was not done with the reason."""
+    return order.state if order.state == "done" else f"{order.state}: {order.why}"
+
+
 async def until_over(realm_client: RealmClient, keys: list[str]) -> dict[str, str]:
-    """Wait until each order has its result; returns the states by key."""
+    """Wait until each order has its result; returns by key what has become of it."""
     async with asyncio.timeout(PATIENCE):
         while True:
             try:
@@ -46,12 +52,12 @@ async def until_over(realm_client: RealmClient, keys: list[str]) -> dict[str, st
             except VrError:
                 found = {}
             if all(key in found and found[key].over for key in keys):
-                return {key: found[key].state for key in keys}
+                return {key: outcome(found[key]) for key in keys}
             await asyncio.sleep(0.2)
 
 
 async def campaign(folder: Path, kills: int, seed: int) -> Counter[str]:
-    """Kill processes at random moments; returns how many orders ended in which state.
+    """Kill processes at random moments; returns what became of how many orders.
 
     Nothing is carried out twice, and each order has its result.
     """

@@ -18,7 +18,7 @@ import msgspec
 from robotree.files import private_file
 from robotree.vr.base.chance import token
 from robotree.vr.base.errors import DirectoryDamaged, DirectoryUnusable, JournalError, VrError
-from robotree.vr.base.order import KnownAgent, Order, OrderHold
+from robotree.vr.base.order import KnownAgent, Order, OrderHold, merged, merged_hold, merged_known
 
 MARK = 0x526F4F72
 """`application_id` of the file."""
@@ -27,6 +27,8 @@ VERSION = 1
 IN_MEMORY = "memory"
 """Instead of a file: nothing is kept."""
 
+TAKEN_OVER = ".in-database"
+"""Behind the name of a file whose records a database has now."""
 DIRECTORY = "directory"
 """Kind and key of the record of a database that names the directory."""
 
@@ -62,7 +64,8 @@ class OrderStore:
 
         Args:
             path: of the file, in a folder that only this user can enter; None: there is none.
-            database: keeps the records instead, for this process alone; closed by who has opened it.
+            database: keeps the records instead, for this process alone; closed by who has opened it. What a
+                file at `path` holds is taken over once: the directory had no database before.
 
         Raises:
             DirectoryUnusable: it cannot be opened, is another process's or program's, or of another version.
@@ -81,7 +84,10 @@ class OrderStore:
         self._database = database
         with self._explained():
             if database is not None:
-                self._read_database(database)
+                before = OrderStore(path) if path is not None and path.exists() else None
+                self._read_database(database, before.id if before is not None else self.id)
+                if before is not None and path is not None:
+                    self._take_over(before, path)
             elif path is not None:
                 self._file = _opened(path, self.where)
                 self._load()
@@ -154,10 +160,25 @@ class OrderStore:
                 raise DirectoryDamaged(where=self.where, reason=f"record {key} is not as it was written")
             self._take(kind, key, body)
 
-    def _read_database(self, database: RecordDatabase) -> None:
+    def _take_over(self, before: OrderStore, path: Path) -> None:
+        """Keep what a file holds, too, and put the file aside: killed in between, the same is done again."""
+        orders, agents, holds = before.orders, before.agents, before.holds
+        try:
+            self.put(
+                [merged(each, self.orders.get(key, each)) for key, each in orders.items()],
+                [merged_known(each, self.agents.get(key, each)) for key, each in agents.items()],
+                [merged_hold(each, self.holds.get(key, each)) for key, each in holds.items()],
+            )
+        finally:
+            before.close()
+        path.rename(path.with_name(f"{path.name}{TAKEN_OVER}"))
+
+    def _read_database(self, database: RecordDatabase, own: str) -> None:
+        """Read a database; `own`: the id of the directory, if none stands there."""
         found = {(kind, key): body for kind, key, body in database.records()}
         known = found.pop((DIRECTORY, DIRECTORY), None)
         if known is None:
+            self.id = own
             database.put_records([(DIRECTORY, DIRECTORY, self.id.encode())])
         else:
             self.id = known.decode()

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import count
 from pathlib import Path
 
 import pytest
 
 from robotree.vr.base.errors import DirectoryUnusable
-from robotree.vr.base.order import Order
+from robotree.vr.base.order import Order, OrderHold
 from robotree.vr.journal.postgres import PostgresLog, PostgresPlace
 from robotree.vr.orders.ledger import Ledger, LedgerEntry
 from robotree.vr.orders.run import _taken
@@ -71,6 +71,57 @@ def test_a_directory_in_a_database_is_the_same_wherever_it_runs(running: Server,
         again = OrderStore(None, _taken(running.url, name, "d1", stack))
         assert again.id == store.id
         assert {key: each.state for key, each in again.orders.items()} == {"a": "done"}
+
+
+class Records:
+    """A database that fails when it is told to."""
+
+    where = "a database"
+
+    def __init__(self, *, fails: bool = False) -> None:
+        self.kept: dict[tuple[str, str], bytes] = {}
+        self.fails = fails
+
+    def records(self) -> list[tuple[str, str, bytes]]:
+        return [(kind, key, body) for (kind, key), body in self.kept.items()]
+
+    def put_records(
+        self, rows: Sequence[tuple[str, str, bytes]], gone: Sequence[tuple[str, str]] = ()
+    ) -> None:
+        if self.fails and any(kind == "orders" for kind, _, _ in rows):
+            raise OSError("the line is cut")
+        self.kept.update({(kind, key): body for kind, key, body in rows})
+        for each in gone:
+            self.kept.pop(each, None)
+
+
+def test_what_a_directory_kept_in_its_folder_is_in_the_database_that_it_gets(tmp_path: Path) -> None:
+    path = tmp_path / "directory.db"
+    local = OrderStore(path)
+    local.put(orders=[order("a"), order("b", "done")], holds=[OrderHold(id="h", by="anna", at=1.0)])
+    local.close()
+    database = Records(fails=True)
+    with pytest.raises(DirectoryUnusable, match="the line is cut"):
+        OrderStore(path, database)
+    assert path.exists(), "nothing is put aside that the database has not"
+    database.fails = False
+    moved = OrderStore(path, database)
+    assert {key: each.state for key, each in moved.orders.items()} == {"a": "waiting", "b": "done"}
+    assert moved.id == local.id, "it is the same directory"
+    assert set(moved.holds) == {"h"}
+    assert [each.name for each in tmp_path.iterdir()] == ["directory.db.in-database"]
+    moved.put(orders=[order("a", "done")])
+    assert OrderStore(path, database).orders["a"].state == "done", "it is taken over once"
+
+
+def test_a_copy_in_a_folder_undoes_nothing_that_the_database_knows(tmp_path: Path) -> None:
+    path, database = tmp_path / "directory.db", Records()
+    OrderStore(None, database).put(orders=[order("a", "done")])
+    local = OrderStore(path)
+    local.put(orders=[order("a"), order("c")])
+    local.close()
+    states = {key: each.state for key, each in OrderStore(path, database).orders.items()}
+    assert states == {"a": "done", "c": "waiting"}
 
 
 def test_a_database_that_is_not_there_is_one_sentence() -> None:
