@@ -24,6 +24,8 @@ pytestmark = [pytest.mark.e2e]
 REALM = "killed"
 PATIENCE = 120.0
 """[s] for all to have a result; a busy machine starts a process in several."""
+BY_ITS_LINK = "failed: rover-1.move was cancelled: The link to who commands has ended"
+"""What becomes of a motion whose proxy is killed in its middle: its controller holds (decision 0020)."""
 AT_ONCE = 3
 """Orders that wait together."""
 
@@ -89,6 +91,7 @@ async def campaign(folder: Path, kills: int, seed: int) -> Counter[str]:
     assert max(begun.values(), default=0) <= 1, "a motion has begun twice"
     assert len(begun) <= len(keys)
     assert states["done"] <= len(begun)
+    assert {each for each in states if each.startswith("failed")} <= {BY_ITS_LINK}, "an unexplained failure"
     return states
 
 

@@ -275,7 +275,10 @@ def kept_in(
 def _ledger_in(folder: Path | None, log: LogStore | None, stack: contextlib.AsyncExitStack) -> Ledger:
     """Open what a process knows of its robots' orders, in the database of its journal if there is one."""
     if isinstance(log, LedgerRecords):
-        return Ledger(log)
+        kept = Ledger(log)
+        if folder is not None and (folder / ORDERS).exists():  # it had no database before
+            kept.take_over(folder / ORDERS)
+        return kept
     if folder is not None:
         private_folder(folder)
     ledger = Ledger(None if folder is None else folder / ORDERS)

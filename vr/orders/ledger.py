@@ -22,7 +22,7 @@ import msgspec
 from robotree.files import private_file, private_folder, read, replace
 from robotree.vr.base.chance import token
 from robotree.vr.base.errors import DirectoryUnusable, JournalError
-from robotree.vr.base.order import Order
+from robotree.vr.base.order import Order, merged
 
 GRACE = 86400.0
 """[s] for which an order is remembered after its end: by so much clocks may differ."""
@@ -186,6 +186,30 @@ class Ledger:
         self._records = None
         if file is not None:
             file.close()
+
+    def take_over(self, path: Path) -> None:
+        """Keep what a file holds, too, and put the file aside: killed in between, the same is done again.
+
+        An order that may have begun by either of the two has begun.
+
+        Raises:
+            DirectoryUnusable: it cannot be read, or not be kept here.
+        """
+        before = Ledger(path)
+        try:
+            for entry in before.entries.values():
+                known = self.entries.get(entry.order.key, entry)
+                witness = entry.witness if entry.begun else known.witness
+                order = merged(entry.order, known.order)
+                self.put(LedgerEntry(order, begun=entry.begun or known.begun, witness=witness))
+            for identity, at in before.touched.items():
+                self.touch(identity, max(at, self.touched.get(identity, at)))
+            for identity, place in before.rest.items():
+                if identity not in self.rest:
+                    self.note_rest(identity, place)
+        finally:
+            before.close()
+        path.rename(path.with_name(f"{path.name}.in-database"))
 
     def put(self, entry: LedgerEntry) -> None:
         """Keep an entry in the place of the one that is known. From any thread, as all that follow.

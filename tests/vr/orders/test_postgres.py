@@ -124,6 +124,25 @@ def test_a_copy_in_a_folder_undoes_nothing_that_the_database_knows(tmp_path: Pat
     assert states == {"a": "done", "c": "waiting"}
 
 
+def test_the_ledger_of_a_host_is_taken_over_by_the_database_that_it_gets(tmp_path: Path) -> None:
+    path, database = tmp_path / "orders.db", Records()
+    local = Ledger(path)
+    local.put(LedgerEntry(order("a", "taken"), begun=True, witness="w"))
+    local.put(LedgerEntry(order("b", "taken")))
+    local.touch("i1", 7.5)
+    local.note_rest("i1", {"x": 1.0})
+    local.close()
+    other = Ledger(database)
+    other.put(LedgerEntry(order("b", "done"), begun=True))
+    other.touch("i1", 9.0)
+    other.take_over(path)
+    again = Ledger(database)
+    assert again.entries["a"] == LedgerEntry(order("a", "taken"), begun=True, witness="w")
+    assert (again.entries["b"].order.state, again.entries["b"].begun) == ("done", True)
+    assert (again.touched, again.rest) == ({"i1": 9.0}, {"i1": {"x": 1.0}})
+    assert not path.exists()
+
+
 def test_a_database_that_is_not_there_is_one_sentence() -> None:
     with pytest.raises(DirectoryUnusable, match="nowhere"), contextlib.ExitStack() as stack:
         _taken("postgresql://127.0.0.1:9/nowhere", "any", "d1", stack)
