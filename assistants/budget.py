@@ -7,8 +7,8 @@ assistant (`record.py`): one that is started again has used as much as before.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Final, Literal
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, Literal
 
 import msgspec
 
@@ -17,8 +17,9 @@ from robotree.vr.base.policy import AssistantTerms
 
 MINUTE: Final = 60.0
 HOUR: Final = 3600.0
-What = Literal["calls", "seconds", "metres"]
-LENGTHS: Final[dict[What, float]] = {"calls": MINUTE, "seconds": HOUR, "metres": HOUR}
+Limited = Literal["calls", "seconds", "metres"]
+"""What an assistant uses up."""
+LENGTHS: Final[dict[Limited, float]] = {"calls": MINUTE, "seconds": HOUR, "metres": HOUR}
 """[s] in which each is counted."""
 
 PARTS: Final = 120
@@ -30,7 +31,7 @@ class Use(msgspec.Struct, frozen=True, array_like=True):
 
     unix: float
     """[s] since 1970."""
-    what: What
+    kind: Limited
     amount: float
     booked: str = ""
     """By which command that goes on; empty: it was used."""
@@ -42,26 +43,45 @@ class Budget:
     def __init__(self, uses: list[Use] | None = None) -> None:
         """Take what is known of an earlier process."""
         self.uses = uses or []
+        self.changes: list[list[Any]] = []
+        """What `use`, `book` and `settle` were given since it was kept last; see `replay`."""
 
-    def used(self, what: What, now: float) -> float:
+    def replay(self, changes: Sequence[Sequence[Any]]) -> None:
+        """Change it as it was changed before.
+
+        Raises:
+            TypeError, ValueError, KeyError: that is no list of changes.
+        """
+        for change, *given in changes:
+            match change:
+                case "use":
+                    self._use(*given)
+                case "book":
+                    self._book(*given)
+                case "settle":
+                    self._settle(*given)
+                case _:
+                    raise ValueError(change)
+
+    def used(self, kind: Limited, now: float) -> float:
         """Return how much of something was used in its time [now in s since 1970].
 
         A clock that was put back gives nobody anything: what was used in the future counts, too.
         """
-        return sum(use.amount for use in self.uses if use.what == what and use.unix > now - LENGTHS[what])
+        return sum(use.amount for use in self.uses if use.kind == kind and use.unix > now - LENGTHS[kind])
 
-    def left(self, what: What, terms: AssistantTerms, now: float) -> float:
+    def left(self, kind: Limited, terms: AssistantTerms, now: float) -> float:
         """Return how much of something is left, 0 at least [now in s since 1970]."""
-        limit: float = getattr(terms, what)
-        return max(0.0, limit - self.used(what, now))
+        limit: float = getattr(terms, kind)
+        return max(0.0, limit - self.used(kind, now))
 
     def expect(
-        self, what: What, terms: AssistantTerms, now: float, *, assistant: str, amount: float = 0
+        self, kind: Limited, terms: AssistantTerms, now: float, *, assistant: str, amount: float = 0
     ) -> None:
         """Check that something is left.
 
         Args:
-            what: is needed.
+            kind: of what is needed.
             terms: of the policy.
             now: [s] since 1970.
             assistant: its name.
@@ -70,43 +90,47 @@ class Budget:
         Raises:
             BudgetSpent: it is not.
         """
-        left = self.left(what, terms, now)
+        left = self.left(kind, terms, now)
         if left > 0 and left >= amount:
             return
-        oldest = min((use.unix for use in self.uses if use.what == what and use.unix > now - LENGTHS[what]),
+        oldest = min((use.unix for use in self.uses if use.kind == kind and use.unix > now - LENGTHS[kind]),
                      default=now)  # fmt: skip
         raise BudgetSpent(
             assistant=assistant,
-            what=_WORDS[what],
-            used=round(self.used(what, now), 2),
-            limit=getattr(terms, what),
-            per="a minute" if what == "calls" else "an hour",
-            seconds=math.ceil(max(1.0, oldest + LENGTHS[what] - now)),
+            what=_WORDS[kind],
+            used=round(self.used(kind, now), 2),
+            limit=getattr(terms, kind),
+            per="a minute" if kind == "calls" else "an hour",
+            seconds=math.ceil(max(1.0, oldest + LENGTHS[kind] - now)),
         )
 
-    def use(self, what: What, amount: float, now: float) -> None:
+    def use(self, kind: Limited, amount: float, now: float) -> None:
         """Note that something was used, and forget what counts no more [now in s since 1970].
 
         What was used in the same part of its time is one use, as if all of it were of now: so the list stays
         short, and nobody gets anything back too early.
         """
-        self.uses = [use for use in self.uses if use.unix > now - LENGTHS[use.what]]
+        self.changes.append(["use", kind, amount, now])
+        self._use(kind, amount, now)
+
+    def _use(self, kind: Limited, amount: float, now: float) -> None:
+        self.uses = [use for use in self.uses if use.unix > now - LENGTHS[use.kind]]
         if amount <= 0:
             return
-        part = LENGTHS[what] / PARTS
+        part = LENGTHS[kind] / PARTS
         same = [use for use in self.uses
-                if use.what == what and not use.booked and use.unix // part == now // part]  # fmt: skip
+                if use.kind == kind and not use.booked and use.unix // part == now // part]  # fmt: skip
         amount += sum(use.amount for use in same)
         latest = max([now, *(use.unix for use in same)])
         self.uses = [use for use in self.uses if use not in same]
-        self.uses.append(Use(latest, what, amount))
+        self.uses.append(Use(latest, kind, amount))
 
-    def book(self, by: str, what: What, wanted: float, terms: AssistantTerms, now: float) -> float:
+    def book(self, by: str, kind: Limited, wanted: float, terms: AssistantTerms, now: float) -> float:
         """Take something out for a command before it is used, instead of what it had booked of it.
 
         Args:
             by: key of the command.
-            what: is wanted.
+            kind: of what is wanted.
             wanted: how much at most.
             terms: of the policy.
             now: [s] since 1970.
@@ -114,16 +138,25 @@ class Budget:
         Returns:
             How much it has: what was left at most.
         """
-        self.uses = [use for use in self.uses if (use.booked, use.what) != (by, what)]
-        amount = min(wanted, self.left(what, terms, now))
-        self.uses.append(Use(now, what, amount, by))
+        others = [use for use in self.uses if (use.booked, use.kind) != (by, kind)]
+        amount = min(wanted, Budget(others).left(kind, terms, now))
+        self.changes.append(["book", by, kind, amount, now])
+        self._book(by, kind, amount, now)
         return amount
 
-    def settle(self, by: str, used: Mapping[What, float], now: float) -> None:
+    def _book(self, by: str, kind: Limited, amount: float, now: float) -> None:
+        self.uses = [use for use in self.uses if (use.booked, use.kind) != (by, kind)]
+        self.uses.append(Use(now, kind, amount, by))
+
+    def settle(self, by: str, used: Mapping[Limited, float], now: float) -> None:
         """Note what a command has used in the end; what else it had booked can be used by others again."""
+        self.changes.append(["settle", by, dict(used), now])
+        self._settle(by, used, now)
+
+    def _settle(self, by: str, used: Mapping[Limited, float], now: float) -> None:
         self.uses = [use for use in self.uses if use.booked != by]
-        for what, amount in used.items():
-            self.use(what, amount, now)
+        for kind, amount in used.items():
+            self._use(kind, amount, now)
 
 
-_WORDS: Final[dict[What, str]] = {"calls": "calls", "seconds": "seconds of motion", "metres": "metres"}
+_WORDS: Final[dict[Limited, str]] = {"calls": "calls", "seconds": "seconds of motion", "metres": "metres"}

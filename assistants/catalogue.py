@@ -11,11 +11,13 @@ import contextlib
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Final
 
+import msgspec
+
 from robotree.vr.base.errors import VrError
 from robotree.vr.base.policy import fits
 
 if TYPE_CHECKING:
-    from robotree.vr.base.description import Listing, RobotDescription
+    from robotree.vr.base.description import CommandSpec, Listing, RobotDescription
     from robotree.vr.supervision.realm_client import RealmClient
 
 TOGETHER: Final = 25
@@ -24,6 +26,8 @@ SETTLES: Final = 0.05
 """[s] in which several changes of the lists are one."""
 AGAIN: Final = 2.0
 """[s] after which a robot that did not answer is asked again."""
+MOST_SPECS: Final = 10_000
+"""Commands that are known as those of several robots."""
 
 
 class Catalogue:
@@ -38,6 +42,9 @@ class Catalogue:
         """
         self._realm_client, self._pattern = realm_client, pattern
         self._known: dict[tuple[str, int], RobotDescription] = {}
+        self._specs: dict[bytes, CommandSpec] = {}
+        """The commands of all, each once: robots of one kind have the same ones, and who makes something of a
+        command makes it once."""
         self.robots: dict[str, RobotDescription] = {}
         """By name. What is shown to somebody is less: the policy decides."""
         self.views: Sequence[Listing] = ()
@@ -75,16 +82,16 @@ class Catalogue:
             self._looked.set()
 
     async def _refresh(self) -> None:
-        listed = [one for one in self._realm_client.robots() if fits(self._pattern, one.name)]
-        missing = [one for one in listed if (one.address.key, one.revision) not in self._known]
+        listed = [each for each in self._realm_client.robots() if fits(self._pattern, each.name)]
+        missing = [each for each in listed if (each.address.key, each.revision) not in self._known]
         for first in range(0, len(missing), TOGETHER):
             await asyncio.gather(*map(self._learn, missing[first : first + TOGETHER]))
-        known = {(one.address.key, one.revision): one for one in listed}
+        known = {(each.address.key, each.revision): each for each in listed}
         self._known = {key: robot for key, robot in self._known.items() if key in known}
         robots = {
             known[key].name: robot for key, robot in sorted(self._known.items(), key=lambda each: each[0])
         }
-        views = sorted(self._realm_client.views(), key=lambda one: one.name)
+        views = sorted(self._realm_client.views(), key=lambda view: view.name)
         if len(self._known) < len(known):
             asyncio.get_running_loop().call_later(AGAIN, self._news.set)
         if robots != self.robots or views != self.views:
@@ -97,4 +104,12 @@ class Catalogue:
         with contextlib.suppress(VrError):
             described = await self._realm_client.describe(listing.name)
             if described.address.key == listing.address.key:
+                commands = tuple(map(self._once, described.commands))
+                described = msgspec.structs.replace(described, commands=commands)
                 self._known[listing.address.key, listing.revision] = described
+
+    def _once(self, spec: CommandSpec) -> CommandSpec:
+        """Return the spec that is equal to this one and came first."""
+        if len(self._specs) > MOST_SPECS:
+            self._specs.clear()
+        return self._specs.setdefault(msgspec.msgpack.encode(spec), spec)

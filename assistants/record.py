@@ -12,13 +12,13 @@ import os
 import time
 from collections.abc import Callable, Generator, Iterable, Mapping
 from pathlib import Path
-from typing import Any, Final, Literal, TypeVar
+from typing import Any, Final, Literal, NamedTuple, TypeVar
 
 import msgspec
 
-from robotree.assistants.budget import Budget, Use, What
+from robotree.assistants.budget import Budget, Limited, Use
 from robotree.assistants.marking import data_of
-from robotree.files import opened_own, private_folder, read
+from robotree.files import opened_own, private_folder, read, replace
 from robotree.vr.base.foreign import bounded
 
 FOLDER: Final = "assistants"
@@ -26,6 +26,8 @@ LARGEST: Final = 4 << 20
 """[B] of one record, which then becomes `.old`."""
 LONGEST_LINE: Final = 8000
 """[B]"""
+LONGEST_LOG: Final = 64 * 1024
+"""[B] of a budget with its changes; then it is written anew, as it is."""
 ASIDE: Final = frozenset({"came", "refused", "stopped", "gone"})
 """Kinds of entries that have a file of their own, since an assistant can cause any number of them."""
 _Found = TypeVar("_Found")
@@ -40,7 +42,7 @@ class Entry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     unix: float
     """[s] since 1970."""
-    what: Became
+    became: Became = msgspec.field(name="what")
     robot: str = ""
     command: str = ""
     arguments: Any = None
@@ -65,21 +67,28 @@ class Record:
         self._aside = self.folder / f"{assistant}.aside.jsonl"
         """What moved nothing (`ASIDE`): however much of that an assistant causes, the rest stays."""
         self._uses = self.folder / f"{assistant}.used.json"
+        """Each line either all that was used (`Use`), or changes of that; see `Budget.replay`."""
+        self._known: _Known | None = None
+        self._made = False
 
-    def write(self, what: Became, **told: Any) -> None:
+    def write(self, became: Became, **fields: Any) -> None:
         """Append a line; texts and arguments are bounded. It is on its way to the disk when this returns.
+
+        Args:
+            became: what became of it.
+            fields: the other fields of the `Entry`.
 
         Raises:
             OSError: it cannot be written.
         """
         texts = {name: bounded(value, 1000) if isinstance(value, str) else data_of(value)
-                 for name, value in told.items()}  # fmt: skip
-        line = msgspec.json.encode(Entry(unix=self.unix(), what=what, **texts))
+                 for name, value in fields.items()}  # fmt: skip
+        line = msgspec.json.encode(Entry(unix=self.unix(), became=became, **texts))
         if len(line) > LONGEST_LINE:
             line = msgspec.json.encode(
-                Entry(unix=self.unix(), what=what, **{**texts, "arguments": "too large"})
+                Entry(unix=self.unix(), became=became, **{**texts, "arguments": "too large"})
             )
-        lines = self._aside if what in ASIDE else self._lines
+        lines = self._aside if became in ASIDE else self._lines
         with self._locked():
             file = opened_own(lines, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
             with os.fdopen(file, "ab") as stream:
@@ -105,7 +114,7 @@ class Record:
 
     def use(
         self,
-        amounts: Mapping[What, float],
+        amounts: Mapping[Limited, float],
         check: Callable[[Budget, float], None] = lambda _budget, _now: None,
     ) -> None:
         """Note that something was used.
@@ -120,13 +129,16 @@ class Record:
 
         def change(budget: Budget, now: float) -> None:
             check(budget, now)
-            for what, amount in amounts.items():
-                budget.use(what, amount, now)
+            for kind, amount in amounts.items():
+                budget.use(kind, amount, now)
 
         self.change(change)
 
     def change(self, change: Callable[[Budget, float], _Found]) -> _Found:
         """Change the budget while nobody else looks at it; it is in the file when this returns.
+
+        So it outlives every process. What a loss of power may take away is what was noted after the latest
+        `sync`.
 
         Args:
             change: takes the budget and the time [s since 1970]; what it raises leaves all as it was.
@@ -139,31 +151,91 @@ class Record:
         """
         with self._locked():
             budget = self._budget()
-            found = change(budget, self.unix())
-            new = self._uses.with_suffix(".new")
-            with os.fdopen(opened_own(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), "wb") as stream:
-                stream.write(msgspec.json.encode(budget.uses))
-            new.replace(self._uses)  # not synced: it outlives processes, and a loss of power gives calls back
+            budget.changes.clear()
+            try:
+                found = change(budget, self.unix())
+            except BaseException:
+                self._known = None  # whatever it has done to the budget was not kept
+                raise
+            if budget.changes:
+                self._append(budget)
         return found
 
-    def _budget(self) -> Budget:
+    def sync(self) -> None:
+        """Return when all that was noted before survives a loss of power.
+
+        Raises:
+            OSError: it cannot be kept.
+        """
+        file = opened_own(self._uses, os.O_RDONLY)
         try:
-            return Budget(msgspec.json.decode(read(self._uses, LARGEST), type=list[Use]))
+            os.fdatasync(file)
+        finally:
+            os.close(file)
+
+    def _append(self, budget: Budget) -> None:
+        """Note the changes of a budget by one line, or all of it, if there are many lines. Under the lock."""
+        known, self._known = self._known, None
+        line = msgspec.json.encode(budget.changes) + b"\n"
+        if known is None or known.size + len(line) > LONGEST_LOG:
+            replace(self._uses, msgspec.json.encode(budget.uses) + b"\n")
+        else:
+            file = opened_own(self._uses, os.O_WRONLY | os.O_APPEND)
+            try:
+                if os.write(file, line) != len(line):
+                    raise OSError(f"the disk took only a part of what {self.assistant} uses")
+            finally:
+                os.close(file)
+        found = self._uses.stat()
+        self._known = _Known(found.st_ino, found.st_size, budget)
+
+    def _budget(self) -> Budget:
+        """Return what was used, from the file if another process has changed it. Under the lock."""
+        try:
+            found = self._uses.lstat()
         except FileNotFoundError:
+            self._known = None
             return Budget()
-        except msgspec.MsgspecError as error:
-            raise OSError(f"what {self.assistant} has used cannot be read: {error}") from None
+        known = self._known
+        if known is not None and (known.file, known.size) == (found.st_ino, found.st_size):
+            return known.budget
+        budget, data = Budget(), read(self._uses, LARGEST)
+        try:
+            for line in data.splitlines():
+                changes: list[list[Any]] = msgspec.json.decode(line, type=list[list[Any]])
+                if changes and isinstance(changes[0][0], str):
+                    budget.replay(changes)
+                else:
+                    budget.uses = msgspec.convert(changes, list[Use])
+        except (msgspec.MsgspecError, ValueError, TypeError, KeyError, IndexError) as error:
+            reason = f"what {self.assistant} has used cannot be read: {error} ({self._uses})"
+            raise OSError(reason) from None
+        # without an end of line it is of an earlier version, or was cut off: then all of it is written anew
+        self._known = _Known(found.st_ino, found.st_size, budget) if data.endswith(b"\n") else None
+        return budget
 
     @contextlib.contextmanager
     def _locked(self) -> Generator[None]:
-        private_folder(self.folder.parent)
-        private_folder(self.folder)
+        if not self._made:
+            private_folder(self.folder.parent)
+            private_folder(self.folder)
+            self._made = True
         lock = os.open(self.folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
         try:
             fcntl.flock(lock, fcntl.LOCK_EX)
             yield
         finally:
             os.close(lock)
+
+
+class _Known(NamedTuple):
+    """A budget, and the file that says the same."""
+
+    file: int
+    """Its number."""
+    size: int
+    """[B]"""
+    budget: Budget
 
 
 def _entries(lines: Iterable[bytes]) -> Generator[Entry]:

@@ -11,17 +11,24 @@ import math
 import os
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from robotree.assistants import preview
-from robotree.assistants.budget import Budget, What
+from robotree.assistants.budget import Budget, Limited
 from robotree.assistants.keys import AssistantKeys
 from robotree.assistants.marking import data_of, said
 from robotree.assistants.meter import Way
 from robotree.assistants.record import Became, Record
-from robotree.assistants.tools import LONGEST_WITHIN, USUAL_WITHIN, CommandTool, tool_of
+from robotree.assistants.tools import (
+    LONGEST_WITHIN,
+    USUAL_WITHIN,
+    CommandText,
+    CommandTool,
+    text_of,
+    tool_of,
+)
 from robotree.vr.base.arguments import check_arguments
 from robotree.vr.base.chance import token
 from robotree.vr.base.envelope import asking_for_assistant
@@ -67,6 +74,8 @@ AHEAD: Final = 0.5
 """[m] that are booked for a command before its robots move as far."""
 PICTURE_WITHIN: Final = 3.0
 """[s] for the picture that a person is shown."""
+MOST_TEXTS: Final = 10_000
+"""Commands whose texts are kept ready for lists of tools."""
 DEEPEST: Final = 6
 """Levels of robots below one that are looked at."""
 REHEARSAL: Final = "rehearsal"
@@ -151,6 +160,14 @@ class Seat:
         self._seen = time.monotonic()
         self._requests: deque[float] = deque(maxlen=REQUESTS)
         self._tools: tuple[object, dict[str, CommandTool]] = (None, {})
+        self._texts: dict[tuple[int, bool], tuple[CommandSpec, CommandText]] = {}
+        """What tools have in common, by the number of the command's object, which is kept, and `asks`."""
+        self._made: dict[str, tuple[object, object, list[CommandTool]]] = {}
+        """The tools of each robot, and the description and the policy of which they were made."""
+        self._readings: dict[str, Mapping[str, float]] = {}
+        """What each robot has read last."""
+        self._syncing: asyncio.Task[None] | None = None
+        self._unsynced = False
         self.revoked = asyncio.Event()
         """Set when its key was taken back, replaced, or has ended."""
         self._watch: asyncio.Task[None] | None = None
@@ -205,11 +222,14 @@ class Seat:
         return self._decided(right, robot, command).allowed
 
     def _decided(self, right: str, robot: RobotDescription | Listing, command: str = "") -> Decision:
+        target = self._target(robot)._replace(command=command)
+        return self.floor.realm_client.gate.may(self.asker, right, target)
+
+    def _target(self, robot: RobotDescription | Listing) -> PolicyTarget:
         realm_client = self.floor.realm_client
         site = realm_client.places.site_of(robot.address.key) or realm_client.gate.site
         name, role = robot.address.plain_name, robot.address.role
-        target = PolicyTarget(name, role, tuple(robot.kinds), command, site)
-        return realm_client.gate.may(self.asker, right, target)
+        return PolicyTarget(name, role, tuple(robot.kinds), "", site)
 
     # -- what it sees -----------------------------------------------------------------------------
 
@@ -229,17 +249,32 @@ class Seat:
         return self._tools[1]
 
     def _make_tools(self) -> dict[str, CommandTool]:
+        """Make the tools: of a robot that is as it was there are the same ones."""
+        if len(self._texts) > MOST_TEXTS:
+            self._texts.clear()
+        policy, before, self._made = self.floor.realm_client.gate.policy, self._made, {}
         found: dict[str, CommandTool] = {}
-        for robot in self.robots().values():
-            for spec in robot.commands:
-                if self.may("command", robot, spec.name):
-                    tool = tool_of(robot, spec, asks=False)
-                elif self.may(ASK, robot, spec.name):
-                    tool = tool_of(robot, spec, asks=True)
-                else:
-                    continue
-                found[tool.name] = tool
+        for name, robot in self.floor.catalogue.robots.items():
+            known = before.get(name)
+            if known is None or known[0] is not robot or known[1] is not policy:
+                known = robot, policy, [*self._tools_of(robot)]
+            self._made[name] = known
+            found |= {tool.name: tool for tool in known[2]}
         return found
+
+    def _tools_of(self, robot: RobotDescription) -> Iterator[CommandTool]:
+        asker, target, gate = self.asker, self._target(robot), self.floor.realm_client.gate
+        if not gate.may(asker, "see", target).allowed:
+            return
+        for spec in robot.commands:
+            named = target._replace(command=spec.name)
+            may = gate.may(asker, "command", named).allowed
+            if not may and not gate.may(asker, ASK, named).allowed:
+                continue
+            known = self._texts.get((id(spec), not may))
+            if known is None:
+                known = self._texts[id(spec), not may] = spec, text_of(spec, asks=not may)
+            yield tool_of(robot, spec, asks=not may, text=known[1])
 
     async def describe(self, robot: str) -> RobotDescription:
         """Ask a robot how it is now, for the assistant."""
@@ -272,7 +307,7 @@ class Seat:
             PermitNeeded: a person is asked first.
             VrError: it is refused.
         """
-        told: dict[str, Any] = {"robot": robot, "command": command, "arguments": dict(arguments), "why": why}
+        asked: dict[str, Any] = {"robot": robot, "command": command, "arguments": dict(arguments), "why": why}
         try:
             self.spend_a_call()
             described, spec, taken = await self._checked(robot, command, arguments, within)
@@ -284,12 +319,12 @@ class Seat:
                              reason=decision.reason, ask=self.floor.realm_client.gate.ask)  # fmt: skip
             permit = await self._ask_a_person(described, spec, taken, within, why)
         except VrError as error:
-            self.record.write("refused", **told, text=str(error))
+            self.record.write("refused", **asked, text=str(error))
             raise
         if self.floor.rehearses_for is not None:
             self.floor.permits.answer(permit.id, yes=True, by=REHEARSAL)
             return await self.begin(permit.id)
-        self.record.write("asked", **told, permit=permit.id)
+        self.record.write("asked", **asked, permit=permit.id)
         raise PermitNeeded(robot=robot, command=command, permit=permit.id)
 
     async def begin(self, permit: str) -> Going:
@@ -310,8 +345,9 @@ class Seat:
                 raise PermitRefused(permit=permit, reason="the policy does not allow it any more")
             return await self._begin(described, spec, found.arguments, found.within, found.why, found)
         except VrError as error:
-            told = {"robot": found.robot, "command": found.command, "permit": permit, "text": str(error)}
-            self.record.write("refused", **told)
+            self.record.write(
+                "refused", robot=found.robot, command=found.command, permit=permit, text=str(error)
+            )
             raise
 
     def permit(self, permit: str) -> Permit:
@@ -325,18 +361,18 @@ class Seat:
             raise NoSuchPermit(permit=permit)
         return found
 
-    def withdraw(self, what: str) -> str:
+    def withdraw(self, permit: str) -> str:
         """End a call that goes on, or take back a permit that was not used; returns what was done.
 
         Raises:
             NoSuchPermit: there is neither.
             PermitRefused: it is over.
         """
-        if (going := self.going.get(what)) is not None and not going.over:
+        if (going := self.going.get(permit)) is not None and not going.over:
             going.end("the assistant ended it")
             return f"{going.robot}.{going.call.command} ends"
-        permit = self.floor.permits.withdraw(what, self.name)
-        return f"permit {permit.id} is withdrawn"
+        withdrawn = self.floor.permits.withdraw(permit, self.name)
+        return f"permit {withdrawn.id} is withdrawn"
 
     async def stop(self, robot: str | None) -> tuple[str, ...]:
         """Protective stop of one robot, or of all: an assistant always may; a person resumes."""
@@ -404,12 +440,15 @@ class Seat:
             )
         before = self.floor.catalogue.robots[robot]
         listed = before.command(command)
-        if listed is not None and listed.effect == "read" and self.may("command", before, command):
-            return before, listed, check_arguments(listed, arguments, robot=robot)  # it is not moved by that
+        alone = not before.slots and robot in self._readings
+        if (
+            listed is not None and (listed.effect == "read" or alone) and self.may("command", before, command)
+        ):  # where it is now need not be asked: nothing is measured, or it has told so
+            return before, listed, check_arguments(listed, arguments, robot=robot)
         described = await self.describe(robot)
         spec = described.command(command)
         if spec is None:
-            known = ", ".join(one.name for one in described.commands)
+            known = ", ".join(each.name for each in described.commands)
             raise NoSuchCommand(robot=robot, command=bounded(command), known=known)
         return described, spec, check_arguments(spec, arguments, robot=robot)
 
@@ -424,7 +463,7 @@ class Seat:
         digest = preview.digest_of(robot, spec.name, taken)
         below = await self._below(robot)
         shown = preview.preview_of(robot, spec, taken, [*below], preview.rehearsed(self.floor.folder, digest))
-        permit = Permit(
+        asked = Permit(
             id=_id(),
             assistant=self.name,
             robot=robot.name,
@@ -440,8 +479,9 @@ class Seat:
             path=shown.path,
             asked=time.time(),
         )
-        self.floor.permits.ask(permit, b"" if self.floor.rehearses_for else await self._picture())
-        return permit
+        if (waiting := self.floor.permits.like(asked)) is not None:
+            return waiting
+        return self.floor.permits.ask(asked, b"" if self.floor.rehearses_for else await self._picture())
 
     async def _picture(self) -> bytes:
         """Return the picture that a person is shown; empty: there is none."""
@@ -506,8 +546,8 @@ class Seat:
             permit="" if permit is None else permit.id, note=note,
         )  # fmt: skip
         going = Going(robot.name, call, Way((robot.name, *below) if moves else ()), call.permit)
-        for name in (robot.name, *below) if moves else ():
-            going.way.take(name, robot.readings if name == robot.name else {})
+        if moves:
+            going.way.take(robot.name, self._readings.setdefault(robot.name, robot.readings))
         self.record.write(
             "begun", robot=robot.name, command=spec.name, arguments=taken, why=why, key=key,
             permit=call.permit, by="" if permit is None else permit.by,
@@ -539,7 +579,18 @@ class Seat:
                 budget.book(key, "metres", AHEAD, terms, now),
             )
 
-        return self.record.change(book)
+        found = self.record.change(book)
+        self._unsynced = True
+        if self._syncing is None or self._syncing.done():
+            self._syncing = asyncio.create_task(self._sync())
+        return found
+
+    async def _sync(self) -> None:
+        """Have what is booked survive a loss of power, too, while the call is on its way."""
+        while self._unsynced:
+            self._unsynced = False
+            with contextlib.suppress(OSError):
+                await asyncio.to_thread(self.record.sync)
 
     def _book_on(self, going: Going) -> None:
         """Take out of the budget the metres that a command has used up, and some more; end it if none are."""
@@ -556,7 +607,7 @@ class Seat:
         if going.way.metres > going.metres:
             going.end(f"{self.name} has used its {terms.metres:g} m an hour")
 
-    def _settle(self, key: str, used: Mapping[What, float]) -> None:
+    def _settle(self, key: str, used: Mapping[Limited, float]) -> None:
         """Note what a command has used of what was booked; the rest can be used by others again."""
 
         def settle(budget: Budget, now: float) -> None:
@@ -582,9 +633,10 @@ class Seat:
             going.error = CommandCancelled(robot=going.robot, command=call.command, reason=reason)
         seconds = time.monotonic() - began
         if moves:
+            going.observed = await self._observe(going.robot)
+            going.way.take(going.robot, going.observed)
             with contextlib.suppress(OSError):  # then all that was booked counts as used
                 self._settle(call.key, {"seconds": seconds, "metres": going.way.metres})
-            going.observed = await self._observe(going.robot)
         going.changed = time.time()
         self._write_down(going, seconds)
 
@@ -618,6 +670,7 @@ class Seat:
             preview.keep(folder, digest, kept)
 
     def _hear(self, robot: str, state: State) -> None:
+        self._readings[robot] = state.readings
         for going in self.going.values():
             if not going.over:
                 going.way.take(robot, state.readings)

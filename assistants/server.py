@@ -52,6 +52,10 @@ PAGE: Final = 500
 """Tools or resources in one answer."""
 LARGEST: Final = 64 * 1024
 """[B] of the arguments of one call."""
+PINGS: Final = 5.0
+"""[s] between two pings to a client of an earlier version, while its request waits."""
+PONG: Final = 10.0
+"""[s] in which it must answer one."""
 STREAMS: Final = 4
 """Listening streams of one assistant."""
 INSTRUCTIONS: Final = (
@@ -153,6 +157,9 @@ class AssistantServer:
         self.server.add_request_handler("tasks/get", TaskParams, self._get_task)
         self.server.add_request_handler("tasks/cancel", TaskParams, self._cancel_task)
         self.server.add_request_handler("tasks/update", TaskParams, self._update_task)
+        self.server.middleware.append(self._fill_list)
+        self.hung_up = asyncio.Event()
+        """Set while the client over stdio counts as gone; over HTTP each request says it of its own."""
         self._telling: set[asyncio.Task[None]] = set()
         seat.floor.catalogue.on_change(self._changed)
 
@@ -184,16 +191,28 @@ class AssistantServer:
         with self._request():
             if (said_first := ctx.session.client_params) and _is_told(ctx):
                 self._sessions[id(said_first)] = ctx.session  # the latest of each connection
-            return self._tools_page(params)
+            _, cursor = self._tools_page(None if params is None else params.cursor)
+            return types.ListToolsResult(tools=[], next_cursor=cursor)  # `_fill_list` puts them in
 
-    def _tools_page(self, params: types.PaginatedRequestParams | None) -> Any:
+    def _tools_page(self, cursor: str | None) -> tuple[list[dict[str, Any]], str | None]:
         """Return one page of tools as the protocol writes it: a tool is written once, not for each list."""
         tools = self.seat.tools()
         if self._listed[0] is not tools:
-            self._listed = tools, [*map(_written, _OWN_TOOLS), *map(_tool, tools.values())]
-        shown, cursor = _page(self._listed[1], params)
-        page = types.ListToolsResult(tools=[], next_cursor=cursor)
-        return {**_written(page), "tools": shown}
+            self._listed = tools, [*_WRITTEN, *map(_tool, tools.values())]
+        return _page(self._listed[1], cursor)
+
+    async def _fill_list(self, ctx: _Context, call_next: Any) -> Any:
+        """Put the tools into a list that was answered without them.
+
+        They were written by this server and are as its tests have them checked: the library would examine
+        and copy each of thousands for each list (0.1 s for 3,000).
+        """
+        result: Any = await call_next(ctx)
+        if ctx.method != "tools/list" or not isinstance(result, dict):
+            return result
+        page, _ = self._tools_page((ctx.params or {}).get("cursor"))
+        result["tools"] = page
+        return result  # pyright: ignore[reportUnknownVariableType] # the library's own
 
     async def _list_resources(
         self, ctx: _Context, params: types.PaginatedRequestParams | None
@@ -218,7 +237,7 @@ class AssistantServer:
                 )
                 for view in self.seat.views()
             ]
-            shown, cursor = _page(found, params)
+            shown, cursor = _page(found, None if params is None else params.cursor)
             return types.ListResourcesResult(resources=shown, next_cursor=cursor)
 
     async def _list_templates(
@@ -346,17 +365,20 @@ class AssistantServer:
         """Wait for the end of a call, with progress; where the client takes tasks, not for long."""
         if _takes_tasks(ctx):
             return _ended(going) if await going.wait(AT_ONCE) else self._going_task(going)
-        hanging_up = asyncio.ensure_future(_hung_up(ctx).wait())
+        hanging_up: asyncio.Future[Any] = asyncio.ensure_future(self._hung_up(ctx).wait())
+        pinging = asyncio.create_task(_ping(ctx))
         try:
             while not going.over:
                 news = asyncio.ensure_future(going.news.wait())
                 assert going.task is not None  # noqa: S101 # `Seat` has begun it
-                waits = {going.task, news} if hanging_up.done() else {going.task, news, hanging_up}
+                waits: set[asyncio.Future[Any]] = {going.task, news}
+                if not (hanging_up.done() or pinging.done()):
+                    waits |= {hanging_up, pinging}
                 await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
                 news.cancel()
                 going.news.clear()
-                if hanging_up.done():
-                    going.end("the connection of the assistant has ended")
+                if hanging_up.done() or pinging.done():
+                    going.end(_ENDED)
                 elif not going.over and not math.isnan(going.fraction):
                     await ctx.session.report_progress(going.fraction, 1.0, going.text)
         except asyncio.CancelledError:
@@ -364,7 +386,13 @@ class AssistantServer:
             raise
         finally:
             hanging_up.cancel()
+            pinging.cancel()
         return _ended(going)
+
+    def _hung_up(self, ctx: _Context) -> asyncio.Event:
+        """Return what is set when the connection of a request has ended, or its client is stopped."""
+        found = getattr(ctx.request, "scope", {}).get(HUNG_UP)
+        return found if isinstance(found, asyncio.Event) else self.hung_up
 
     # -- tasks ------------------------------------------------------------------------------------
 
@@ -430,6 +458,7 @@ class AssistantServer:
         return {"resultType": "task", **known}
 
 
+_ENDED: Final = "the connection of the assistant has ended, or it gives no sign of life"
 _CANCELLED: Final = "the assistant cancelled it"
 _WAITS: Final = (
     "{robot}.{command} has not begun: it needs a person's yes. Permit {permit} waits. Ask with"
@@ -442,10 +471,23 @@ def _is_told(ctx: _Context) -> bool:
     return ctx.protocol_version in HANDSHAKE_PROTOCOL_VERSIONS
 
 
-def _hung_up(ctx: _Context) -> asyncio.Event:
-    """Return what is set when the connection of a request has ended; over stdio the server ends then."""
-    found = getattr(ctx.request, "scope", {}).get(HUNG_UP)
-    return found if isinstance(found, asyncio.Event) else asyncio.Event()
+async def _ping(ctx: _Context) -> None:
+    """Ask a client of an earlier version for signs of life; returns when it does not answer one in time.
+
+    Later versions have no such request: see `peer.py`.
+    """
+    while _is_told(ctx):
+        await asyncio.sleep(PINGS)
+        try:
+            async with asyncio.timeout(PONG):
+                await ctx.session.send_ping()
+        except TimeoutError:
+            return
+        except MCPError:
+            continue  # it has answered
+        except Exception:  # noqa: BLE001 # there is no way to ask it
+            break
+    await asyncio.get_running_loop().create_future()
 
 
 def _takes_tasks(ctx: _Context) -> bool:
@@ -478,16 +520,16 @@ def _ended(going: Going) -> types.CallToolResult:
         value = going.result()
     except VrError as error:
         return _failure(explained(error))
-    told: dict[str, Any] = {"key": going.call.key, "result": value}
+    data: dict[str, Any] = {"key": going.call.key, "result": value}
     if going.observed:
-        told["observed"] = data_of(going.observed)
-    return _answer(told)
+        data["observed"] = data_of(going.observed)
+    return _answer(data)
 
 
-def _answer(told: dict[str, Any], text: str = "") -> types.CallToolResult:
+def _answer(data: dict[str, Any], text: str = "") -> types.CallToolResult:
     """Return an answer: plain data, which is also its text, since clients show one or the other."""
-    shown = types.TextContent(text=text or json.dumps(told))
-    return types.CallToolResult(content=[shown], structured_content=told)
+    shown = types.TextContent(text=text or json.dumps(data))
+    return types.CallToolResult(content=[shown], structured_content=data)
 
 
 def _failure(text: str) -> types.CallToolResult:
@@ -509,9 +551,8 @@ def _shown(robot: Any) -> dict[str, Any]:
     }
 
 
-def _page(found: list[Any], params: types.PaginatedRequestParams | None) -> tuple[list[Any], str | None]:
+def _page(found: list[Any], cursor: str | None) -> tuple[list[Any], str | None]:
     """Return one page, and where the next one begins."""
-    cursor = params.cursor if params is not None else None
     if cursor is not None and not (cursor.isascii() and cursor.isdigit() and len(cursor) < 9):
         raise MCPError(types.INVALID_PARAMS, "there is no such page")
     first = int(cursor or 0)
@@ -525,19 +566,21 @@ def _written(model: types.Tool | types.ListToolsResult) -> dict[str, Any]:
 
 
 def _tool(each: CommandTool) -> dict[str, Any]:
-    return _written(
-        types.Tool(
-            name=each.name,
-            title=f"{bounded(each.robot)}.{bounded(each.spec.name)}",
-            description=each.description,
-            input_schema=each.schema,
-            annotations=_HINTS[each.spec.effect],
-        )
-    )
+    """Return a tool as the protocol writes it."""
+    return {
+        "name": each.name,
+        "title": f"{bounded(each.robot)}.{bounded(each.spec.name)}",
+        "description": each.description,
+        "inputSchema": each.schema,
+        "annotations": _HINTS[each.spec.effect],
+    }
+
+
+_WRITTEN: Final = [*map(_written, _OWN_TOOLS)]
 
 
 _HINTS: Final = {
-    "read": types.ToolAnnotations(read_only_hint=True),
-    "repeat": types.ToolAnnotations(read_only_hint=False, destructive_hint=True, idempotent_hint=True),
-    "once": types.ToolAnnotations(read_only_hint=False, destructive_hint=True, idempotent_hint=False),
+    "read": {"readOnlyHint": True},
+    "repeat": {"readOnlyHint": False, "destructiveHint": True, "idempotentHint": True},
+    "once": {"readOnlyHint": False, "destructiveHint": True, "idempotentHint": False},
 }

@@ -18,8 +18,10 @@ from mcp.server.stdio import stdio_server
 from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
 from mcp.server.transport_security import TransportSecuritySettings
 
+from robotree.assistants import peer
 from robotree.assistants.catalogue import Catalogue
 from robotree.assistants.keys import AssistantKeys
+from robotree.assistants.pipes import BoundedLines, PatientTexts, own_stdio
 from robotree.assistants.seat import Floor, Seat
 from robotree.assistants.server import HUNG_UP, AssistantServer
 from robotree.vr.base.errors import AssistantUnknown
@@ -35,6 +37,10 @@ SESSIONS: Final = 16
 """Of clients of earlier versions of the protocol, by assistant."""
 IDLE: Final = 300.0
 """[s] after which such a session is forgotten."""
+LOOKS: Final = 0.5
+"""[s] between two looks at the process of a client whose request waits."""
+STOPPED: Final = 3.0
+"""[s] for which that process may be stopped, until its client counts as gone."""
 
 _Scope = MutableMapping[str, Any]
 _Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
@@ -80,13 +86,40 @@ async def over_stdio(floor: Floor, keys: AssistantKeys, key: str) -> None:
         AssistantUnknown: nobody has it.
     """
     name, proof = keys.proved(key)
-    async with seated(name, floor, proof) as server, stdio_server() as (read, write):
-        await server.server.run(read, write, server.options())
+    with own_stdio() as (come, go):
+        texts = PatientTexts(go)
+        lines: Any = BoundedLines(come, LARGEST, texts)  # the library uses no more of a file
+        out: Any = texts
+        async with seated(name, floor, proof) as server, stdio_server(lines, out) as (read, write):
+            watching = asyncio.create_task(watch_peer(peer.of_descriptor(come), server.hung_up))
+            try:
+                await server.server.run(read, write, server.options())
+            finally:
+                watching.cancel()
+
+
+async def watch_peer(client: peer.Peer, hung_up: asyncio.Event) -> None:
+    """Have a client count as gone while its process is stopped for long; runs until it is cancelled.
+
+    Args:
+        client: who is at the other end.
+        hung_up: set while it counts as gone.
+    """
+    stopped_for = 0.0
+    while True:
+        await asyncio.sleep(LOOKS)
+        stopped_for = stopped_for + LOOKS if await asyncio.to_thread(client.stopped) else 0.0
+        if stopped_for >= STOPPED:
+            hung_up.set()
+        elif not stopped_for:
+            hung_up.clear()
 
 
 @contextlib.asynccontextmanager
 async def heard(scope: _Scope, receive: _Receive) -> AsyncGenerator[_Receive]:
     """Note in a request when its connection ends (`HUNG_UP`), also while nobody reads from it.
+
+    It counts as ended, too, while the process at its other end is stopped for long.
 
     Args:
         scope: of the request (ASGI 3); it gets an event.
@@ -111,12 +144,24 @@ async def heard(scope: _Scope, receive: _Receive) -> AsyncGenerator[_Receive]:
             came.put_nowait(message)  # who receives again gets it again
         return message
 
-    listening = asyncio.create_task(listen())
+    async def watch() -> None:
+        await asyncio.sleep(LOOKS)  # most requests are over then
+        (_, there), (_, here) = scope["client"], scope["server"]
+        client, stopped = await asyncio.to_thread(peer.of_connection, there, here), asyncio.Event()
+        watching = asyncio.create_task(watch_peer(client, stopped))
+        try:
+            await stopped.wait()
+            ended.set()
+        finally:
+            watching.cancel()
+
+    tasks = [asyncio.create_task(listen()), asyncio.create_task(watch())]
     try:
         yield hearing
     finally:
         ended.set()
-        listening.cancel()
+        for task in tasks:
+            task.cancel()
 
 
 class HttpFront:

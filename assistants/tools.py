@@ -41,23 +41,45 @@ def tool_name(robot: str, command: str) -> str:
     return f"{name[: LONGEST_NAME - 9]}_{digest}"
 
 
-def tool_of(robot: RobotDescription, spec: CommandSpec, *, asks: bool) -> CommandTool:
+class CommandText(NamedTuple):
+    """What the tools of a command have in common, whichever robot of a kind it belongs to."""
+
+    name: str
+    tail: str
+    """Of the description: what follows the name of the robot."""
+    schema: dict[str, Any]
+
+
+def text_of(spec: CommandSpec, *, asks: bool) -> CommandText:
+    """Return what the tools of a command have in common.
+
+    Args:
+        spec: the command.
+        asks: whether each call needs a person's yes.
+    """
+    doubt = " Each call needs a person's yes: the answer names a permit, see robotree_permit." if asks else ""
+    about = f" Its page says: {said(spec.doc)}." if spec.doc else ""
+    returns = ", ".join(_brief(field) for field in spec.result)
+    result = f" It returns {returns}." if returns else ""
+    tail = f"{_EFFECTS[spec.effect]}{doubt}{about}{result}"
+    return CommandText(bounded(spec.name), tail, schema_of(spec))
+
+
+def tool_of(
+    robot: RobotDescription, spec: CommandSpec, *, asks: bool, text: CommandText | None = None
+) -> CommandTool:
     """Return a command as a tool.
 
     Args:
         robot: whose it is.
         spec: the command.
         asks: whether each call needs a person's yes.
+        text: of the command, if it is known: `text_of`.
     """
-    effect = _EFFECTS[spec.effect]
-    doubt = " Each call needs a person's yes: the answer names a permit, see robotree_permit." if asks else ""
-    about = f" Its page says: {said(spec.doc)}." if spec.doc else ""
-    returns = ", ".join(_brief(field) for field in spec.result)
-    result = f" It returns {returns}." if returns else ""
+    text = text_of(spec, asks=asks) if text is None else text
     who = f"{bounded(robot.name)} ({bounded(robot.kind)})"
-    text = f"Command {bounded(spec.name)} of robot {who}. {effect}{doubt}"
-    name = tool_name(robot.name, spec.name)
-    return CommandTool(name, robot.name, spec, f"{text}{about}{result}", schema_of(spec), asks)
+    description = f"Command {text.name} of robot {who}. {text.tail}"
+    return CommandTool(tool_name(robot.name, spec.name), robot.name, spec, description, text.schema, asks)
 
 
 _EFFECTS = {

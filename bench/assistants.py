@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
+import json
 import multiprocessing
 import os
 import statistics
@@ -128,6 +129,40 @@ async def listed(client: Client) -> int:
             return count
 
 
+async def measure_alone(server: StdioServerParameters) -> None:
+    """Print what a list costs the server, and how long a client waits that only reads JSON."""
+    process = await asyncio.create_subprocess_exec(
+        server.command, *server.args, env=server.env, limit=1 << 26,
+        stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
+    )  # fmt: skip
+    assert process.stdin is not None and process.stdout is not None  # noqa: S101, PT018 # as asked for
+    go, come = process.stdin, process.stdout
+
+    async def asked(method: str, **given: Any) -> dict[str, Any]:
+        go.write(json.dumps({"jsonrpc": "2.0", "id": 1, "method": method, "params": given}).encode() + b"\n")
+        return json.loads(await come.readline())["result"]  # type: ignore[no-any-return]
+
+    def worked() -> float:
+        fields = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK") * 1e3
+
+    client = {"name": "bench", "version": "1"}
+    await asked("initialize", protocolVersion="2025-06-18", capabilities={}, clientInfo=client)
+    go.write(b'{"jsonrpc": "2.0", "method": "notifications/initialized"}\n')
+    waits, works = list[float](), list[float]()
+    for _ in range(LISTS + 1):
+        began, before, page = time.perf_counter(), worked(), await asked("tools/list")
+        while cursor := page.get("nextCursor"):
+            page = await asked("tools/list", cursor=cursor)
+        waits.append((time.perf_counter() - began) * 1e3)
+        works.append(worked() - before)
+    first, then = f"{waits[0]:.0f} ms ({works[0]:.0f})", f"{statistics.median(waits[1:]):.0f} ms"
+    print(f"list, by a client that only reads JSON (the server's processor): first {first},"
+          f" then {then} ({statistics.mean(works[1:]):.0f})")  # fmt: skip
+    process.terminate()
+    await process.wait()
+
+
 async def measure(root: Path, key: str, given: argparse.Namespace) -> None:
     """Print the figures."""
     words = [__file__, "--serve", str(root), "--robots", str(given.robots)]
@@ -135,6 +170,7 @@ async def measure(root: Path, key: str, given: argparse.Namespace) -> None:
         words = ["-m", "cProfile", "-o", given.profile, *words]
     server = StdioServerParameters(command=sys.executable, args=words, env={**os.environ, KEY: key})
     async with joined(root) as realm_client, Client(server) as client:
+        await measure_alone(server)
         times, count = list[float](), 0
         for _ in range(LISTS + 1):
             began = time.perf_counter()

@@ -134,7 +134,7 @@ def _list(line: Line, realm: str) -> int:
 def _entry_row(entry: Entry) -> tuple[str, str, str, str]:
     at = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(entry.unix))
     what = ".".join(filter(None, (entry.robot, entry.command)))
-    return at, entry.what, what, entry.text or (f"«{entry.why}»" if entry.why else "")
+    return at, entry.became, what, entry.text or (f"«{entry.why}»" if entry.why else "")
 
 
 # -- serving ---------------------------------------------------------------------------------------

@@ -93,7 +93,7 @@ async def test_who_cannot_be_counted_does_not_go_on(hall: Hall) -> None:
     await until(lambda: going.why_ended != "", "it is ended")
     assert "cannot be kept" in going.why_ended
     assert await going.wait(PATIENCE)
-    assert [one.what for one in hall.seat.record.entries()][-1] == "failed", "its end is written down"
+    assert [one.became for one in hall.seat.record.entries()][-1] == "failed", "its end is written down"
 
 
 @pytest.mark.parametrize("stopped", ["", "cart-1"])
@@ -194,7 +194,7 @@ async def test_a_command_does_not_outlive_the_connection_that_waits_for_it(hall:
         assert answer.status_code == 200
         await until(lambda: hall.cart.at > 0, "it walks")
     await until(lambda: hall.agent.description().busy == "", "it has ended")
-    ends = [one.text for one in Record(hall.folder, "claude").entries() if one.what == "failed"]
+    ends = [one.text for one in Record(hall.folder, "claude").entries() if one.became == "failed"]
     assert "the connection of the assistant has ended" in ends[-1]
 
 
@@ -221,4 +221,4 @@ async def test_what_was_refused_pushes_nothing_out_of_the_record(
         hall.seat.record.write("refused", command="x" * 4000, text=f"{number}")
     for _ in range(3):
         await hall.seat.stop("cart-1")
-    assert {"begun", "done"} <= {one.what for one in Record(hall.folder, "claude").entries(1000)}
+    assert {"begun", "done"} <= {one.became for one in Record(hall.folder, "claude").entries(1000)}

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import AsyncIterator
 from pathlib import Path
 from types import SimpleNamespace
 
+import mcp_types as types
+import msgspec
 import pytest
 
+from robotree.assistants import record
 from robotree.assistants import seat as seats
 from robotree.assistants.budget import Budget, Use
 from robotree.assistants.record import Record
 from robotree.assistants.server import AssistantServer
-from robotree.vr.base.errors import AssistantUnknown, BudgetSpent
+from robotree.vr.base.errors import AssistantUnknown, BudgetSpent, PermitNeeded
 from robotree.vr.base.policy import AssistantTerms
-from tests.assistants.hall import STEP, Hall, opened
+from tests.assistants.hall import STEP, Cart, Hall, opened
 from tests.waiting import PATIENCE, until
 
 
@@ -142,3 +146,51 @@ async def test_who_is_silent_while_something_runs_is_gone(
     hall.seat.open = 0
     assert await going.wait(PATIENCE)
     assert "is gone" in str(going.error)
+
+
+async def test_the_same_call_asked_twice_is_one_permit(hall: Hall) -> None:
+    hall.rule(right="ask")
+    found: list[object] = []
+    for x, why in ((1.0, "first"), (1.0, "again"), (2.0, "another")):
+        with pytest.raises(PermitNeeded) as needed:
+            await hall.seat.call("cart-1", "walk", {"x": x}, why, 60.0)
+        found.append(needed.value.data["permit"])
+    assert found[0] == found[1] != found[2]
+    hall.floor.permits.answer(str(found[0]), yes=False, by="anna")
+    with pytest.raises(PermitNeeded) as needed:
+        await hall.seat.call("cart-1", "walk", {"x": 1.0}, "after a no", 60.0)
+    assert needed.value.data["permit"] not in found
+
+
+def test_what_is_used_is_one_line_each_and_is_written_anew_when_it_is_long(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(record, "LONGEST_LOG", 1000)
+    here, there = Record(tmp_path, "claude", lambda: 1e6), Record(tmp_path, "claude", lambda: 1e6)
+    path, sizes = tmp_path / "assistants" / "claude.used.json", list[int]()
+    for number in range(40):
+        (here if number % 3 else there).use({"metres": 1.0})
+        here.sync()
+        sizes.append(path.stat().st_size)
+    assert max(sizes) <= 1000
+    assert here.budget().used("metres", 1e6) == there.budget().used("metres", 1e6) == 40
+    assert Record(tmp_path, "claude", lambda: 1e6).budget().used("metres", 1e6) == 40
+    path.write_bytes(msgspec.json.encode([Use(1e6, "metres", 2.0)]))  # as earlier versions wrote it
+    here.use({"metres": 1.0})
+    assert there.budget().used("metres", 1e6) == 3
+
+
+async def test_robots_of_one_kind_share_what_their_tools_have_in_common(hall: Hall) -> None:
+    async with contextlib.AsyncExitStack() as stack:
+        await hall.bring(stack, Cart("cart-2"))
+        await until(lambda: len(hall.floor.catalogue.robots) == 2, "both are listed")
+        tools = hall.seat.tools()
+        assert tools["cart-1__walk"].schema is tools["cart-2__walk"].schema
+        assert "robot cart-2 (Cart)" in tools["cart-2__walk"].description
+        await hall.bring(stack, Cart("cart-3"))
+        await until(lambda: len(hall.floor.catalogue.robots) == 3, "one more is listed")
+        assert hall.seat.tools()["cart-1__walk"] is tools["cart-1__walk"], "only the new one's are made"
+        listed = types.ListToolsResult.model_validate(
+            {"tools": AssistantServer(hall.seat)._tools_page(None)[0], "resultType": "complete"}
+        )
+        assert "cart-3__walk" in {tool.name for tool in listed.tools}

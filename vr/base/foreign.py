@@ -16,7 +16,10 @@ def bounded(text: str, most: int = LONGEST) -> str:
         text: of anybody.
         most: [characters]
     """
-    kept = "".join(_shown(letter) for letter in text[: most * 4])
+    if text.isascii() and text.isprintable():
+        kept = text[: most * 4]
+    else:
+        kept = "".join(_shown(letter) for letter in text[: most * 4])
     kept = " ".join(kept.split())
     return kept if len(kept) <= most else f"{kept[: most - 1]}…"
 

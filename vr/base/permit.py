@@ -144,6 +144,22 @@ def unlike(permit: Permit, call: PermittedCall) -> str:
     return ""
 
 
+def is_same_call(permit: Permit, other: Permit) -> bool:
+    """Whether a permit that has not begun is for the call for which another one would be."""
+    return (
+        permit.state in {"waits", "allowed"}
+        and _call_of(permit) == _call_of(other)
+        and same(permit.arguments, other.arguments)
+    )
+
+
+def _call_of(permit: Permit) -> tuple[object, ...]:
+    return (
+        *(permit.assistant, permit.robot, permit.life, permit.stops),
+        *(permit.below, permit.command, permit.within),
+    )
+
+
 def same(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
     """Whether arguments are equal, whatever the order in which they stand."""
     encode = msgspec.json.Encoder(order="deterministic").encode

@@ -22,7 +22,7 @@ from msgspec.structs import replace as changed
 
 from robotree.files import private_folder, read, replace
 from robotree.vr.base.errors import NoSuchPermit, PermitRefused
-from robotree.vr.base.permit import REMEMBERED, Permit, PermittedCall, unfit, unlike
+from robotree.vr.base.permit import REMEMBERED, Permit, PermittedCall, is_same_call, unfit, unlike
 
 FOLDER: Final = "permits"
 LARGEST: Final = 256 * 1024
@@ -86,14 +86,26 @@ class PermitFiles:
         except (OSError, msgspec.MsgspecError):
             raise NoSuchPermit(permit=permit) from None
 
-    def ask(self, permit: Permit, picture: bytes = b"") -> None:
+    def like(self, permit: Permit) -> Permit | None:
+        """Return a permit for the same call that waits, or is allowed, already; None: there is none."""
+        now = self._unix()
+        return next(
+            (each for each in self.all() if not each.expired(now) and is_same_call(each, permit)), None
+        )
+
+    def ask(self, permit: Permit, picture: bytes = b"") -> Permit:
         """Keep a permit that waits from now on, and forget those that are over for long.
+
+        Returns:
+            The permit; that for the same call, if there is one already: a person is asked once.
 
         Raises:
             PermitRefused: too many wait already.
             OSError: it cannot be kept.
         """
         with self._locked():
+            if (before := self.like(permit)) is not None:
+                return before
             now, waiting = self._unix(), 0
             for one in self.all():
                 if now > one.asked + REMEMBERED:
@@ -108,7 +120,7 @@ class PermitFiles:
             if picture:
                 replace(self.folder / f"{permit.id}.jpg", picture)
                 permit = changed(permit, picture=f"{permit.id}.jpg")
-            self._write(permit)
+            return self._write(permit)
 
     def answer(self, permit: str, *, yes: bool, by: str) -> Permit:
         """Say yes or no to a permit that waits; a no may also take back a yes that was not used.
