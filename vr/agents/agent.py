@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import math
 from collections.abc import Awaitable, Callable, Sequence
 from contextvars import Context
 from functools import partial
@@ -37,8 +38,10 @@ from robotree.vr.base.description import CommandSpec, RobotDescription
 from robotree.vr.base.envelope import Received, opened
 from robotree.vr.base.errors import (
     CommandFailed,
+    ControlRefused,
     CycleOfBonds,
     DoesNotFit,
+    NotAllowed,
     NotFree,
     NotInControl,
     NotVirtual,
@@ -81,6 +84,7 @@ from robotree.vr.base.requests import (
     Resume,
     Retract,
     SafeStop,
+    SetControl,
     SetPlacement,
     State,
     StreamSample,
@@ -420,6 +424,7 @@ class RobotAgent:
             else:
                 self.runtime.cancel(key, GONE)  # before it begins, so that nothing moves for nobody
         self.runtime.begin_again()
+        self._callers.watch_operators(self.runtime.look(lambda state: state.control.agents))
         self._outside.go_on()
         if self._choosing is not None:
             self._choosing.begin()
@@ -615,6 +620,10 @@ class RobotAgent:
             self._on_loop(self._lease_changed)
         elif isinstance(effect, LeaseChanged):
             self._on_loop(self._lease_changed)
+        elif isinstance(effect, on.ControlChanged):
+            self._on_loop(partial(self._callers.watch_operators, effect.agents))
+            if effect.text:
+                self.runtime.log.say("info", effect.text)
         elif isinstance(effect, on.RenewLease):
             self._virtual("have children").renew(effect)
         elif isinstance(effect, on.AskPart):  # stops are ordered on the event loop
@@ -734,6 +743,8 @@ class RobotAgent:
                 return self._place(request, asker)
             case Disturb():
                 return self._drills.take(request, asker)
+            case SetControl():
+                return self._set_control(request, asker)
             case Retract():
                 return self._retract(request, asker)
             case Renew():
@@ -765,6 +776,30 @@ class RobotAgent:
         pinned = mode != "manual" and isinstance(robot, VirtualRobot) and robot.pinned
         note = f"{robot.name} is placed by {WHO_PLACES[mode]}"
         return Done(note=f"{note}; its author has pinned it, so it stays where it is" if pinned else note)
+
+    def _set_control(self, request: SetControl, asker: Principal) -> Reply:
+        """Let an operator get, ask for, offer, take or leave control.
+
+        Raises:
+            HeldByOperator: somebody else has it.
+            ControlRefused: it cannot change hands in this way.
+            NotAllowed: nobody sits there.
+        """
+        if not asker.person:
+            raise NotAllowed(who=asker.agent or "a program", what="control", reason="it asks for no person")
+        if request.within < 0 or not request.within < math.inf:
+            raise ControlRefused(robot=self.robot.name, reason="the time for which it is wanted is none")
+        self.runtime.post(
+            on.ControlAsked(
+                what=request.what,
+                person=request.person,
+                within=request.within,
+                seen=request.seen,
+                unix=self._unix(),
+                principal=asker,
+            )
+        )
+        return Done(note=self.runtime.look(lambda state: state.control.holder.person))
 
     def _pauses(self) -> Pauses:
         children = self._virtual("be paused: it has no steps; pause its parent, or stop it")

@@ -13,6 +13,7 @@ import logging
 from contextvars import Context
 
 from robotree.vr.base.presence import Presence, Undo
+from robotree.vr.core import events as on
 from robotree.vr.running.robot_runtime import RobotRuntime
 
 ARRIVAL = 0.5
@@ -44,6 +45,8 @@ class Callers:
         """Guards what follows; nothing else is locked while it is held."""
         self._watching: dict[str, Undo | None] = {}
         """By caller; None: it is about to begin."""
+        self._operators: dict[str, Undo] = {}
+        """The programs of operators who have control, or ask for it, by key."""
         self._recent: set[str] = set()
         """Callers that have called since it was last asked if they are still to be watched."""
         self._closed = False
@@ -65,8 +68,39 @@ class Callers:
             with contextlib.suppress(RuntimeError):  # the loop is closed: the robot ends itself
                 self._loop.call_soon_threadsafe(self._watch, caller, context=Context())
 
+    def watch_operators(self, agents: frozenset[str]) -> None:
+        """Have an operator lose control when the program has gone. On the loop.
+
+        Args:
+            agents: keys under which those are present who have it, or ask for it.
+        """
+        for agent in self._operators.keys() - agents:
+            self._operators.pop(agent)()
+        for agent in () if self._closed else agents - self._operators.keys():
+            self._operators[agent] = self._watch_operator(agent)
+
+    def _watch_operator(self, agent: str) -> Undo:
+        def lost() -> None:
+            if not self._presence.there(agent):
+                unix = self._runtime.process.runner.unix()
+                self._runtime.post(on.OperatorGone(agent=agent, unix=unix))
+
+        def look(_: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
+            if not there:
+                lost()
+
+        end, timer = self._presence.watch(agent, look), self._loop.call_later(ARRIVAL, lost)
+
+        def unwatch() -> None:
+            end()
+            timer.cancel()
+
+        return unwatch
+
     def close(self) -> None:
         """Watch no caller any more."""
+        self._closed = True
+        self.watch_operators(frozenset())
         with self._lock:
             self._closed, watching = True, dict(self._watching)
             self._watching.clear()

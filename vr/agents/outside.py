@@ -19,6 +19,7 @@ from robotree.vr.base.principal import SCRIPT, Principal, is_person
 from robotree.vr.base.requests import (
     Accepted,
     AnyRequest,
+    Attend,
     Call,
     Cancel,
     Detach,
@@ -154,6 +155,7 @@ class OutsideCalls:
             Call: lambda received, incoming: self._call(received, incoming.reply, incoming.end),
             Cancel: self._cancel,
             Detach: self._detach,
+            Attend: self._press,
         }
 
     # -- inside -----------------------------------------------------------------------------------
@@ -164,7 +166,8 @@ class OutsideCalls:
         # what a parent's bond does for its calls, its presence does for the call of a program that waits
         attended_by = "" if call.oneway or call.epoch is not None else principal.agent
         ends, runtime = received.asked + seconds, self._runtime
-        admit = partial(self._admit, call, principal, respond, end, ends, attended_by)
+        until = received.asked + call.attended
+        admit = partial(self._admit, call, principal, respond, end, ends, attended_by, until)
         work: Callable[[], object] = admit
         if runtime.takes_long(call):  # to load units takes a while
             known = partial(admit, runtime.stops)
@@ -180,9 +183,10 @@ class OutsideCalls:
         end: End,
         deadline_at: float,
         attended_by: str,
+        until: float,
         stops: int = -1,
     ) -> None:
-        """Have a call accepted; `stops` as in `RobotRuntime.admit`."""
+        """Have a call accepted; `stops` and `until`, when its attention ends, as in `RobotRuntime.admit`."""
         runtime = self._runtime
         caller = None if call.oneway else OutsideCaller(runtime, call, respond, end)
         before = runtime.progress_of(call.key)  # of a call that is asked again
@@ -197,19 +201,29 @@ class OutsideCalls:
 
         try:
             self._expect_open()
-            runtime.admit(call, deadline_at, principal, listener=caller, accepted=accepted, stops=stops)
+            runtime.admit(
+                call,
+                deadline_at,
+                principal,
+                listener=caller,
+                accepted=accepted,
+                stops=stops,
+                attended_until=until,
+            )
         except NotDescribed as unknown:
             came = runtime.stops if stops < 0 else stops
 
             def described(error: VrError | None) -> None:
                 if error is None:
-                    self._admit(call, principal, respond, end, deadline_at, attended_by, came)
+                    self._admit(call, principal, respond, end, deadline_at, attended_by, until, came)
                 else:
                     self._refuse(error, end)
 
             runtime.describe_child(unknown, described)
         except Frozen as frozen:
-            again = partial(self._admit, call, principal, respond, end, deadline_at, attended_by, stops)
+            again = partial(
+                self._admit, call, principal, respond, end, deadline_at, attended_by, until, stops
+            )
             if not frozen.ice.hold(again, partial(end, ELSEWHERE)):
                 again()
         except Exception as error:  # noqa: BLE001 # the asker gets an answer, whatever happens
@@ -270,6 +284,12 @@ class OutsideCalls:
         self._order(
             on.DetachAsked(key=request.key, epoch=request.epoch, principal=received.principal), incoming
         )
+
+    def _press(self, received: Received, incoming: Incoming) -> None:
+        request = received.request
+        assert isinstance(request, Attend)  # noqa: S101 # see `answers`
+        at = received.asked - max(request.age, 0.0)
+        self._order(on.Attended(key=request.key, at=at, principal=received.principal), incoming)
 
     def _order(self, order: CoreEvent, incoming: Incoming) -> None:
         self._expect_open()

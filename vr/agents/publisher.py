@@ -30,6 +30,7 @@ from robotree.vr.base.permissions import Isolation
 from robotree.vr.base.presence import Undo
 from robotree.vr.base.requests import LogLines, State, encode
 from robotree.vr.base.transport import Transport
+from robotree.vr.core.control import Control
 from robotree.vr.core.machine import RobotState
 from robotree.vr.core.traffic import NO_FLOW, Flow
 from robotree.vr.lookup.registrar import Registrar
@@ -353,6 +354,7 @@ class Publisher:
             "advised": self._runtime.advised,
             "in_doubt": self._runtime.in_doubt,
             "drill": self.drill,
+            **_operators(state.control),
             "asks": next((call.doubt for call in calls.live.values() if call.doubt), ""),
         }
 
@@ -383,6 +385,17 @@ class Publisher:
             "host": self._host,
             "attributes": {str(name): str(value) for name, value in robot.attributes.items()},
         }
+
+
+def _operators(control: Control) -> dict[str, Any]:
+    """Return who has control of a robot, and who would."""
+    return {
+        "operator": control.holder.person,
+        "operator_since": control.since if control.holder.person else 0.0,
+        "wanted_by": control.asks.person,
+        "offered_to": control.offered,
+        "hands": control.hands,
+    }
 
 
 def _with_flow(slot: SlotSpec, state: RobotState, flows: Mapping[str, Flow]) -> SlotSpec:

@@ -26,6 +26,7 @@ _F = TypeVar("_F", bound=Callable[..., Any])
 _MARK = "__robotree_effect__"
 _RESUMPTION = "__robotree_resumption__"
 _OFFLINE = "__robotree_offline__"
+_ATTENDED = "__robotree_attended__"
 _CACHE = "__robotree_commands__"
 _HIDING: tuple[type[Any], ...] = (property, staticmethod, classmethod)
 """Decorators that make something else of a method."""
@@ -40,6 +41,7 @@ def command(
     resume: ResumePolicy = "continue",
     stale_after: float | str | None = None,
     offline: Offline = "reject",
+    attended: bool = False,
 ) -> Callable[[_F], _F]: ...
 def command(
     function: _F | None = None,
@@ -49,6 +51,7 @@ def command(
     resume: ResumePolicy = "continue",
     stale_after: float | str | None = None,
     offline: Offline = "reject",
+    attended: bool = False,
 ) -> _F | Callable[[_F], _F]:
     """Make a method callable by others.
 
@@ -61,6 +64,9 @@ def command(
         offline: what becomes of it while the robot is away: `reject` refuses it; with `queue` it may be left
             as an order, which the robot carries out when it is back (docs/orders.md); `memory`, for one that
             only reads and needs no arguments: directories answer with its last result.
+        attended: it goes on only while somebody attends it at a key: without one for 2 s it is ended, and
+            what it has its children do ends with it. A command that has an attended one of a child carried
+            out must be attended itself.
 
     Returns:
         The method, which stays an ordinary method for its own class.
@@ -72,6 +78,10 @@ def command(
         raise TypeError(f"no offline {offline!r}; write one of {', '.join(get_args(Offline))}")
     if offline == "memory" and effect != "read":
         raise TypeError('offline="memory" is for a command that only reads: effect="read"')
+    if attended and effect == "read":
+        raise TypeError("a command that only reads needs nobody at a key: take attended away")
+    if attended and offline == "queue":
+        raise TypeError("an order has nobody at a key: attended and offline='queue' exclude each other")
     if resume not in get_args(ResumePolicy):
         raise TypeError(f"no resume {resume!r}; write one of {', '.join(get_args(ResumePolicy))}")
     resumption = Resumption(resume, math.inf if stale_after is None else seconds_of(stale_after))
@@ -86,6 +96,7 @@ def command(
         setattr(function, _MARK, effect)
         setattr(function, _RESUMPTION, resumption)
         setattr(function, _OFFLINE, offline)
+        setattr(function, _ATTENDED, attended)
         return function
 
     return mark if function is None else mark(function)
@@ -131,10 +142,10 @@ def _collect(cls: type[Any]) -> dict[str, Command]:
         offline: Offline = getattr(value, _OFFLINE, "reject")
         if offline == "memory" and any(each.required for each in signature.spec.parameters):
             raise TypeError(f'{cls.__name__}.{name}: offline="memory" is for a command without arguments')
-        if offline != "reject":
-            signature = msgspec.structs.replace(
-                signature, spec=msgspec.structs.replace(signature.spec, offline=offline)
-            )
+        attended: bool = getattr(value, _ATTENDED, False)
+        if offline != "reject" or attended:
+            spec = msgspec.structs.replace(signature.spec, offline=offline, attended=attended)
+            signature = msgspec.structs.replace(signature, spec=spec)
         found[name] = signature
     spec = settings_spec(cls)
     if spec.parameters:

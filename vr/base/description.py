@@ -86,6 +86,8 @@ class CommandSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True,
     offline: Offline = "reject"
     available: bool = True
     """False while the slot it goes through is empty (its parameters are unknown then)."""
+    attended: bool = False
+    """It goes on only while somebody at a key attends it: see `Attend`."""
 
     @cached_property
     def by_name(self) -> Mapping[str, FieldSpec]:
@@ -266,6 +268,16 @@ class RobotDescription(_Agent, frozen=True, kw_only=True, omit_defaults=True):
     """How many protective stops have begun: a request to end one names the count that its sender saw."""
     abandoned: tuple[str, ...] = ()
     """Commands that were ended and whose code still runs: only a restart of its host ends them."""
+    operator: str = ""
+    """The person who has control of it: `anna@pts/3`; empty: nobody. See `core/control.py`."""
+    operator_since: float = 0.0
+    """[s] since 1970."""
+    wanted_by: str = ""
+    """The person who asks for control; empty: nobody does."""
+    offered_to: str = ""
+    """The person to whom it is offered; empty: nobody."""
+    hands: int = 0
+    """How often control has changed hands."""
     paused: str = ""
     """The one who has paused it, for people; empty: it is not paused."""
     drill: str = ""

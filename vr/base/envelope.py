@@ -32,6 +32,7 @@ from robotree.vr.base.principal import ASSISTANTS, SCRIPT, Credentials, Principa
 from robotree.vr.base.requests import (
     AcquireFence,
     AnyRequest,
+    Attend,
     Call,
     Cancel,
     CancelOrder,
@@ -60,6 +61,7 @@ from robotree.vr.base.requests import (
     RobotDeleted,
     RollBack,
     SafeStop,
+    SetControl,
     SetPlacement,
     TakeAlong,
     TakeOrder,
@@ -73,7 +75,7 @@ FRESH = 3.0
 and longer than it takes to see that a process hangs, so that an asker who gives up has little to wait."""
 
 BEGINS = (
-    *(Call, Decide, Resume, Enslave, Free, Delete, Create, Reload),
+    *(Call, Attend, SetControl, Decide, Resume, Enslave, Free, Delete, Create, Reload),
     *(Pause, TakeStep, Continue, Migrate, Drain, SetPlacement, Disturb),
     *(WriteEntry, FindEntries, OpenTransaction, CloseTransaction, AcquireFence),
     *(LeaveOrder, ConfirmOrder, TakeOrder, TakeAlong, ReleaseHolds),

@@ -490,6 +490,15 @@ class UnderWay(CommandError):
     )
 
 
+class NobodyAttends(CommandError):
+    """The command goes on only while somebody holds a key, and nobody does."""
+
+    sentence = (
+        "{robot}.{command} goes on only while somebody holds a key, and {who} holds none: call it on the full"
+        " screen, or with `robotree call` at a terminal"
+    )
+
+
 class Stopped(CommandError):
     """A protective stop holds the robot."""
 
@@ -567,6 +576,18 @@ class NotInControl(LeaseError):
         "{robot} is commanded by {holder}; command {holder}, or release the "
         "bond: `robotree release {holder}.{slot}`"
     )
+
+
+class HeldByOperator(LeaseError):
+    """A person has control of the robot, and somebody else asks."""
+
+    sentence = "{holder} has control of {robot}; ask for it with `robotree control ask {robot}`"
+
+
+class ControlRefused(LeaseError):
+    """Control of a robot cannot change hands in this way now."""
+
+    sentence = "control of {robot} stays as it is: {reason}"
 
 
 class NotAllowed(LeaseError):

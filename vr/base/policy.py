@@ -86,6 +86,7 @@ RIGHTS: Final = (
     Right(
         ASK, ("robot",), "of an assistant: have a command carried out after a person's yes to this one call"
     ),
+    Right("take", ("robot",), "take control of a robot from the operator who has it"),
     Right("order", ("robot",), "leave commands for when it is here and free, and cancel such orders"),
     Right("create", ("host",), "make virtual robots, or give one another page, on this host"),
     Right("release", ("robot",), "release its children, and delete it"),

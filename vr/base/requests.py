@@ -74,6 +74,37 @@ class Call(_Message, frozen=True, kw_only=True):
     """Id of the permit with which an assistant asks, where the policy wants one."""
     note: str = ""
     """For the history: why the caller asks, in its own words, and who has said yes."""
+    attended: float = 0.0
+    """[s] from the moment when it was asked, for which somebody at a key attends it (`Attend` prolongs that);
+    0: nobody does."""
+
+
+class Attend(_Message, frozen=True, kw_only=True):
+    """Somebody at a key attends a command of the asker that goes on. Answered by `Done`.
+
+    It counts from the moment of the key, not of its arrival, so one that lay in a line or a frozen process
+    prolongs nothing.
+    """
+
+    key: str
+    epoch: int | None = None
+    age: float = 0.0
+    """[s] before the moment of asking, at which the key was pressed."""
+
+
+class SetControl(_Message, frozen=True, kw_only=True):
+    """An operator gets, asks for, offers, takes or leaves control of a robot: see `core/control.py`.
+
+    Answered by `Done`, with who has it now in its note.
+    """
+
+    what: Literal["get", "ask", "offer", "take", "leave"]
+    person: str = ""
+    """Of an offer: to whom; empty: to who asks."""
+    within: float = 0.0
+    """[s] for which; 0: as long as the asker's program is present."""
+    seen: int = -1
+    """Of a take: `RobotDescription.hands` when the person decided; -1: not known."""
 
 
 class Detach(_Message, frozen=True, kw_only=True):
@@ -1241,6 +1272,39 @@ class State(_Message, frozen=True, kw_only=True):
     """What it suffers for a drill, and who has asked for that: `cut, by anna@pts/3`; empty: nothing."""
     advised: str = ""
     """See `RobotDescription.advised`."""
+    operator: str = ""
+    """The person who has control of it; empty: nobody."""
+    operator_since: float = 0.0
+    """[s] since 1970."""
+    wanted_by: str = ""
+    """The person who asks for control; empty: nobody does."""
+    offered_to: str = ""
+    """The person to whom it is offered; empty: nobody."""
+    hands: int = 0
+    """How often control has changed hands."""
+
+
+class OperatorHere(_Message, frozen=True, kw_only=True):
+    """The program of an operator says who sits there, under its key + `/here`: at each change, and slowly."""
+
+    person: str
+    """`anna@pts/3`"""
+    page: str = ""
+    """That is in front, in words: `the list`, `panel of arm-1`."""
+    robot: str = ""
+    """That is selected."""
+    since: float = 0.0
+    """[s] since 1970."""
+    asks: bool = False
+    """Whether all others shall say at once that they are there."""
+    leaves: bool = False
+
+
+class OperatorSays(_Message, frozen=True, kw_only=True):
+    """A line of an operator to all others, under the key of the program + `/says`."""
+
+    person: str
+    text: str
 
 
 class StreamSample(_Message, frozen=True, kw_only=True):
@@ -1252,6 +1316,7 @@ class StreamSample(_Message, frozen=True, kw_only=True):
 
 AnyRequest = (
     Describe | Call | Detach | Cancel | Decide | Pause | TakeStep | Continue | Petition | Retract | Renew
+    | Attend | SetControl
     | SetPlacement | Disturb
     | Release | SafeStop | Resume | Enslave | Free | Delete | Create | Reload | ReadLog | ReadHistory
     | DescribeHost | Register | Query | Look | DescribeView | WriteEntry | FindEntries | GiveUp | RenewEntry
@@ -1270,7 +1335,9 @@ Reply = (
     | OrderLeft | OrdersFound | KnownFound | RecordsShared
     | Moved | MoveReady | MoveDecided
 )  # fmt: skip
-Published = LogLines | Listed | Unlisted | State | OrdersChanged | StreamSample
+Published = (
+    LogLines | Listed | Unlisted | State | OrdersChanged | StreamSample | OperatorHere | OperatorSays
+)  # fmt: skip
 
 _R = TypeVar("_R")
 _encoder = msgspec.msgpack.Encoder()

@@ -67,6 +67,38 @@ class Invoke(_Event, frozen=True, kw_only=True):
     """Stops that the robot had received when the call came; -1: not checked."""
     alone: bool = False
     """It is refused while another call of the same command runs or waits."""
+    attended: bool = False
+    """It goes on only while somebody attends it."""
+    attended_until: float = 0.0
+    """[s] on the robot's clock, until when somebody does; 0: nobody."""
+
+
+class Attended(_Event, frozen=True, kw_only=True):
+    """Somebody at a key attends a call: `requests.Attend`."""
+
+    key: str
+    """Of the call."""
+    at: float
+    """[s] on the robot's clock, when the key was pressed."""
+
+
+class ControlAsked(_Event, frozen=True, kw_only=True):
+    """An operator wants to get, ask for, offer, take or leave control: `requests.SetControl`."""
+
+    what: str
+    unix: float
+    """[s] since 1970."""
+    person: str = ""
+    within: float = 0.0
+    seen: int = -1
+
+
+class OperatorGone(_Event, frozen=True, kw_only=True):
+    """The program of an operator has gone who has control, or asks for it."""
+
+    agent: str
+    unix: float
+    """[s] since 1970."""
 
 
 class Finish(_Event, frozen=True, kw_only=True):
@@ -407,6 +439,7 @@ class ReleaseAsked(_Event, frozen=True, kw_only=True):
 
 CoreEvent = (
     StepTaken | Checkpoint | DoubtRaised | DoubtSettled | ParentAway | Invoke | Finish
+    | Attended | ControlAsked | OperatorGone
     | DetachAsked | CancelAsked | CancelAll | Abandon | Gone | Tick | ParentAsked
     | Prolong | EndLease | Obeyed | Reserve | Unreserve | Bind | FreeAsked | Lose | Renewed
     | Watching | WatchEnded
@@ -493,6 +526,24 @@ class StopTaken(_Value, frozen=True, kw_only=True):
     """The answer, if all parts have answered already."""
 
 
+class AttentionPassed(_Value, frozen=True, kw_only=True):
+    """Somebody attends a running command, and so what it has its children do."""
+
+    key: str
+    """Of the call."""
+    at: float
+    """[s] as in `Attended`."""
+
+
+class ControlChanged(_Value, frozen=True, kw_only=True):
+    """Another operator has control, asks for it, or is offered it, or nobody any more."""
+
+    agents: frozenset[str] = frozenset()
+    """Keys under which those must be present who have it or ask for it."""
+    text: str = ""
+    """What happened, for the log; empty: nothing that is to be told."""
+
+
 class LeaseChanged(_Value, frozen=True, kw_only=True):
     """Somebody else commands the robot, or the lease has other ancestors."""
 
@@ -553,6 +604,8 @@ class FieldsChanged(_Value, frozen=True, kw_only=True):
 
 
 CoreEffect = (
-    Begin | Decided | Interrupt | Settled | LeaseGranted | LeaseChanged | LeaseEnded | RenewLease | ChildGone
+    ControlChanged | AttentionPassed
+    | Begin | Decided | Interrupt | Settled | LeaseGranted | LeaseChanged | LeaseEnded
+    | RenewLease | ChildGone
     | FieldsChanged | PauseChanged | AskPart | StopTaken | StopSettled
 )  # fmt: skip

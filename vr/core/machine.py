@@ -25,6 +25,7 @@ from robotree.vr.base.errors import (
     CycleOfBonds,
     DeadlineExceeded,
     KeyReused,
+    NobodyAttends,
     NotConfirmed,
     NotFree,
     NothingAsked,
@@ -38,6 +39,7 @@ from robotree.vr.base.principal import ITSELF, Principal
 from robotree.vr.base.requests import Raised, Returned
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import Bond, GrantedLease, Lease, Slots
+from robotree.vr.core.control import Control, operator_of
 from robotree.vr.core.events import (
     AskPart,
     Begin,
@@ -69,6 +71,10 @@ MOST_KEPT = 256
 """Ended calls that are remembered, and cancels that came first."""
 MOST_STEPS = 100_000
 """Steps of one call that are kept; a call that takes more without a checkpoint cannot go on after a crash."""
+ATTENTION = 2.0
+"""[s] after the last key for which an attended command goes on."""
+UNATTENDED = "nobody has held a key for 2 s"
+"""Why an attended command ends."""
 MOST_CALLERS = 256
 """Callers that number their calls and are remembered."""
 
@@ -141,6 +147,8 @@ class AcceptedCall(msgspec.Struct, kw_only=True):
     """Its question to a person before it goes on; empty: none."""
     forgotten: bool = False
     """Whether it has taken more steps than are kept: it cannot go on after an interruption."""
+    attended_until: float = math.inf
+    """[s] on the robot's clock, when it ends unless somebody attends it; infinite: nobody needs to."""
 
 
 class Calls(msgspec.Struct, kw_only=True):
@@ -311,6 +319,8 @@ class RobotState(msgspec.Struct, kw_only=True):
     """Of its last move: by this its children know that it is the same robot; see `heirs`."""
     placing: Placing = Placing()
     """What it takes along about its place."""
+    control: Control = msgspec.field(default_factory=Control)
+    """Which operator has it for themselves."""
 
     @property
     def lineage(self) -> tuple[str, ...]:
@@ -349,6 +359,7 @@ def shift(state: RobotState, by: float) -> None:
         bond.lease.last_asked += by
     for call in state.calls.live.values():
         call.deadline_at += by
+        call.attended_until += by
         call.came += by
         call.began += by if call.running else 0.0
         for path, step in call.steps.items():
@@ -360,6 +371,9 @@ def shift(state: RobotState, by: float) -> None:
                     received[on.AT] += by
                 call.steps[path] = msgspec.structs.replace(step, value=received)
     stop.moment += by
+    control = state.control
+    control.until, control.asks_until = control.until + by, control.asks_until + by
+    control.offered_until += by
 
 
 class RobotCore:
@@ -401,7 +415,10 @@ class RobotCore:
         for call in self.state.calls.live.values():
             if call.deadline_at < due and call.cause is None:
                 due = call.deadline_at
-        return due
+            if call.attended_until < due and not call.final:
+                due = call.attended_until
+        control = self.state.control
+        return min(due, control.due) if control.holder.person else due
 
     # -- calls ------------------------------------------------------------------------------------
 
@@ -416,7 +433,11 @@ class RobotCore:
         if known is not None:
             return []
         if not event.reads:
+            self.state.control.expect(name, event.principal)
             self._expect_free_to_move(event)
+        if event.attended and not event.attended_until > now:
+            who = event.principal.person or asked.caller or "its caller"
+            raise NobodyAttends(robot=name, command=asked.command, who=who)
         if not now < event.deadline_at < math.inf:
             raise DeadlineExceeded(robot=name, command=asked.command)
         lease = self.state.lease.current
@@ -435,6 +456,7 @@ class RobotCore:
             witness=asked.witness,
             detached=asked.oneway,
             came=now,
+            attended_until=min(event.attended_until, now + ATTENTION) if event.attended else math.inf,
         )
         begins = calls.enter(call, name)
         if begins and self.state.fields:
@@ -527,6 +549,7 @@ class RobotCore:
 
     def _decide(self, event: on.DoubtSettled, now: float) -> Effects:
         self.state.lease.check(event.epoch, now, event.principal)
+        self.state.control.expect(self.name, event.principal)
         asking = next((call for call in self.state.calls.live.values() if call.doubt), None)
         if asking is None:
             raise NothingAsked(robot=self.name)
@@ -540,6 +563,20 @@ class RobotCore:
             return []
         cause = CommandCancelled(robot=self.name, command=call.command, reason=event.reason)
         return self._end(call, cause, now, final=event.final)
+
+    def _attended(self, event: on.Attended, now: float) -> Effects:
+        call = self.state.calls.live.get(event.key)
+        if call is None or call.attended_until == math.inf:
+            return []
+        if event.principal not in (call.principal, ITSELF):
+            raise NobodyAttends(
+                robot=self.name, command=call.command, who=event.principal.person or "another"
+            )
+        until = min(event.at, now) + ATTENTION
+        if call.final or until <= call.attended_until or call.attended_until <= now:
+            return []  # it is ended already, or a later key has come before
+        call.attended_until = until
+        return [on.AttentionPassed(key=call.key, at=min(event.at, now))] if call.running else []
 
     def _detach(self, event: on.DetachAsked, now: float) -> Effects:
         if call := self._call_of(event, now):
@@ -627,7 +664,55 @@ class RobotCore:
         for call in list(self.state.calls.live.values()):
             if call.deadline_at <= now and call.key in self.state.calls.live:
                 effects += self._end(call, DeadlineExceeded(robot=self.name, command=call.command), now)
+            elif call.attended_until <= now and not call.final:
+                cause = CommandCancelled(robot=self.name, command=call.command, reason=UNATTENDED)
+                effects += self._end(call, cause, now, final=True)
+        if self.state.control.tick(now, event.unix):
+            effects.append(self._control_changed())
         return effects
+
+    # -- which operator has it ---------------------------------------------------------------------
+
+    def _set_control(self, event: on.ControlAsked, now: float) -> Effects:
+        control, name, asker = self.state.control, self.name, operator_of(event.principal)
+        within, before = max(event.within, 0.0), control.holder.person
+        if within:
+            asker = operator_of(event.principal, present=False)
+        if event.what != "leave":
+            self.state.lease.check(None, now, event.principal)
+        taken = False
+        match event.what:
+            case "get":
+                control.get(name, asker, now, event.unix, within)
+            case "take":
+                taken = control.take(name, asker, now, event.unix, within, event.seen)
+            case "ask":
+                control.ask(name, asker, now, within)
+            case "offer":
+                control.offer(name, asker, event.person, now, event.unix)
+            case _:
+                control.leave(name, asker, now, event.unix)
+        if event.what in {"get", "take"}:
+            self.state.lease.used()
+        effects: Effects = [self._control_changed(before)]
+        if taken:
+            effects += self._end_all(f"{asker.person} has taken control of {name}", now, but_readers=True)
+        return effects
+
+    def _operator_gone(self, event: on.OperatorGone, now: float) -> Effects:
+        before = self.state.control.holder.person
+        if event.agent not in self.state.control.agents:
+            return []
+        self.state.control.lose(event.agent, now, event.unix)
+        return [self._control_changed(before, "gone")]
+
+    def _control_changed(self, before: str = "", how: str = "") -> on.ControlChanged:
+        control = self.state.control
+        text = ""
+        if (now := control.holder.person) != before:
+            text = f"{now} has control of it" if now else f"{before} has no control of it any more"
+            text += f": {before} is gone" if how and before else ""
+        return on.ControlChanged(agents=control.agents, text=text)
 
     # -- who commands it --------------------------------------------------------------------------
 
@@ -635,6 +720,9 @@ class RobotCore:
         parent = event.parent
         if any(child.name == parent.name for child in self.state.slots.children()):
             raise CycleOfBonds(parent=parent.name, child=self.name, lineage=f"{self.name} > {parent.name}")
+        if holder := self.state.control.holder.person:
+            reason = f"{holder} has control of it; `robotree control leave {self.name}` gives it up"
+            raise NotFree(robot=self.name, reason=reason)
         current = self.state.lease.current
         again = current is not None and current.petition == event.key != ""
         if event.idle and not again and (reason := self._occupation()):
@@ -806,6 +894,7 @@ class RobotCore:
     def _set(self, event: on.Set, now: float) -> Effects:
         if event.principal != ITSELF:
             self.state.lease.check(event.epoch, now, event.principal)
+            self.state.control.expect(self.name, event.principal)
         self.state.fields.update(event.values)
         return [FieldsChanged()]
 
@@ -851,6 +940,7 @@ class RobotCore:
 
     def _let_step(self, event: on.StepLet, now: float) -> Effects:
         self.state.lease.check(event.epoch, now, event.principal)
+        self.state.control.expect(self.name, event.principal)
         if not self.state.pause.in_force:
             raise NotPaused(robot=self.name)
         if event.step:
@@ -859,6 +949,7 @@ class RobotCore:
 
     def _continue(self, event: on.ContinueAsked, now: float) -> Effects:
         self.state.lease.check(None, now, event.principal)
+        self.state.control.expect(self.name, event.principal)
         self.state.pause.end()
         return self._pause_changed(now)
 
@@ -909,6 +1000,9 @@ class RobotCore:
         on.DoubtSettled: _decide,
         on.ParentAway: _parent_away,
         on.DetachAsked: _detach,
+        on.Attended: _attended,
+        on.ControlAsked: _set_control,
+        on.OperatorGone: _operator_gone,
         on.CancelAsked: _cancel,
         on.CancelAll: _cancel_all,
         on.Abandon: _abandon,

@@ -28,6 +28,7 @@ from robotree.vr.base.requests import (
     AcquireFence,
     AnyRequest,
     AskMove,
+    Attend,
     Call,
     Cancel,
     CancelOrder,
@@ -85,6 +86,7 @@ from robotree.vr.base.requests import (
     RobotDeleted,
     RollBack,
     SafeStop,
+    SetControl,
     SetPlacement,
     ShareRecords,
     TakeAlong,
@@ -120,6 +122,7 @@ NEEDS: Final[Mapping[type[AnyRequest], str]] = {
     DescribeHost: MEMBER, ReadHistory: MEMBER, ReadEvents: MEMBER, Query: MEMBER, Register: MEMBER,
     DescribeGateway: MEMBER,
     VerifyEvents: "see", ReadBundle: "see",
+    Attend: ANYBODY, SetControl: "command",
     Call: "command", Detach: "command", Cancel: "command", Decide: "command", Pause: "command",
     TakeStep: "command", Continue: "command", Enslave: "command", Petition: "command", Renew: "command",
     WriteEntry: "command", FindEntries: "command", RenewEntry: "command", OpenTransaction: "command",
@@ -166,7 +169,7 @@ ANYWHERE: Final = Here()
 
 OF_PEOPLE = (
     *(Create, Reload, Enslave, Free, Delete, Decide, Resume, Pause, TakeStep, Continue),
-    *(SetPlacement, Disturb),
+    *(SetPlacement, SetControl, Disturb),
 )
 """Requests that shape the tree, or decide something: no page of somebody else makes them."""
 
@@ -286,8 +289,7 @@ def _keep_to_policy(principal: Principal, request: AnyRequest, state: RobotState
         if isinstance(request, Register) and gate.owner is not None and not principal.site:
             _expect_to_list_its_own(principal, request, gate.owner)
         return
-    if isinstance(request, FindEntries) and not request.take:
-        right = "see"
+    right = _right_for(request, right)
     target = here.target(request.command if isinstance(request, Call) else "")
     if isinstance(request, Migrate):
         robot = here.robot(request.robot)
@@ -299,6 +301,17 @@ def _keep_to_policy(principal: Principal, request: AnyRequest, state: RobotState
     _expect(gate, asker, right, target)
     if isinstance(request, Reload):
         _expect_to_reload(gate, asker, request.page.name, here)
+
+
+def _right_for(request: AnyRequest, right: str) -> str:
+    """Return the right that a request needs, whose class needs this one."""
+    match request:
+        case FindEntries(take=False):
+            return "see"
+        case SetControl(what="take"):
+            return "take"
+        case _:
+            return right
 
 
 def _expect_to_list_its_own(principal: Principal, request: Register, owner: int) -> None:
@@ -321,6 +334,8 @@ def _ends_its_own(principal: Principal, request: AnyRequest, state: RobotState |
     """Whether a request only ends what its principal has begun: a call, or its own lease."""
     if isinstance(request, Release):
         return request.parent.key == principal.agent
+    if isinstance(request, SetControl):
+        return request.what == "leave"
     if not isinstance(request, Cancel) or not request.key or state is None:
         return False
     call = state.calls.live.get(request.key)

@@ -18,6 +18,7 @@ from robotree.vr.base.permissions import Isolation
 from robotree.vr.base.requests import (
     ANSWER_WITHIN,
     AnyRequest,
+    Attend,
     Call,
     Cancel,
     Continue,
@@ -54,6 +55,7 @@ from robotree.vr.base.requests import (
     Resume,
     Retract,
     SafeStop,
+    SetControl,
     SetPlacement,
     TakeStep,
     ViewDescribed,
@@ -61,7 +63,7 @@ from robotree.vr.base.requests import (
 from robotree.vr.base.signed_manifest import SignedManifest
 from robotree.vr.base.transport import Transport
 from robotree.vr.core.confirmation import unmeasured
-from robotree.vr.exchange.asking import ReplyStream, ask, fresh_key
+from robotree.vr.exchange.asking import ReplyStream, ask, fresh_key, send_request
 from robotree.vr.exchange.calling import NEWS, CallOutcome, OnFields, OnProgress
 
 DEFAULT_DEADLINE = 60.0
@@ -234,6 +236,38 @@ class RobotClient:
     async def cancel(self, key: str = "", *, epoch: int | None = None, reason: str = "") -> None:
         """End the command of a key, or all of them."""
         await self._ask(Cancel(key=key, epoch=epoch, reason=reason), Done, urgent=True)
+
+    def press(self, key: str) -> None:
+        """Say that somebody at a key attends a call of this caller, without waiting for an answer."""
+        now = asyncio.get_running_loop().time()
+        send_request(
+            self._transport,
+            self.address.key,
+            Attend(key=key),
+            _ignore,
+            now=now,
+            within=ANSWER_WITHIN,
+            sender=self._sender,
+            urgent=True,
+        )
+
+    async def control(
+        self,
+        what: Literal["get", "ask", "offer", "take", "leave"],
+        *,
+        person: str = "",
+        within: float = 0.0,
+        seen: int = -1,
+    ) -> str:
+        """Get, ask for, offer, take or leave control; returns who has it then: see `SetControl`.
+
+        Raises:
+            HeldByOperator: somebody else has it.
+            ControlRefused: it cannot change hands in this way.
+            LeaseError: a parent commands the robot.
+        """
+        request = SetControl(what=what, person=person, within=within, seen=seen)
+        return (await self._ask(request, Done, urgent=True)).note
 
     async def decide(self, answer: Literal["done", "again", "abort"]) -> None:
         """Answer what a command asks after a crash: it is done, goes on, or ends in doubt.
@@ -628,3 +662,7 @@ class ViewClient:
         """
         request = Look(camera=camera, width=width, height=height, quality=quality)
         return await ask(self._transport, self.address.key, request, Picture, timeout=PICTURE_WITHIN)
+
+
+def _ignore(_: Reply | None) -> None:
+    """Take a reply that does not matter."""

@@ -22,6 +22,7 @@ from robotree.vr.base.requests import (
     AcquireFence,
     AnyRequest,
     AskMove,
+    Attend,
     Call,
     Cancel,
     CloseTransaction,
@@ -57,7 +58,7 @@ from robotree.vr.base.requests import (
 
 ALLOWED: dict[str, tuple[type[AnyRequest], ...]] = {
     "robot": (
-        *(Describe, Call, Detach, Cancel, Petition, Retract, Renew, Release, SafeStop),
+        *(Describe, Call, Attend, Detach, Cancel, Petition, Retract, Renew, Release, SafeStop),
         *(Pause, TakeStep, Continue),
     ),
     "lookup": (Register, Query),
@@ -71,7 +72,7 @@ ALLOWED: dict[str, tuple[type[AnyRequest], ...]] = {
 """What a robot may ask, by the role of whom it asks."""
 
 OF_PARENTS = (Petition, Retract, Renew, Release)
-OF_CHILDREN = (Call, Detach, Cancel, Pause, TakeStep, Continue)
+OF_CHILDREN = (Call, Attend, Detach, Cancel, Pause, TakeStep, Continue)
 """Requests to whom the robot commands."""
 OF_MOVES = (PrepareMove, TakeRobot, AskMove)
 """Requests by which it moves to another host: its own host makes them anew."""

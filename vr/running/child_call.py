@@ -37,6 +37,7 @@ from robotree.vr.base.plain import READY, to_plain
 from robotree.vr.base.requests import (
     ANSWER_WITHIN,
     Accepted,
+    Attend,
     Call,
     Cancel,
     Detach,
@@ -263,12 +264,41 @@ class ChildCall(Started):
             lowest=lowest,
             line=self._line,
             witness=witness,
+            attended=self._attended(now),
         )
         if neighbour is None:
             self.ask(call, now)
         else:
             nested = self.manner in {"awaited", "passed on"} and not attempt
             self.enter(neighbour, call, deadline_at, nested=nested)
+
+    # -- while somebody at a key attends the command that calls ------------------------------------
+
+    def _attended(self, now: float) -> float:
+        """Return for how long [s] the caller is attended yet; the child hears of each key from now on."""
+        until, run = self.frame.runtime.attended_until(self.frame.call_key), self.frame.run
+        if not until:
+            return 0.0
+        if self._pass_on not in run.passes_on:
+            run.passes_on += (self._pass_on,)
+            self._leave += (self._pass_no_more,)
+        return max(until - now, 0.0)
+
+    def _pass_no_more(self) -> None:
+        run = self.frame.run
+        run.passes_on = tuple(each for each in run.passes_on if each != self._pass_on)
+
+    def _pass_on(self, at: float) -> None:
+        """Tell the child that a key was pressed [s]. In any thread."""
+        if self.reply is not None or self.frame.runtime.has_left:
+            return
+        if self._neighbour is not None:
+            with contextlib.suppress(VrError):  # it has just ended
+                self._neighbour.press(self._called, at, self.frame.runtime.principal)
+        elif self._sent is not None:
+            age = self.frame.worker.process.runner.now() - at
+            attend = Attend(key=self._called, epoch=self._sent.epoch, age=max(age, 0.0))
+            self.frame.runtime.ask(self.child.key, attend, _ignore, urgent=True)
 
     # -- to a child in this process ---------------------------------------------------------------
 
@@ -297,6 +327,7 @@ class ChildCall(Started):
                     self.frame.runtime.principal,
                     listener=None if call.oneway else self,
                     turn=self.give_turn if turn else None,
+                    attended_until=self.frame.worker.now() + call.attended,
                 )
             except NotDescribed as unknown:
                 self._describe(child, unknown)
@@ -354,8 +385,15 @@ class ChildCall(Started):
             return
         source, number, lowest, closed = runtime.number(self.slot, epoch)
         self._leave += (closed,)
-        left = deadline_at - now
-        again = replace(given, epoch=epoch, deadline=left, source=source, number=number, lowest=lowest)
+        again = replace(
+            given,
+            epoch=epoch,
+            deadline=deadline_at - now,
+            source=source,
+            number=number,
+            lowest=lowest,
+            attended=self._attended(now),
+        )
         self.ask(again, now)
 
     def _note_begin(self) -> None:
@@ -462,7 +500,7 @@ class ChildCall(Started):
             return
         if runtime.is_there(self.child.key):
             self.accept_by = math.inf if self.accepted else now + ANSWER_WITHIN
-            again = replace(sent, deadline=self._ends - now)
+            again = replace(sent, deadline=self._ends - now, attended=self._attended(now))
             runtime.ask(self.child.key, again, self._taker(again), now=now)
         else:
             self._lose_contact()

@@ -73,7 +73,9 @@ LONGEST_NOTE = 80
 LATE = 0.001
 """[s] that a deadline may be noticed late, so that deadlines which differ by rounding share one timer."""
 
-INVISIBLE = frozenset({Begin, Settled, on.RenewLease, on.AskPart, on.LeaseGranted, on.StopTaken})
+INVISIBLE = frozenset(
+    {Begin, Settled, on.RenewLease, on.AskPart, on.LeaseGranted, on.StopTaken, on.AttentionPassed}
+)
 """Effects that others do not see: a call that only reads, a renewal, a copy of a stop."""
 
 NUMBERS = frozenset({float, int, bool})
@@ -539,7 +541,13 @@ class RobotRuntime:
             LeaseError: he may not.
         """
         now = self._runner.now()
-        self.look(lambda state: state.lease.check(epoch, now, principal, ends=ends))
+
+        def check(state: RobotState) -> None:
+            state.lease.check(epoch, now, principal, ends=ends)
+            if not ends:
+                state.control.expect(self.name, principal)
+
+        self.look(check)
 
     @property
     def lease(self) -> Lease | None:
@@ -783,6 +791,11 @@ class RobotRuntime:
             if isinstance(effect, on.PauseChanged):
                 self._look_at_pause()
                 return
+            if isinstance(effect, on.AttentionPassed):
+                run = self.runs.get(effect.key)
+                for pass_on in () if run is None else run.passes_on:
+                    pass_on(effect.at)
+                return
             if isinstance(effect, on.ChildGone):
                 self._tell_gone(effect.slot)
             self._on_effect(effect)
@@ -823,6 +836,7 @@ class RobotRuntime:
         turn: OfferedTurn | None = None,
         accepted: Callable[[], None] | None = None,
         stops: int = -1,
+        attended_until: float = 0.0,
     ) -> None:
         """Accept a call, or refuse it; it begins at its turn.
 
@@ -834,6 +848,7 @@ class RobotRuntime:
             turn: see `post`.
             accepted: see `post`.
             stops: how many stops there were when the call came; -1: it comes now.
+            attended_until: [s] on the runner's clock, until when somebody at a key attends it.
 
         Raises:
             VrError: it is refused.
@@ -856,6 +871,8 @@ class RobotRuntime:
                 stops_seen=begun if stops < 0 else stops,
                 alone=call.command in self.robot.one_at_a_time,
                 principal=principal,
+                attended=spec.attended,
+                attended_until=attended_until if call.attended > 0 else 0.0,
             ),
             listener=listener,
             turn=turn,
@@ -872,6 +889,26 @@ class RobotRuntime:
     def detach(self, key: str, *, principal: Principal = ITSELF) -> None:
         """Let a call go on without the command that has made it; the principal is its caller."""
         self.post(on.DetachAsked(key=key, principal=principal))
+
+    # -- somebody at a key ------------------------------------------------------------------------
+
+    def press(self, key: str, at: float, principal: Principal = ITSELF) -> None:
+        """Take note that somebody at a key attends a call; the principal is its caller.
+
+        Args:
+            key: of the call.
+            at: [s] on the runner's clock, when the key was pressed.
+            principal: who says so.
+
+        Raises:
+            NobodyAttends: it is another one's call.
+        """
+        self.post(on.Attended(key=key, at=at, principal=principal))
+
+    def attended_until(self, key: str) -> float:
+        """[s] until when a live call is attended; 0: nobody attends it."""
+        call = self.look(lambda state: state.calls.live.get(key))
+        return 0.0 if call is None or call.attended_until == math.inf else call.attended_until
 
     # -- callers with whom calls end --------------------------------------------------------------
 

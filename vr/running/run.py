@@ -85,6 +85,8 @@ class Run:
     callers: frozenset[str] = frozenset()
     """Keys under which those are present with whom it ends; empty: it goes on without them."""
 
+    passes_on: tuple[Callable[[float], None], ...] = ()
+    """Those who tell a child that a command of it is attended, which this one has called; see `Attend`."""
     listeners: tuple[Listener, ...] = ()
     """Those who are told how it fares."""
 

@@ -61,6 +61,7 @@ from robotree.vr.base.requests import (
 from robotree.vr.base.transport import Registration, Transport
 from robotree.vr.base.whose import unique
 from robotree.vr.exchange.asking import ask, fresh_key
+from robotree.vr.exchange.attendance import Attendance
 from robotree.vr.exchange.calling import CallOutcome, OnFields, OnProgress, call_and_wait
 from robotree.vr.exchange.client import (
     DEFAULT_DEADLINE,
@@ -580,6 +581,7 @@ class RealmClient:
         deadline: float = DEFAULT_DEADLINE,
         on_progress: OnProgress | None = None,
         on_fields: OnFields | None = None,
+        attendance: Attendance | None = None,
     ) -> Any:
         """Have a command carried out and return its result. It ends when this process does, however it ends.
 
@@ -590,6 +592,7 @@ class RealmClient:
             deadline: [s] within which it must be done.
             on_progress: takes how far it is.
             on_fields: takes what the result is, when it comes.
+            attendance: of a person who holds a key, for a command that wants that; None: nobody does.
         """
         caller = await self.caller()
         call = Call(
@@ -599,11 +602,16 @@ class RealmClient:
             caller=CALLER,
             deadline=deadline,
             describe_result=on_fields is not None,
+            attended=0.0 if attendance is None else attendance.until,
         )
-        return await self._ask(
-            name,
-            lambda robot: robot.carry_out(call, sender=caller, on_progress=on_progress, on_fields=on_fields),
-        )
+
+        def carry_out(robot: RobotClient) -> Awaitable[Any]:
+            if attendance is not None:
+                attending = RobotClient(self._transport, robot.address, sender=caller)
+                attendance.follow(lambda: attending.press(call.key))
+            return robot.carry_out(call, sender=caller, on_progress=on_progress, on_fields=on_fields)
+
+        return await self._ask(name, carry_out)
 
     async def carry_out(self, robot: Address, call: Call, *, on_progress: OnProgress | None = None) -> Any:
         """Have a call carried out as it is, and return its result; it ends when this process does.
@@ -739,6 +747,36 @@ class RealmClient:
     async def go_on(self, name: str) -> str:
         """End the pause of a robot; see `RobotClient.go_on`."""
         return await self._ask(name, lambda robot: robot.go_on())
+
+    async def control(
+        self,
+        name: str,
+        what: Literal["get", "ask", "offer", "take", "leave"],
+        *,
+        person: str = "",
+        within: float = 0.0,
+        seen: int = -1,
+    ) -> str:
+        """Get, ask for, offer, take or leave control of a robot; see `vr/core/control.py`.
+
+        Args:
+            name: of the robot.
+            what: is wanted.
+            person: of an offer: to whom; empty: to who asks.
+            within: [s] for which control is wanted; 0: as long as this program is present.
+            seen: of a take: `RobotDescription.hands` when the person decided; -1: whichever.
+
+        Returns:
+            The person who has control then; empty: nobody.
+
+        Raises:
+            HeldByOperator: somebody else has it.
+            ControlRefused: it cannot change hands in this way.
+            Denied: the policy does not allow it.
+        """
+        sender, address = await self.caller(), await self.directory.resolve(name)
+        robot = RobotClient(self._transport, address, sender=sender)
+        return await self._awake(robot.control(what, person=person, within=within, seen=seen))
 
     async def decide(self, name: str, answer: Literal["done", "again", "abort"]) -> None:
         """Answer what a command of a robot asks after a crash; see `RobotClient.decide`."""
