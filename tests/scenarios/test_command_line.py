@@ -171,6 +171,9 @@ def test_no_verb_over_a_realm_is_left_out() -> None:
     proved |= {"alarms", "alarm above", "alarm below", "alarm ack", "alarm clear"}  # test_where_it_is.py
     proved |= {"compose"}  # tests/tui/composing
     proved |= {"foxglove"}  # tests/scenarios/test_trials.py
+    proved |= {"who", "say"} | {
+        f"control {how}" for how in ("get", "ask", "offer", "take", "leave")
+    }  # operators
     proved |= {"record"}  # until it is interrupted: tests/scenarios/test_recordings.py
     promised = {action.verb for action in ACTIONS if action.run and Where.SHELL in action.where} | {"run"}
     assert proved == promised

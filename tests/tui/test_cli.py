@@ -109,6 +109,7 @@ CHANGES = {
     *("wire conform", "bundle trust", "policy set"),
     *("fault cut", "fault delay", "fault freeze", "fault kill"),
     "foxglove",
+    *(f"control {how}" for how in ("get", "ask", "offer", "take", "leave")),
     *("order cancel", "order confirm", "order settle"),
     *("go", "places add", "places remove"),
     *("mcp", "assistant invite", "assistant revoke", "permit allow"),

@@ -9,7 +9,18 @@ from __future__ import annotations
 from robotree.tui.line.action import ANYWHERE, LINES, SHOWN, About, Action, Scope, Where
 from robotree.tui.line.grammar import Shape
 
-RIGHT_NAMES = ("see", "command", "ask", "order", "create", "release", "migrate", "resume", "administrate")
+RIGHT_NAMES = (
+    "see",
+    "command",
+    "ask",
+    "take",
+    "order",
+    "create",
+    "release",
+    "migrate",
+    "resume",
+    "administrate",
+)
 """The rights of a policy (`vr/base/policy.py`, which help does not load; a test compares them)."""
 
 LOOK, SHAPE, COMMAND, PROCESS, SCREEN = "Look", "Shape the tree", "Command", "Run", "Screen"
@@ -759,6 +770,88 @@ ACTIONS: tuple[Action, ...] = (
         scope=Scope.PROGRAM,
         danger=True,
         examples=("resume",),
+        alters=True,
+    ),
+    # -- several operators
+    Action(
+        usage="who",
+        help="List the operators who are here, on which page, and who has control of which robots.",
+        group=LOOK,
+        run="line.operators:who",
+        where=ANYWHERE,
+        key="E",
+        examples=("who", "who --json"),
+    ),
+    Action(
+        usage="say TEXT …",
+        help="Say a line to all operators: their logs show it.",
+        group=LOOK,
+        run="line.operators:say",
+        where=ANYWHERE,
+        key="N",
+        examples=("say 'I leave for lunch'",),
+    ),
+    Action(
+        usage="control get NAME [--for TIME]",
+        help="Get control of a robot that nobody has, or that is offered to you: nobody else moves it then."
+        " It lasts as long as this program, from a shell 10 min (--for).",
+        group=COMMAND,
+        right="command",
+        run="line.operators:control_get",
+        where=ANYWHERE,
+        key="k",
+        about=About.ROBOT,
+        examples=("control get arm-1", "control get arm-1 --for 1h"),
+        guide=("robotree.vr.core.control",),
+        alters=True,
+    ),
+    Action(
+        usage="control ask NAME [--for TIME]",
+        help="Ask the operator who has control of a robot for it; the question stays open for 30 s.",
+        group=COMMAND,
+        right="command",
+        run="line.operators:control_ask",
+        where=ANYWHERE,
+        key="j",
+        about=About.ROBOT,
+        examples=("control ask arm-1",),
+        alters=True,
+    ),
+    Action(
+        usage="control offer NAME [PERSON]",
+        help="Hand control of a robot over to who asks for it, or offer it to a PERSON for 30 s.",
+        group=COMMAND,
+        right="command",
+        run="line.operators:control_offer",
+        where=ANYWHERE,
+        key="U",
+        about=About.ROBOT,
+        examples=("control offer arm-1", "control offer arm-1 ben@pts/4"),
+        alters=True,
+    ),
+    Action(
+        usage="control take NAME [--for TIME] [--seen N]",
+        help="Take control of a robot from the operator who has it, and end what that one has begun."
+        " --seen: only if it has changed hands N times so far.",
+        group=COMMAND,
+        right="take",
+        run="line.operators:control_take",
+        where=ANYWHERE,
+        key="T",
+        about=About.ROBOT,
+        danger=True,
+        examples=("control take arm-1",),
+        alters=True,
+    ),
+    Action(
+        usage="control leave NAME",
+        help="Give control of a robot up, or take back the question for it.",
+        group=COMMAND,
+        run="line.operators:control_leave",
+        where=ANYWHERE,
+        key="f",
+        about=About.ROBOT,
+        examples=("control leave arm-1",),
         alters=True,
     ),
     # -- scripts and roles

@@ -22,6 +22,7 @@ class PageKey:
 
     page: str
     """`panel`, `teleop`, `new`, `user`, `doing`, `plan`, `compose`, `question`, `text`."""
+    """`attend`, `panel`, `teleop`, `new`, `user`, `doing`, `plan`, `question`, `text`."""
     name: str
     """Its action, in a word; `page.name` is its name in a keymap file."""
     key: str
@@ -59,6 +60,14 @@ PAGE_KEYS: tuple[PageKey, ...] = (
         label="Back",
         help="Leave the panel; what runs goes on.",
         while_busy=True,
+    ),
+    PageKey(
+        page="attend",
+        name="end",
+        key="escape",
+        action="end",
+        label="End it",
+        help="End the command that goes on while a key is held.",
     ),
     PageKey(page="panel", name="form", key="enter", action="fill_in", help=ENTER),
     PageKey(

@@ -23,6 +23,7 @@ from robotree.tui.seen.wording import without_seconds
 from robotree.tui.terminal import complain, note, over, put, put_data
 
 if TYPE_CHECKING:  # help must not wait for the agents
+    from robotree.vr.exchange.attendance import Attendance
     from robotree.vr.supervision.realm_client import RealmClient
 
 BAR = 24
@@ -36,6 +37,9 @@ STEP = 0.1
 
 class Console:
     """A teller that prints."""
+
+    ends_at_once = True
+    """Whether its program ends with the verb: what would last as long as that has a time of its own."""
 
     def __init__(self, *, as_json: bool, clock: Callable[[], float] = time.monotonic) -> None:
         """Print plain data, or text for people; `clock` [s] paces the progress in logs."""
@@ -83,6 +87,31 @@ class Console:
     def may_ask(self) -> bool:
         """Whether a person sits there who can be asked something."""
         return not self.as_json and sys.stdin.isatty() and sys.stderr.isatty()
+
+    def hold_key(self, robot: str, command: str, attendance: Attendance) -> Callable[[], None] | None:
+        """Ask the person at the terminal to hold a key, and pass each on; None: nobody sits there."""
+        if not self.may_ask:
+            return None
+        import termios
+        import tty
+
+        keys, loop = sys.stdin.fileno(), asyncio.get_running_loop()
+        before = termios.tcgetattr(keys)
+        tty.setcbreak(keys)  # Ctrl-C still ends the program, and with it the command
+
+        def pressed() -> None:
+            if not os.read(keys, 1024):  # the terminal has gone
+                loop.remove_reader(keys)
+                return
+            attendance.press()
+
+        def release() -> None:
+            loop.remove_reader(keys)
+            termios.tcsetattr(keys, termios.TCSAFLUSH, before)
+
+        loop.add_reader(keys, pressed)
+        note(f"{robot}.{command} goes on while you hold a key, and ends 2 s after the last one")
+        return release
 
     def outcome(self, outcome: Outcome) -> None:
         """Print a result on standard output."""

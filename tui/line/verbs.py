@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Awaitable, Callable
 from contextlib import AbstractAsyncContextManager, AsyncExitStack
+from functools import partial
 from math import inf, isfinite, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, NoReturn, Protocol, cast
@@ -29,6 +30,7 @@ if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.order import KnownAgent
     from robotree.vr.base.presence import Held
     from robotree.vr.base.requests import HostDescribed, Level, LoggedLine, Reloaded, SpaceDescribed, State
+    from robotree.vr.exchange.attendance import Attendance
     from robotree.vr.supervision.realm_client import Elsewhere, RealmClient
 
 ANSWER_LIMIT = 30.0
@@ -77,6 +79,10 @@ class Teller(Protocol):
         """Take one of many outcomes (`watch`)."""
         ...
 
+
+Hold = Callable[[str, str, "Attendance"], Callable[[], None] | None]
+"""Method `hold_key` of a teller: asks the person to hold a key for a command of a robot, and passes each on;
+returns how to end that, or None: nobody sits there."""
 
 Run = Callable[["RealmClient", Line, Teller], Awaitable[Outcome]]
 """A function that carries out a verb: the registry names these functions, and `carrying` finds them."""
@@ -828,14 +834,47 @@ async def call(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome
         text = f"{robot}.{command} has begun and goes on by itself; `robotree cancel {robot}` ends it"
         return Outcome({"detached": f"{robot}.{command}"}, text)
     fields: list[FieldSpec] = []
-    thing = await realm_client.call(
-        robot, command, given, deadline=limit, on_progress=teller.progress, on_fields=fields.extend
+    carry_out = partial(
+        realm_client.call,
+        robot,
+        command,
+        given,
+        deadline=limit,
+        on_progress=teller.progress,
+        on_fields=fields.extend,
     )
+    thing = await _attended(carry_out, robot, command, teller)
     if line.text("--save"):
         return await _saved(thing, Path(line.text("--save")))
     rows = wording.result(fields, thing)
     text = wording.columns([row if row[0] else row[1:] for row in rows])
     return Outcome(plain(thing), text or f"{robot}.{command} is done")
+
+
+async def _attended(
+    carry_out: Callable[..., Awaitable[Any]], robot: str, command: str, teller: Teller
+) -> Any:
+    """Have a command carried out; where it wants somebody at a key, ask the person who sits here to hold one.
+
+    Raises:
+        NobodyAttends: nobody sits here: a session, a log, a pipe.
+    """
+    from robotree.vr.base.errors import NobodyAttends
+    from robotree.vr.exchange.attendance import Attendance
+
+    try:
+        return await carry_out()
+    except NobodyAttends as refused:
+        asked = (refused.data["robot"], refused.data["command"]) == (robot.rpartition(":")[2], command)
+        hold: Hold | None = getattr(teller, "hold_key", None)
+        attendance = Attendance()
+        release = hold(robot, command, attendance) if hold is not None and asked else None
+        if release is None:
+            raise
+    try:
+        return await carry_out(attendance=attendance)
+    finally:
+        release()
 
 
 async def absent_robots(realm_client: RealmClient, here: Collection[str]) -> list[KnownAgent]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
@@ -25,6 +25,7 @@ from robotree.tui.line.keys import spell
 from robotree.tui.screen import asking
 from robotree.tui.screen.driver import outliving
 from robotree.tui.screen.operator_app import OperatorApp
+from robotree.tui.screen.pages.attend import AttendDialog
 from robotree.tui.screen.pages.dialogs import Reading
 from robotree.tui.screen.pages.main import MainPage, main_page
 from robotree.tui.screen.pages.page import Page
@@ -38,14 +39,26 @@ from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
     from robotree.vr.base.description import RobotDescription
+    from robotree.vr.exchange.attendance import Attendance
 
 log = logging.getLogger(__name__)
 
 
+SHOWN_EVERY = 0.5
+"""[s] between two looks whether the other operators are to be told of another page."""
 QUITS = frozenset({"q", "q!", "exit"})
 """Lines that leave other programs, taken as `quit`."""
 CONTROL_FILTER = ControlFilter()
 """Every line of every widget goes through it."""
+
+
+def words_of(screen: Screen[object]) -> str:
+    """Return which page is in front, in words for other operators."""
+    robot = getattr(getattr(screen, "robot", None), "name", "")
+    name = {"MainPage": "the list", "PanelPage": "panel", "TeleopPage": "tele-operation"}.get(
+        type(screen).__name__, type(screen).__name__.removesuffix("Page").removesuffix("Dialog").lower()
+    )
+    return f"{name} of {robot}" if robot else name
 
 
 def program_keys(*verbs: str) -> Iterable[Binding]:
@@ -104,7 +117,18 @@ class Supervisor(OperatorApp):
         first = self.first_page()
         await self.push_screen(first)
         await self.feed.open()
+        self.realm_client.operators.on_said.append(self._hear)
+        await self.realm_client.operators.open()
+        self.set_interval(SHOWN_EVERY, self.guarded(self._show_where))
         first.draw()
+
+    def _hear(self, person: str, text: str) -> None:
+        """Show what another operator says."""
+        self.tell(f"{person} says: {text}", "good")
+
+    def _show_where(self) -> None:
+        """Say to the other operators which page is in front."""
+        self.realm_client.operators.show(words_of(self.screen), self.selection.name)
 
     def first_page(self) -> Page:
         """Return the page to begin with."""
@@ -232,6 +256,14 @@ class Supervisor(OperatorApp):
     def action_help_quit(self) -> None:
         """Say at ctrl+c what leaves, in the line for such words; Textual's own would cover what one reads."""
         self.tell(f"ctrl+q leaves; {spell(BY_VERB['stop'].typing_key)} stops every robot")
+
+    def hold_key(self, robot: str, command: str, attendance: Attendance) -> Callable[[], None]:
+        """Put in front where a key is held for a command that wants that; returns how to take it away."""
+        dialog = AttendDialog(robot, command, attendance)
+        typed = self.typing
+        self.push_screen(dialog)
+        self.opened_by_itself(dialog, typed=typed)
+        return dialog.over
 
     def open_teleoperation(self, robot: RobotDescription) -> None:
         """Open the tele-operation of a robot, if it can be tele-operated."""

@@ -347,10 +347,23 @@ def _consequence(app: OperatorApp, line: Line) -> str:
             return f"{child} stops what it does for {parent}, and can be commanded by others again."
         case "group":
             return f"{line.text('GROUP')} is a name no more; its robots stay as they are."
+        case "control take":
+            state = store.state(line.text("NAME"))
+            holder = state.operator if state else ""
+            return f"{holder} has control, and loses it; what {holder} has begun ends." if holder else ""
         case "resume":
             return f"{', '.join(store.stopped) or 'All robots'} may move again when commanded. Is all clear?"
         case _:
             return BY_VERB[line.verb].help
+
+
+def _take_control(app: OperatorApp, place: Place) -> None:
+    if not place.name:
+        app.tell("no robot is selected", "warning")
+        return
+    robot = app.store.state(place.name) or app.store.descriptions.get(place.name)
+    seen = {"--seen": str(robot.hands)} if robot else {}
+    confirm_line(app, Line("control take", {"NAME": place.name, **seen}))
 
 
 def _orders(app: OperatorApp, _place: Place) -> None:
@@ -491,10 +504,15 @@ def _place(app: OperatorApp, place: Place) -> None:
 
 
 def _line(kind: Kind) -> Ask:
+def _say(app: OperatorApp, place: Place) -> None:
+    _line("verb", "say ")(app, place)
+
+
+def _line(kind: Kind, text: str = "") -> Ask:
     def ask(app: OperatorApp, _place: Place) -> None:
         front = app.screen
         if isinstance(front, Page):
-            front.open_line(kind)
+            front.open_line(kind, text)
         else:  # what is typed now is meant for the prompt
             app.opened_by_itself(front, typed=True)
             app.tell("a question or a text is in front: esc leaves it, then type the verb", "warning")
@@ -527,6 +545,13 @@ ASK: Mapping[str, Ask] = {
     "stop": _stop,
     "resume": _resume,
     "role": _role,
+    "who": lambda app, _place: app.do("who"),
+    "say": _say,
+    "control get": _about_robot("control get"),
+    "control ask": _about_robot("control ask"),
+    "control offer": _about_robot("control offer"),
+    "control take": _take_control,
+    "control leave": _about_robot("control leave"),
     "orders": _orders,
     "permits": _permits,
     "help": _help,

@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from textual import work
@@ -37,6 +37,7 @@ from robotree.tui.seen.selection import Selection
 from robotree.tui.seen.series import Reading, reading_of
 from robotree.tui.seen.store import Store, Weight
 from robotree.vr.base.errors import ChildCancelled, CommandCancelled, NotConfirmed, VrError
+from robotree.vr.exchange.attendance import Attendance
 from robotree.vr.network.realms import DEFAULT_REALM
 
 if TYPE_CHECKING:
@@ -137,6 +138,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         self._rung = self.store.watched.rung
         self.errors: list[Exception] = []
         """Errors that the fence held back."""
+        self.store.me = realm_client.operators.person
 
     @property
     def driver(self) -> Driver | None:
@@ -318,9 +320,14 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
     ) -> None:
         """Carry out a command in the background, and notify the listener."""
         listener.started()
-        began = self.now()
+        began, attendance = self.now(), None
+        attended: Callable[[], None] = _nothing
         try:
             fields: list[FieldSpec] = []
+            if (described := self.store.described(robot)) and (spec := described.command(command)):
+                attendance = Attendance() if spec.attended else None
+            if attendance is not None:
+                attended = self.hold_key(robot, command, attendance)
             if self.store.is_away(robot):
                 left = await self.realm_client.orders.leave(robot, command, arguments, may_take=CALL_LIMIT)
                 self.tell(ordering.told_left(left, self).text, "good", robot)
@@ -333,6 +340,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
                 deadline=CALL_LIMIT,
                 on_progress=listener.progressed,
                 on_fields=fields.extend,
+                attendance=attendance,
             )
         except VrError as error:
             self._tell_refusal(error, str(error), robot)
@@ -347,6 +355,8 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
                 shown = ", ".join(f"{name} {text}".strip() for name, text in rows) or "done"
                 self.tell(f"{robot}.{command}: {shown}", "good", robot)
             listener.succeeded(value, self.now() - began)
+        finally:
+            attended()
 
     def do(self, verb: str, **values: str) -> None:
         """Carry out a verb with these values."""
@@ -382,9 +392,17 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         """Carry out a line that was typed at the prompt."""
         raise NotImplementedError
 
+    def hold_key(self, robot: str, command: str, attendance: Attendance) -> Callable[[], None]:
+        """Put in front where a key is held for a command that wants that; returns how to take it away."""
+        raise NotImplementedError
+
     def open_teleoperation(self, robot: RobotDescription) -> None:
         """Open the tele-operation of a robot, if it can be tele-operated."""
         raise NotImplementedError
+
+
+def _nothing() -> None:
+    """No key is held."""
 
 
 def weight_of(error: Exception) -> Weight:

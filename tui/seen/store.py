@@ -158,6 +158,8 @@ class Store:
 
     denies: Callable[[str, Sequence[str], str], str] = lambda _robot, _kinds, _command: ""
     """Says why the policy denies a command of a robot of these kinds to who sits here; empty: it does not."""
+    me: str = ""
+    """The person who sits here, `anna@pts/3`."""
     restarter: str = ""
     """The program that starts crashed processes again, for people; empty: a person does."""
     robots: dict[str, Listing] = field(default_factory=dict[str, Listing])
@@ -533,6 +535,7 @@ class Store:
             before.since = now
         if state.stopped and self.stop and name in self.stop.open:
             self.stop.confirm(name, now)
+        self._tell_control(name, old, state, now)
         if old.online != state.online or old.stopped != state.stopped:
             self._tell_change(name, old, state, now)
 
@@ -568,6 +571,26 @@ class Store:
             return
         text = line.text if line.level in SENTENCES else f"{name}: {line.text}"
         self.tell(text, WEIGHTS[line.level], now, name, line)
+
+    def _tell_control(self, name: str, before: State, after: State, now: float) -> None:
+        """Tell of a change of hands, and who sits here of what only that person can answer."""
+        if after.operator != before.operator:
+            had, has = before.operator, after.operator
+            whose = f"you have control of {name}" if has == self.me else f"{has} has control of {name}"
+            text = whose if has else f"nobody has control of {name}: {had} gave it up, or is gone"
+            self.tell(text, "warning" if self.me in {had, has} else "plain", now, name)
+        if after.wanted_by != before.wanted_by and after.wanted_by and after.operator == self.me:
+            self.tell(
+                f"{after.wanted_by} asks for control of {name}: `control offer {name}`", "warning", now, name
+            )
+        if before.wanted_by == self.me and not after.wanted_by and after.operator != self.me:
+            self.tell(
+                f"{after.operator or 'nobody'} did not give you control of {name}", "warning", now, name
+            )
+        if after.offered_to != before.offered_to and after.offered_to == self.me:
+            self.tell(
+                f"{after.operator} offers you control of {name}: `control get {name}`", "warning", now, name
+            )
 
     def _tell_change(self, name: str, before: State, after: State, now: float) -> None:
         if before.online and not after.online:
@@ -795,6 +818,9 @@ class Store:
         state, robot, absent = self.state(name), self.described(name), self.absent.get(name)
         if absent and not absent.hangs:
             return ""
+        if state and state.operator and not state.bond:
+            wish = state.wanted_by or state.offered_to
+            return f"{state.operator} → {wish}" if wish else state.operator
         if state:
             return state.bond.name if state.bond else state.caller if state.busy else ""
         return robot.bond.parent.name if robot and robot.bond else ""

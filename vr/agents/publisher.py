@@ -30,7 +30,7 @@ from robotree.vr.base.permissions import Isolation
 from robotree.vr.base.presence import Undo
 from robotree.vr.base.requests import LogLines, State, encode
 from robotree.vr.base.transport import Transport
-from robotree.vr.core.control import Control
+from robotree.vr.core.control import RobotControl
 from robotree.vr.core.machine import RobotState
 from robotree.vr.core.traffic import NO_FLOW, Flow
 from robotree.vr.lookup.registrar import Registrar
@@ -387,7 +387,7 @@ class Publisher:
         }
 
 
-def _operators(control: Control) -> dict[str, Any]:
+def _operators(control: RobotControl) -> dict[str, Any]:
     """Return who has control of a robot, and who would."""
     return {
         "operator": control.holder.person,

@@ -53,7 +53,7 @@ def operator_of(principal: Principal, *, present: bool = True) -> Operator:
     return Operator(principal.person, f"{user}/{principal.assistant}", agent)
 
 
-class Control(msgspec.Struct, kw_only=True):
+class RobotControl(msgspec.Struct, kw_only=True):
     """See the module."""
 
     holder: Operator = NOBODY

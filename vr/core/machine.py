@@ -39,7 +39,7 @@ from robotree.vr.base.principal import ITSELF, Principal
 from robotree.vr.base.requests import Raised, Returned
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import Bond, GrantedLease, Lease, Slots
-from robotree.vr.core.control import Control, operator_of
+from robotree.vr.core.control import RobotControl, operator_of
 from robotree.vr.core.events import (
     AskPart,
     Begin,
@@ -319,7 +319,7 @@ class RobotState(msgspec.Struct, kw_only=True):
     """Of its last move: by this its children know that it is the same robot; see `heirs`."""
     placing: Placing = Placing()
     """What it takes along about its place."""
-    control: Control = msgspec.field(default_factory=Control)
+    control: RobotControl = msgspec.field(default_factory=RobotControl)
     """Which operator has it for themselves."""
 
     @property

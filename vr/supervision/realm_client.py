@@ -75,6 +75,7 @@ from robotree.vr.lookup.chronicle import merged, site_told
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.network.group_file import GroupFiles, groups_beside
 from robotree.vr.network.lean_stop import REASON
+from robotree.vr.supervision.operators import Operators
 from robotree.vr.supervision.orders import OrderDesk
 from robotree.vr.supervision.releases import Releases
 from robotree.vr.supervision.showing import shown_agent, shown_held, shown_robot
@@ -147,6 +148,8 @@ class RealmClient:
         self._caller = _Caller(transport)
         self.orders = OrderDesk(transport, self._caller.key)
         """What is left for robots that are away, and what is remembered of them."""
+        self.operators = Operators(transport, self._caller.key)
+        """The other operators of the realm."""
 
     async def start(self) -> None:
         """Begin to look; returns when the lookup services that are there have sent their lists."""
@@ -154,6 +157,7 @@ class RealmClient:
 
     async def close(self) -> None:
         """Look no more. The transport stays open: it is the caller's."""
+        await self.operators.close()
         await self._caller.close()
         await self.directory.close()
 

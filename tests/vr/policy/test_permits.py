@@ -188,7 +188,7 @@ def test_permits_wait_for_a_while_and_not_too_many(tmp_path: Path) -> None:
     permits = PermitFiles(tmp_path, lambda: now[0])
     one = Permit(id="abcdefgh", assistant="a", robot="r", life="l", stops=0, command="c", asked=1e6)
     for number in range(MOST_WAITING):
-        permits.ask(replace(one, id=f"abcdef{number:02}"))
+        permits.ask(replace(one, id=f"abcdef{number:02}", arguments={"x": number}))
     with pytest.raises(PermitRefused, match="wait already"):
         permits.ask(one)
     permits.ask(replace(one, assistant="b", id="bbbbbb"), b"\xff\xd8")
