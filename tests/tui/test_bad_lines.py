@@ -51,7 +51,10 @@ def test_a_wrong_argument_is_one_sentence_and_one_value(
 ) -> None:
     code = main([*verb.split(), *wrong.split()])
     said = capsys.readouterr()
-    takes_any_words = verb in {"record", "say"}  # a file, and robots: only that nobody is there can be wrong then
+    takes_any_words = verb in {
+        "record",
+        "say",
+    }  # a file, and robots: only that nobody is there can be wrong then
     assert code in {exit_codes.USAGE, exit_codes.REFUSED} | (
         {exit_codes.NOBODY} if takes_any_words else set()
     )

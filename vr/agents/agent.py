@@ -720,7 +720,7 @@ class RobotAgent:
         if asker.person:
             self.runtime.log.say("info", f"{order} by {asker.person}")
 
-    def _reply(self, request: AnyRequest, asker: Principal) -> Reply:  # noqa: C901, PLR0911 # one for each
+    def _reply(self, request: AnyRequest, asker: Principal) -> Reply:  # noqa: C901, PLR0911, PLR0912 # one for each
         """Answer a request that takes no time.
 
         Raises:
