@@ -21,8 +21,7 @@ class PageKey:
     """One key of one page."""
 
     page: str
-    """`panel`, `teleop`, `new`, `user`, `doing`, `plan`, `compose`, `question`, `text`."""
-    """`attend`, `panel`, `teleop`, `new`, `user`, `doing`, `plan`, `question`, `text`."""
+    """`attend`, `panel`, `teleop`, `new`, `user`, `doing`, `plan`, `compose`, `question`, `text`."""
     name: str
     """Its action, in a word; `page.name` is its name in a keymap file."""
     key: str

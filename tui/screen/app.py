@@ -117,6 +117,7 @@ class Supervisor(OperatorApp):
         first = self.first_page()
         await self.push_screen(first)
         await self.feed.open()
+        self.store.me = self.realm_client.operators.person
         self.realm_client.operators.on_said.append(self._hear)
         await self.realm_client.operators.open()
         self.set_interval(SHOWN_EVERY, self.guarded(self._show_where))

@@ -503,7 +503,6 @@ def _place(app: OperatorApp, place: Place) -> None:
         app.push_screen(PlacementDialog(robot, state.advised if state else robot.advised), answered)
 
 
-def _line(kind: Kind) -> Ask:
 def _say(app: OperatorApp, place: Place) -> None:
     _line("verb", "say ")(app, place)
 

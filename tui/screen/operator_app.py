@@ -138,7 +138,6 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         self._rung = self.store.watched.rung
         self.errors: list[Exception] = []
         """Errors that the fence held back."""
-        self.store.me = realm_client.operators.person
 
     @property
     def driver(self) -> Driver | None:
