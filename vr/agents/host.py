@@ -25,6 +25,7 @@ from robotree.vr.agents.bundles import KnownBundles
 from robotree.vr.agents.moving import LoadedPage, Moves
 from robotree.vr.agents.placing import PlaceFinder
 from robotree.vr.agents.shared import Shared
+from robotree.vr.agents.ways import host_beside
 from robotree.vr.author.service import Service
 from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.address import Address, check_name
@@ -810,6 +811,7 @@ class Host:
 
     async def _enter(self, agent: RobotAgent) -> None:
         agent.runtime.on_move = partial(self._move_itself, agent.robot.name)
+        agent.runtime.on_locate = partial(self._locate, agent)
         await agent.start()
         self.agents[agent.robot.name] = agent
         if self._journal is not None:
@@ -836,6 +838,24 @@ class Host:
 
         with contextlib.suppress(RuntimeError):  # the loop is closed: the process ends
             self._loop.call_soon_threadsafe(lambda: self.moves.keep(move()))
+
+    def _locate(self, agent: RobotAgent, slot: str, done: Callable[[str | VrError], None]) -> None:
+        """Find the host of a child of a robot. From any thread."""
+
+        async def locate() -> None:
+            try:
+                bond = agent.runtime.bond_in(slot)
+                child = await RobotClient(self._transport, bond.child).describe()
+                done(host_beside(self._transport.presence, bond.child, child.host, self._home_of(agent)))
+            except VrError as error:
+                done(error)
+
+        with contextlib.suppress(RuntimeError):  # the loop is closed: the process ends
+            self._loop.call_soon_threadsafe(lambda: self.moves.keep(locate()))
+
+    @staticmethod
+    def _home_of(agent: RobotAgent) -> str:
+        return agent.runtime.look(lambda state: state.home).removeprefix("host ")
 
     async def _watch(self, agent: RobotAgent) -> None:
         await agent.closed.wait()

@@ -12,7 +12,10 @@ import asyncio
 import sys
 from collections.abc import Iterable
 
-from robotree.vr.base.errors import VrError
+from robotree.vr.base.address import Address
+from robotree.vr.base.errors import NoHostBeside, VrError
+from robotree.vr.base.places import Places
+from robotree.vr.base.presence import Presence
 from robotree.vr.base.requests import ANSWER_WITHIN, DescribeHost, HostDescribed, Logged, ReadLog
 from robotree.vr.base.transport import Transport
 from robotree.vr.exchange.asking import ask
@@ -127,3 +130,28 @@ class Ways:
 
 def _now() -> float:
     return asyncio.get_running_loop().time()
+
+
+def host_beside(presence: Presence, robot: Address, host: str, home: str) -> str:
+    """Return the host on which a robot lives, or one at its site; as `migrate` takes it.
+
+    Args:
+        presence: who is there.
+        robot: its address.
+        host: the name of its host, as it says itself; empty: it is a proxy, and lives on none.
+        home: the name of the host of whom asks.
+
+    Raises:
+        NoHostBeside: there is no host at its site.
+    """
+    places = Places(presence)
+    site = places.site_of(robot.key)
+    if not host and not site:
+        return home
+    if not host:
+        hosts = sorted(key.split("/")[1] for key in places.at("host", site))
+        if not hosts:
+            raise NoHostBeside(robot=robot.name, reason=f"no host is at site {site}")
+        host = hosts[0]
+    name = host.rpartition(":")[2]
+    return f"{site}:{name}" if site else name

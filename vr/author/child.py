@@ -556,3 +556,9 @@ def _converted(value: Any, given: str, wanted: str) -> Any:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return value
     return convert(float(value), given, wanted)
+
+
+def slot_of(child: ChildRobot) -> str:
+    """Return the name of the slot in which a child is."""
+    slot: str = vars(child)["_slot"]
+    return slot

@@ -251,6 +251,10 @@ class Activity(Protocol):
 
     def move_to(self, host: str) -> None: ...
 
+    def host_of(self, slot: str) -> str:
+        """Return the host on which the child in a slot lives, or one that is beside it."""
+        ...
+
     def checkpoint(self) -> None: ...
 
     def say(self, level: Level, text: str, *, piece: bool = False) -> None:

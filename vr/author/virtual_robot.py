@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Self, cast
 
 import msgspec
 
-from robotree.vr.author.child import Child, Children, Exposed, Slotted
+from robotree.vr.author.child import Child, Children, ChildRobot, Exposed, Slotted, slot_of
 from robotree.vr.author.context import running
 from robotree.vr.author.fields import Kept, declare
 from robotree.vr.author.robot import HOOKS, OPTIONS, Robot, attributes_of, expect_hooks
@@ -128,6 +128,26 @@ class VirtualRobot(Robot):
             CannotMove: it stays where it is; the error says why.
         """
         running().move_to(host)
+
+    def host_of(self, child: object) -> str:
+        """Return the host on which a child lives, as `move_to` takes it; of a proxy: one that is beside it.
+
+        A proxy lives on no host: if it is at the site of this robot, that is the host of this robot; else the
+        first one, by name, of the site at which it is.
+
+        Args:
+            child: what is in a slot: `self.host_of(self.rover)`.
+
+        Raises:
+            SlotEmpty: there is no child.
+            NoHostBeside: there is no host where it is.
+            TransportError: it does not answer.
+        """
+        if not isinstance(child, ChildRobot):
+            raise TypeError(
+                f"{child!r} is no child of {self.name}: name a slot, as in self.host_of(self.rover)"
+            )
+        return running().host_of(slot_of(child))
 
     @property
     def space(self) -> Space:

@@ -238,6 +238,12 @@ class CannotMove(AddressError):
     sentence = "{robot} does not move to {host}: {reason}"
 
 
+class NoHostBeside(AddressError):
+    """There is no host where a robot is."""
+
+    sentence = "no host is beside {robot}: {reason}; start one there (`robotree host NAME`)"
+
+
 class NotDrained(AddressError):
     """Not all robots of a host have moved."""
 

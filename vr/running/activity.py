@@ -25,6 +25,7 @@ from robotree.vr.base.errors import (
     CommandCancelled,
     CommandFailed,
     CommandInDoubt,
+    NoHostBeside,
     NoSuchCommand,
     VrError,
     words_of,
@@ -197,6 +198,25 @@ class CommandActivity(Frame):
         self.keep_step(path, on.StepResult("move", host, reason))
         if reason:
             raise CannotMove(robot=runtime.name, host=host, reason=reason)
+
+    def host_of(self, slot: str) -> str:
+        """Return the host on which the child in a slot lives, or one that is beside it."""
+        return str(self.observe(partial(self._located, slot)))
+
+    def _located(self, slot: str) -> str:
+        runtime, outcome = self.runtime, list[str | VrError]()
+        if runtime.on_locate is None:
+            raise NoHostBeside(robot=slot, reason=f"the process of {runtime.name} is no host")
+
+        def done(found: str | VrError) -> None:
+            outcome.append(found)
+            self.wake()
+
+        runtime.on_locate(slot, done)
+        self.wait(lambda: bool(outcome))
+        if isinstance(found := outcome[0], VrError):
+            raise found
+        return found
 
     @_from_author
     def checkpoint(self) -> None:

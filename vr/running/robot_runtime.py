@@ -131,6 +131,8 @@ class RobotRuntime:
     """Whether something has changed that others may see; set back by what publishes it."""
     on_move: Callable[[str, Callable[[VrError | None], None]], None] | None = None
     """Has it move to a host; told why it does not, or None: it is there. None: its process is no host."""
+    on_locate: Callable[[str, Callable[[str | VrError], None]], None] | None = None
+    """Finds the host of the child in a slot, or one beside it. None: its process is no host."""
     _last_obeyed: int = -1
     _written: int = 0
     """The number that the journal returned for the last event."""

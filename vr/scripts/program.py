@@ -253,7 +253,7 @@ RESERVED = frozenset({
     "wait", "log", "end", "fail", "remember", "forget", "update", "slot", "multislot", "default",
 })  # fmt: skip
 TAKEN = frozenset({
-    "stream_outlet", "thaw", "move_to",
+    "stream_outlet", "thaw", "move_to", "host_of",
     "answer", "attributes", "begins", "cancelled", "check", "checkpoint", "child_slots", "cleanup",
     "condition", "context", "facts", "finish", "first", "halted", "hear", "isolated", "kinds", "lead",
     "learn_role", "message", "name", "now", "on_resume", "one_at_a_time", "online", "pinned", "placement",
