@@ -92,6 +92,12 @@ class HostProcess:
         assert self.process.stdout is not None  # noqa: S101 # started with a pipe
         self.process.stdout.readline()
 
+    @property
+    def used(self) -> float:
+        """[s] of processor time that it has had (proc_pid_stat(5))."""
+        words = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
+
     def kill(self) -> None:
         """End it at once."""
         self.process.send_signal(signal.SIGKILL)
@@ -137,14 +143,16 @@ def synced(folder: Path, rounds: int = 50) -> float:
     return statistics.median(times)
 
 
-async def left(realm_client: RealmClient, robots: int) -> dict[str, float]:
-    """Measure how long it takes until many robots have left a host."""
+async def left(realm_client: RealmClient, robots: int, hosts: list[HostProcess]) -> dict[str, float]:
+    """Measure how long it takes until many robots have left a host, and what the busier host has to do."""
     for start in range(0, robots, 20):
         names = [f"idle-{number}" for number in range(start, min(start + 20, robots))]
         await asyncio.gather(*(realm_client.create(__file__, name, "h1", "Idle") for name in names))
-    began = time.perf_counter()
+    before, began = [host.used for host in hosts], time.perf_counter()
     gone = await realm_client.drain("h1")
-    return {"robots": float(len(gone)), "seconds": time.perf_counter() - began}
+    seconds = time.perf_counter() - began
+    most = max(host.used - used for host, used in zip(hosts, before, strict=True))
+    return {"robots": float(len(gone)), "seconds": seconds, "cpu_s": most}
 
 
 async def run(moves: int, robots: int) -> dict[str, Any]:
@@ -160,7 +168,7 @@ async def run(moves: int, robots: int) -> dict[str, Any]:
                     await realm_client.arrival("host", name, within=30.0)
                 await realm_client.arrival("robot", "counter", within=30.0)
                 sync = synced(Path(folder))
-                found = {**await moved(realm_client, moves), **await left(realm_client, robots)}
+                found = {**await moved(realm_client, moves), **await left(realm_client, robots, hosts)}
                 return {**found, "sync_ms": sync}
         finally:
             await agent.close()
@@ -193,7 +201,10 @@ def main() -> None:
     print(
         f"(a bare call of the child: {found['call_us']:.0f} us; a bare fdatasync: {found['sync_ms']:.2f} ms)"
     )
-    print(f"{found['robots']:.0f} robots have left their host within {found['seconds']:.1f} s")
+    print(
+        f"{found['robots']:.0f} robots have left their host within {found['seconds']:.1f} s;"
+        f" the busier host had {found['cpu_s']:.1f} s of a processor, load {os.getloadavg()[0]:.0f}"
+    )
 
 
 if __name__ == "__main__":

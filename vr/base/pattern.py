@@ -1,7 +1,8 @@
 """Which keys lie under a pattern, for one key and for many.
 
-Most patterns name what they are about in their first two chunks (`robot/arm-1/*`). Keys and patterns are
-grouped by these, so that a search does not pass all the others.
+Most patterns name what they are about in their first two chunks (`robot/arm-1/*`), nearly all others in the
+first (`host/*/*`). Keys and patterns are grouped by these, so that a search does not pass all the others: a
+thousand robots cost nothing to who looks for hosts.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ T = TypeVar("T")
 _NAMED = 2
 """Chunks by which keys are grouped: role and name."""
 _ANY = "*"
-"""The group of the patterns that name less."""
+"""The group of the patterns that name nothing; after a role: of those that name no more than that."""
 
 
 def matches(pattern: str, key: str) -> bool:
@@ -50,8 +51,20 @@ def _match(pattern: list[str], key: list[str]) -> bool:
 @lru_cache(4096)
 def _group(pattern: str) -> str:
     """Return the group of a key, or the one in which all keys of a pattern are; `_ANY`: in several."""
-    group = "/".join(_chunks(pattern)[:_NAMED])
-    return _ANY if _ANY in group else group
+    role, *name = _chunks(pattern)[:_NAMED]
+    if _ANY in role:
+        return _ANY
+    return _of_role(role) if name and _ANY in name[0] else "/".join((role, *name))
+
+
+def _of_role(role: str) -> str:
+    """Return the group of all keys of a role."""
+    return f"{role}/{_ANY}"
+
+
+@lru_cache(4096)
+def _role_group(key: str) -> str:
+    return _of_role(_chunks(key)[0])
 
 
 class Keys:
@@ -67,7 +80,8 @@ class Keys:
         self._counts[key] += 1
         if self._counts[key] > 1:
             return False
-        self._groups.setdefault(_group(key), set()).add(key)
+        for group in (_group(key), _role_group(key)):
+            self._groups.setdefault(group, set()).add(key)
         return True
 
     def remove(self, key: str) -> bool:
@@ -77,10 +91,11 @@ class Keys:
             return False
         if not self._counts.pop(key, 0):
             return False
-        group = self._groups[_group(key)]
-        group.discard(key)
-        if not group:
-            del self._groups[_group(key)]
+        for name in (_group(key), _role_group(key)):
+            group = self._groups[name]
+            group.discard(key)
+            if not group:
+                del self._groups[name]
         return True
 
     def under(self, pattern: str) -> list[str]:
@@ -124,7 +139,7 @@ class Handlers(Generic[T]):
         """Return the handlers of the patterns under which a key lies."""
         return [
             handler
-            for group in (_ANY, _group(key))
+            for group in (_ANY, _role_group(key), _group(key))
             for number, handler in self._groups.get(group, {}).items()
             if matches(self._patterns[number], key)
         ]
