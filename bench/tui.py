@@ -2,6 +2,7 @@
 
     python bench/tui.py [--robots 1000] [--hz 10] [--seconds 10] [--size 160x48]
     python bench/tui.py --filter
+    python bench/tui.py --plots
     python bench/tui.py --plan
 
 The supervisor runs in a terminal of its own (a pty). Its robots are played in its own process by a transport
@@ -15,6 +16,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import fcntl
+import math
 import os
 import pty
 import select
@@ -124,6 +126,43 @@ class Crowd:
                     handler(key, bodies[(turn + number) % 20] if self.hz else self.calm)
                 due += period * size / len(keys)
                 await asyncio.sleep(max(due - time.monotonic(), 0.0))
+
+
+class WavingCrowd(Crowd):
+    """A crowd whose readings differ from state to state, as those of robots that move do."""
+
+    def __init__(self, count: int, hz: float) -> None:
+        """Play robots with two waves."""
+        from robotree.vr.base.requests import State, encode
+
+        super().__init__(count, hz)
+        self.bodies = [
+            encode(State(readings={"x": math.sin(at * math.pi / 10), "fz": math.cos(at * 0.7)}))
+            for at in range(20)
+        ]
+
+
+async def play_plots(count: int, hz: float, plots: int) -> None:
+    """Be the supervisor of robots whose readings are plotted; without plots the same page."""
+    from robotree.tui.screen.app import Supervisor
+    from robotree.tui.screen.pages.readings import ReadingsPage
+    from robotree.tui.screen.promptness import prompt_answers
+    from robotree.vr.supervision.realm_client import RealmClient
+
+    class Plotting(Supervisor):
+        """Begins with the plots."""
+
+        async def on_mount(self) -> None:
+            """Tick, and open the page."""
+            for number in range(plots):
+                self.store.watched.ticked.tick((f"r{number // 2}", ("x", "fz")[number % 2]))
+            self.call_later(self.push_screen, ReadingsPage())
+
+    crowd = WavingCrowd(count, hz)
+    realm_client = RealmClient(crowd)
+    await realm_client.start()
+    with prompt_answers():
+        await Plotting(realm_client, realm="bench").run_async()
 
 
 async def play(count: int, hz: float, *, calm: bool) -> None:
@@ -248,6 +287,25 @@ def measure(  # what a case is
     )
 
 
+def plotted(arguments: argparse.Namespace) -> None:
+    """Measure the page of readings with four plots, and without one."""
+    size = tuple(int(part) for part in arguments.size.split("x"))
+    for plots in (0, 4, 0, 4):
+        terminal = Terminal([__file__, "--play", "2", "10", "plots", str(plots)], (size[0], size[1]))
+        try:
+            terminal.drain(LATEST, first=True)
+            terminal.drain(SETTLE)
+            before = terminal.ran()
+            sent, took = terminal.drain(arguments.seconds)
+            share = (terminal.ran() - before) / took
+        finally:
+            terminal.end()
+        print(
+            f"2 robots at 10 Hz, {plots} plots at 5 Hz {share:6.1%} of a core {sent / took / 1000:6.1f} kB/s",
+            flush=True,
+        )
+
+
 def first_filter(count: int, arguments: argparse.Namespace, runs: int = 5) -> None:
     """Time the first `/` and its first letter in a new screen: wall, and CPU until the first byte."""
     size = tuple(int(part) for part in arguments.size.split("x"))
@@ -297,6 +355,7 @@ def main() -> None:
     parser.add_argument("--size", default="160x48")
     parser.add_argument("--filter", action="store_true", help="time the first `/` alone")
     parser.add_argument("--plan", action="store_true", help="measure the plan of a place alone")
+    parser.add_argument("--plots", action="store_true", help="measure four plots alone")
     parser.add_argument("--play", nargs="+", help=argparse.SUPPRESS)
     parser.add_argument("--bare", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
@@ -305,11 +364,17 @@ def main() -> None:
         return
     if arguments.play:
         count, hz = int(arguments.play[0]), float(arguments.play[1])
+        if "plots" in arguments.play:
+            asyncio.run(play_plots(count, hz, int(arguments.play[-1])))
+            return
         asyncio.run(play(count, hz, calm="calm" in arguments.play))
         return
     print(
         f"load {os.getloadavg()[0]:.1f}, terminal {arguments.size}, {arguments.seconds:g} s each", flush=True
     )
+    if arguments.plots:
+        plotted(arguments)
+        return
     if arguments.filter:
         first_filter(arguments.robots, arguments)
         return

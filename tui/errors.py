@@ -237,6 +237,15 @@ class DemoRuns(SupervisorError):
         )
 
 
+class CannotRestart(SupervisorError):
+    """A process is not started again."""
+
+    def __init__(self, name: str, reason: str) -> None:
+        """Say which agent's, and why not."""
+        self.name, self.reason = name, reason
+        super().__init__(f"{name} is not started again: {reason}")
+
+
 class AlarmsUnusable(SupervisorError):
     """The alarms of a realm cannot be read or kept."""
 

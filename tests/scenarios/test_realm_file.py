@@ -228,6 +228,23 @@ async def test_what_died_with_its_host_comes_back_and_nothing_else_is_touched(sm
         assert (await realm_client.describe("team")).address == kept
 
 
+async def test_a_host_that_died_is_started_again_from_the_row_of_its_robot(small: Place) -> None:
+    person = Person(REALM, columns=140, lines=40)
+    try:
+        await asyncio.to_thread(person.shows, b"team")
+        await killed(small.process_of("host-1"))
+        await asyncio.to_thread(person.shows, b"GONE")
+        await asyncio.to_thread(person.types, "/GONE" + ENTER, sees="1 of")
+        await asyncio.to_thread(person.types, "X", sees="host-1 is started again, as `apply` started it")
+        code, _, complaints = await small.line("restart", "host-1")
+        assert code == exit_codes.REFUSED
+        assert "host-1 is not started again: it runs" in complaints
+        code, _, complaints = await small.line("restart", "stranger")
+        assert "it is no service of systemd here, and `apply` has not started it" in complaints
+    finally:
+        person.leave()
+
+
 ARM = """
 controllers:
   table: {kind: arm, listen: "tcp:127.0.0.1:0"}

@@ -103,7 +103,7 @@ def test_all_mistakes_of_a_session_are_plain_data(tmp_path: Path, capsys: pytest
 
 CHANGES = {
     *("create", "enslave", "group", "release", "delete", "role", "call", "cancel", "decide", "resume"),
-    *("pause", "step", "continue"),
+    *("pause", "step", "continue", "restart"),
     *("wire replay", "wire inject", "set", "reload", "apply"),
     *("migrate", "drain", "place", "service"),
     *("wire conform", "bundle trust", "policy set"),

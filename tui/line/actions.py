@@ -959,6 +959,18 @@ ACTIONS: tuple[Action, ...] = (
         guide=("robotree.tui.web.door",),
     ),
     Action(
+        usage="restart NAME",
+        help="Start a proxy, a host or another agent again whose process has gone: by systemd where it is a"
+        " service of yours, else as `apply` started it.",
+        group=PROCESS,
+        run="line.restarting:restart",
+        where=ANYWHERE,
+        key="X",
+        about=About.ROBOT,
+        alters=True,
+        examples=("restart arm-1", "restart host-1"),
+    ),
+    Action(
         usage="run FILE [--junit FILE]",
         help="Play a script of verbs and `expect CONDITION within TIME` (- for standard input);"
         " --junit: write the steps as a JUnit report, too.",

@@ -440,7 +440,7 @@ PAGE_KEYS: tuple[PageKey, ...] = (
     PageKey(
         page="readings",
         name="freeze",
-        key="f",
+        key="Z",
         action="freeze",
         help="Let the plots stand still, and go on; the readings are remembered meanwhile.",
         label="Freeze",

@@ -22,6 +22,7 @@ from robotree.tui.errors import BadRealmFile, ValueRefused
 from robotree.tui.line.grammar import Line
 from robotree.tui.processes.detached import start_detached
 from robotree.tui.processes.realm import anybody_met, nothing_to_ask
+from robotree.tui.processes.restarting import StartedLine, note_started
 from robotree.tui.processes.state_files import kept_hosts
 from robotree.tui.realm_file.applying import Done, bring_about
 from robotree.tui.realm_file.content import NAMELESS, ProcessEntry, RealmFile
@@ -55,6 +56,8 @@ class Detached:
     async def start(self, entry: ProcessEntry, words: Sequence[str], environment: Mapping[str, str]) -> str:
         name = f"{entry.verb}-{entry.name}".replace(" ", "-")
         started = await asyncio.to_thread(start_detached, self._realm, name, words, environment)
+        line = StartedLine(list(words), dict(environment))
+        await asyncio.to_thread(note_started, self._realm, entry.verb, entry.name, line)
         if entry.verb == NAMELESS:
             keep(self._realm, entry.name, Controller(started.process.pid, started.address))
         return started.address

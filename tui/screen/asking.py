@@ -374,6 +374,19 @@ def _permits(app: OperatorApp, _place: Place) -> None:
     app.push_screen(PermitsPage())
 
 
+def _restart(app: OperatorApp, place: Place) -> None:
+    """Start the process of a robot that has gone again: its own, or that of its host."""
+    absent = app.store.absent.get(place.name)
+    if not place.name:
+        app.tell("no robot is selected", "warning")
+    elif absent is None:
+        app.tell(f"{place.name} answers: only what has gone is started again", "warning")
+    elif absent.hangs:
+        app.tell(f"{place.name} hangs: {absent.remedy}, then start it again", "warning")
+    else:
+        app.do("restart", NAME=absent.host or place.name)
+
+
 def _readings(app: OperatorApp, _place: Place) -> None:
     app.push_screen(ReadingsPage())
 
@@ -536,6 +549,7 @@ ASK: Mapping[str, Ask] = {
     "history": _of_robots(_about_robot("history")),
     "why": _of_robots(_about_robot("why", "NAME|KEY")),
     "where": _of_robots(_where),
+    "restart": _of_robots(_restart),
     "readings": _readings,
     "cancel": _cancel,
     "pause": _about_robot("pause"),

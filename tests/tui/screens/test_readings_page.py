@@ -37,7 +37,7 @@ async def test_a_ticked_reading_is_drawn_kept_and_looked_back_at(
         assert LayoutFile(file).layout.ticked == {"test": ["arm-1.fx"]}
         await operator.press("down", "enter")
         await operator.until(lambda: sum(plot.display for plot in page.query(Plot)) == 2, "two plots")
-        await operator.press("f")
+        await operator.press("Z")
         assert "frozen" in page.title_of_page()
         await operator.press("left", "right", "right", "right", "right")
         assert "frozen" not in page.title_of_page(), "after the present the plots go on"
