@@ -47,6 +47,10 @@ DOOR, NEAR = (-1.55, -1.10), 0.5
 """[m] Where the companion receives visitors, and by how much it may stand beside that."""
 BY_EAR = 30.0
 """[s] after which somebody who has said a name counts as seen, also if no camera has recognised the tag."""
+WORD = "wait"
+"""A spoken word that interrupts."""
+OBEYS = 10.0
+"""[s] in which it has ended what it did then, at most."""
 ROLE = "child"
 """Played after the change."""
 FORCE = 60.0
@@ -174,8 +178,10 @@ class Evening:
         await realm_client.release(SCRIPT, "robot")
         await self._refused("too fast", ROBOT, "go_to", place="table", speed=0.7)
         await self._refused("out of reach", ROBOT, "reach", x=2.9, y=2.3, z=1.0)
+        order = asyncio.create_task(self._leave_an_order())
         self._note(f"the battery holds {100 * await self._charge():.1f} %")
         await self._look("charging")
+        await self._until_carried_out(await order)
 
     async def verdict(self) -> dict[str, Any]:
         """Return the result of the demo."""
@@ -185,6 +191,7 @@ class Evening:
             peak = max(peak, (await self._realm_client.describe(hand)).readings.get("peak_force", 0.0))
         expected = counts["greeted"] == len(PEOPLE) and counts["cups"] >= 2 and counts["left"] == 1
         handled = counts["dropped"] == 1 and counts["stops"] == 1 and counts["role_changes"] >= 1
+        handled = handled and counts["interrupted"] == 1 and counts["orders"] == 1
         return {
             "ok": not self.trouble and expected and handled and peak < FORCE,
             "greeted": counts["greeted"],
@@ -195,6 +202,8 @@ class Evening:
             "role_changes": counts["role_changes"],
             "stops": counts["stops"],
             "refused": counts["refused"],
+            "interrupted": counts["interrupted"],
+            "orders": counts["orders"],
             "peak_force_n": round(peak, 1),
             "trouble": self.trouble,
             "pictures": self._pictures,
@@ -212,6 +221,8 @@ class Evening:
         if self._said[who] == 1:
             self._counts["greeted"] += 1
             self._do(self._report_by_ear(who))
+            if self._counts["greeted"] == 1:
+                self._do(self._interrupt())
             await self._look(f"{who}-comes")
         elif "have to go" in text:
             self._counts["left"] += 1
@@ -283,6 +294,39 @@ class Evening:
         self._counts["stops"] += 1
         self._note("everything stands; it is released")
         await self._realm_client.resume(None)
+
+    async def _interrupt(self) -> None:
+        """Say a word while it leads a visitor to the sofa: it stands, and goes on after a while."""
+        realm_client = self._realm_client
+        while (await realm_client.describe(ROBOT)).busy != "go_to":  # noqa: ASYNC110 # it is asked
+            await asyncio.sleep(LISTEN)
+        began = time.monotonic()
+        await realm_client.call(SCRIPT, "spoken", {"word": WORD})
+        while (await realm_client.describe(ROBOT)).busy == "go_to" and time.monotonic() - began < OBEYS:  # noqa: ASYNC110 # it is asked
+            await asyncio.sleep(LISTEN / 4)
+        if (took := time.monotonic() - began) < OBEYS:
+            self._counts["interrupted"] += 1
+        self._note(f"somebody says {WORD!r}: it has ended what it did after {took:.1f} s")
+
+    async def _leave_an_order(self) -> str:
+        """Leave an order while it is away at its charging place; return its key."""
+        while (await self._realm_client.describe(ROBOT)).busy != "charge":  # noqa: ASYNC110 # it is asked
+            await asyncio.sleep(LISTEN)
+        left = await self._realm_client.orders.leave(ROBOT, "say", {"text": "I am back."}, may_take=60.0)
+        self._note(f"order {left.order.ticket} is left for it while it charges")
+        return left.order.key
+
+    async def _until_carried_out(self, key: str) -> None:
+        """Wait until the order has its result: once, after it has charged."""
+        while True:
+            orders = {each.key: each for each in (await self._realm_client.orders.board()).orders}
+            if key in orders and orders[key].over:
+                break
+            await asyncio.sleep(LISTEN)
+        order = orders[key]
+        if order.state == "done":
+            self._counts["orders"] += 1
+        self._note(f"order {order.ticket} is {order.state}: {order.value or order.why}")
 
     async def _charge(self) -> float:
         """Go and charge a little."""

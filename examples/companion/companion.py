@@ -130,7 +130,7 @@ class Companion(RolePlayer):
 
     # -- speaking and looking
 
-    @command
+    @command(offline="queue")
     def say(self, text: Text) -> str:
         """Say a phrase as the present role words it; returns when it is said."""
         said = self.manner.words(text)
@@ -214,7 +214,7 @@ class Companion(RolePlayer):
 
     # -- going about
 
-    @command(effect="repeat")
+    @command(effect="repeat", offline="queue")
     def go_to(self, place: Where, speed: Speed = 0.5) -> None:
         """Go to a place by its name."""
         there = PLACES[place]

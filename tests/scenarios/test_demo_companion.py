@@ -32,4 +32,5 @@ def test_an_evening_with_three_visitors_ends_well(tmp_path: Path) -> None:
     assert verdict["ok"]
     assert (verdict["greeted"], verdict["cups"], verdict["dropped"], verdict["left_early"]) == (3, 2, 1, 1)
     assert (verdict["role_changes"], verdict["stops"], verdict["refused"]) == (1, 1, 3)
+    assert (verdict["interrupted"], verdict["orders"]) == (1, 1)
     assert verdict["peak_force_n"] < 60

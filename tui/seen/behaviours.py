@@ -143,7 +143,7 @@ class Known:
             doc = robot.doc if script and spec.name == START else spec.doc
             yield Behaviour(
                 key=f"{robot.name}.{spec.name}",
-                title=wording.summary(doc) or _words(spec.name),
+                title=_begun_large(wording.summary(doc) or _words(spec.name)),
                 about=doc.strip(),
                 robot=robot,
                 spec=spec,
@@ -191,6 +191,11 @@ def _for_hands(spec: CommandSpec) -> bool:
     return any(
         one.type in {"bytes", "record", "tuple", "dict", "list"} for one in spec.parameters if one.required
     )
+
+
+def _begun_large(title: str) -> str:
+    """Return a title as a line of the page begins: with a large letter."""
+    return title[:1].upper() + title[1:]
 
 
 def _words(name: str) -> str:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING
 
+from textual.widgets import Input
+
 from robotree.tui.line.action import Where
 from robotree.tui.line.carrying import Silent, carry_out
 from robotree.tui.line.surface import Surface
@@ -58,8 +60,9 @@ async def test_a_question_of_a_script_is_asked_and_answered(realm: Realm, operat
         assert "decide asker yes|later" in outcome.text
         done = await carry_out(client, Surface(Where.SCRIPT).parse(["decide", "asker", "later"]), Silent())
         assert isinstance(done, Outcome), done
-        await operator.sees("What shall I say?")
+        await operator.sees("? What shall I say?")  # its row, not the line that tells of it
         await operator.press("home", "enter")
+        await operator.until(lambda: isinstance(operator.app.focused, Input), "the field")
         await operator.type("good day")
         await operator.press("enter")
         await operator.until(lambda: any("says good day" in line.text for line in said(0)), "the free answer")

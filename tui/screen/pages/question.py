@@ -51,17 +51,21 @@ class QuestionDialog(Modal[str]):
                     yield Input(placeholder="your answer, then enter", id="said", compact=True)
 
     def on_mount(self) -> None:
-        """Focus what answers nothing, or the field."""
-        fields = self.query(Input)
-        (fields.first() if fields else self.query_one("#close", Button)).focus()
+        """Focus what answers nothing, or the field as soon as it is there."""
+        typed = not (self._question.answers or self._readonly)
+        self.call_after_refresh(self._focus, "#said" if typed else "#close")
         self.set_interval(LOOK, self.guarded(self._look))
+
+    def _focus(self, selector: str) -> None:
+        for widget in self.query(selector):
+            widget.focus()
 
     def _look(self) -> None:
         """Close when somebody else has answered it, or its script has ended."""
-        robot = self.app.store.descriptions.get(self._question.robot)
-        if self.is_current and (
-            robot is None or all(one.id != self._question.id for one in questions_of(robot))
-        ):
+        name, store = self._question.robot, self.app.store
+        robot = store.described(name)  # one that is slow to describe itself still asks
+        asked = robot is None or any(one.id == self._question.id for one in questions_of(robot))
+        if self.is_current and not (asked and name in store.known):
             self.app.tell(f"{self._question.robot} asks that no more")
             self.dismiss("")
             self.app.opened_by_itself(self.app.screen, typed=False)

@@ -33,7 +33,7 @@ from robotree.tui.screen.widgets.key_line import KeyLine
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.seen import absence
 from robotree.tui.seen.asked import questions_of
-from robotree.tui.seen.behaviours import Behaviour, titles
+from robotree.tui.seen.behaviours import SCRIPT, START, Behaviour, titles
 from robotree.tui.seen.cells import seen
 from robotree.vr.base.errors import VrError
 
@@ -121,7 +121,7 @@ class PlainPage(Page):
         if drills := app.store.drills:
             head.append(f"  drill: {', '.join(map(seen, drills))}", tint(app, "warning", bold=True))
         self.query_one("#head", CachedText).show(head)
-        self.query_one(FlashLine).draw(app.store, app.now())
+        self.query_one(FlashLine).draw(app.store, app.now(), logs=False)
 
 
 class UserPage(PlainPage):
@@ -433,6 +433,8 @@ class UserPage(PlainPage):
 
 def _title_of(robot: RobotDescription, command: str) -> str:
     spec = robot.command(command)
+    if SCRIPT in robot.kinds and command == START and robot.doc:
+        return robot.doc.strip().partition("\n")[0]  # what it is for, not that it leads
     return (spec.doc.strip().partition("\n")[0] if spec else "") or command
 
 
