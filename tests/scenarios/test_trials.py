@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import os
+import re
 import signal
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -14,9 +14,11 @@ import pytest_asyncio
 
 from robotree.client.joining import joined
 from robotree.tui.demo import cast
+from robotree.tui.line import grammar
 from robotree.tui.processes.crew import Crew
 from robotree.tui.screen.app import Supervisor
 from robotree.vr.base.requests import State
+from tests.architecture.test_documents import blocks
 from tests.command_line import ROBOTREE, within_realm
 from tests.screen import text_of
 from tests.tui.recording.foxglove_client import connected
@@ -24,7 +26,7 @@ from tests.waiting import until
 
 pytestmark = pytest.mark.e2e
 
-TRIALS = Path(__file__).parents[2] / "examples" / "trials"
+ROOT = Path(__file__).parents[2]
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
@@ -37,18 +39,6 @@ async def cell(shared_place: Path) -> AsyncIterator[Crew]:
 def process_of(crew: Crew, *words: str) -> int:
     (member,) = [each for each in crew.members if each.words[: len(words)] == words]
     return member.process.pid
-
-
-@pytest.mark.asyncio(loop_scope="module")
-@pytest.mark.usefixtures("cell")
-async def test_the_trials_of_the_examples_hold(tmp_path: Path) -> None:
-    words = ("test", str(TRIALS), "--realm", "drilled")
-    process = await asyncio.create_subprocess_exec(
-        *ROBOTREE, *words, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT, cwd=tmp_path
-    )
-    out, _ = await process.communicate()
-    assert process.returncode == 0, out.decode()
-    assert "7 passed in " in out.decode()
 
 
 @pytest.mark.asyncio(loop_scope="module")
@@ -105,15 +95,25 @@ async def test_foxglove_is_served_until_it_is_ended() -> None:
 
 
 @pytest.mark.asyncio(loop_scope="module")
-async def test_a_killed_process_is_gone_and_none_of_ourselves_is_killed(cell: Crew) -> None:
-    run, proxy = within_realm("drilled"), process_of(cell, "proxy", "rover")
-    code, out, complaints = await run("fault", "kill", "rover-1")
-    assert (code, complaints) == (0, "")
-    assert f"process {proxy} of rover-1 was killed" in out
-    await until(
-        lambda: not psutil.pid_exists(proxy) or psutil.Process(proxy).status() == psutil.STATUS_ZOMBIE
-    )
-    assert os.getpid() != proxy
-    code, _, complaints = await run("fault", "kill", "rover-1")
+async def test_the_guide_is_done_as_it_is_written(cell: Crew, tmp_path: Path) -> None:
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    proxy = process_of(cell, "proxy", "rover")
+    lines = [line for block in blocks(ROOT / "docs" / "trials.md", "") for line in block.splitlines()]
+    for line in lines:
+        _, *words = grammar.split(re.split(r"\s{3,}", line)[0])
+        process = await asyncio.create_subprocess_exec(
+            *(*ROBOTREE, *words, "--realm", "drilled"),
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.STDOUT,
+            cwd=tmp_path,
+        )
+        out, _ = await process.communicate()
+        assert process.returncode == 0, f"{line}\n{out.decode()}"
+        if words == ["test", "examples/trials"]:
+            assert "7 passed in " in out.decode()
+    assert lines[-1].startswith("robotree fault kill rover-1")
+    assert 'tests="7"' in (tmp_path / "trials.xml").read_text()
+    await until(lambda: not psutil.pid_exists(proxy) or psutil.Process(proxy).status() == "zombie")
+    code, _, complaints = await within_realm("drilled")("fault", "kill", "rover-1")
     assert code != 0
-    assert "robotree: " in complaints
+    assert complaints.startswith("robotree: ")
