@@ -25,6 +25,7 @@ from robotree.vr.agents.bundles import KnownBundles
 from robotree.vr.agents.moving import LoadedPage, Moves
 from robotree.vr.agents.placing import PlaceFinder
 from robotree.vr.agents.shared import Shared
+from robotree.vr.agents.taker import say_deleted
 from robotree.vr.agents.ways import host_beside
 from robotree.vr.author.service import Service
 from robotree.vr.author.virtual_robot import VirtualRobot
@@ -199,6 +200,9 @@ class Host:
         self.opens()
         if self.apart is not None:
             self.apart.courier = self.moves.courier
+            self.apart.on_lost = lambda identity: self.moves.keep(
+                say_deleted(self._transport, identity, self.address.key)
+            )
         try:
             now = asyncio.get_running_loop().time
             dispatcher = Dispatcher(self.address.name, self.answer, now=now, here=self.here)

@@ -415,6 +415,8 @@ class Restored(_Event, frozen=True, kw_only=True):
     """Keys of the calls that ran then: their code begins again."""
     gap: float = 0.0
     """[s] for which the robot was away."""
+    came: bool = False
+    """Whether it has come from another host: no process has ended."""
 
 
 class Halted(_Event, frozen=True, kw_only=True):

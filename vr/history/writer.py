@@ -112,8 +112,8 @@ class WatchedCore(RobotCore):
         return effects
 
     def _note_back(self, event: on.Restored, now: float) -> None:
-        """Keep which commands go on after a crash."""
-        for key in event.calls:
+        """Keep which commands go on after a crash; those of a robot that has moved its host notes."""
+        for key in () if event.came else event.calls:
             if (call := self.state.calls.live.get(key)) is not None:
                 back = Back(key, call.command, len(call.steps), event.gap, self.state.home)
                 self._queue((self._name, now, back, self.state.lease.epoch))

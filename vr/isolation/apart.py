@@ -210,6 +210,8 @@ class RobotApart:
         self._last_sign = 0.0
         self.courier: Courier | None = None
         """Makes its requests anew by which it moves; None: it does not move."""
+        self.on_lost: Callable[[str], object] = lambda _: None
+        """Told of its identity when it has ended for good, and could not tell the directories itself."""
         self.on_way = ""
         """Name of the host to which it is moving, as it says; empty: it stays."""
         self.moved = False
@@ -485,6 +487,8 @@ class RobotApart:
             self._up.exception()  # who has begun it may not wait for it
         elif self.over and self.over not in {DELETED, MOVED}:
             _log.error("%s is gone: %s", self.name, self.over)
+        if self._for_good and self.over not in {DELETED, MOVED} and self._judge.identity:
+            self.on_lost(self._judge.identity)
         if (self._for_good or self.moved) and self.folder is not None:
             self._page_file.unlink(missing_ok=True)
             shutil.rmtree(self.folder, ignore_errors=True)
@@ -897,6 +901,8 @@ class RobotsApart:
         self.robots: dict[str, RobotApart] = {}
         self.courier: Courier | None = None
         """See `RobotApart.courier`."""
+        self.on_lost: Callable[[str], object] = lambda _: None
+        """See `RobotApart.on_lost`."""
 
     def kept(self) -> list[KeptApart]:
         """Return the robots that are kept in this host's folder; what cannot be read is left out."""
@@ -932,7 +938,7 @@ class RobotsApart:
         if self._nursery is None:
             self._nursery = Nursery()
         robot = RobotApart(kept, permissions, self._setting, self._transport, self._nursery, self._forget)
-        robot.courier = self.courier
+        robot.courier, robot.on_lost = self.courier, self.on_lost
         self.robots[robot.name] = robot
         return robot
 

@@ -698,7 +698,7 @@ class RobotRuntime:
         Commands that have begun since the robot is open are no part of them: they run already.
         """
         gap = 0.0 if self.came else self.process.gap
-        self.post(on.Restored(calls=self._interrupted, gap=gap))
+        self.post(on.Restored(calls=self._interrupted, gap=gap, came=self.came))
 
     def _remind_at(self, due: float) -> None:
         """Have the watchdog look when something is due, if that is earlier than it will look.

@@ -19,6 +19,7 @@ from robotree.vr.base.requests import Done, LeaveOrder, Migrate, OrderLeft
 from robotree.vr.bundle import Bundle
 from robotree.vr.exchange.asking import ask
 from robotree.vr.exchange.client import HostClient, RobotClient
+from robotree.vr.isolation import pipe
 from robotree.vr.network.local import LocalTransport, join
 from robotree.vr.orders.service import DirectoryService
 from robotree.vr.orders.store import OrderStore
@@ -283,6 +284,29 @@ async def test_a_robot_apart_takes_an_order_once_wherever_it_is(realm: Realm, tm
         await until(lambda: realm.hosts["h2"].pid("leaf") > 0)
         await ordered(3)
         assert await realm.acts() == [1, 2, 3]
+    finally:
+        await directory.close()
+        store.close()
+        await keeper.close()
+
+
+async def test_one_that_was_ended_for_good_is_not_awaited_by_the_directories(
+    realm: Realm, tmp_path: Path
+) -> None:
+    await realm.start("h1")
+    keeper = await join("test", root=realm.root)
+    store = OrderStore(tmp_path / "orders.db")
+    directory = DirectoryService(keeper, "memory", store)
+    await directory.start()
+    try:
+        await realm.create("Leaf", "leaf", "h1", "process")
+        await until(lambda: any(known.name == "leaf" for known in store.agents.values()))
+        apart = realm.hosts["h1"].host.apart
+        assert apart is not None
+        robot = apart.robots["leaf"]
+        robot._takers[pipe.Alive] = lambda _: robot._be_up(pipe.Up(b"\xff", "x"))  # pyright: ignore[reportPrivateUsage]
+        await until(lambda: all(known.deleted for known in store.agents.values()))
+        assert realm.where("leaf") == []
     finally:
         await directory.close()
         store.close()

@@ -109,8 +109,8 @@ class Stage:
         """Return the hosts that have a robot."""
         return [each for each, home in self.homes.items() if name in home.host.agents]
 
-    async def noted(self, name: str) -> list[HistoryEvent]:
-        """Return what all hosts have kept of the moves of a robot, in time."""
+    async def noted(self, name: str, kind: str = "moved") -> list[HistoryEvent]:
+        """Return what all hosts have kept of the moves of a robot, or of something else, in time."""
         found: list[HistoryEvent] = []
         for home in self.homes.values():
             request, key = ReadEvents(robot=name), home.host.address.key
@@ -119,7 +119,7 @@ class Stage:
                 one.event
                 for one in (await ask(self.operator, key, request, EventsRead, timeout=WAITING)).events
             ]
-        return sorted((one for one in found if one.kind == "moved"), key=lambda one: one.unix)
+        return sorted((one for one in found if one.kind == kind), key=lambda one: one.unix)
 
     def field(self, name: str, field: str) -> Any:
         """Return what a robot keeps."""

@@ -98,6 +98,7 @@ def test_who_wanted_a_move_and_what_came_of_it_is_kept(tmp_path: Path) -> None:
         assert refused.text.startswith("it did not move to h1: ")
         assert moved.key == refused.key, "both are told of the command that they met"
         assert await call == list(range(30))
+        assert await stage.noted("tour", "back") == [], "no host has ended"
 
     played(tmp_path, story)
 
