@@ -243,3 +243,52 @@ async def test_whoever_may_not_create_there_sends_nothing(
             with pytest.raises(Denied, match="may not create"):
                 await h1.migrate("leaf", "hall:h2")
             assert h1.has("leaf")
+
+
+ROUND = """
+class Round(VirtualRobot):
+    one_arm = Child("Leaf")
+    other_arm = Child("Leaf")
+    last_arm = Child("Leaf")
+    count: int = state(0)
+
+    @command
+    def visit(self, rounds: int) -> list[int]:
+        found = []
+        for number in range(rounds):
+            for leaf in (self.one_arm, self.other_arm, self.last_arm):
+                found.append(leaf.act(number=number))
+            self.count = self.count + 1
+        return found
+"""
+
+
+async def test_a_robot_with_children_at_three_sites_goes_round_among_them_while_it_works(
+    sites: list[SiteOfTest], tmp_path: Path
+) -> None:
+    async with contextlib.AsyncExitStack() as stack:
+        homes: dict[str, Home] = {}
+        for site in sites:
+            name = site.keys.name
+            homes[name] = Home(site, tmp_path, f"h-{name}")
+            await homes[name].open()
+            stack.push_async_callback(homes[name].close)
+        robots = {name: await home.create(f"leaf-{name}", LEAF) for name, home in homes.items()}
+        mover = await homes["lab"].create("mover", ROUND)
+        keys = [robot.address.key for robot in (*robots.values(), mover)]
+        keys += [home.host.address.key for home in homes.values()]
+        await until(lambda: all(site.member.presence.there(key) for site in sites for key in keys))
+        for slot, name in (("one_arm", "lab"), ("other_arm", "hall"), ("last_arm", "yard")):
+            await mover.enslave(slot, robots[name].address)
+        rounds = 40
+        call = asyncio.ensure_future(mover.call("visit", {"rounds": rounds}, deadline=3 * PATIENCE))
+        for source, target in (("lab", "hall"), ("hall", "yard"), ("yard", "lab")):
+            before = homes[source].fields("mover")["count"]
+            await until(lambda before=before, source=source: homes[source].fields("mover")["count"] > before)
+            there = homes[target].host.address.key
+            await until(lambda there=there, source=source: homes[source].site.member.presence.there(there))
+            await homes[source].migrate("mover", f"{target}:h-{target}")
+            assert [name for name, home in homes.items() if home.has("mover")] == [target]
+        assert await call == [number for number in range(rounds) for _ in range(3)]
+        for name, home in homes.items():
+            assert home.fields(f"leaf-{name}")["done"] == list(range(rounds)), name
