@@ -59,7 +59,9 @@ class Crowd:
         """Play `count` robots that tell another state so many times a second; 0: the same each second."""
         from robotree.vr.base.address import Address
         from robotree.vr.base.description import RobotDescription
+        from robotree.vr.base.policy import OPEN
         from robotree.vr.base.presence import Presence
+        from robotree.vr.base.principal import this_process
         from robotree.vr.base.requests import Described, State, encode
 
         self.hz = hz
@@ -84,6 +86,7 @@ class Crowd:
         ]
         """By robot: its states on its way, each robot in a place of its own."""
         self.told = 0
+        self.gate, self.identity = OPEN, this_process()
         self.presence = Presence(held=lambda _: [], unheard=lambda _: [])
         for address in self.addresses:  # everybody is there from the beginning
             self.presence.count(address.key, there=True)

@@ -84,10 +84,10 @@ async def test_the_arm_goes_where_somebody_points(tmp_path: Path, monkeypatch: p
             assert found is None or math.hypot(float(found[1]) - x, float(found[2]) - y) < 0.05
             # a picture
             await asyncio.to_thread(person.types, "v", sees="cell / cell")
-            await asyncio.to_thread(person.types, MOUSE.format(column=80, row=24), sees="level 0.00 m")
+            await asyncio.to_thread(person.types, MOUSE.format(column=70, row=12), sees="level 0.00 m")
             await asyncio.to_thread(person.shows, b"the robot would go", b"out of reach")
             assert b"the robot would go" in person.shown
-            await asyncio.to_thread(person.types, MOUSE.format(column=80, row=24), sees="Send arm-1 there?")
+            await asyncio.to_thread(person.types, MOUSE.format(column=70, row=12), sees="Send arm-1 there?")
             await asyncio.to_thread(person.types, RIGHT + ENTER, sees="is done")
             goal = (await realm_client.read_log("arm-1"))[-1].text
             await at(*(float(re.search(rf"{axis}=(-?[\d.]+)", goal)[1]) for axis in "xy"))  # type: ignore[index]

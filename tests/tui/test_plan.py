@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from itertools import pairwise
 
 import pytest
 from hypothesis import given
@@ -57,6 +59,14 @@ def test_x_is_up_and_y_is_left() -> None:
     assert (ahead, up) == (column, row - 5)
     assert (left, same) == (column - 10, row)
     assert [sign(turn * math.pi / 2) for turn in range(4)] == ["↑", "←", "↓", "→"]
+
+
+@pytest.mark.parametrize("rows", range(16, 44))
+def test_the_points_of_the_grid_are_equally_far_apart(rows: int) -> None:
+    window = fitting([(0.196, 0.0), (0.35, 0.25)], 120, rows)
+    lines = text(PlanScene(), window)
+    marked = [at for at, line in enumerate(lines[:-1]) if re.match(r"-?\d", line)]
+    assert len({after - before for before, after in pairwise(marked)}) <= 1, lines
 
 
 def test_the_way_leads_to_its_goal_and_a_refused_goal_looks_different() -> None:

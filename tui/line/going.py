@@ -101,7 +101,7 @@ async def preview(realm_client: RealmClient, trip: Trip) -> dict[str, Any] | Non
         VrError: why it would be refused, in the words of whoever refuses it: the policy, the robot (its
             lease, its limits) or its controller (reach, way, stop).
     """
-    from robotree.vr.base.errors import CommandFailed
+    from robotree.vr.base.errors import BadArgument, CommandFailed
 
     robot = await realm_client.describe(trip.robot)
     denied = realm_client.refused("command", robot.name, robot.kinds, trip.command)
@@ -110,9 +110,12 @@ async def preview(realm_client: RealmClient, trip: Trip) -> dict[str, Any] | Non
     if not trip.previews:
         return None
     command = f"{PREVIEW}{trip.command}"
-    way: dict[str, Any] = plain(
-        await realm_client.call(trip.robot, command, trip.arguments, deadline=PREVIEW_WITHIN)
-    )
+    try:
+        told = await realm_client.call(trip.robot, command, trip.arguments, deadline=PREVIEW_WITHIN)
+    except BadArgument as error:  # the parameters are those of the command itself
+        data = {**error.data, "command": f"{trip.robot}.{trip.command}"}
+        raise BadArgument(**data) from None
+    way: dict[str, Any] = plain(told)
     if way.get("refusal"):
         raise CommandFailed(robot=trip.robot, command=trip.command, detail=way["refusal"])
     return way

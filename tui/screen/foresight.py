@@ -5,7 +5,8 @@ The plan, the pictures and the dialog draw the same one. Only the newest questio
 
 from __future__ import annotations
 
-from collections.abc import Coroutine, Mapping
+from collections.abc import Callable, Coroutine, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from robotree.tui.errors import SupervisorError
@@ -62,10 +63,12 @@ class Foresight:
     def __init__(self) -> None:
         """Know nothing."""
         self.newest: Foreseen | None = None
+        self._asked: Foreseen | None = None
+        """What a robot is asked now."""
 
     def forget(self) -> None:
         """Nobody is about to send a robot anywhere."""
-        self.newest = None
+        self.newest = self._asked = None
 
     def ask(
         self,
@@ -74,7 +77,7 @@ class Foresight:
         at: Mapping[str, float],
         frame: str,
         readings: Mapping[str, float],
-    ) -> Coroutine[Any, Any, None] | None:
+    ) -> Callable[[], Coroutine[Any, Any, None]] | None:
         """Ask a robot what it would do.
 
         Args:
@@ -87,23 +90,26 @@ class Foresight:
         Returns:
             What waits for its answer, to be run in the background; None: it need not be asked.
         """
-        self.newest = Foreseen(robot.name, frame, at)
+        before, self._asked = self.newest, None
         if (moves_in := frame_of(robot)) != frame:
             why = f"{robot.name} moves in {moves_in or 'a frame of its own'}, and the point is of {frame}"
-            self.newest = self.newest._replace(refusal=f"{why}; choose a robot of that place", answered=True)
+            refusal = f"{why}; choose a robot of that place"
+            self.newest = Foreseen(robot.name, frame, at, refusal=refusal, answered=True)
             return None
         try:
             trip = trip_to(robot, at, readings)
         except SupervisorError as error:
-            self.newest = self.newest._replace(refusal=str(error), answered=True)
+            self.newest = Foreseen(robot.name, frame, at, refusal=str(error), answered=True)
             return None
-        self.newest = asked = self.newest._replace(trip=trip)
-        return self._answer(realm_client, asked, trip)
+        self._asked = asked = Foreseen(robot.name, frame, at, trip)
+        if before is None or (before.robot, before.frame, before.at) != (robot.name, frame, at):
+            self.newest = asked  # else what was said before stays until it is said again
+        return partial(self._answer, realm_client, asked, trip)  # one that never runs is not begun either
 
     async def _answer(self, realm_client: RealmClient, asked: Foreseen, trip: Trip) -> None:
         try:
             answer = asked._replace(way=await preview(realm_client, trip), answered=True)
         except (VrError, SupervisorError) as error:
             answer = asked._replace(refusal=str(error), answered=True)
-        if self.newest is asked:
+        if self._asked is asked:
             self.newest = answer

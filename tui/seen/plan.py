@@ -27,6 +27,9 @@ ROUND = (1.0, 2.0, 5.0)
 GRID = 8
 """Columns between two points of the grid, at least."""
 
+EDGE = 1e-6
+"""Cells: what lies on the edge between two, but for rounding, is in the second one."""
+
 Point = tuple[float, float]
 """[m] x, y in W."""
 Run = tuple[str, str]
@@ -74,7 +77,8 @@ class Window(NamedTuple):
     def cell(self, point: Point) -> tuple[int, int]:
         """Return column and row of a point; they may lie outside."""
         column = self.columns / 2 - (point[1] - self.y) * 2 / self.scale
-        return math.floor(column), math.floor(self.rows / 2 - (point[0] - self.x) / self.scale)
+        row = self.rows / 2 - (point[0] - self.x) / self.scale
+        return math.floor(column + EDGE), math.floor(row + EDGE)
 
     def point(self, column: int, row: int) -> Point:
         """Return the middle of a cell [m]."""

@@ -22,6 +22,8 @@ from robotree.tui.seen.frames import ground_of, spots
 
 REST = 0.25
 """[s] that the cursor rests before the robot is asked for its way."""
+AGAIN = 2.0
+"""[s] before the robot is asked again: a stop, or somebody else, may have come or gone."""
 LOOK = 2.0
 """[s] between two looks for other named places."""
 
@@ -35,7 +37,7 @@ class PlanPane(Part, Horizontal):
         self._ground = ""
         self._rest: Timer | None = None
         self._places: dict[str, NamedPlace] = {}
-        self._looked = float("-inf")
+        self._looked = self._asked = float("-inf")
 
     def compose(self) -> ComposeResult:
         """Plan, and beside it text."""
@@ -71,6 +73,8 @@ class PlanPane(Part, Horizontal):
             self._ground = ground
             plan.forget_window()
         self._look_for_places()
+        if self._foreseen is not None and now - self._asked > AGAIN:
+            self._ask_robot()
         found = spots(store, ground)
         found.sort(key=lambda spot: spot.name == selected)
         sign_of = {spot.name: STATUSES[store.status(spot.name, now)] for spot in found}
@@ -135,10 +139,14 @@ class PlanPane(Part, Horizontal):
         self.draw(self.app.now())
 
     def _ask(self) -> None:
+        self._ask_robot()
+        self.draw(self.app.now())
+
+    def _ask_robot(self) -> None:
         robot, point = self.app.store.described(self.app.selection.name), self.point
         if robot is not None and point is not None:
+            self._asked = self.app.now()
             self.app.foresee(robot, point, self._ground)
-            self.draw(self.app.now())
 
     @on(PlanView.Chosen)
     def _chosen(self) -> None:

@@ -25,6 +25,8 @@ MOST, WIDE = 6, 110
 """Cameras side by side at most, and columns from which on three stand in a row."""
 SLOWEST = 0.5
 """[Hz] of a picture among many."""
+AGAIN = 2.0
+"""[s] before the robot is asked again: a stop, or somebody else, may have come or gone."""
 REST = 0.25
 """[s] that the cursor rests before the robot is asked for its way."""
 INSTRUMENTS = 0.5
@@ -39,6 +41,7 @@ class ViewsPane(Part, Horizontal):
         super().__init__(id=id)
         self._options: list[tuple[str, str]] = []
         self._rest: Timer | None = None
+        self._asked = float("-inf")
         self.together = False
         """All cameras are shown side by side."""
 
@@ -66,6 +69,9 @@ class ViewsPane(Part, Horizontal):
         cameras = self.query_one(Cameras)
         cameras.draw()
         self.query_one("#pointed", PointedPicture).ground = cameras.ground
+        newest = self.app.foresight.newest
+        if newest is not None and self.app.now() - self._asked > AGAIN:
+            self._ask_robot()
         for picture in self.query(PointedPicture):
             picture.draw()
         if (
@@ -152,6 +158,7 @@ class ViewsPane(Part, Horizontal):
         picture = self.pointing
         robot = self.app.store.described(self._robot(picture)) if picture else None
         if picture is not None and robot is not None and picture.point is not None:
+            self._asked = self.app.now()
             self.app.foresee(robot, picture.point, picture.ground)
 
     def _robot(self, picture: PointedPicture | None) -> str:
