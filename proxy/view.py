@@ -21,6 +21,7 @@ from robotree.protocol.messages import (
     MavComponent,
     Message,
     PictureRequest,
+    Skeleton,
     Tool,
 )
 from robotree.protocol.services.peer import Send
@@ -33,7 +34,7 @@ from robotree.vr.base.requests import CameraLens, Shot
 
 CAMERAS: Mapping[str, int] = {"cell": MavComponent.CAMERA, "wrist": MavComponent.CAMERA2}
 """Cameras by their component of the controller, where a view is given no others."""
-RATES: Mapping[type[Message], float] = {Joints: 10.0, Tool: 10.0, LocalPositionNed: 10.0}
+RATES: Mapping[type[Message], float] = {Joints: 10.0, Tool: 10.0, LocalPositionNed: 10.0, Skeleton: 2.0}
 """[Hz] at which the poses are enough to be read by people; a controller sends them five times as often, and
 on a bus they would take the place of the pictures."""
 ANSWER_WITHIN = 1.5
@@ -111,6 +112,15 @@ class WorkspaceView:
     def cameras(self) -> Sequence[str]:
         """Names of the cameras; the first one is the default."""
         return tuple(self._cameras)
+
+    @property
+    def skeleton(self) -> Sequence[tuple[float, float, float]]:
+        """Where the joints of the arm are in `frame` [m], from its foot to its tool; empty: nobody says."""
+        told = self._session.twin.latest(Skeleton)
+        if told is None:
+            return ()
+        places = [*zip(told.x, told.y, told.z, strict=True)][: told.count]
+        return tuple(place for place in places if all(map(math.isfinite, place)))
 
     def readings(self) -> dict[str, float]:
         """Return the last known readings of the workspace's instruments; `age` [s] is their age."""

@@ -86,6 +86,7 @@ __all__ = [
     "Setpoint",
     "SetpointKind",
     "SetupSigning",
+    "Skeleton",
     "Speech",
     "Statustext",
     "SysStatus",
@@ -1258,3 +1259,21 @@ class CameraPose(Message, frozen=True, gc=False):
     """Orientation in W as a unit quaternion w, x, y, z. (4,)"""
     fovy: float
     """Vertical field of view of the picture; its pixels are square, and its middle is on the axis. [rad]"""
+
+
+@wire("ROBOTREE_SKELETON")
+class Skeleton(Message, frozen=True, gc=False):
+    """Where the joints of an arm are, from its foot to its tool, as its joint positions put them; sent only
+    at the rate that somebody asks for. For people whose line is too thin for pictures.
+    """
+
+    time_boot_ms: int
+    """Controller time. [ms]"""
+    x: tuple[float, ...]
+    """Places in W; unused ones are 0. (10,), [m]"""
+    y: tuple[float, ...]
+    """Places in W. (10,), [m]"""
+    z: tuple[float, ...]
+    """Places in W. (10,), [m]"""
+    count: int
+    """How many."""

@@ -100,6 +100,14 @@ class Kinematics:
         placement = pin.updateFramePlacement(self._model, self._data, self._tool)
         return np.array(placement.translation), np.array(placement.rotation)
 
+    def skeleton(self, q: Vector) -> list[tuple[float, float, float]]:
+        """Where foot, joints and tool are in W [m] at the posture `q` (6,) [rad], from below."""
+        pin.forwardKinematics(self._model, self._data, q)
+        tool = pin.updateFramePlacement(self._model, self._data, self._tool)
+        joints = [self._data.oMi[joint].translation for joint in range(1, self._model.njoints)]
+        places = [*(place.tolist() for place in joints), tool.translation.tolist()]
+        return [(0.0, 0.0, 0.0), *((x, y, z) for x, y, z in places)]
+
     def dynamics(self, q: Vector, v: Vector) -> Dynamics:
         """Everything the control law needs at `q` (6,) [rad] and `v` (6,) [rad/s].
 

@@ -5,13 +5,15 @@ from typing import Final
 
 import pinocchio as pin
 
-from robotree.protocol.messages import Gripper, GripperState, Joints, Message, NamedValueFloat, Tool
+from robotree.protocol.messages import Gripper, GripperState, Joints, Message, NamedValueFloat, Skeleton, Tool
 from robotree.sim.arm.gripper import Grip
+from robotree.sim.arm.kinematics import Kinematics
 from robotree.sim.arm.world import ArmWorld
 from robotree.sim.firmware.telemetry import HOT, WARM, Stream
 from robotree.sim.physics.vectors import Matrix, Vector
 
 _JOINT_PLACES: Final = 8
+_BONES: Final = 10
 GRIPPER_STATES: Final = {
     Grip.AT_WIDTH: GripperState.AT_WIDTH,
     Grip.MOVING: GripperState.MOVING,
@@ -46,7 +48,16 @@ def streams(world: ArmWorld) -> tuple[Stream, ...]:
             NamedValueFloat(now, "peak_f", world.arm.state().peak_force),
         )
 
+    bones = Kinematics()  # its own scratch memory
+
+    def skeleton(now: int, _: bool) -> Sequence[Message]:  # noqa: FBT001
+        places = bones.skeleton(world.arm.state().q)[:_BONES]
+        empty = [0.0] * (_BONES - len(places))
+        x, y, z = ((*(place[axis] for place in places), *empty) for axis in range(3))
+        return (Skeleton(now, x, y, z, len(places)),)
+
     return (
+        Stream(Skeleton, None, skeleton),
         Stream(Joints, HOT, joints),
         Stream(Tool, HOT, tool),
         Stream(Gripper, WARM, gripper),

@@ -74,6 +74,7 @@ CRC_EXTRA = {
     "ROBOTREE_BASE_STATE": 54,
     "ROBOTREE_WAY_REQUEST": 44,
     "ROBOTREE_WAY_STATUS": 13,
+    "ROBOTREE_SKELETON": 90,
     "ROBOTREE_CAMERA_POSE": 175,
 }
 """Of our messages; another number means that older programs no longer understand us."""

@@ -176,6 +176,7 @@ class Cell:
 
     frame = ""
     """That of the arm, which names none either."""
+    skeleton = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.3), (0.3, 0.0, 0.4))
 
     async def shoot(self, camera: str, width: int, height: int, quality: int) -> Shot:
         """The cell from 1 m above, x to the right and y up in the picture: half a turn about x."""

@@ -1525,6 +1525,13 @@ ACTIONS: tuple[Action, ...] = (
         key="L",
     ),
     Action("together", "Show all cameras side by side, and back.", SCREEN, where=SHOWN, key="Y"),
+    Action(
+        "skeleton",
+        "Show the arm of a view as a skeleton, by its joints, for lines too thin for pictures, and back.",
+        SCREEN,
+        where=SHOWN,
+        key="Z",
+    ),
     Action("camera", "Show the picture of the next camera.", SCREEN, where=SHOWN, key="V"),
     Action(
         "filter",

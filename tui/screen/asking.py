@@ -586,6 +586,7 @@ ASK: Mapping[str, Ask] = {
     "unmark": lambda app, _place: in_front(app).unmark(),
     "dismiss": _dismiss,
     "level": lambda app, _place: in_front(app).raise_level(),
+    "skeleton": lambda app, _place: in_front(app).set_bare(),
     "together": lambda app, _place: in_front(app).set_side_by_side(),
     "camera": lambda app, _place: in_front(app).turn(),
     **{name: _pane(name) for name in PANES},

@@ -14,8 +14,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
 from typing import NamedTuple
 
-GOAL, REFUSED, STEP, PLACE, CURSOR = "◎", "✗", "•", "▪", "┼"
-"""Signs of the goal, of one that is refused, of a point of the way, of a named place, and of the cursor."""
+GOAL, REFUSED, STEP, PLACE, CURSOR, JOINT = "◎", "✗", "•", "▪", "┼", "●"
+"""Signs of the goal, of one that is refused, of a point of the way, of a named place, the cursor, a joint."""
 ARROWS = "↑↖←↙↓↘→↗"
 """Of headings, from along x on, counterclockwise."""
 SMALLEST = 1.0
@@ -206,6 +206,17 @@ def carried(x: float, y: float, base: Mapping[str, float] | None) -> Point | Non
     return base["x"] + c * x - s * y, base["y"] + s * x + c * y
 
 
-def flat(xs: Sequence[float], ys: Sequence[float]) -> tuple[Point, ...]:
-    """Return a way from above."""
-    return tuple(zip(xs, ys, strict=True))
+def skeleton(points: Sequence[tuple[float, float, float]], columns: int, rows: int) -> list[list[Run]]:
+    """Return an arm in lines, by where its joints are in W [m]: from its left side, and from above.
+
+    From the side x leads to the right and z up; from above x leads up and y to the left.
+    """
+    beside = (columns - 3) // 2
+    views = ([(z, -x) for x, _, z in points], [(x, y) for x, y, _ in points])
+    both: list[list[list[Run]]] = []
+    for places in views:
+        joints = tuple(Mark(x, y, JOINT, "primary") for x, y in places[:-1])
+        tool = tuple(Mark(x, y, GOAL, "success", "tool") for x, y in places[-1:])
+        window = fitting([(0.0, 0.0), *places], beside, rows)
+        both.append(drawn(PlanScene((*joints, *tool), tuple(places)), window))
+    return [[*left, ("muted", " │ "), *right] for left, right in zip(*both, strict=True)]

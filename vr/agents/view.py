@@ -75,6 +75,11 @@ class PlacedView(View, Protocol):
         """Name of the frame in which its cameras are, as in `ViewDescribed`."""
         ...
 
+    @property
+    def skeleton(self) -> Sequence[tuple[float, float, float]]:
+        """Where the joints of its arm are in that frame [m], from foot to tool; empty: nobody says."""
+        ...
+
     async def shoot(self, camera: str, width: int, height: int, quality: int) -> Shot:
         """Take one picture, as `look`, with where its camera was."""
         ...
@@ -149,6 +154,7 @@ class ViewAgent:
                     readings=dict(self._view.readings()),
                     units=dict(self._view.reading_units),
                     frame=self._view.frame if isinstance(self._view, PlacedView) else "",
+                    skeleton=tuple(self._view.skeleton) if isinstance(self._view, PlacedView) else (),
                 )
             case _:
                 raise not_for("view", request)

@@ -1167,6 +1167,8 @@ class ViewDescribed(_Message, frozen=True, kw_only=True):
     """Symbol of the unit of each reading that has one."""
     frame: str = ""
     """Names the frame W in which its cameras are: the attribute `controller` of the robots that share it."""
+    skeleton: tuple[tuple[float, float, float], ...] = ()
+    """Where the joints of its arm are in that frame [m], from foot to tool; empty: nobody says."""
 
 
 class Done(_Message, frozen=True, kw_only=True):

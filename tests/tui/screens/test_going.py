@@ -113,3 +113,14 @@ async def test_all_cameras_stand_side_by_side(realm: Realm, operate: Operate) ->
         await operator.sees("cell / cell", "cell / wrist")
         await operator.press("Y")
         await operator.until(lambda: picture.seen, "one picture again")
+
+
+async def test_an_arm_is_a_skeleton_where_pictures_are_too_much(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.realm_client) as operator:
+        await operator.until(lambda: "cell" in operator.app.store.views, "the view")
+        await operator.press("Z")
+        await operator.sees("skeleton: from the left side", "◎tool")
+        picture = operator.one(PointedPicture, "#pointed")
+        assert not picture.seen, "nothing is fetched"
+        await operator.press("Z")
+        await operator.until(lambda: picture.frames > 0, "a picture again")

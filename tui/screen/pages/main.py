@@ -214,6 +214,11 @@ class MainPage(Page):
         self.show_pane("views")
         self.query_one(ViewsPane).beside()
 
+    def set_bare(self) -> None:
+        """Show the arm as a skeleton instead of pictures, or not."""
+        self.show_pane("views")
+        self.query_one(ViewsPane).bare()
+
     def look_again(self) -> None:
         """Look for other named places at the next drawing."""
         self.query_one(PlanPane).look_again()

@@ -13,13 +13,16 @@ from textual.widgets.option_list import Option
 from robotree.tui.line.going import pose_command
 from robotree.tui.screen.part import Part
 from robotree.tui.screen.place import Place
+from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.cameras import Cameras
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.screen.widgets.picture import RATE
 from robotree.tui.screen.widgets.pointed_picture import PointedPicture
 from robotree.tui.screen.widgets.readings import Readings, ShownReadings
 from robotree.tui.seen.frames import frame_of
+from robotree.tui.seen.plan import skeleton
 from robotree.vr.base.errors import VrError
+from robotree.vr.base.requests import ViewDescribed
 
 MOST, WIDE = 6, 110
 """Cameras side by side at most, and columns from which on three stand in a row."""
@@ -29,6 +32,8 @@ AGAIN = 2.0
 """[s] before the robot is asked again: a stop, or somebody else, may have come or gone."""
 REST = 0.25
 """[s] that the cursor rests before the robot is asked for its way."""
+NARROWEST, LOWEST = 24, 6
+"""Columns and lines below which a skeleton cannot be read."""
 INSTRUMENTS = 0.5
 """[s] between two looks at the instruments."""
 
@@ -42,6 +47,8 @@ class ViewsPane(Part, Horizontal):
         self._options: list[tuple[str, str]] = []
         self._rest: Timer | None = None
         self._asked = float("-inf")
+        self._bare = False
+        """The arm is shown as a skeleton, instead of a picture."""
         self.together = False
         """All cameras are shown side by side."""
 
@@ -53,6 +60,7 @@ class ViewsPane(Part, Horizontal):
         with Vertical(classes="picture-side"):
             yield Cameras()
             yield PointedPicture(id="pointed")
+            yield CachedText(id="bones")
             with Grid(id="side-by-side"):
                 yield from ()
 
@@ -62,6 +70,7 @@ class ViewsPane(Part, Horizontal):
         self.query_one("#instruments").border_title = "instruments"
         self.query_one(Cameras).attach(self.query_one("#pointed", PointedPicture))
         self.query_one("#side-by-side").display = False
+        self._show_bones(shown=self.app.calm)
         self.set_interval(INSTRUMENTS, self.guarded(self._tick))
 
     def draw(self) -> None:
@@ -101,6 +110,35 @@ class ViewsPane(Part, Horizontal):
         if cameras.all:
             options.highlighted = cameras.at
 
+    # -- without pictures --------------------------------------------------------------------------
+
+    def bare(self) -> None:
+        """Show the arm as a skeleton, or pictures again."""
+        if self.together:
+            self.beside()
+        self._show_bones(shown=not self._bare)
+
+    def _show_bones(self, *, shown: bool) -> None:
+        self._bare = shown
+        self.query_one("#bones").display = shown
+        self.query_one("#pointed").display = not shown
+
+    def _draw_bones(self, description: ViewDescribed) -> None:
+        """Draw where the joints of the arm are: of a few bytes, where a picture has thousands."""
+        widget = self.query_one("#bones", CachedText)
+        widget.border_title = "skeleton: from the left side, and from above [m]"
+        columns, rows = widget.content_size
+        if not description.skeleton or columns < NARROWEST or rows < LOWEST:
+            widget.show(Text("its controller does not say where the joints are", tint(self.app, "muted")))
+            return
+        lines = skeleton(description.skeleton, columns, rows)
+        text = Text("\n").join(
+            Text.assemble(*((words, tint(self.app, tone) if tone else "") for tone, words in line))
+            for line in lines
+        )
+        text.no_wrap = True
+        widget.show(text)
+
     # -- all at once -------------------------------------------------------------------------------
 
     def beside(self) -> None:
@@ -108,7 +146,8 @@ class ViewsPane(Part, Horizontal):
         self.together = not self.together
         self.query_one(".side").display = not self.together
         self.query_one(Cameras).display = not self.together
-        self.query_one("#pointed").display = not self.together
+        self.query_one("#pointed").display = not (self.together or self._bare)
+        self.query_one("#bones").display = self._bare and not self.together
         self.query_one("#side-by-side").display = self.together
         self._lay_out()
 
@@ -187,7 +226,8 @@ class ViewsPane(Part, Horizontal):
             self._ask_robot()
 
     def _tick(self) -> None:
-        if self.query_one("#pointed", PointedPicture).seen and self.query_one(Cameras).all:
+        bare = self._bare and self.is_on_screen and self.screen.is_active
+        if (bare or self.query_one("#pointed", PointedPicture).seen) and self.query_one(Cameras).all:
             self._read()
 
     @work(exclusive=True, exit_on_error=False, group="instruments")
@@ -201,3 +241,5 @@ class ViewsPane(Part, Horizontal):
             return
         if cameras.all[cameras.at][0] == view:  # else a person has turned to another one meanwhile
             self.query_one(Readings).draw(ShownReadings(description.readings, description.units))
+            if self._bare:
+                self._draw_bones(description)
