@@ -104,7 +104,7 @@ class Kinematics:
         """Where foot, joints and tool are in W [m] at the posture `q` (6,) [rad], from below."""
         pin.forwardKinematics(self._model, self._data, q)
         tool = pin.updateFramePlacement(self._model, self._data, self._tool)
-        joints = [self._data.oMi[joint].translation for joint in range(1, self._model.njoints)]
+        joints = [self._data.oMi[joint].translation for joint in range(1, JOINTS + 1)]
         places = [*(place.tolist() for place in joints), tool.translation.tolist()]
         return [(0.0, 0.0, 0.0), *((x, y, z) for x, y, z in places)]
 

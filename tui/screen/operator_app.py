@@ -231,7 +231,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
 
     def foresee(self, robot: RobotDescription, at: Mapping[str, float], frame: str) -> None:
         """Ask a robot whether it would go to a point in a frame [m, rad], and which way: see `foresight`."""
-        asking = self.foresight.ask(self.realm_client, robot, at, frame, self.store.readings(robot.name))
+        asking: Any = self.foresight.ask(self.realm_client, robot, at, frame, self.store.readings(robot.name))
         if asking is not None:
             self.run_worker(asking, group="foresight", exclusive=True, exit_on_error=False)
 

@@ -170,7 +170,7 @@ class PointedPicture(PictureView, can_focus=True):
         found, newest = self._point, self.app.foresight.newest
         if found is None:
             return self.why_no_point
-        words = f"x {found[0]:.3f}  y {found[1]:.3f}  level {self.level:.2f} m"
+        words = f"x {found[0]:.2f}  y {found[1]:.2f}" + (f"  level {self.level:.2f}" if self.level else "")
         known = newest is not None and newest.frame == self.ground
         return f"{words}  {newest.words}" if newest is not None and known else words
 
