@@ -1530,7 +1530,7 @@ ACTIONS: tuple[Action, ...] = (
         "Show the arm of a view as a skeleton, by its joints, for lines too thin for pictures, and back.",
         SCREEN,
         where=SHOWN,
-        key="Z",
+        key="y",
     ),
     Action("camera", "Show the picture of the next camera.", SCREEN, where=SHOWN, key="V"),
     Action(

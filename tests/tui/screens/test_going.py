@@ -118,9 +118,9 @@ async def test_all_cameras_stand_side_by_side(realm: Realm, operate: Operate) ->
 async def test_an_arm_is_a_skeleton_where_pictures_are_too_much(realm: Realm, operate: Operate) -> None:
     async with operate(realm.realm_client) as operator:
         await operator.until(lambda: "cell" in operator.app.store.views, "the view")
-        await operator.press("Z")
+        await operator.press("y")
         await operator.sees("skeleton: from the left side", "◎tool")
         picture = operator.one(PointedPicture, "#pointed")
         assert not picture.seen, "nothing is fetched"
-        await operator.press("Z")
+        await operator.press("y")
         await operator.until(lambda: picture.frames > 0, "a picture again")
