@@ -100,6 +100,8 @@ async def test_a_recorded_session_is_played_again_and_holds(place: Path) -> None
             assert "held" in await line("run", str(session))
         assert "exists already" in await line("export", "session", str(file), str(session), code=1)
         assert "exists already" in await line("record", str(file), code=1)
+        assert "commands, 0 differ" in await line("recording", "compare", str(file), str(file))
+        assert "holds no readings" in await line("export", "lerobot", str(file), str(place / "a"), code=1)
 
 
 async def test_a_killed_recorder_leaves_a_recording(place: Path) -> None:
@@ -114,6 +116,8 @@ async def test_a_killed_recorder_leaves_a_recording(place: Path) -> None:
         await recording.begin(file)
         empty = file.stat().st_size
         await until(lambda: file.stat().st_size > empty + 1000, "something is flushed")
+        _, out, _ = await run("recording", str(file))
+        assert "it is still being written" in out
         await recording.end(signal.SIGKILL)
 
         code, out, complaints = await run("recording", str(file), "--json")
