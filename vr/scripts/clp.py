@@ -217,6 +217,7 @@ def _partner(part: Form) -> Partner:
         if not isinstance(facet, Form):
             raise facet.mark.error("write (partner NAME (kind KIND) (needs COMMAND …))")
         partner = msgspec.structs.replace(partner, **_facet(facet, partner.takes))
+    check_watched(partner, part.mark)
     if not partner.kind:
         raise part.mark.error(f"partner {partner.name} needs a kind: (kind Arm)")
     if partner.where and not partner.choose:
@@ -250,12 +251,12 @@ def _facet(facet: Form, takes: dict[str, tuple[str, ...]]) -> dict[str, Any]:  #
             return {"takes": {**takes, values[0]: tuple(values[1:])}}
         case "return" if len(values) == 1:
             return {"returns": _return(facet)}
-        case "optional" if not values:
-            return {"optional": True}
+        case "optional" | "watch" if not values:
+            return {"optional" if facet.head == "optional" else "watched": True}
         case head:
             raise facet.mark.error(
                 f"a partner has no ({head} …); it has: kind, needs, attributes, takes, optional, "
-                "return, choose, where, count, group, doc"
+                "return, watch, choose, where, count, group, doc"
             )
 
 
@@ -284,6 +285,16 @@ def check_choice(choose: Word, where: Word) -> None:
         requirement(where.text)
     except RequirementUnreadable as error:
         raise where.mark.error(str(error)) from None
+
+
+def check_watched(partner: Partner, mark: Mark) -> None:
+    """Refuse what cannot be had of a partner that is only watched.
+
+    Raises:
+        BrokenScript: it is wanted.
+    """
+    if partner.watched and (partner.needs or partner.choose or partner.returns or partner.takes):
+        raise mark.error(f"partner {partner.name} is only watched: it has no needs, takes, return and choose")
 
 
 def check_count(count: Word) -> int:

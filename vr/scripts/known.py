@@ -142,6 +142,9 @@ class _Known:
 
     def _do(self, partner: Node, act: Node, values: tuple[Node, ...]) -> None:
         self._partner(partner)
+        meant = self._partners.get(_constant(partner) or "")
+        if meant is not None and meant.watched:
+            raise self._mark(partner).error(f"{meant.name} is only watched, and is asked nothing")
         self._act(partner, act)
         known = self._partners.get(_constant(partner) or "")
         spec = None if known is None else self._kinds.get(known.kind, {}).get(_constant(act) or "")

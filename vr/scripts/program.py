@@ -47,6 +47,8 @@ class Partner(msgspec.Struct, frozen=True, kw_only=True):
     """What a chosen one must be (`requirement`)."""
     count: int = 0
     """How many robots it is; 0: one alone, else a group, whose acts are given to each member."""
+    watched: bool = False
+    """It is only watched: the rules know its readings, and nothing is asked of it; it takes no lease."""
     doc: str = ""
 
     @property

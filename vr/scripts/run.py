@@ -349,13 +349,15 @@ class ScriptRun:
         for place in self._names:
             slot = self._robot.child_slots[place]
             bond = slot.bond
-            name = "" if bond is None or unfit(self._robot, place, self._program) else bond.child.name
+            fit = bond is not None and not unfit(self._robot, place, self._program)
+            name = bond.child.name if bond is not None and fit else slot.watched.name if slot.watched else ""
             before = self._seats[place]
             if before and name != before:
                 return self._changed("lost", place, "", before, slot.lost or "it was released")
-            if name != before and bond is not None:
+            if name != before:
                 found = self._changed("found", place, name, name)
-                choices = choices_of(bond.description.commands) if self._wants_choices else []
+                asked = self._wants_choices and bond is not None
+                choices = choices_of(bond.description.commands) if asked and bond is not None else []
                 meant = tuple(choice for choice in choices if is_meant(choice[0], self._wants_choices))
                 return msgspec.structs.replace(found, choices=meant)
             if name and (change := self._change_of_stop(place)) is not None:
@@ -636,7 +638,7 @@ def lacking(robot: VirtualRobot, program: Program) -> str:
         (partner, slot) for partner in program.partners if not partner.optional for slot in partner.slots
     ]
     for partner, slot in needed:
-        if robot.child_slots[slot].bond is None:
+        if robot.child_slots[slot].bond is None and robot.child_slots[slot].watched is None:
             found.append(f"{slot} ({partner.kind})")
         elif reason := unfit(robot, slot, program):
             found.append(f"{slot} ({partner.kind}): {reason}")

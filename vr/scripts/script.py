@@ -15,6 +15,7 @@ from robotree.vr.author.child import Child
 from robotree.vr.author.command import command
 from robotree.vr.author.context import running
 from robotree.vr.author.virtual_robot import VirtualRobot
+from robotree.vr.author.watch import Watch
 from robotree.vr.base.errors import CommandFailed, NoRoles, NoSuchFile, VrError
 from robotree.vr.base.principal import is_person
 from robotree.vr.base.units import Range, Unit
@@ -326,18 +327,25 @@ def script_class(program: Program) -> type[Script]:
     }
     for partner in program.partners:
         for slot in partner.slots:
-            members[slot] = Child(
-                partner.kind,
-                partner.doc,
-                optional=partner.optional,
-                returns=partner.returns,
-                choose="free" if partner.choose else "",
-                where=_required(partner) if partner.choose else "",
-            )
+            members[slot] = _slot(partner)
     members["start"] = _start(program)
     for hears in program.hears:
         members[hears.name] = _hearing(hears)
     return type(kind, (Script,), members)
+
+
+def _slot(partner: Partner) -> Child[Any] | Watch:
+    """Return a slot for one robot of a partner."""
+    if partner.watched:
+        return Watch(partner.kind, partner.doc, optional=partner.optional)
+    return Child(
+        partner.kind,
+        partner.doc,
+        optional=partner.optional,
+        returns=partner.returns,
+        choose="free" if partner.choose else "",
+        where=_required(partner) if partner.choose else "",
+    )
 
 
 def _required(partner: Partner) -> str:

@@ -36,6 +36,7 @@ from robotree.vr.scripts.clp import (
     check_count,
     check_head,
     check_return,
+    check_watched,
     first_fact,
     of_group,
     with_template,
@@ -155,7 +156,8 @@ def _partner(key: Word, given: Written) -> Partner:
         return Partner(name=check_identifier(key.text, key.mark, "a partner"), kind=given.text)
     facets = entries(given, "a partner", key.mark)
     facets.expect(
-        ("kind", "needs", "attributes", "takes", "optional", "return", "returns", *CHOSEN, "doc"), "a partner"
+        ("kind", "needs", "attributes", "takes", "optional", "return", "returns", "watch", *CHOSEN, "doc"),
+        "a partner",
     )
     returns = facets.get("return") or facets.get("returns")
     choose, where = (
@@ -182,8 +184,10 @@ def _partner(key: Word, given: Written) -> Partner:
         choose=choose.text,
         where=where.text,
         count=0 if count is None else check_count(word(count, "the count", key.mark)),
+        watched=bool(value_of(word(facets.get("watch") or Word("no", key.mark), "watch", key.mark))),
         doc=word(facets.get("doc") or Word("", key.mark), "doc", key.mark).text,
     )
+    check_watched(partner, key.mark)
     return partner if group is None else of_group(partner, word(group, "the group", key.mark))
 
 
