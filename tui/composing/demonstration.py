@@ -212,7 +212,7 @@ def _by_hand(
     full = False
     for number, (stretch, way) in enumerate(zip(stretches, ways, strict=True)):
         arriving, acts = way[leaving[number] :], [_act(slot, act) for act in stretch.acts]
-        if not (stretch.acts and stretch.way):  # it ends with a move, or begins with an act
+        if not _is_place(stretch):
             steps += [*(_move(slot, point) for point in arriving), *acts]
             continue
         centre = stretch.way[-1]
@@ -251,6 +251,11 @@ def _stretches(run: Sequence[Shown], start: Pose | None) -> list[_Stretch]:
 def _pose(arguments: Mapping[str, Any]) -> Pose:
     x, y, z, twist = (float(arguments.get(axis, 0.0)) for axis in AXES)
     return x, y, z, twist
+
+
+def _is_place(stretch: _Stretch) -> bool:
+    """Whether something was taken or let go at the end of a way."""
+    return bool(stretch.way) and any(act.command == GRIP for act in stretch.acts)
 
 
 def _way(stretch: _Stretch, tolerance: float) -> list[Pose]:
@@ -317,14 +322,13 @@ def _beside(way: Sequence[Pose], place: Pose) -> int:
 
 def _leaving(stretches: Sequence[_Stretch], ways: Sequence[Sequence[Pose]], number: int) -> int:
     """Return how many points at the beginning of a way belong to the place before it."""
-    before = stretches[number - 1].way[-1:] if number else []
-    if not before:
+    if not number or not _is_place(stretches[number - 1]):
         return 0
-    way, ahead = ways[number], stretches[number]
-    count = _beside(way, before[0])
-    if ahead.acts:  # the place ahead has at least its own point, and those that are nearer to it
+    before, way, ahead = stretches[number - 1].way[-1], ways[number], stretches[number]
+    count = _beside(way, before)
+    if _is_place(ahead):  # it has at least its own point, and those that are nearer to it
         end = ahead.way[-1]
-        nearer = (i for i, point in enumerate(way) if _level(point, end) < _level(point, before[0]))
+        nearer = (i for i, point in enumerate(way) if _level(point, end) < _level(point, before))
         count = min(count, next(nearer, count), len(way) - 1)
     return count
 

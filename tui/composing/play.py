@@ -21,6 +21,7 @@ from robotree.tui.composing.steps import (
     Kinds,
     Value,
     Variable,
+    walk,
 )
 from robotree.tui.errors import BadComposition
 
@@ -42,7 +43,7 @@ class Played(msgspec.Struct):
     seconds: float = 0.0
     """Of fakes, whose commands take a second."""
     unordered: bool = False
-    """Whether some of it begins at the same time."""
+    """Whether some of it begins at the same time: then it is compared sorted, so each number is exact."""
 
 
 def play(checked: Checked, kinds: Kinds, arguments: Mapping[str, Any]) -> Played:
@@ -63,7 +64,8 @@ def play(checked: Checked, kinds: Kinds, arguments: Mapping[str, Any]) -> Played
 
 class _StepPlayer:
     def __init__(self, checked: Checked, kinds: Kinds, arguments: Mapping[str, Any]) -> None:
-        self.played = Played()
+        steps = checked.composition.steps
+        self.played = Played(unordered=any(isinstance(step, ComposedTogether) for _, step in walk(steps)))
         self._slots = dict(checked.composition.slots)
         self._kinds = kinds
         self._given = dict(checked.composition.parameters) | dict(arguments)
@@ -93,7 +95,6 @@ class _StepPlayer:
                 self._read(that)
                 self.steps(then)
             case ComposedTogether(inside):
-                self.played.unordered = True
                 self.steps(inside)
 
     def _call(self, step: ComposedCall) -> None:
@@ -107,8 +108,10 @@ class _StepPlayer:
 
     def _value(self, value: Value) -> Any:
         if isinstance(value, Variable):
-            given = self._given[value.name]
-            return round(given + value.plus, 9) if value.plus else given
+            given, plus = self._given[value.name], round(abs(value.plus), 9)
+            moved = given - plus if value.plus < 0 else given + plus  # as the page computes it
+            exact = not plus or self.played.unordered
+            return moved if exact else round(moved, 9)
         return value
 
     def _read(self, that: Comparison) -> None:

@@ -8,6 +8,7 @@ robotree compose cup --from cup.session
 from __future__ import annotations
 
 import asyncio
+import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,7 +19,7 @@ from robotree.tui.composing.demonstration import TOLERANCE, Shown, composed
 from robotree.tui.composing.gathering import Gathered, gathered, shown_robot
 from robotree.tui.composing.lines import LARGEST, read_lines
 from robotree.tui.composing.steps import Composition
-from robotree.tui.composing.writing import KnownRobots, Prepared, Tried, prepared, tried, write
+from robotree.tui.composing.writing import STEPS, KnownRobots, Prepared, Tried, prepared, tried, write
 from robotree.tui.errors import BadComposition, ValueRefused
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import Outcome, Teller, plain
@@ -60,6 +61,9 @@ async def compose(realm_client: RealmClient | None, line: Line, teller: Teller) 
     made = msgspec.structs.replace(made, name=name)
     origin = f"Made by `robotree compose {name} --from {Path(source).name}`."
     ready = await asyncio.to_thread(prepared, made, robots, origin)
+    if _is_own(source, name):  # the steps stay as they are written
+        files = {file: text for file, text in ready.files.items() if file != f"{name}{STEPS}"}
+        ready = msgspec.structs.replace(ready, files=files)
     went = None
     if not line.flag("--untried"):
         teller.warn("it is tried in a twin of the cell, where nothing real moves: this takes some seconds …")
@@ -68,6 +72,11 @@ async def compose(realm_client: RealmClient | None, line: Line, teller: Teller) 
             raise BadComposition(f"nothing was written: {went.told}; --untried writes it nevertheless")
     there = await asyncio.to_thread(write, ready, Path(), replace=line.flag("--force"))
     return outcome_of(ready, went, there, living)
+
+
+def _is_own(source: str, name: str) -> bool:
+    """Whether something is made of the very steps that would be written."""
+    return os.path.realpath(source) == os.path.realpath(f"{name}{STEPS}")
 
 
 def outcome_of(

@@ -42,6 +42,13 @@ def test_a_cup_that_has_moved_is_carried_with_one_parameter_changed() -> None:
     assert moved == [(-0.2, -0.25)] * 3
 
 
+def test_where_nothing_was_gripped_is_no_place() -> None:
+    shown = [go(0.3, 0, 0.1), Shown("arm-1", "hold", {}), go(0.3, 0.05, 0.1)]
+    made = composed("cup", [ARM], shown)
+    assert made.parameters == ()
+    assert [getattr(step, "command", "") for step in made.steps] == ["go_to", "hold", "go_to"]
+
+
 def test_what_was_left_beside_a_place_goes_along_with_it() -> None:
     shown = [go(0.25, -0.2, 0.1), go(0.3, -0.2, 0.03), grip("close")]
     made = composed("cup", [ARM], shown)

@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-import io
 import json
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
 from robotree.tui.cli import main
-from robotree.tui.composing.demonstration import Shown
 from robotree.tui.composing.lines import read_lines
 from robotree.tui.composing.writing import KnownRobots, prepared, tried
 from robotree.tui.exit_codes import REFUSED, USAGE
 from robotree.tui.line.carrying import Refusal, Silent, carry_out
 from robotree.tui.line.grammar import Line
-from robotree.tui.recording.tape import TapeWriter
 from robotree.tui.session.playing import Player
 from robotree.tui.session.script import read
-from robotree.vr.base.history_event import HistoryEvent
-from robotree.vr.base.requests import State
-from tests.tui.composing.shown import CARRIED, DESCRIBED, HOME, NOON, STEPS
+from tests.tui.composing.shown import CARRIED, STEPS
+from tests.tui.composing.tapes import recording
 
 if TYPE_CHECKING:
     from tui.conftest import Realm
@@ -35,26 +30,6 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     return tmp_path
-
-
-def recording(shown: Sequence[Shown]) -> bytes:
-    """Return the bytes of a recording in which a person has shown something."""
-    file = io.BytesIO()
-    writer = TapeWriter(file, {"realm": "hall", "began": repr(NOON)})
-    writer.description(NOON, DESCRIBED["arm-1"])
-    pose = dict(zip(("x", "y", "z", "twist"), HOME, strict=True))
-    writer.state(NOON, "arm-1", State(readings=pose))
-    for number, one in enumerate(shown):
-        key, at = f"k{number}", NOON + 1 + 2 * number
-        about = {"robot": one.robot, "key": key, "command": one.command}
-        writer.event(
-            HistoryEvent(
-                kind="accepted", unix=at, arguments=dict(one.arguments), caller="anna@pts/1", **about
-            )
-        )
-        writer.event(HistoryEvent(kind="ended", unix=at + 1, **about))
-    writer.close()
-    return file.getvalue()
 
 
 def test_a_recording_becomes_a_page_its_panel_its_test_and_its_steps(

@@ -27,6 +27,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 async def composer(operator: Operator) -> ComposePage:
     """Open the composer when both robots are known."""
     await operator.until(lambda: len(operator.app.store.descriptions) == 2, "both are described")
+    await operator.until(lambda: "x" in operator.app.store.readings("arm-1"), "the arm is read")
     await operator.press("C")
     return await operator.at(ComposePage)
 

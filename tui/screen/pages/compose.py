@@ -201,9 +201,7 @@ class ComposePage(Page):
     def action_add(self) -> None:
         """Choose a step, which comes below the cursor."""
         robots = sorted(self.app.store.descriptions.items())
-        found = [
-            (offer, robot) for name, robot in robots for offer in offers.of_robot(robot, self._read(name))
-        ]
+        found = [(offer, robot) for _, robot in robots for offer in offers.of_robot(robot, self._read(robot))]
         asked = [(offer, robot) for _, robot in robots for offer in offers.asked_of(robot)]
         every = [*found, *((offer, None) for offer in offers.of_blocks()), *asked]
         by_name = {offer.shown: (offer, robot) for offer, robot in every}
@@ -216,8 +214,9 @@ class ComposePage(Page):
         offered = [(offer.shown, offer.about) for offer, _ in every]
         self.app.push_screen(Choosing("add a step", offered), chosen)
 
-    def _read(self, name: str) -> Mapping[str, float]:
-        return self.app.store.readings(name)
+    def _read(self, robot: RobotDescription) -> Mapping[str, float]:
+        """Return the readings of a robot: those of its description are one sample old."""
+        return {**robot.readings, **self.app.store.readings(robot.name)}
 
     def _insert(self, text: str) -> None:
         at, depth = 0, 0
@@ -375,7 +374,7 @@ class ComposePage(Page):
         found = bounds(robot)
         if found is None:
             return
-        since, readings = time.time(), dict(self.app.store.readings(robot.name))
+        since, readings = time.time(), self._read(robot)
         self.app.tell(f"lead {robot.name}; esc ends it, and makes steps of what it did")
 
         def left(_: None) -> None:
