@@ -10,7 +10,8 @@ import pytest
 
 from tests.command_line import ROBOTREE
 
-pytestmark = pytest.mark.soak  # minutes of a simulated arm; tests/tui/composing has its parts in virtual time
+# minutes of a simulated arm; tests/tui/composing has the parts of it in virtual time
+pytestmark = [pytest.mark.soak, pytest.mark.e2e, pytest.mark.timeout(660)]
 
 
 def test_one_showing_becomes_a_page_that_carries_the_cup_also_from_another_place(tmp_path: Path) -> None:

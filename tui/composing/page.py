@@ -191,9 +191,9 @@ class _PageMaker:
         """Return a panel: a button that does it as it was composed, and the form of its parameters."""
         made = self._made
         rows = [
-            f"title: {json.dumps(class_name(made.name, ()))}",
+            f"title: {json.dumps(class_name(made.name, ()), ensure_ascii=False)}",
             "parts:",
-            f"  - text: {json.dumps(prose(made.does))}",
+            f"  - text: {json.dumps(prose(made.does), ensure_ascii=False)}",
             f"  - button: {made.command}",
             "    label: as it was composed",
             "    confirm: Is the way free?",

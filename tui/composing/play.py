@@ -109,9 +109,10 @@ class _StepPlayer:
     def _value(self, value: Value) -> Any:
         if isinstance(value, Variable):
             given, plus = self._given[value.name], round(abs(value.plus), 9)
+            if not plus:
+                return given
             moved = given - plus if value.plus < 0 else given + plus  # as the page computes it
-            exact = not plus or self.played.unordered
-            return moved if exact else round(moved, 9)
+            return moved if self.played.unordered else round(moved, 9)
         return value
 
     def _read(self, that: Comparison) -> None:

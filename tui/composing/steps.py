@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import builtins
 import keyword
+import math
 import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -22,6 +23,8 @@ Kinds = Mapping[str, Mapping[str, CommandSpec]]
 Relation = Literal["is", "is not", "above", "below"]
 
 NAME: Final = re.compile(r"[a-z][a-z0-9_]{0,23}")
+WORD: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
+"""A name that a robot gives to a command, an argument or a part of a result."""
 DEEPEST: Final = 4
 """Steps in steps in steps."""
 MOST: Final = 200
@@ -252,6 +255,13 @@ def _check_names(given: Composition) -> None:
             )
 
 
+def _expect_words(where: str, *names: str) -> None:
+    """Refuse a name that a robot gives and that is no word of Python: nothing else can stand in a page."""
+    for name in names:
+        if not WORD.fullmatch(name) or keyword.iskeyword(name):
+            raise BadComposition(f"{where}: {name[:40]!r} cannot be the name of anything in a page")
+
+
 def _is_text(text: str) -> bool:
     return bool(text.strip()) and len(text) <= LONGEST_TEXT and text.isprintable()
 
@@ -335,6 +345,7 @@ class _Meaning:
         if spec is None:
             known = offered(self._kinds[kind], command)
             raise BadComposition(f"{slot}.{command}: {kind} has no such command; it has: {known}")
+        _expect_words(slot, spec.name)  # a description may come from anybody
         return spec
 
     def _call(self, step: ComposedCall) -> ComposedCall:
@@ -342,6 +353,7 @@ class _Meaning:
         given = dict(step.arguments)
         if len(given) < len(step.arguments):
             raise BadComposition(f"{label}: an argument is given twice")
+        _expect_words(label, *given)
         for name in given:
             if name not in spec.by_name:
                 takes = ", ".join(spec.by_name) or "none"
@@ -367,6 +379,7 @@ class _Meaning:
         if (that.relation in {"above", "below"}) != numeric and part.type != "int":
             fitting = "`above` or `below`" if numeric else "`is` or `is not`"
             raise BadComposition(f"{that.path}: compare it with {fitting}")
+        _expect_words(that.path, *filter(None, [that.field]))
         plain = msgspec.structs.replace(part, name=that.field or "value", lower=None, upper=None)
         return msgspec.structs.replace(that, value=self._value(plain, that.value, that.path))
 
@@ -408,7 +421,10 @@ class _Meaning:
 
 def _both(before: FieldSpec | None, field: FieldSpec, name: str) -> FieldSpec:
     """Return what a parameter is that is used in two places."""
-    now = msgspec.structs.replace(field, name=name, required=True, default=None, nullable=False, doc="")
+    ends = {end: value if value is not None and math.isfinite(value) else None
+            for end, value in (("lower", field.lower), ("upper", field.upper))}  # fmt: skip
+    plain = {"name": name, "required": True, "default": None, "nullable": False, "doc": ""}
+    now = msgspec.structs.replace(field, **plain, **ends)
     if before is None:
         return now
     if (before.type, before.unit, before.choices) != (now.type, now.unit, now.choices):

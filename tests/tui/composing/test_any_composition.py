@@ -37,7 +37,8 @@ from robotree.tui.composing.steps import (
 )
 from robotree.tui.composing.writing import KnownRobots, prepared
 from robotree.tui.errors import BadComposition
-from robotree.vr.base.description import FieldSpec
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import CommandSpec, FieldSpec, RobotDescription
 
 ROBOTS = KnownRobots.of()
 KINDS = ROBOTS.kinds
@@ -270,6 +271,45 @@ def test_hostile_arguments_stay_arguments(text: str) -> None:
         (call,) = team.commanded
         assert call == ("head", "say", {"text": f"a{text}"})
         team.close()
+
+
+BAD_NAMES = ["hold(); import os; self.arm.hold", "a b", "a\nb", "a=1", "class", "", "é", "_private", "x" * 65]
+
+
+@pytest.mark.parametrize("name", BAD_NAMES)
+def test_what_a_description_of_somebody_else_calls_things_is_no_code_either(name: str) -> None:
+    number = FieldSpec(name=name, type="float")
+    evil = {
+        name: CommandSpec(name=name),
+        "go": CommandSpec(name="go", parameters=(number,)),
+        "see": CommandSpec(name="see", effect="read", result=(number,)),
+    }
+    kinds = {**KINDS, "Evil": evil}
+    that = Comparison("one", "see", name, "above", 1.0)
+    for step in (
+        ComposedCall("one", name),
+        ComposedCall("one", "go", ((name, 1.0),)),
+        *([ComposedBranch(that, (ComposedCall("arm", "hold"),))] if name else []),
+    ):
+        made = Composition("cup", (("one", "Evil"), ("arm", "Arm")), (step, ComposedCall("arm", "hold")))
+        with pytest.raises(BadComposition, match="cannot be the name of anything"):
+            checked(made, kinds)
+
+
+def test_a_kind_of_somebody_else_is_a_word_and_its_choices_stay_texts() -> None:
+    word = FieldSpec(name="what", type="choice", choices=('"]; import os', "b"))
+    say = CommandSpec(name="say", parameters=(word,))
+    step = ComposedCall("one", "say", (("what", Variable("word")),))
+    for kind in ("Evil", '"); import os; ("'):
+        evil = RobotDescription(address=Address("robot", "evil", "e"), kinds=(kind,), commands=(say,))
+        made = Composition("cup", (("one", kind),), (step,), (("word", '"]; import os'),))
+        robots = KnownRobots.of([evil])
+        if kind == "Evil":
+            tree = ast.parse(prepared(made, robots, "Drawn by a test.").files["cup.py"])
+            assert not any(isinstance(node, ast.Import) for node in ast.walk(tree))
+        else:
+            with pytest.raises(BadComposition, match="is no kind"):
+                prepared(made, robots, "Drawn by a test.")
 
 
 HEAD = "robot cup\nslot arm Arm\nparameter x = 0.3\ndo\n"
