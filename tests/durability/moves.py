@@ -76,8 +76,8 @@ class Block:
         for host in self.hosts:
             host.environment = {"RETURNS": f"{AWAY:g}"}
 
-    async def play(self) -> None:
-        """Play it."""
+    async def play(self, until: float = float("inf")) -> None:
+        """Play it; nobody is killed any more after `until`, [s] on the monotonic clock."""
         stage, outcome = self._stage, self._outcome
         for host in self.hosts:
             (stage.folder / f"{host.name}.journal").mkdir()  # so that its moments count from the start
@@ -92,8 +92,9 @@ class Block:
         )
         await stage.until_effects(3)
         async with self._kept_alive():
-            while self._left > 0 and not call.done():
+            while self._left > 0 and not call.done() and time.monotonic() < until:
                 await self._move()
+            self._left = 0
             for host in self.hosts:
                 self._armed[host] = ""
             await self._settled()
@@ -186,14 +187,14 @@ async def campaign(
         seed: of chance.
         folder: for what the hosts keep.
         level: how the robot is kept apart.
-        until: [s] on the monotonic clock, after which no other tour begins.
+        until: [s] on the monotonic clock, after which nobody is killed any more.
     """
     outcome, chance = Outcome(), random.Random(seed)
     while (left := kills - outcome.kills.total()) > 0 and time.monotonic() < until:
         place = folder / f"moves-{outcome.kills.total()}"
         place.mkdir()
         async with staged(place, place.name) as stage:
-            await Block(outcome, stage, chance, min(BLOCK, left), level=level).play()
+            await Block(outcome, stage, chance, min(BLOCK, left), level=level).play(until)
         sys.stderr.write(f"{outcome.kills.total()} kills, {outcome.moves} moves, good: {outcome.good}\n")
     return outcome
 
