@@ -100,20 +100,15 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
             layout: how this person has arranged the screen; None: nothing is kept.
         """
         super().__init__()
-        self.calm = calm
+        self.calm, self.readonly = calm, readonly
         self.keymap = keymap or Keymap()
         self.set_keymap(dict(self.keymap.changed))
-        self.readonly = readonly
         shell = f"robotree --realm {realm}" if realm != DEFAULT_REALM else "robotree"
         self.prompt = Surface(Where.PROMPT, readonly, shell=shell)
         """The actions that can be typed."""
         self.keyboard = Surface(Where.SCREEN, readonly)
         """The actions that have keys."""
-        for theme in (*OURS, *REDUCED.values(), *SIXTEEN.values()):
-            self.register_theme(theme)
-        wanted = os.environ.get("TEXTUAL_THEME", "")
-        ours = chosen(wanted, self.console.color_system).name
-        self.theme = wanted if wanted in self.available_themes and wanted not in REDUCED else ours
+        self._take_theme()
         self.realm_client, self.realm, self.farewell = realm_client, realm, farewell
         self.store = store or Store()
         self.store.denies = self._denies
@@ -122,10 +117,8 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         self.feed = Feed(realm_client, self.store, self.now, alarms_of(realm_client.realm))
         self.selection = Selection()
         """The robot that keys are about, whatever page is in front."""
-        self.marks: frozenset[str] = frozenset()
-        """Robots that an action may take together."""
-        self.past: list[str] = []
-        """Lines that were typed at the prompt (`prompt.Known`)."""
+        self.marks: frozenset[str] = frozenset()  # robots that an action may take together
+        self.past: list[str] = []  # lines that were typed at the prompt (`prompt.Known`)
         self.steps = steps or Steps()
         """The step of tele-operation that was chosen last, by robot."""
         self.pictures = CELLS
@@ -143,6 +136,14 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
     def driver(self) -> Driver | None:
         """Textual's way to the terminal; None: there is none."""
         return self._driver
+
+    def _take_theme(self) -> None:
+        """Register our themes, and take the one that the environment wants."""
+        for theme in (*OURS, *REDUCED.values(), *SIXTEEN.values()):
+            self.register_theme(theme)
+        wanted = os.environ.get("TEXTUAL_THEME", "")
+        ours = chosen(wanted, self.console.color_system).name
+        self.theme = wanted if wanted in self.available_themes and wanted not in REDUCED else ours
 
     @staticmethod
     def now() -> float:
