@@ -4,6 +4,7 @@
     python bench/tui.py --filter
     python bench/tui.py --plots
     python bench/tui.py --plan
+    python bench/tui.py --hands
 
 The supervisor runs in a terminal of its own (a pty). Its robots are played in its own process by a transport
 that hands over encoded states, so decoding them is part of what is measured, and playing them, too; the
@@ -347,6 +348,51 @@ def start(words: list[str], runs: int = 5) -> float:
     return statistics.median(took)
 
 
+async def hand_over(times: int = 40) -> None:
+    """Time how long control takes from one operator to what the other one hears, over sockets."""
+    from robotree.vr import Robot
+    from robotree.vr.agents.agent import RobotAgent
+    from robotree.vr.base.envelope import sitting_at
+    from robotree.vr.network.local import join
+    from robotree.vr.supervision.realm_client import RealmClient
+
+    with tempfile.TemporaryDirectory(prefix="rt-") as folder:
+        root = Path(folder)
+        agent = RobotAgent(Robot("arm"), await join("hands", root=root))
+        await agent.start()
+        people = {name: RealmClient(await join("hands", root=root)) for name in ("pts/1", "pts/2")}
+        heard, shown = asyncio.Event(), [""]
+
+        def hear(_: str, state: Any) -> None:
+            shown[0] = state.operator
+            heard.set()
+
+        for client in people.values():
+            await client.start()
+            await client.watch_state("arm", hear)
+        found: list[float] = []
+        holder, other = "pts/1", "pts/2"
+
+        async def control(terminal: str, what: Any) -> None:
+            with sitting_at(terminal):
+                await people[terminal].control("arm", what)
+
+        await control(holder, "get")
+        for _ in range(times):
+            await control(other, "ask")
+            began = time.perf_counter()
+            await control(holder, "offer")
+            while not shown[0].endswith(other):
+                heard.clear()
+                await heard.wait()
+            found.append((time.perf_counter() - began) * 1e3)
+            holder, other = other, holder
+        low, middle, high = statistics.quantiles(found, n=4)
+        print(f"hand-over: {middle:.1f} ms ({low:.1f} to {high:.1f}, most {max(found):.1f}), {times} times,"
+              f" load {os.getloadavg()[0]:.0f}")  # fmt: skip
+        await agent.close()
+
+
 def main() -> None:
     """Measure all cases."""
     parser = argparse.ArgumentParser(
@@ -359,11 +405,15 @@ def main() -> None:
     parser.add_argument("--filter", action="store_true", help="time the first `/` alone")
     parser.add_argument("--plan", action="store_true", help="measure the plan of a place alone")
     parser.add_argument("--plots", action="store_true", help="measure four plots alone")
+    parser.add_argument("--hands", action="store_true", help="time a hand-over between two operators alone")
     parser.add_argument("--play", nargs="+", help=argparse.SUPPRESS)
     parser.add_argument("--bare", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.bare:
         play_bare()
+        return
+    if arguments.hands:
+        asyncio.run(hand_over())
         return
     if arguments.play:
         count, hz = int(arguments.play[0]), float(arguments.play[1])

@@ -12,7 +12,7 @@ import robotree.vr.network
 import robotree.vr.running
 from robotree.vr.agents import callers
 from robotree.vr.base import presence
-from tests.world import crashes, host, mesh, moves, orders, rights, sites, story, threads, whole
+from tests.world import crashes, hands, host, mesh, moves, orders, rights, sites, story, threads, whole
 
 Played = tuple[str, list[str]]
 """The digest of a trace, and the laws that were broken."""
@@ -75,6 +75,11 @@ def _rights(seed: int) -> Played:
     return digest, judge.broken
 
 
+def _hands(seed: int) -> Played:
+    digest, judge = hands.play(seed)
+    return digest, judge.broken
+
+
 def _orders(seed: int) -> Played:
     digest, played = orders.play(seed)
     return digest, played.broken
@@ -89,6 +94,7 @@ FAMILIES: dict[str, Callable[[int], Played]] = {
     "host": _host,
     "host at statements": lambda seed: _host(seed, running()),
     "rights": _rights,
+    "hands": _hands,
     "orders": _orders,
     "sites": _sites,
     "whole": _whole,

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import robotree.vr.core.machine
 import robotree.vr.exchange.authority
 import robotree.vr.exchange.claim
 import robotree.vr.journal.recovery
@@ -39,6 +40,7 @@ from robotree.vr.base.order import Order, OrderHold
 from robotree.vr.base.requests import Accepted, Call, Raised, Returned, encode
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import GrantedLease, HeldLease, Lease
+from robotree.vr.core.control import RobotControl
 from robotree.vr.core.machine import Calls, RobotCore
 from robotree.vr.core.stop import Stop
 from robotree.vr.core.transfer import (
@@ -242,6 +244,8 @@ async def _as_if_new(self: OrderTaker, entry: LedgerEntry) -> bool:
 
 
 SAFEGUARDS = {
+    "a robot moves for its operator alone": (Safeguard(RobotControl, "expect", lambda *_: None),),
+    "an attended command ends without a key": (Safeguard(robotree.vr.core.machine, "ATTENTION", 1e9),),
     "a request needs the right that the policy gives": (
         Safeguard(robotree.vr.exchange.authority, "_keep_to_policy", lambda *_: None),
     ),

@@ -19,6 +19,7 @@ MANY = {
     "host": 1000,
     "host at statements": 300,
     "rights": 300,
+    "hands": 300,
     "orders": 200,
     "sites": 300,
     "whole": 300,

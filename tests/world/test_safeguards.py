@@ -39,6 +39,8 @@ CAUGHT = {
     "a request needs the right that the policy gives": ("rights", 0),
     "a command ends when its asker may not have it any more": ("rights", 0),
     "a revocation is handed on to all sites": ("rights", 0),
+    "a robot moves for its operator alone": ("hands", 0),
+    "an attended command ends without a key": ("hands", 0),
     "the end of a connection is seen though it comes with data": ("mesh", 0),
     "a process whose files are gone registers again": ("mesh", 6),
     "a process that hangs counts as silent": ("mesh", 37),

@@ -1,0 +1,14 @@
+"""Operators who hand robots over, and hold keys, in virtual time: no seed breaks a law."""
+
+from __future__ import annotations
+
+from tests.world.hands import play
+
+SEEDS = range(2)
+
+
+def test_no_seed_breaks_a_law_and_each_gives_one_trace() -> None:
+    played = [play(seed) for seed in SEEDS]
+    assert [judge.broken for _, judge in played] == [[] for _ in SEEDS]
+    assert all(judge.steps > 50 and judge.told > 5 and judge.tickets for _, judge in played)
+    assert play(0)[0] == played[0][0]
