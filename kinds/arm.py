@@ -9,18 +9,6 @@ from robotree.vr import Kind, Range, Unit, Within, promised
 
 
 @dataclass(kw_only=True)
-class ArmPreviewGoToResult:
-    """Values by name."""
-
-    x: list[Annotated[float, Unit("m")]]
-    y: list[Annotated[float, Unit("m")]]
-    z: list[Annotated[float, Unit("m")]]
-    duration: Annotated[float, Unit("s"), "when nothing holds it up; 0: not known"]
-    checked: Annotated[bool, "whether the controller was asked: else only the limits were compared"]
-    refusal: Annotated[str, "why it would be refused now; empty: it would not"]
-
-
-@dataclass(kw_only=True)
 class ArmInfo:
     """Values by name."""
 
@@ -71,27 +59,6 @@ class Arm(Kind):
         within: Within = None,
     ) -> None:
         """Move the gripper to a point, on a line if there is one, and turn it."""
-        raise NotImplementedError
-
-    @promised(effect="read")
-    def preview_go_to(
-        self,
-        x: Annotated[float, Unit("m"), Range(-0.65, 0.65), "forward, from the foot of the arm"],
-        y: Annotated[float, Unit("m"), Range(-0.65, 0.65), "to the left"],
-        z: Annotated[float, Unit("m"), Range(0.025, 0.8), "up, from the table"],
-        twist: Annotated[
-            float,
-            Unit("rad"),
-            Range(-3.141592653589793, 3.141592653589793),
-            "of the gripper, counterclockwise from above",
-        ],
-        speed: Annotated[
-            float, Unit("m/s"), Range(0.005, 0.25), "along the way; slower where contact is expected"
-        ] = 0.15,
-        *,
-        within: Within = None,
-    ) -> ArmPreviewGoToResult:
-        """Tell the way that `go_to` would take, or why it would be refused; nothing moves."""
         raise NotImplementedError
 
     @promised(effect="read")

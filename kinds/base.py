@@ -9,18 +9,6 @@ from robotree.vr import Kind, Range, Unit, Within, promised
 
 
 @dataclass(kw_only=True)
-class BasePreviewGoToResult:
-    """Values by name."""
-
-    x: list[Annotated[float, Unit("m")]]
-    y: list[Annotated[float, Unit("m")]]
-    z: list[Annotated[float, Unit("m")]]
-    duration: Annotated[float, Unit("s"), "when nothing holds it up; 0: not known"]
-    checked: Annotated[bool, "whether the controller was asked: else only the limits were compared"]
-    refusal: Annotated[str, "why it would be refused now; empty: it would not"]
-
-
-@dataclass(kw_only=True)
 class BaseInfo:
     """Values by name."""
 
@@ -41,18 +29,6 @@ class BaseInfo:
     charging: bool
 
 
-@dataclass(kw_only=True)
-class BasePreviewDriveResult:
-    """Values by name."""
-
-    x: list[Annotated[float, Unit("m")]]
-    y: list[Annotated[float, Unit("m")]]
-    z: list[Annotated[float, Unit("m")]]
-    duration: Annotated[float, Unit("s"), "when nothing holds it up; 0: not known"]
-    checked: Annotated[bool, "whether the controller was asked: else only the limits were compared"]
-    refusal: Annotated[str, "why it would be refused now; empty: it would not"]
-
-
 class Base(Kind):
     """The base of a companion: it drives around what is in the way, turns, leans its waist, and charges."""
 
@@ -71,30 +47,6 @@ class Base(Kind):
         within: Within = None,
     ) -> None:
         """Move by a distance from here, without turning."""
-        raise NotImplementedError
-
-    @promised(effect="repeat")
-    def go_to(
-        self,
-        x: Annotated[float, Unit("m"), Range(-6.0, 6.0), "of the flat, forward from its middle"],
-        y: Annotated[float, Unit("m"), Range(-6.0, 6.0), "of the flat, to the left of its middle"],
-        speed: Annotated[float, Unit("m/s"), Range(0.01, 0.8), "along the way; slower near people"] = 0.4,
-        *,
-        within: Within = None,
-    ) -> None:
-        """Drive to a place, around what stands in the way, with the heading that it has now."""
-        raise NotImplementedError
-
-    @promised(effect="read")
-    def preview_go_to(
-        self,
-        x: Annotated[float, Unit("m"), Range(-6.0, 6.0), "of the flat, forward from its middle"],
-        y: Annotated[float, Unit("m"), Range(-6.0, 6.0), "of the flat, to the left of its middle"],
-        speed: Annotated[float, Unit("m/s"), Range(0.01, 0.8), "along the way; slower near people"] = 0.4,
-        *,
-        within: Within = None,
-    ) -> BasePreviewGoToResult:
-        """Tell the way that `go_to` would take, or why it would be refused; nothing moves."""
         raise NotImplementedError
 
     @promised(effect="read")
@@ -118,24 +70,6 @@ class Base(Kind):
         within: Within = None,
     ) -> None:
         """Drive to a place, around what stands in the way, and turn."""
-        raise NotImplementedError
-
-    @promised(effect="read")
-    def preview_drive(
-        self,
-        x: Annotated[float, Unit("m"), Range(-6.0, 6.0), "of the flat, forward from its middle"],
-        y: Annotated[float, Unit("m"), Range(-6.0, 6.0), "of the flat, to the left of its middle"],
-        heading: Annotated[
-            float,
-            Unit("rad"),
-            Range(-6.283185307179586, 6.283185307179586),
-            "counterclockwise from x of the flat",
-        ],
-        speed: Annotated[float, Unit("m/s"), Range(0.01, 0.8), "along the way; slower near people"] = 0.4,
-        *,
-        within: Within = None,
-    ) -> BasePreviewDriveResult:
-        """Tell the way that `drive` would take, or why it would be refused; nothing moves."""
         raise NotImplementedError
 
     @promised(effect="repeat")

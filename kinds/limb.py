@@ -9,18 +9,6 @@ from robotree.vr import Kind, Range, Unit, Within, promised
 
 
 @dataclass(kw_only=True)
-class LimbPreviewGoToResult:
-    """Values by name."""
-
-    x: list[Annotated[float, Unit("m")]]
-    y: list[Annotated[float, Unit("m")]]
-    z: list[Annotated[float, Unit("m")]]
-    duration: Annotated[float, Unit("s"), "when nothing holds it up; 0: not known"]
-    checked: Annotated[bool, "whether the controller was asked: else only the limits were compared"]
-    refusal: Annotated[str, "why it would be refused now; empty: it would not"]
-
-
-@dataclass(kw_only=True)
 class LimbInfo:
     """Values by name."""
 
@@ -69,25 +57,6 @@ class Limb(Kind):
         within: Within = None,
     ) -> None:
         """Move the hand to a point, the fingers down, and turn it."""
-        raise NotImplementedError
-
-    @promised(effect="read")
-    def preview_go_to(
-        self,
-        x: Annotated[float, Unit("m"), Range(-0.5, 0.9), "forward, from the middle of the base"],
-        y: Annotated[float, Unit("m"), Range(-0.95, 0.95), "to the left"],
-        z: Annotated[float, Unit("m"), Range(0.15, 1.8), "up, from the floor"],
-        twist: Annotated[
-            float,
-            Unit("rad"),
-            Range(-3.141592653589793, 3.141592653589793),
-            "of the gripper, counterclockwise from above",
-        ],
-        speed: Annotated[float, Unit("m/s"), Range(0.01, 0.8), "of the hand"] = 0.25,
-        *,
-        within: Within = None,
-    ) -> LimbPreviewGoToResult:
-        """Tell the way that `go_to` would take, or why it would be refused; nothing moves."""
         raise NotImplementedError
 
     @promised(effect="read")

@@ -9,18 +9,6 @@ from robotree.vr import Kind, Range, Unit, Within, promised
 
 
 @dataclass(kw_only=True)
-class RoverPreviewGoToResult:
-    """Values by name."""
-
-    x: list[Annotated[float, Unit("m")]]
-    y: list[Annotated[float, Unit("m")]]
-    z: list[Annotated[float, Unit("m")]]
-    duration: Annotated[float, Unit("s"), "when nothing holds it up; 0: not known"]
-    checked: Annotated[bool, "whether the controller was asked: else only the limits were compared"]
-    refusal: Annotated[str, "why it would be refused now; empty: it would not"]
-
-
-@dataclass(kw_only=True)
 class RoverInfo:
     """Values by name."""
 
@@ -48,30 +36,6 @@ class Rover(Kind):
         within: Within = None,
     ) -> None:
         """Move by a distance from here, without turning."""
-        raise NotImplementedError
-
-    @promised(effect="repeat")
-    def go_to(
-        self,
-        x: Annotated[float, Unit("m"), Range(-1.5, 1.5), "forward, from the middle of the floor"],
-        y: Annotated[float, Unit("m"), Range(-1.5, 1.5), "to the left of the middle"],
-        speed: Annotated[float, Unit("m/s"), Range(0.01, 1.0), "along the way"] = 0.4,
-        *,
-        within: Within = None,
-    ) -> None:
-        """Drive straight to a place of the floor, without turning."""
-        raise NotImplementedError
-
-    @promised(effect="read")
-    def preview_go_to(
-        self,
-        x: Annotated[float, Unit("m"), Range(-1.5, 1.5), "forward, from the middle of the floor"],
-        y: Annotated[float, Unit("m"), Range(-1.5, 1.5), "to the left of the middle"],
-        speed: Annotated[float, Unit("m/s"), Range(0.01, 1.0), "along the way"] = 0.4,
-        *,
-        within: Within = None,
-    ) -> RoverPreviewGoToResult:
-        """Tell the way that `go_to` would take, or why it would be refused; nothing moves."""
         raise NotImplementedError
 
     @promised(effect="read")
