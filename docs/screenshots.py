@@ -31,6 +31,7 @@ from textual.strip import Strip
 from robotree.client.joining import joined
 from robotree.tui.demo import cast
 from robotree.tui.line.actions import BY_VERB
+from robotree.tui.processes.alarm_file import alarms_of
 from robotree.tui.processes.crew import Crew
 from robotree.tui.screen.app import Supervisor
 from robotree.tui.screen.place import Place
@@ -170,6 +171,36 @@ async def log(stage: Stage) -> None:
     await stage.open("log")
 
 
+@scene(BIG, USUAL, SMALL, SIXTEEN)
+async def readings(stage: Stage) -> None:
+    """Readings over time, with an alarm, while the arm moves."""
+    for name in ("x", "z", "fz"):
+        stage.app.tick(("arm-1", name))
+    stage.app.choose("arm-1")
+    stage.app.run_typed("alarm below arm-1.z 0.35")
+    stage.app.run_typed("call mover.move x=0.45 y=0.1 z=0.25 twist=0")
+    await stage.key("readings")
+    await stage.pilot.pause(6.0)
+
+
+@scene(BIG, USUAL, SMALL, SIXTEEN)
+async def where(stage: Stage) -> None:
+    """Where the lever is in its page."""
+    stage.app.run_typed("call lever.close")
+    await stage.pilot.pause(3.0)
+    await stage.open("where", "lever")
+    await stage.pilot.pause(2.0)
+
+
+@scene(BIG, USUAL, SMALL, SIXTEEN)
+async def parts(stage: Stage) -> None:
+    """The list in parts by state, while the lever closes."""
+    stage.app.run_typed("call lever.close")
+    for _ in range(3):
+        await stage.key("divide")
+    await stage.settle()
+
+
 @scene(BIG, USUAL)
 async def views(stage: Stage) -> None:
     """The pictures of the workspace."""
@@ -263,6 +294,7 @@ async def tidy(realm_client: RealmClient) -> None:
             await realm_client.resume(None)
             break
     await realm_client.cancel("lever")
+    alarms_of(REALM).change(lambda alarms: alarms.clear())
     mover = (await realm_client.describe("mover")).slot("arm")
     if mover is not None and mover.child is None:
         await realm_client.enslave("mover", "arm", "arm-1")
