@@ -178,7 +178,7 @@ async def readings(stage: Stage) -> None:
         stage.app.tick(("arm-1", name))
     stage.app.choose("arm-1")
     stage.app.run_typed("alarm below arm-1.z 0.35")
-    stage.app.run_typed("call mover.move x=0.45 y=0.1 z=0.25 twist=0")
+    stage.app.run_typed("call lever.close")
     await stage.key("readings")
     await stage.pilot.pause(6.0)
 

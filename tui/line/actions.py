@@ -1516,6 +1516,14 @@ ACTIONS: tuple[Action, ...] = (
         where=SHOWN,
         key="U",
     ),
+    Action(
+        "messages",
+        "Show the messages on the wire of a proxy: rate, age, fields; a ticked field is drawn over time.",
+        SCREEN,
+        where=Where.SCREEN,
+        key="Q",
+        about=About.ROBOT,
+    ),
     Action("views", "Show pictures of the workspaces.", SCREEN, where=SHOWN, key="v"),
     Action(
         "level",

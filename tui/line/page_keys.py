@@ -499,6 +499,24 @@ PAGE_KEYS: tuple[PageKey, ...] = (
         help="Acknowledge the alarm of the reading; where it has none, all alarms.",
         label="Acknowledge",
     ),
+    # -- the messages on a wire
+    PageKey(
+        page="messages",
+        name="back",
+        key="escape",
+        action="back",
+        label="Back",
+        help="Back to the list; the wire is watched no longer, unless a field is ticked.",
+    ),
+    PageKey(
+        page="messages",
+        name="plots",
+        key="U",
+        action="plots",
+        label="Plots",
+        help="Show what is ticked over time.",
+        verb="readings",
+    ),
     # -- questions and texts over a page
     PageKey(
         page="question",

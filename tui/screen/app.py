@@ -137,6 +137,7 @@ class Supervisor(OperatorApp):
 
     async def on_unmount(self) -> None:
         """Stop to listen."""
+        await self.close_wires()
         await self.feed.close()
 
     def _handle_exception(self, error: Exception) -> None:

@@ -20,6 +20,7 @@ from robotree.tui.screen.pages.group import GroupPanel
 from robotree.tui.screen.pages.help import help_text
 from robotree.tui.screen.pages.host import HostDialog, PlacementDialog
 from robotree.tui.screen.pages.main import PANES, in_front, main_page
+from robotree.tui.screen.pages.messages import MessagesPage
 from robotree.tui.screen.pages.new import NewPage
 from robotree.tui.screen.pages.orders import OrdersPage
 from robotree.tui.screen.pages.page import Page
@@ -387,6 +388,13 @@ def _restart(app: OperatorApp, place: Place) -> None:
         app.do("restart", NAME=absent.host or place.name)
 
 
+def _messages(app: OperatorApp, place: Place) -> None:
+    if place.name:
+        app.push_screen(MessagesPage(place.name))
+    else:
+        app.tell("no robot is selected", "warning")
+
+
 def _readings(app: OperatorApp, _place: Place) -> None:
     app.push_screen(ReadingsPage())
 
@@ -551,6 +559,7 @@ ASK: Mapping[str, Ask] = {
     "where": _of_robots(_where),
     "restart": _of_robots(_restart),
     "readings": _readings,
+    "messages": _of_robots(_messages),
     "cancel": _cancel,
     "pause": _about_robot("pause"),
     "step": _of_robots(_about_robot("step")),

@@ -10,6 +10,7 @@ import logging
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from textual import work
@@ -25,6 +26,7 @@ from robotree.tui.processes.alarm_file import alarms_of
 from robotree.tui.processes.layout import LayoutFile
 from robotree.tui.processes.steps import Steps
 from robotree.tui.processes.terminal_graphics import CELLS
+from robotree.tui.processes.wire_watch import WireMessage, WireWatch
 from robotree.tui.screen.error_boundary import ErrorBoundary
 from robotree.tui.screen.foresight import Foresight
 from robotree.tui.screen.key_guard import KeyGuard
@@ -34,7 +36,7 @@ from robotree.tui.screen.themes import OURS, REDUCED, SIXTEEN, chosen
 from robotree.tui.seen import wording
 from robotree.tui.seen.feeding import Feed
 from robotree.tui.seen.selection import Selection
-from robotree.tui.seen.series import Reading, reading_of
+from robotree.tui.seen.series import Reading, named, reading_of
 from robotree.tui.seen.store import Store, Weight
 from robotree.vr.base.errors import ChildCancelled, CommandCancelled, NotConfirmed, VrError
 from robotree.vr.exchange.attendance import Attendance
@@ -127,6 +129,8 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         """What a robot says of the way that somebody is about to send it."""
         self.layout = layout or LayoutFile()
         """How this person has arranged the screen."""
+        self.wires: dict[str, WireWatch] = {}
+        """By robot: wires that are watched."""
         self._tick_again()
         self._rung = self.store.watched.rung
         self.errors: list[Exception] = []
@@ -199,7 +203,11 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
             ticked.untick(reading)
         else:
             ticked.tick(reading)
-        kept = {**self.layout.layout.ticked, self.realm: ticked.names()}
+        for robot in [one for one in self.wires if not self._has_ticked_fields(one)]:
+            if not any(getattr(page, "robot", "") == robot for page in self.screen_stack):
+                self.leave_wire(robot)
+        names = [named(one) for one in ticked.series if "." not in one[1]]  # wires are not watched unasked
+        kept = {**self.layout.layout.ticked, self.realm: names}
         self.layout.change(ticked={realm: names for realm, names in kept.items() if names})
 
     def _tick_again(self) -> None:
@@ -207,6 +215,33 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         for name in self.layout.layout.ticked.get(self.realm, ()):
             if reading := reading_of(name):
                 self.store.watched.ticked.tick(reading)
+
+    # -- the wires of proxies ----------------------------------------------------------------------
+
+    def watch_wire(self, robot: str) -> None:
+        """Listen to the controller of a proxy, if that is not done already."""
+        if robot not in self.wires:
+            self.wires[robot] = WireWatch(self.realm_client.realm, robot, partial(self._heard_wire, robot))
+
+    def _heard_wire(self, robot: str, messages: Sequence[WireMessage]) -> None:
+        if robot in self.store.watched.ticked.robots:
+            now = self.now()
+            for one in messages:
+                fields = {f"{one.name}.{name}": value for name, value in one.numbers().items()}
+                self.store.watched.ticked.take(robot, fields, now)
+
+    def _has_ticked_fields(self, robot: str) -> bool:
+        return any("." in name for name in self.store.watched.ticked.robots.get(robot, ()))
+
+    def leave_wire(self, robot: str) -> None:
+        """Listen no longer, unless a field of it is ticked."""
+        if not self._has_ticked_fields(robot) and (watch := self.wires.pop(robot, None)):
+            self.run_worker(watch.close(), exit_on_error=False, group="wires")
+
+    async def close_wires(self) -> None:
+        """End all of them."""
+        while self.wires:
+            await self.wires.popitem()[1].close()
 
     def ring(self) -> None:
         """Ring the bell of the terminal, once for each time that alarms were raised."""

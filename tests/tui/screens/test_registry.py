@@ -20,6 +20,7 @@ from robotree.tui.screen.pages.dialogs import Confirm, Reading
 from robotree.tui.screen.pages.enslave import EnslaveDialog
 from robotree.tui.screen.pages.help import help_text, page_rows
 from robotree.tui.screen.pages.main import PANES, MainPage
+from robotree.tui.screen.pages.messages import MessagesPage
 from robotree.tui.screen.pages.new import NewPage
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.pages.panel import PanelPage
@@ -71,6 +72,7 @@ def test_only_what_is_on_the_screen_is_about_something_there() -> None:
         ("text", Reading),
         ("where", WherePage),
         ("readings", ReadingsPage),
+        ("messages", MessagesPage),
         ("user", UserPage),
         ("doing", DoingPage),
         ("writing", WritePage),

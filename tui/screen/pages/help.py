@@ -24,6 +24,7 @@ PAGES = {
     "plan": "On the plan of a place, and in a picture",
     "question": "In a question",
     "where": "Where a robot is",
+    "messages": "On the page of the messages of a wire",
     "readings": "On the page of readings over time",
     "text": "In a text",
 }

@@ -199,6 +199,7 @@ class ReadingsPage(Page):
         series = store.watched.ticked.series.get(reading)
         state = store.state(reading[0])
         value = state.readings.get(reading[1]) if state else None
+        value = series.latest if value is None and series is not None else value
         unit = self._unit(reading)
         figure = " ".join(instruments.figure(value, unit)) if value is not None else "-"
         alarm = store.watched.alarms.get(named(reading))

@@ -23,6 +23,8 @@ from robotree.vr.base.errors import VrError
 
 PERIOD = 1.0
 """[s] between two questions to the hosts, where nothing is seen to change."""
+MARGIN = 8
+"""Cells for the number of a line, and the bar beside the page."""
 SOON = 0.2
 """[s] after a change that was seen: what was done is kept a tenth of a second later."""
 
@@ -131,12 +133,12 @@ class WherePage(Page):
 
     def _draw_source(self) -> None:
         box, line = self.query_one("#where-source"), self.found.line if self.found else 0
-        text = Text(no_wrap=True, overflow="ellipsis")
+        text, room = Text(), max(box.scrollable_content_region.width - MARGIN, 1)
         for number, code in enumerate(self.source, 1):
             here = number == line
             text.append("\n" if number > 1 else "")
             text.append(f"{'→' if here else ' '}{number:>4}  ", tint(self.app, "accent" if here else "muted"))
-            text.append(_code(code), tint(self.app, "accent", bold=True) if here else "")
+            text.append(_code(code)[:room], tint(self.app, "accent", bold=True) if here else "")
         none = "no page: it is a proxy, or its host does not say" if self.found else ""
         self.query_one("#where-lines", CachedText).show(text if self.source else Text(none))
         entitle(box, "its page", f"line {line}" if line else "")

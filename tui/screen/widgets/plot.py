@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from math import degrees
 from typing import NamedTuple
 
 from rich.cells import cell_len
@@ -15,6 +16,7 @@ from textual.widget import Widget
 from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.seen import instruments, plotting
+from robotree.tui.seen.angles import IN_DEGREES
 from robotree.tui.seen.cells import seen
 from robotree.tui.seen.plotting import Canvas, Curve, Frame
 from robotree.tui.seen.series import Reading, Series, named
@@ -127,9 +129,13 @@ class Plot(Part, Widget):
         labels = {0: high, len(drawn) - 1: low}
         if len(drawn) >= 5:
             labels[len(drawn) // 2] = high - (high - low) * (len(drawn) // 2) / (len(drawn) - 1)
+        axes = {number: instruments.figure(value, unit)[0] for number, value in labels.items()}
+        if len(set(axes.values())) < len(axes):  # the digits of the unit cannot tell them apart
+            scale = degrees(1.0) if unit in IN_DEGREES else 1.0
+            axes = {at: plotting.label(scale * value, scale * (high - low)) for at, value in labels.items()}
         lines: list[Cells] = [head]
         for number, runs in enumerate(drawn):
-            axis = instruments.figure(labels[number], unit)[0] if number in labels else ""
+            axis = axes.get(number, "")
             line: Cells = [(f"{axis[: AXIS - 1]:>{AXIS - 1}}│", "muted")]
             line += [(text, COLOURS[min(whose, 2)]) for text, whose in runs]
             lines.append(line)

@@ -1,0 +1,157 @@
+"""The messages on a proxy's wire: rate, age, fields; a field that is ticked is drawn over time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from rich.text import Text
+from textual import on
+from textual.app import ComposeResult
+from textual.binding import BindingType
+from textual.containers import Horizontal
+from textual.widgets import OptionList
+from textual.widgets.option_list import Option
+
+from robotree.tui.processes.wire_watch import WireMessage
+from robotree.tui.screen.bindings import bindings
+from robotree.tui.screen.pages.page import Page
+from robotree.tui.screen.widgets.cached_text import CachedText, entitle
+from robotree.tui.screen.widgets.marks import tint
+from robotree.tui.seen.cells import fit, seen
+from robotree.tui.seen.series import Reading
+
+NAME = 26
+"""Cells for the name of a message."""
+
+
+class MessagesPage(Page):
+    """Watches the wire of one proxy while it is in front, or while a field of it is ticked."""
+
+    KEYS_OF: ClassVar[str] = "messages"
+    BINDINGS: ClassVar[list[BindingType]] = bindings(KEYS_OF)
+
+    def __init__(self, robot: str) -> None:
+        """Watch a robot's wire."""
+        super().__init__()
+        self.robot = robot
+        self._ids: tuple[tuple[int, int, str], ...] = ()
+        self._fields: tuple[str, ...] = ()
+        self._texts: dict[str, tuple[str, ...]] = {}
+
+    def parts(self) -> ComposeResult:
+        """Messages; beside them the fields of the one under the cursor."""
+        yield CachedText(id="messages-note")
+        with Horizontal(classes="columns"):
+            yield OptionList(id="messages-list", markup=False, compact=True)
+            yield OptionList(id="messages-fields", markup=False, compact=True)
+
+    def on_mount(self) -> None:
+        """Begin to listen."""
+        self.app.watch_wire(self.robot)
+        super().on_mount()
+        self.query_one("#messages-list").focus()
+
+    def title_of_page(self) -> str:
+        """Say whose wire it is."""
+        return f"messages of {self.robot}"
+
+    def action_back(self) -> None:
+        """Leave; the wire is watched no longer, unless a field is ticked."""
+        self.dismiss()
+        self.app.leave_wire(self.robot)
+
+    def action_plots(self) -> None:
+        """Show what is ticked over time."""
+        self.app.ask_for("readings")
+
+    @on(OptionList.OptionSelected, "#messages-list")
+    def _into(self) -> None:
+        self.query_one("#messages-fields").focus()
+
+    @on(OptionList.OptionSelected, "#messages-fields")
+    def _ticked(self, event: OptionList.OptionSelected) -> None:
+        message = self.chosen
+        if message is None or event.option_index >= len(self._fields):
+            return
+        field = self._fields[event.option_index]
+        if field in message.numbers():
+            self.app.tick(self._reading(message, field))
+        else:
+            self.app.tell(f"{field} is no number: only numbers are drawn over time", "warning")
+        self.draw()
+
+    def _reading(self, message: WireMessage, field: str) -> Reading:
+        return self.robot, f"{message.name}.{field}"
+
+    @property
+    def _messages(self) -> tuple[WireMessage, ...]:
+        watch = self.app.wires.get(self.robot)
+        return tuple(sorted(watch.messages, key=lambda one: one.id)) if watch else ()
+
+    @property
+    def chosen(self) -> WireMessage | None:
+        """The message under the cursor."""
+        at = self.query_one("#messages-list", OptionList).highlighted
+        wanted = self._ids[at] if at is not None and at < len(self._ids) else None
+        return next((one for one in self._messages if one.id == wanted), None)
+
+    # -- drawing -----------------------------------------------------------------------------------
+
+    def draw(self) -> None:
+        """Draw what the wire says."""
+        super().draw()
+        if not self.is_mounted:
+            return
+        watch, messages = self.app.wires.get(self.robot), self._messages
+        note = self.query_one("#messages-note", CachedText)
+        note.display = bool(watch and watch.note)
+        note.show(Text(f" {seen(watch.note)}" if watch else "", tint(self.app, "warning")))
+        ids = tuple(one.id for one in messages)
+        self._fill("messages-list", [self._row(one) for one in messages], same=ids == self._ids)
+        self._ids = ids
+        message = self.chosen
+        rows, fields = list[Text](), list[str]()
+        if message is not None:
+            numbers = message.numbers()
+            fields = [*numbers, *(name for name in message.fields if not any(
+                number.partition("[")[0] == name for number in numbers))]  # fmt: skip
+            rows = [self._field(message, field, numbers) for field in fields]
+        self._fill("messages-fields", rows, same=tuple(fields) == self._fields)
+        self._fields = tuple(fields)
+        entitle(self.query_one("#messages-list"), "message, rate, age")
+        entitle(self.query_one("#messages-fields"), f"fields of {message.name}" if message else "fields")
+
+    def _fill(self, name: str, rows: list[Text], *, same: bool) -> None:
+        choices, plain = self.query_one(f"#{name}", OptionList), tuple(row.plain for row in rows)
+        before = self._texts.get(name, ())
+        self._texts[name] = plain
+        if same and len(before) == len(plain):
+            for at, row in enumerate(rows):
+                if row.plain != before[at]:
+                    choices.replace_option_prompt_at_index(at, row)
+            return
+        highlighted = choices.highlighted
+        choices.clear_options()
+        choices.add_options([Option(row) for row in rows])
+        if rows:
+            choices.highlighted = min(highlighted or 0, len(rows) - 1)
+
+    def _row(self, one: WireMessage) -> Text:
+        muted = tint(self.app, "muted")
+        rate = "once" if one.rate is None else f"{one.rate:.1f}/s"
+        return Text.assemble(
+            (f"{one.sysid}/{one.compid} ".rjust(6), muted),
+            fit(one.name, NAME),
+            (f"{rate:>9} {one.age:>7.1f} s", ""),
+        )
+
+    def _field(self, message: WireMessage, field: str, values: Mapping[str, float]) -> Text:
+        is_ticked = self._reading(message, field) in self.app.store.watched.ticked.series
+        sign = ("■ " if is_ticked else "□ ") if field in values else "  "
+        value = f"{values[field]:g}" if field in values else str(message.fields[field])
+        return Text.assemble(
+            (sign, tint(self.app, "accent" if is_ticked else "muted")),
+            f"{seen(field)}  ",
+            (seen(value), "bold"),
+        )
