@@ -46,6 +46,6 @@ async def test_a_field_is_ticked_and_its_plot_is_a_key_away(
         await operator.sees("■ arm-1.GOAL_STATUS.progress  0.25")
         await operator.press("escape")
         await operator.at(MessagesPage)
-        monkeypatch.setattr(operator.app, "leave_wire", lambda robot: operator.app.wires.pop(robot))
+        monkeypatch.setattr(operator.app, "leave_wire", operator.app.wires.pop)
         await operator.press("escape")
         await operator.at(MainPage)
