@@ -364,7 +364,7 @@ async def test_views_show_a_live_picture_only_while_they_are_looked_at(
 
 
 async def test_help_shows_every_key_and_verb(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client, size=(110, 260)) as operator:
+    async with operate(realm.realm_client, size=(110, 500)) as operator:
         await operator.press("question_mark")
         await operator.at(Reading)
         await operator.sees(
