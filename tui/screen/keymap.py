@@ -41,7 +41,7 @@ LARGEST = 100_000
 
 PRESETS: Mapping[str, Mapping[str, str]] = {
     "robotree": {},
-    "k9s": {"show": "d,y", "delete": "ctrl+d", "log": "l", "robots": "0", "wide": "ctrl+w"},
+    "k9s": {"show": "d,y", "delete": "ctrl+d", "log": "l", "robots": "0", "wide": "ctrl+w", "skeleton": "Z"},
 }
 """By name: keys by what they do. k9s' space marks and its ctrl+k kills without a question: ours do not."""
 

@@ -578,7 +578,8 @@ class Store:
             had, has = before.operator, after.operator
             whose = f"you have control of {name}" if has == self.me else f"{has} has control of {name}"
             text = whose if has else f"nobody has control of {name}: {had} gave it up, or is gone"
-            self.tell(text, "warning" if self.me in {had, has} else "plain", now, name)
+            if self.me in {had, has}:  # else the log of the robot says it
+                self.tell(text, "warning", now, name)
         if after.wanted_by != before.wanted_by and after.wanted_by and after.operator == self.me:
             self.tell(
                 f"{after.wanted_by} asks for control of {name}: `control offer {name}`", "warning", now, name
