@@ -4,7 +4,8 @@ Errors of robots come from `robotree.vr.base.errors` and pass through unchanged;
 begin at the keyboard or in a session script.
 
     SupervisorError
-      UsageError      UnknownVerb · NotHere · BadLine · NotForRobots · NeedsTerminal · BadKeymap
+      UsageError      UnknownVerb · NotHere · BadLine · NotForRobots · NeedsTerminal · BadKeymap · BadTheme
+                      NoSuchLanguage
                       BadRealmFile
       SessionError    BadScript · BadRecordedRealm
       ValueRefused    (also ValueError)
@@ -85,6 +86,24 @@ class BadKeymap(UsageError):
         """Name the file and what is wrong in it."""
         self.path, self.reason = path, reason
         super().__init__(f"{path}: {reason}")
+
+
+class BadTheme(UsageError):
+    """A file of colours cannot be used; nothing was started."""
+
+    def __init__(self, path: str, reason: str) -> None:
+        """Name the file and what is wrong in it."""
+        self.path, self.reason = path, reason
+        super().__init__(f"{path}: {reason}")
+
+
+class NoSuchLanguage(UsageError):
+    """The screen has no words in this language."""
+
+    def __init__(self, code: str, known: Sequence[str]) -> None:
+        """Name what was asked for, and what there is."""
+        self.code = code
+        super().__init__(f"there is no language {code!r}; there are {', '.join(known)}")
 
 
 class BadRealmFile(UsageError):

@@ -41,6 +41,7 @@ WHERE_EXTRAS_ARE_USED = {
     "lerobot": ("tui/recording/lerobot.py",),
     "mcp": ("assistants/", "tui/demo_mcp.py"),
     "web": ("tui/web/",),
+    "languages": ("tui/words/",),
     "postgres": ("vr/space/postgres.py", "vr/journal/postgres.py"),
     "services": ("examples/services/",),
     "testing": ("vr/world/", "testing/"),

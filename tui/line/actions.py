@@ -1493,6 +1493,24 @@ ACTIONS: tuple[Action, ...] = (
         key="m",
         about=About.ROBOT,
     ),
+    Action(
+        "theme [NAME]",
+        "Show the screen in other colours: those of NAME, or the next ones; dark, light, colour-blind, and"
+        " your files.",
+        SCREEN,
+        where=SHOWN,
+        key="T",
+        examples=("theme light",),
+    ),
+    Action(
+        "language [LANGUAGE]",
+        "Show the words of the screen in another LANGUAGE, or the next one: en, de, ar. Verbs stay as they"
+        " are.",
+        SCREEN,
+        where=SHOWN,
+        key="Z",
+        examples=("language de",),
+    ),
     Action("unmark", "Remove all marks.", SCREEN, where=SHOWN, key="M"),
     Action(
         "dismiss",

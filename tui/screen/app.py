@@ -24,7 +24,7 @@ from robotree.tui.line.grammar import Line
 from robotree.tui.line.keys import spell
 from robotree.tui.screen import asking
 from robotree.tui.screen.driver import outliving
-from robotree.tui.screen.operator_app import OperatorApp
+from robotree.tui.screen.operator_app import LOOKS, OperatorApp
 from robotree.tui.screen.pages.attend import AttendDialog
 from robotree.tui.screen.pages.dialogs import Reading
 from robotree.tui.screen.pages.main import MainPage, main_page
@@ -116,6 +116,7 @@ class Supervisor(OperatorApp):
         """Show the first page and begin to listen."""
         first = self.first_page()
         await self.push_screen(first)
+        self.order_letters()
         await self.feed.open()
         self.store.me = self.realm_client.operators.person
         self.realm_client.operators.on_said.append(self._hear)
@@ -138,6 +139,7 @@ class Supervisor(OperatorApp):
     async def on_unmount(self) -> None:
         """Stop to listen."""
         await self.close_wires()
+        self.order_letters(ends=True)
         await self.feed.close()
 
     def _handle_exception(self, error: Exception) -> None:
@@ -197,7 +199,9 @@ class Supervisor(OperatorApp):
             return
         if line.verb == "log" and (line.flag("--follow") or not line.text("NAME")):
             line = Line("log")  # what robots say comes there by itself
-        if not BY_VERB[line.verb].run or line == Line("log"):
+        if line.verb in LOOKS:
+            self.change_look(line.verb, line.text("NAME") or line.text("LANGUAGE"))
+        elif not BY_VERB[line.verb].run or line == Line("log"):
             asking.ASK[line.verb](self, Place(line.text("NAME")))  # some of these have no key
         elif BY_VERB[line.verb].danger:
             self._confirm(line)

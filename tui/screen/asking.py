@@ -34,6 +34,7 @@ from robotree.tui.screen.widgets.prompt import Kind
 from robotree.tui.seen import wording
 from robotree.tui.seen.frames import frame_of
 from robotree.tui.seen.store import Store
+from robotree.tui.words import say
 
 Ask = Callable[[OperatorApp, Place], None]
 """Takes the supervisor, and what is selected: a robot, an empty slot, or nothing."""
@@ -205,7 +206,9 @@ def _delete_marked(app: OperatorApp) -> None:
             for name in names:
                 app.do("delete", NAME=name)
 
-    app.push_screen(Confirm(f"delete {len(names)} marked robots?", consequence, "Delete"), answered)
+    app.push_screen(
+        Confirm(say("delete {count} marked robots?", count=len(names)), consequence, "Delete"), answered
+    )
 
 
 def _cancel(app: OperatorApp, place: Place) -> None:
@@ -224,7 +227,7 @@ def _quit(app: OperatorApp, _place: Place) -> None:
         if answer:
             app.exit(0)
 
-    app.push_screen(Confirm("Leave?", app.farewell, "Leave"), answered)
+    app.push_screen(Confirm(say("Leave?"), app.farewell, "Leave"), answered)
 
 
 def _stop(app: OperatorApp, _place: Place) -> None:
@@ -598,6 +601,8 @@ ASK: Mapping[str, Ask] = {
     "skeleton": lambda app, _place: in_front(app).set_bare(),
     "together": lambda app, _place: in_front(app).set_side_by_side(),
     "camera": lambda app, _place: in_front(app).turn(),
+    "theme": lambda app, _place: app.change_look("theme"),
+    "language": lambda app, _place: app.change_look("language"),
     **{name: _pane(name) for name in PANES},
 }
 """By verb: what each key of the registry does first (a test compares)."""

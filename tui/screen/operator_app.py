@@ -15,15 +15,20 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from textual import work
 from textual.driver import Driver
+from textual.theme import Theme
 
+from robotree.tui import words
+from robotree.tui.errors import SupervisorError
 from robotree.tui.line import completion, ordering
 from robotree.tui.line.action import Where
 from robotree.tui.line.carrying import Refusal, carry_out
 from robotree.tui.line.grammar import Line
+from robotree.tui.line.installed import lacking
 from robotree.tui.line.surface import Surface
 from robotree.tui.line.verbs import CALL_LIMIT, Outcome
 from robotree.tui.processes.alarm_file import alarms_of
 from robotree.tui.processes.layout import LayoutFile
+from robotree.tui.processes.looks import Looks
 from robotree.tui.processes.steps import Steps
 from robotree.tui.processes.terminal_graphics import CELLS
 from robotree.tui.processes.wire_watch import WireMessage, WireWatch
@@ -31,6 +36,7 @@ from robotree.tui.screen.error_boundary import ErrorBoundary
 from robotree.tui.screen.foresight import Foresight
 from robotree.tui.screen.key_guard import KeyGuard
 from robotree.tui.screen.keymap import Keymap
+from robotree.tui.screen.palette import reduced_theme
 from robotree.tui.screen.place import NOWHERE, Place
 from robotree.tui.screen.themes import OURS, REDUCED, SIXTEEN, chosen
 from robotree.tui.seen import wording
@@ -38,6 +44,7 @@ from robotree.tui.seen.feeding import Feed
 from robotree.tui.seen.selection import Selection
 from robotree.tui.seen.series import Reading, named, reading_of
 from robotree.tui.seen.store import Store, Weight
+from robotree.tui.words import say
 from robotree.vr.base.errors import ChildCancelled, CommandCancelled, NotConfirmed, VrError
 from robotree.vr.exchange.attendance import Attendance
 from robotree.vr.network.realms import DEFAULT_REALM
@@ -47,6 +54,10 @@ if TYPE_CHECKING:
     from robotree.vr.supervision.realm_client import RealmClient
 
 log = logging.getLogger(__name__)
+
+
+LOOKS = frozenset({"theme", "language"})
+"""Verbs about how the screen looks."""
 
 
 class CallListener(Protocol):
@@ -121,6 +132,9 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         """The robot that keys are about, whatever page is in front."""
         self.marks: frozenset[str] = frozenset()  # robots that an action may take together
         self.past: list[str] = []  # lines that were typed at the prompt (`prompt.Known`)
+        self._ordered = False  # whether the terminal leaves the order of letters to us
+        self.looks = Looks()  # what was chosen last of how the screen looks
+        self.own_themes: tuple[Theme, ...] = ()
         self.steps = steps or Steps()
         """The step of tele-operation that was chosen last, by robot."""
         self.pictures = CELLS
@@ -149,6 +163,70 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         ours = chosen(wanted, self.console.color_system).name
         self.theme = wanted if wanted in self.available_themes and wanted not in REDUCED else ours
 
+    # -- looks -------------------------------------------------------------------------------------
+
+    def wear(self, looks: Looks, themes: Sequence[Theme]) -> None:
+        """Look as the operator has chosen last, or once and for all.
+
+        Args:
+            looks: what was chosen; what will be is kept there.
+            themes: of the operator's own.
+
+        Raises:
+            NoSuchLanguage: `$ROBOTREE_LANGUAGE` names none.
+        """
+        self.looks, self.own_themes = looks, tuple(themes)
+        for theme in themes:
+            self.register_theme(theme)
+            self.register_theme(reduced_theme(theme))
+        kept = looks.get("language")
+        words.choose(words.wanted() or (kept if kept in words.LANGUAGES else "en"))
+        wanted = os.environ.get("TEXTUAL_THEME", "") or looks.get("theme")
+        if wanted.removeprefix("robotree-") in self._theme_names:
+            self.theme = chosen(wanted, self.console.color_system, self.own_themes).name
+
+    @property
+    def _theme_names(self) -> list[str]:
+        return [theme.name.removeprefix("robotree-") for theme in (*OURS, *self.own_themes)]
+
+    def change_look(self, what: str, name: str = "") -> None:
+        """Show other colours, or other words: `theme` and `language`; without a name, the next ones."""
+        if what == "language":
+            self._speak(name or _behind(words.chosen(), list(words.LANGUAGES)))
+            return
+        known = self._theme_names
+        now = self.theme.removeprefix("robotree-").removesuffix("-256").removesuffix("-16")
+        name = name.removeprefix("robotree-") or _behind(now, known)
+        if name in known:
+            self.theme = chosen(name, self.console.color_system, self.own_themes).name
+        elif name in self.available_themes:
+            self.theme = name
+        else:
+            self.tell(f"there is no theme {name!r}; there are {', '.join(known)}", "error")
+            return
+        self.looks.choose("theme", name)
+        self.tell(f"theme {name}", "good")
+
+    def _speak(self, code: str) -> None:
+        try:
+            words.choose(code)
+        except (SupervisorError, ImportError) as error:
+            lack = lacking("language", error) if isinstance(error, ImportError) else error
+            self.tell(str(lack or error), "error")
+            return
+        self.looks.choose("language", code)
+        self.order_letters()
+        for screen in self.screen_stack:
+            for line in screen.query("KeyLine"):
+                line.refresh(recompose=True)
+        self.tell(f"language {code}", "good")
+
+    def order_letters(self, *, ends: bool = False) -> None:
+        """Tell the terminal who sees to the order of letters: we, as long as words go from right to left."""
+        if self._driver is not None and (words.chosen() in words.LEFTWARDS or self._ordered):
+            self._ordered = words.chosen() in words.LEFTWARDS and not ends
+            self._driver.write(words.EXPLICIT if self._ordered else words.IMPLICIT)
+
     @staticmethod
     def now() -> float:
         """[s] on the store's clock, which is that of events."""
@@ -157,7 +235,8 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
     @property
     def heading(self) -> str:
         """Return what stands in the line on top behind the program's name."""
-        return f"realm {self.realm}{' (read-only)' if self.readonly else ''}"
+        realm = say("realm {name}", name=self.realm)
+        return f"{realm} ({say('read-only')})" if self.readonly else realm
 
     @staticmethod
     def wall() -> float:
@@ -438,6 +517,11 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
 
 def _nothing() -> None:
     """No key is held."""
+
+
+def _behind(now: str, known: Sequence[str]) -> str:
+    """Return what comes behind one of several; the first, where it is none of them or the last."""
+    return known[(known.index(now) + 1) % len(known)] if now in known else known[0]
 
 
 def weight_of(error: Exception) -> Weight:

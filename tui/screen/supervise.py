@@ -14,11 +14,13 @@ from typing import TYPE_CHECKING
 
 from robotree.tui import exit_codes
 from robotree.tui.processes.layout import layout_file
+from robotree.tui.processes.looks import FILE as LOOKS_FILE
+from robotree.tui.processes.looks import Looks
 from robotree.tui.processes.state_files import state_file
 from robotree.tui.processes.steps import FILE as STEPS_FILE
 from robotree.tui.processes.steps import Steps
 from robotree.tui.processes.terminal_graphics import pictures_here
-from robotree.tui.screen import keymap
+from robotree.tui.screen import keymap, theme_files
 from robotree.tui.screen.app import Supervisor
 from robotree.tui.screen.promptness import prompt_answers
 from robotree.tui.seen.store import Store
@@ -88,6 +90,7 @@ async def supervise(
 
     Raises:
         BadKeymap: the operator's file of keys is wrong.
+        BadTheme: a file of colours is.
     """
     with _logging_to_a_file(realm), prompt_answers():
         store = store or Store()
@@ -99,9 +102,11 @@ async def supervise(
 
 async def _show(make: Callable[..., Supervisor], realm: str, store: Store) -> int:
     keys, steps, layout = keymap.load(), Steps(state_file(realm, STEPS_FILE)), layout_file()
+    themes, looks = theme_files.load(), Looks(state_file(realm, LOOKS_FILE))
     task, ends = asyncio.current_task(), list[float]()
     while True:
         app = make(store=store, keymap=keys, calm=wants_calm(), steps=steps, layout=layout)
+        app.wear(looks, themes)
         if not app.is_web:
             app.pictures = pictures_here()
         code = await app.run_async()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from textual.theme import Theme
@@ -140,16 +141,17 @@ SIXTEEN = {theme.name: _of_sixteen(theme) for theme in OURS}
 """The same for terminals of 16 colours, by the name of the whole one."""
 
 
-def chosen(wanted: str, color_system: str | None) -> Theme:
+def chosen(wanted: str, color_system: str | None, others: Sequence[Theme] = ()) -> Theme:
     """Return the theme for a terminal.
 
     Args:
         wanted: by name, with or without `robotree-`; unknown or empty: the dark one.
         color_system: of the terminal, as Rich names it: `truecolor`, `256`, `standard`, or None.
+        others: beside ours; where there are 16 colours the one of ours that is as dark is taken instead.
     """
     found = next(
-        (theme for theme in OURS if wanted in {theme.name, theme.name.removeprefix("robotree-")}), DARK
+        (one for one in (*OURS, *others) if wanted in {one.name, one.name.removeprefix("robotree-")}), DARK
     )
     if color_system in {"standard", "windows"}:
-        return SIXTEEN[found.name]
-    return found if color_system == "truecolor" else REDUCED[found.name]
+        return SIXTEEN[found.name if found in OURS else (DARK if found.dark else LIGHT).name]
+    return found if color_system == "truecolor" else REDUCED.get(found.name) or reduced_theme(found)

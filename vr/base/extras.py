@@ -25,6 +25,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
     "lerobot": ("PIL", "pyarrow"),
     "mcp": ("mcp", "mcp_types", "uvicorn"),
     "web": ("textual_serve", "websockets"),
+    "languages": ("arabic_reshaper", "bidi"),
     "testing": ("greenlet", "pytest"),
 }
 """The modules of other people that we import, by the extra that brings them."""

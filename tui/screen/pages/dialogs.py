@@ -18,6 +18,7 @@ from robotree.tui.screen.hanging import containing, hanging
 from robotree.tui.screen.leaving import Leaving
 from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.key_line import KeyLine
+from robotree.tui.words import say
 
 LOW = [(0, "-tight"), (20, "-roomy")]
 """Lines below which a question leaves its margins out, so that its answers can be read."""
@@ -74,8 +75,8 @@ class Confirm(Modal[bool]):
             yield Static(self._question, classes="dialog-title", markup=False)
             yield Static(self._consequence, classes="dialog-text", markup=False)
             with Horizontal(classes="buttons"):
-                yield Button("Cancel", id="no", compact=True)
-                yield Button(Text(self._yes), id="yes", variant="error", compact=True)
+                yield Button(Text(say("Cancel")), id="no", compact=True)
+                yield Button(Text(say(self._yes)), id="yes", variant="error", compact=True)
 
     def on_mount(self) -> None:
         """Focus the harmless answer."""

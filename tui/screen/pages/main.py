@@ -30,6 +30,7 @@ from robotree.tui.screen.widgets.views_pane import ViewsPane
 from robotree.tui.seen import matching
 from robotree.tui.seen.rows import DIVISIONS, ORDERS, Division, Placement, SortOrder, family, listed
 from robotree.tui.seen.store import Weight
+from robotree.tui.words import say
 
 PANES = {"robots": "#robots", "plan": "#plan", "views": "#cameras", "log": "#log"}
 """The widget with the focus in each pane, by the verb that brings it to the front."""
@@ -65,6 +66,13 @@ robotree proxy arm arm-1 …
   brings your own arm in
 
 A new robot appears here by itself."""
+
+
+def _empty() -> str:
+    """Return what stands where no robot is, in the chosen language; lines to type stay as they are."""
+    lines = ((line, line.strip()) for line in EMPTY.split("\n"))
+    return "\n".join(line.replace(text, say(text)) if text else line for line, text in lines)
+
 
 HIDDEN = """\
 
@@ -163,7 +171,7 @@ class MainPage(Page):
 
     def title_of_page(self) -> str:
         """Return the pane's name, how it is sorted, and what it is filtered by."""
-        letters, title = self.filters.get(self.pane, ""), self.pane
+        letters, title = self.filters.get(self.pane, ""), say(self.pane)
         if self.pane == FIRST and self.order != "tree":
             title += ", problems first" if self.order == "problems" else f" by {self.order}"
         if self.pane == FIRST and self.division:
@@ -480,7 +488,7 @@ class MainPage(Page):
         nothing = self.pane == "robots" and not self._shown
         empty.display = nothing
         if nothing:
-            empty.show(Text(HIDDEN.format(letters=letters) if self._family[1] else EMPTY))
+            empty.show(Text(HIDDEN.format(letters=letters) if self._family[1] else _empty()))
 
 
 def _pane_id(name: str) -> str:

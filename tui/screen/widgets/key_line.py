@@ -16,6 +16,7 @@ from robotree.tui.line.actions import BY_VERB
 from robotree.tui.line.keys import spell
 from robotree.tui.screen.keymap import default_keys
 from robotree.tui.screen.part import Part
+from robotree.tui.words import say
 
 HELP = BY_VERB["help"]
 GAPS = 2
@@ -33,6 +34,9 @@ class KeyLine(Part, Footer):
     def compose(self) -> ComposeResult:
         """Yield the keys that have room."""
         keys = self._as_listed(super().compose())
+        for key in keys:
+            if isinstance(key, FooterKey):
+                key.description = say(key.description)
         if keys and not any(map(_is_help, keys)):
             keys.append(self._help())
         widths = [_width(key) for key in keys]
@@ -75,7 +79,9 @@ class KeyLine(Part, Footer):
         """Return the key of the help where a question is in front, or somebody types."""
         typing = isinstance(self.screen.focused, Input | TextArea)
         key = HELP.typing_key if typing else HELP.key
-        return FooterKey(key, spell(key), HELP.label, "app.verb('help')").data_bind(compact=Footer.compact)
+        return FooterKey(key, spell(key), say(HELP.label), "app.verb('help')").data_bind(
+            compact=Footer.compact
+        )
 
     def on_resize(self, event: Resize) -> None:
         """Choose anew where there is more room, or less."""
@@ -113,7 +119,7 @@ def _appearance(key: Widget) -> tuple[object, ...]:
 
 
 def _is_help(key: Widget) -> bool:
-    return isinstance(key, FooterKey) and key.description == HELP.label
+    return isinstance(key, FooterKey) and key.description == say(HELP.label)
 
 
 def _width(key: Widget) -> int:

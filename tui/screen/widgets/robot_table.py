@@ -26,6 +26,7 @@ from robotree.tui.seen import wording
 from robotree.tui.seen.cells import clip, fit
 from robotree.tui.seen.rows import GAP, MOST, Column, Placement, RobotRow, columns, row
 from robotree.tui.seen.status import CALM, UNGUARDED
+from robotree.tui.words import chosen, say, say_state
 
 HEADER = 1
 """Lines above the first robot."""
@@ -111,8 +112,8 @@ class RobotTable(Part, ScrollView, can_focus=True):
         if at != self._at:
             self._at = at
             self.scroll_to_cursor()
-        if self.app.theme != self._theme:
-            self._theme = self.app.theme
+        if (look := f"{self.app.theme} {chosen()}") != self._theme:
+            self._theme = look
             self._drawn.clear()
             self.refresh()
         self._redraw()
@@ -227,7 +228,7 @@ class RobotTable(Part, ScrollView, can_focus=True):
             titles = [Segment(" ", style)]
             for column in self._columns:
                 room = column.room - (column.title == "ROBOT")
-                titles.append(Segment(fit(column.title, room) + " " * GAP, style))
+                titles.append(Segment(fit(say(column.title), room) + " " * GAP, style))
             return Strip(titles).adjust_cell_length(width, base)
         wanted = self._wanted(self.scroll_offset.y + y - HEADER)
         if wanted is None:
@@ -279,7 +280,7 @@ class RobotTable(Part, ScrollView, can_focus=True):
                     alarm = f" ▲ {shown.alarm}" if shown.alarm else ""
                     tail = place + tail if shown.state.endswith(place) else tail
                     left = max(room - 2 - cell_len(alarm), 0)
-                    text = clip(shown.state.removesuffix(place), max(left - len(tail), 0)) + tail
+                    text = clip(say_state(shown.state.removesuffix(place)), max(left - len(tail), 0)) + tail
                     cells += [Segment(fit(sign, min(2, room)), strong)]
                     if alarm:
                         text = clip(text, left)

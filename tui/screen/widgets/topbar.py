@@ -14,8 +14,8 @@ from robotree.tui.screen.widgets.marks import STATUSES, block, tint, tint_on_pan
 from robotree.tui.seen.cells import clip, seen
 from robotree.tui.seen.status import CALM, COUNTED, Status
 from robotree.tui.seen.store import Store
+from robotree.tui.words import say
 
-STOPPED = "■ PROTECTIVE STOP: "
 COUNT_AGAIN = 1.0
 """[s] between two counts of the robots: each looks at all of them."""
 GAP = 3
@@ -32,7 +32,7 @@ class TopBar(CachedText):
         """Draw the line."""
         muted, strong = tint(self.app, "muted"), tint(self.app, "primary", bold=True)
         left = Text.assemble((" robotree ", strong), " ", heading, ("  ", muted), page)
-        stop = Text.assemble((f" {spell(BY_VERB['stop'].key)} {self.app.STOP_WORD} ", block(self.app)))
+        stop = Text.assemble((f" {spell(BY_VERB['stop'].key)} {say(self.app.STOP_WORD)} ", block(self.app)))
         if waiting := len(store.permits):
             asks = f" {waiting} permit{' waits' if waiting == 1 else 's wait'}: "
             asks += f"{self.app.keymap.spelled('permits')}  "
@@ -58,10 +58,10 @@ class TopBar(CachedText):
             self._counts = now, store.count(now)
         muted, text = tint(self.app, "muted"), Text()
         for status, count in self._counts[1]:
-            words = f"{count} {status if count == 1 else COUNTED.get(status, status)}"
+            words = f"{count} {say(status if count == 1 else COUNTED.get(status, status))}"
             text.append(" · " if text else "", muted)
             text.append(words, tint_on_panel(self.app, STATUSES[status][1]) if status not in CALM else "")
-        return text or Text("0 robots", tint(self.app, "warning"))
+        return text or Text(say("0 robots"), tint(self.app, "warning"))
 
     def _others(self, store: Store) -> Text:
         """Return how many views, hosts and lookup services there are."""
@@ -73,7 +73,7 @@ class TopBar(CachedText):
         ):
             text.append(" · " if text else "", muted)
             text.append(f"{count}", "" if count else tint(self.app, "warning"))
-            text.append(f" {noun}{'' if count == 1 else 's'}", muted)
+            text.append(f" {say(noun if count == 1 else f'{noun}s')}", muted)
         return text
 
 
@@ -94,14 +94,16 @@ class Banner(CachedText):
             names = ", ".join(map(seen, unchecked))
             lines.append(Text(f" ✗ CODE OF ANYBODY: {names} (--insecure-any-signer) ", block(self.app)))
         if store.stopped:
+            stopped = f"■ {say('PROTECTIVE STOP')}: "
             took = f"  after {stop.longest:.2f} s" if stop and stop.confirmed else ""
-            tail = f"{took} — {self.app.keymap.spelled('resume')} resumes"
-            room = (self.size.width or self.app.size.width - 2) - cell_len(STOPPED) - cell_len(tail)
+            resumes = say("{key} resumes", key=self.app.keymap.spelled("resume"))
+            tail = f"{took} — {resumes}"
+            room = (self.size.width or self.app.size.width - 2) - cell_len(stopped) - cell_len(tail)
             names = clip(", ".join(seen(name) for name in store.stopped), max(room, 1))
-            lines.append(Text(f"{STOPPED}{names}{tail}", ground))
+            lines.append(Text(f"{stopped}{names}{tail}", ground))
         if store.orphaned:
-            stale = "✗ STALE: no lookup service is left; the lists may be old, known robots still obey"
-            lines.append(Text(stale, ground))
+            stale = say("STALE: no lookup service is left; the lists may be old, known robots still obey")
+            lines.append(Text(f"✗ {stale}", ground))
         self.display = bool(lines)
         for line in lines:
             line.truncate(max(self.size.width or self.app.size.width - 2, 1), overflow="ellipsis")

@@ -1,0 +1,73 @@
+"""Other colours and other words, chosen by key or line; at 80 by 24 they fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import pytest
+from textual.widgets._footer import FooterKey
+
+from robotree.tui import words
+from robotree.tui.screen.pages.dialogs import Confirm
+from robotree.tui.screen.theme_files import read
+from robotree.tui.screen.themes import chosen
+from robotree.tui.screen.widgets.key_line import KeyLine
+
+if TYPE_CHECKING:
+    from screens.conftest import Operate
+    from tui.conftest import Realm
+
+
+@pytest.fixture(autouse=True)
+def in_english_afterwards() -> Iterator[None]:
+    yield
+    words.choose("en")
+
+
+@pytest.mark.parametrize("code", ["de", "ar"])
+async def test_a_person_reads_keys_headers_states_and_questions_in_another_language(
+    realm: Realm, operate: Operate, code: str
+) -> None:
+    await realm.create("move_to.py", "mover")
+    async with operate(realm.realm_client, size=(80, 24)) as operator:
+        await operator.sees("mover", "rover-1", "STATE")
+        await operator.press("colon")
+        await operator.type(f"language {code}")
+        await operator.press("enter")
+        say = words.say
+        await operator.sees(say("free"), say("STATE"), say("STOP"), say("New"), say("Help"))
+        footer = [key.description for key in operator.one(KeyLine).query(FooterKey)]
+        assert say("Help") in footer
+        assert say("New") in footer
+        assert all(len(line) <= 80 for line in operator.text.splitlines())
+        operator.app.choose("mover")
+        await operator.press("d")
+        await operator.at(Confirm)
+        await operator.sees("delete mover?", say("Cancel"), say("Delete"))
+        await operator.press("escape", "space")
+        await operator.sees(say("PROTECTIVE STOP"), say("{key} resumes", key="R"), say("stopped"))
+        await operator.press("colon")
+        await operator.type("language xx")
+        await operator.press("enter")
+        await operator.sees("no language 'xx'")
+
+
+async def test_a_person_changes_the_colours_by_key_and_by_name(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.realm_client, size=(80, 24)) as operator:
+        app = operator.app
+        app.wear(app.looks, [read('[colours]\nprimary = "#ffffff"\n', "desk", "desk.toml")])
+        await operator.sees("rover-1")
+        before = app.theme
+        await operator.press("T")
+        assert app.theme != before
+        await operator.press("colon")
+        await operator.type("theme desk")
+        await operator.press("enter")
+        await operator.sees("theme desk")
+        assert app.theme == chosen("desk", app.console.color_system, app.own_themes).name
+        await operator.press("colon")
+        await operator.type("theme neon")
+        await operator.press("enter")
+        await operator.sees("no theme 'neon'")
+        assert app.looks.get("theme") == "desk"
