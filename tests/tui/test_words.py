@@ -15,8 +15,8 @@ from robotree.tui.line.page_keys import PAGE_KEYS
 from robotree.tui.seen.status import COUNTED, STATUSES
 
 OTHERS = sorted(words.LANGUAGES.keys() - {"en"})
-USED = {*words.TEXTS, *STATUSES, *COUNTED.values()}
-USED |= {one.label for one in (*ACTIONS, *PAGE_KEYS) if one.label}
+LABELS = {one.label for one in (*ACTIONS, *PAGE_KEYS) if one.label}
+USED = {*words.TEXTS, *STATUSES, *COUNTED.values()} | LABELS
 
 
 @pytest.fixture(autouse=True)

@@ -102,7 +102,7 @@ def say_state(text: str) -> str:
 @cache
 def _turned(text: str) -> str:
     """Return letters in the order in which they are drawn, joined as they are written."""
-    import arabic_reshaper  # pyright: ignore[reportMissingTypeStubs]
-    from bidi import get_display  # pyright: ignore[reportMissingTypeStubs]
+    import arabic_reshaper  # type: ignore[import-untyped] # pyright: ignore[reportMissingTypeStubs]
+    from bidi import get_display  # type: ignore[import-untyped] # pyright: ignore[reportMissingTypeStubs]
 
     return str(get_display(arabic_reshaper.reshape(text), base_dir="R"))

@@ -43,7 +43,7 @@ async def test_a_person_reads_keys_headers_states_and_questions_in_another_langu
         assert all(len(line) <= 80 for line in operator.text.splitlines())
         operator.app.choose("mover")
         await operator.press("d")
-        await operator.at(Confirm)
+        await operator.until(lambda: isinstance(operator.app.screen, Confirm), "a question")
         await operator.sees("delete mover?", say("Cancel"), say("Delete"))
         await operator.press("escape", "space")
         await operator.sees(say("PROTECTIVE STOP"), say("{key} resumes", key="R"), say("stopped"))
