@@ -1499,7 +1499,7 @@ ACTIONS: tuple[Action, ...] = (
         " your files.",
         SCREEN,
         where=SHOWN,
-        key="T",
+        key="f8",
         examples=("theme light",),
     ),
     Action(
@@ -1508,7 +1508,7 @@ ACTIONS: tuple[Action, ...] = (
         " are.",
         SCREEN,
         where=SHOWN,
-        key="Z",
+        key="f9",
         examples=("language de",),
     ),
     Action("unmark", "Remove all marks.", SCREEN, where=SHOWN, key="M"),

@@ -59,7 +59,7 @@ async def test_a_person_changes_the_colours_by_key_and_by_name(realm: Realm, ope
         app.wear(app.looks, [read('[colours]\nprimary = "#ffffff"\n', "desk", "desk.toml")])
         await operator.sees("rover-1")
         before = app.theme
-        await operator.press("T")
+        await operator.press("f8")
         assert app.theme != before
         await operator.press("colon")
         await operator.type("theme desk")
