@@ -88,7 +88,7 @@ def say(text: str, **values: object) -> str:
     code = _chosen[0]
     found = text if code == "en" else lexicon(code).get(text, text)
     filled = found.format(**values) if values else found
-    return _turned(filled) if code in LEFTWARDS and not filled.isascii() else filled
+    return _turned(filled) if code in LEFTWARDS and text in lexicon(code) else filled
 
 
 def say_state(text: str) -> str:
