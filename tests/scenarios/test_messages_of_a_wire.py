@@ -29,6 +29,6 @@ async def test_a_field_on_the_wire_is_ticked_and_drawn(place: Path) -> None:
             await asyncio.to_thread(person.types, "", sees="□")
             await asyncio.to_thread(person.types, ENTER, sees="0.")
             await asyncio.to_thread(person.types, ENTER, sees="■")
-            await asyncio.to_thread(person.types, "U", sees="rover-1.HEARTBEAT.")
+            await asyncio.to_thread(person.types, "U", sees="⠉⠉")
         finally:
             person.leave()
