@@ -30,6 +30,7 @@ async def test_tree_picture_and_readings_stand_still_while_commands_begin_and_en
         await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
         operator.app.choose("arm-1")
         await operator.sees("arm-1", "pose")
+        await operator.until(lambda: places(operator)["#picture-box"].width > 0, "the picture")
         before = places(operator)
         realm.arm.under_way = True
         moving = asyncio.create_task(realm.realm_client.call("arm-1", "go_to", GOAL))
