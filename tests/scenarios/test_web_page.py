@@ -124,6 +124,7 @@ def test_what_began_ends_with_a_tab_that_freezes_and_with_a_browser_that_is_kill
     browser.driver.switch_to.new_window("tab")
     browser.driver.get(addresses["command"])
     begin(browser, killed)
+    assert killed.read_text() == "waits"
     browser.kill()
     says(killed, "ended")
 

@@ -56,6 +56,8 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 
+Denials = dict[tuple[str, tuple[str, ...], str], str]
+"""What a policy said: its refusal, or nothing, by robot, kinds and command."""
 LOOKS = frozenset({"theme", "language"})
 """Verbs about how the screen looks."""
 
@@ -125,8 +127,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         self.realm_client, self.realm, self.farewell = realm_client, realm, farewell
         self.store = store or Store()
         self.store.denies = self._denies
-        self._denied: tuple[object, dict[tuple[str, tuple[str, ...], str], str]] = (None, {})
-        """What a policy was asked, and what it said."""
+        self._denied: tuple[object, Denials] = (None, {})  # what a policy was asked, and what it said
         self.feed = Feed(realm_client, self.store, self.now, alarms_of(realm_client.realm))
         self.selection = Selection()
         """The robot that keys are about, whatever page is in front."""
@@ -139,16 +140,12 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         """The step of tele-operation that was chosen last, by robot."""
         self.pictures = CELLS
         """How pictures are drawn in this terminal; `supervise` finds it out."""
-        self.foresight = Foresight()
-        """What a robot says of the way that somebody is about to send it."""
-        self.layout = layout or LayoutFile()
-        """How this person has arranged the screen."""
-        self.wires: dict[str, WireWatch] = {}
-        """By robot: wires that are watched."""
+        self.foresight = Foresight()  # what a robot says of the way that somebody is about to send it
+        self.layout = layout or LayoutFile()  # how this person has arranged the screen
+        self.wires: dict[str, WireWatch] = {}  # by robot: wires that are watched
         self._tick_again()
         self._rung = self.store.watched.rung
-        self.errors: list[Exception] = []
-        """Errors that the fence held back."""
+        self.errors: list[Exception] = []  # those that the fence held back
 
     @property
     def driver(self) -> Driver | None:
