@@ -11,7 +11,7 @@ import contextlib
 import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 
@@ -48,9 +48,10 @@ class WireMessage(msgspec.Struct, frozen=True):
         """Return the fields that can be drawn over time, those of arrays by their number."""
         found: dict[str, float] = {}
         for name, value in self.fields.items():
-            parts = enumerate(value) if isinstance(value, list) else ()
-            found |= {f"{name}[{at}]": float(part) for at, part in parts if isinstance(part, int | float)}
-            if isinstance(value, int | float) and not isinstance(value, bool):
+            if isinstance(value, list):
+                parts = enumerate(cast("list[Any]", value))
+                found |= {f"{name}[{at}]": float(part) for at, part in parts if isinstance(part, int | float)}
+            elif isinstance(value, int | float) and not isinstance(value, bool):
                 found[name] = float(value)
         return found
 

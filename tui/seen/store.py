@@ -635,11 +635,12 @@ class Store:
     def _take_questions(self, before: Mapping[str, RobotDescription], now: float) -> None:
         """Tell what robots have just begun to ask people."""
         for robot in self.descriptions.values():
-            known = {one.id for one in questions_of(before[robot.name])} if robot.name in before else set()
-            for one in questions_of(robot):
-                if one.id not in known:
-                    how = f"decide {one.robot} {one.how}"
-                    self.tell(f"{one.robot} asks: {one.text} `{how}` answers", "warning", now, one.robot)
+            old = before.get(robot.name)
+            known = () if old is None else tuple(question.id for question in questions_of(old))
+            for question in questions_of(robot):
+                if question.id not in known:
+                    text = f"{robot.name} asks: {question.text} `decide {robot.name} {question.how}` answers"
+                    self.tell(text, "warning", now, robot.name)
 
     def _take_losses(self, before: Mapping[str, RobotDescription], now: float) -> None:
         """Remember who was in a slot whose child was lost; offer to bind it again as soon as it is back."""
