@@ -306,10 +306,10 @@ class Publisher:
         """Return how the robot is now, with its readings."""
         runtime, readings = self._runtime, self._readings()
         runtime.look_at_robot()
+        runtime.enter_asked()
 
         def describe(state: RobotState) -> State:
             lease, calls, now = state.lease.current, state.calls, runtime.process.runner.now()
-            runtime.enter_asked(calls)
             running = calls.live.get(calls.running)
             return State(
                 caller="" if running is None else running.caller,

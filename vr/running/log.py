@@ -15,8 +15,6 @@ from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager
 from typing import Any
 
-import msgspec
-
 from robotree.vr.base.literal import write
 from robotree.vr.base.principal import is_person
 from robotree.vr.base.requests import Level, LoggedLine, Returned
@@ -97,12 +95,16 @@ class Log:
         self._take(_said, level, text, now=self._now())
 
     def ask(self, call: AcceptedCall, ahead: AcceptedCall | None) -> None:
-        """Take, once, that the command of a person goes on, or waits for the one that is `ahead`."""
+        """Take, once, that the command of a person goes on, or waits for the one that is `ahead`.
+
+        Args:
+            call: as it is now: it is written down later.
+            ahead: what it waits for; None: nothing.
+        """
         if call.key not in self._open:
             self._open.add(call.key)
             words = "begins" if ahead is None else waits(ahead)
-            value = msgspec.structs.replace(call)  # what is written later is how it was
-            self._take(_asked, value, words, now=self._now(), always=True)
+            self._take(_asked, call, words, now=self._now(), always=True)
 
     def know(self, keys: Iterable[str]) -> None:
         """Take note of calls that have a line from an earlier process, or need none."""

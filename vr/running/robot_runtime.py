@@ -56,7 +56,7 @@ from robotree.vr.base.units import takes_long
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import Bond, Lease
 from robotree.vr.core.events import Begin, CoreEffect, CoreEvent, Interrupt, Settled
-from robotree.vr.core.machine import Calls, Lap, RobotCore, RobotState
+from robotree.vr.core.machine import AcceptedCall, Lap, RobotCore, RobotState
 from robotree.vr.core.traffic import BondTraffic
 from robotree.vr.exchange.asking import TakeReply, send_request
 from robotree.vr.exchange.authority import OF_LEASES, Here, authorise, expect_still
@@ -988,11 +988,11 @@ class RobotRuntime:
         else:
             self.log.say(level, text)
 
-    def enter_asked(self, calls: Calls) -> None:
-        """Enter in the log which commands of people go on or wait, each once. Under the lock."""
-        for call in calls.live.values():
-            if not call.reads and is_person(call.caller):
-                self.log.ask(call, None if call.running else calls.live.get(calls.running))
+    def enter_asked(self) -> None:
+        """Enter in the log which commands of people go on or wait, each once. Not under the lock."""
+        for call, ahead in self.look(_asked_by_people):
+            if call.key in self.core.state.calls.live:  # it has not ended meanwhile
+                self.log.ask(call, ahead)
 
     # -- what it can do ---------------------------------------------------------------------------
 
@@ -1331,3 +1331,15 @@ def _nothing() -> None:
 def _askers(state: RobotState) -> list[tuple[str, Principal, str]]:
     """Return who has asked for each command that runs or waits: key, asker and command."""
     return [(call.key, call.principal, call.command) for call in state.calls.live.values()]
+
+
+def _asked_by_people(state: RobotState) -> list[tuple[AcceptedCall, AcceptedCall | None]]:
+    """Return the calls of people that change something, as they are now, and the one that each waits for."""
+    calls = state.calls
+    ahead = calls.live.get(calls.running)
+    first = None if ahead is None else msgspec.structs.replace(ahead)
+    return [
+        (msgspec.structs.replace(call), None if call.running else first)
+        for call in calls.live.values()
+        if not call.reads and is_person(call.caller)
+    ]
