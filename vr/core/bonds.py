@@ -305,6 +305,7 @@ class GrantedLease(msgspec.Struct, kw_only=True):
         self._refuse_cycle(parent, lineage)
         if heirs:
             self.epoch = self._next_epoch(unix)
+        away, expires = held.away and not is_there, now + self.term_granted
         self.current = msgspec.structs.replace(
             held,
             life=life,
@@ -312,10 +313,10 @@ class GrantedLease(msgspec.Struct, kw_only=True):
             epoch=self.epoch,
             heir="" if inherits else heir,
             before=epoch if heirs else held.before,  # it may be killed, too, before it has noted the new one
-            expires=now + self.term_granted,
+            expires=max(expires, held.expires) if away else expires,  # the wait does not become shorter
             lineage=lineage,
             principal=principal,
-            away=held.away and not is_there,
+            away=away,
         )
         return self.current
 

@@ -211,7 +211,9 @@ def test_the_next_process_of_a_parent_that_is_away_is_its_heir_and_nobody_else()
         with pytest.raises(NotInControl):
             lease.renew(parent, epoch, ("pair",), now=9.0, principal=principal)
     # what the process before had asked arrives after its end: its heir is waited for all the same
-    assert lease.renew(parent, epoch, ("pair",), now=8.0, principal=before, is_there=False).away
+    late = lease.renew(parent, epoch, ("pair",), now=3.0, principal=before, is_there=False)
+    assert late.away
+    assert late.expires == 12.0, "and as long as before"
     granted = lease.renew(parent, epoch, ("pair",), now=9.0, unix=9.0, principal=after)
     assert granted.epoch > epoch
     for named in (epoch, granted.epoch):  # what it has sent crosses the grant
