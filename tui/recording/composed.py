@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from robotree.tui.composing.demonstration import TOLERANCE, Shown, composed
-from robotree.tui.composing.gathering import Gathered, gathered, shown_robot
+from robotree.tui.composing.gathering import Felt, Gathered, gathered, shown_robot
 from robotree.tui.composing.lines import LARGEST, read_lines
 from robotree.tui.composing.steps import Composition
 from robotree.tui.composing.writing import STEPS, KnownRobots, Prepared, Tried, prepared, tried, write
@@ -37,6 +37,8 @@ if TYPE_CHECKING:
 
 WAY = FieldSpec(name="LENGTH", type="float", unit="m", lower=0.0, upper=0.2)
 """Of `--tolerance`."""
+LATE = 0.3
+"""[s] that readings may be old when they are recorded."""
 
 
 async def compose(realm_client: RealmClient | None, line: Line, teller: Teller) -> Outcome:
@@ -161,10 +163,12 @@ def shown_in(tape: Tape, described: Mapping[str, RobotDescription], wanted: Iter
     """
     events = [entry.content for entry in tape.entries if isinstance(entry.content, HistoryEvent)]
     starts: dict[str, Mapping[str, float]] = {}
-    for _, content in tape.entries:
+    felt: list[Felt] = []
+    for at, content in tape.entries:
         if isinstance(content, RecordedState) and content.state.readings:
             starts.setdefault(content.name, content.state.readings)
-    return gathered(events, described, tuple(wanted), starts)
+            felt.append(Felt(content.name, at, content.state.readings, LATE))
+    return gathered(events, described, tuple(wanted), starts, felt)
 
 
 def _asked_in(source: str, described: Mapping[str, RobotDescription]) -> Gathered:

@@ -12,8 +12,13 @@ from robotree.vr.base.requests import State
 from tests.tui.composing.shown import DESCRIBED, HOME, NOON
 
 
-def recording(shown: Sequence[Shown]) -> bytes:
-    """Return the bytes of a recording in which a person has shown something."""
+def recording(shown: Sequence[Shown], width: float | None = None) -> bytes:
+    """Return the bytes of a recording in which a person has shown something.
+
+    Args:
+        shown: it.
+        width: [m] that is read half a second after each command; None: nothing is.
+    """
     file = io.BytesIO()
     writer = TapeWriter(file, {"realm": "hall", "began": repr(NOON)})
     writer.description(NOON, DESCRIBED["arm-1"])
@@ -28,5 +33,7 @@ def recording(shown: Sequence[Shown]) -> bytes:
             )
         )
         writer.event(HistoryEvent(kind="ended", unix=at + 1, **about))
+        if width is not None:
+            writer.state(at + 1.5, "arm-1", State(readings={"width": width}))
     writer.close()
     return file.getvalue()

@@ -18,7 +18,7 @@ from robotree.tui.composing.demonstration import (
     composed,
     simplified,
 )
-from robotree.tui.composing.gathering import gathered
+from robotree.tui.composing.gathering import Felt, gathered
 from robotree.tui.composing.lines import written
 from robotree.tui.composing.play import play
 from robotree.tui.composing.steps import checked
@@ -169,3 +169,30 @@ def test_what_persons_asked_and_what_ended_well_was_shown() -> None:
 
 def test_of_a_robot_that_is_named_all_counts_whoever_asked() -> None:
     assert len(gathered(EVENTS, DESCRIBED, ("arm-1",)).shown) == 2
+
+
+GRIPPED = [
+    event("accepted", 1, "a", command="grip", arguments={"action": "close"}), event("ended", 2, "a"),
+    event("accepted", 5, "b", command="grip", arguments={"action": "open"}), event("ended", 6, "b"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("felt", "holding"),
+    [
+        ([Felt("arm-1", 3, {"width": -0.0003})], False),
+        ([Felt("arm-1", 3, {"width": 0.06})], True),
+        ([Felt("arm-1", 3, {"width": 0.06, "holding": False})], False),
+        ([Felt("arm-1", 4, {"width": 0.06}), Felt("arm-1", 3, {"width": 0.0})], True),
+        ([Felt("arm-1", 1.5, {"width": 0.0})], None),
+        ([Felt("arm-1", 2.1, {"width": 0.0}, age=0.3)], None),
+        ([Felt("arm-1", 5.5, {"width": 0.0})], None),
+        ([Felt("arm-2", 3, {"width": 0.0})], None),
+        ([Felt("arm-1", 3, {"x": 0.0})], None),
+    ],
+)
+def test_the_newest_readings_between_two_grips_say_whether_something_was_held(
+    felt: list[Felt],
+    holding: bool | None,  # noqa: FBT001
+) -> None:
+    assert gathered(GRIPPED, DESCRIBED, ("arm-1",), felt=felt).shown[0].holding is holding

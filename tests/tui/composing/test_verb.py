@@ -46,6 +46,13 @@ def test_a_recording_becomes_a_page_its_panel_its_test_and_its_steps(
     assert "nothing was found" in capsys.readouterr().out
 
 
+def test_a_hand_that_was_recorded_empty_expects_nothing(here: Path) -> None:
+    for name, width, expects in (("air", 0.0, False), ("cup", 0.06, True)):
+        (here / "shown.mcap").write_bytes(recording(CARRIED, width))
+        assert main(["compose", name, "--from", "shown.mcap", "--untried"]) == 0
+        assert ("nothing is there" in (here / f"{name}.steps").read_text()) is expects
+
+
 def test_what_was_written_is_replaced_only_when_that_is_asked_for(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

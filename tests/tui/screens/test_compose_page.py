@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import msgspec
 import pytest
 from textual.widgets import Button, Input, OptionList
 
@@ -12,6 +13,8 @@ from robotree.tui.screen.pages.compose import Choosing, ComposePage
 from robotree.tui.screen.pages.dialogs import Confirm
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.teleop import TeleopPage
+from robotree.vr import command
+from tests.tui.conftest import Arm
 
 if TYPE_CHECKING:
     from screens.conftest import Operate, Operator
@@ -149,3 +152,43 @@ async def test_a_robot_is_led_by_hand_and_what_it_did_not_keep_is_told(
         await operator.press("escape")
         await operator.at(ComposePage)
         await operator.sees("nothing was shown")
+
+
+class Felt(msgspec.Struct, frozen=True):
+    x: float
+    y: float
+    z: float
+    twist: float
+    width: float
+    holding: bool
+
+
+class Feeling(Arm):
+    """An arm of paper that tells whether it holds something."""
+
+    cup = False
+
+    @command(effect="read")
+    def get_info(self) -> Felt:  # type: ignore[override]
+        """Tell where it is, and what it holds."""
+        return Felt(**self.pose, width=self.width, holding=self.cup and self.width < 0.08)
+
+
+async def test_after_each_grip_that_is_shown_the_robot_is_asked_what_it_holds(
+    realm: Realm, operate: Operate
+) -> None:
+    arm = Feeling("arm-2")
+    await realm.robot(arm)
+    async with operate(realm.realm_client) as operator:
+        await operator.until(lambda: len(operator.app.store.descriptions) == 3, "all are described")
+        await operator.until(lambda: "x" in operator.app.store.readings("arm-2"), "the arm is read")
+        await operator.press("C")
+        await operator.at(ComposePage)
+        await operator.press("T")
+        await operator.at(Choosing)
+        await operator.press("down", "enter")
+        led = await operator.at(TeleopPage)
+        for number, arm.cup in enumerate((False, True)):
+            await operator.press("O")
+            await operator.until(lambda count=number + 1: len(led.felt) == count, "it was asked")
+            assert led.felt[number].readings["holding"] is arm.cup

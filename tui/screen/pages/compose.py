@@ -18,7 +18,7 @@ from textual.widgets import Input, OptionList, Static
 from textual.widgets.option_list import Option
 
 from robotree.tui.composing import demonstration, offers
-from robotree.tui.composing.gathering import gathered
+from robotree.tui.composing.gathering import Felt, gathered
 from robotree.tui.composing.lines import BLOCKS, StepLine, line_of, read_line, read_steps, step_lines
 from robotree.tui.composing.steps import (
     Composition,
@@ -377,17 +377,21 @@ class ComposePage(Page):
         since, readings = time.time(), self._read(robot)
         self.app.tell(f"lead {robot.name}; esc ends it, and makes steps of what it did")
 
-        def left(_: None) -> None:
-            self._gather(robot, since, readings)
+        page = TeleopPage(robot, found)
 
-        self.app.push_screen(TeleopPage(robot, found), left)
+        def left(_: None) -> None:
+            self._gather(robot, since, readings, page.felt)
+
+        self.app.push_screen(page, left)
 
     @work(exit_on_error=False, group="compose", exclusive=True)
-    async def _gather(self, robot: RobotDescription, since: float, readings: Mapping[str, float]) -> None:
+    async def _gather(
+        self, robot: RobotDescription, since: float, readings: Mapping[str, float], felt: Sequence[Felt]
+    ) -> None:
         self._say("… what was shown is read", "muted")
         try:
             events = await settled_events(self.app.realm_client, robot.name, since)
-            found = gathered(events, {robot.name: robot}, (robot.name,), {robot.name: readings})
+            found = gathered(events, {robot.name: robot}, (robot.name,), {robot.name: readings}, felt)
             before = self.composition() if self.rows else None
             made = demonstration.composed(
                 self.named, found.robots, found.shown, starts=found.starts, before=before, filled=self.filled

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import partial
 from math import degrees
 from typing import TYPE_CHECKING, Any, ClassVar, cast
@@ -14,6 +16,7 @@ from textual.binding import BindingType
 from textual.containers import Grid, Horizontal, Vertical
 from textual.widgets import Button, Static
 
+from robotree.tui.composing.gathering import Felt
 from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.busy import SOON
 from robotree.tui.screen.jog import AXES, STEPS, Bounds, Jog
@@ -80,6 +83,8 @@ class TeleopPage(Page):
         """How often a person has cancelled here: a key that was pressed before has no effect any more."""
         self._dropped: dict[str, float] = {}
         """[m] or [rad] by axis that the presses of the last moment could not add to the target."""
+        self.felt: list[Felt] = []
+        """What the robot has read after each grip."""
         self._rested_at = 0.0
         """[s] When the last of our movements ended."""
 
@@ -152,7 +157,13 @@ class TeleopPage(Page):
     @work(exit_on_error=False, group="grip", exclusive=True)
     async def action_grip(self, action: str) -> None:
         """Open or close the gripper."""
-        self._tell(await self._ask(GRIP, {"action": action}))
+        refusal = await self._ask(GRIP, {"action": action})
+        self._tell(refusal)
+        if not refusal:
+            with suppress(VrError):  # what is not known is not said
+                info = await self.app.realm_client.call(self.robot.name, GET_INFO, {}, deadline=5.0)
+                if isinstance(info, Mapping):
+                    self.felt.append(Felt(self.robot.name, time.time(), cast("Mapping[str, Any]", info)))
 
     @work(exit_on_error=False, group="press")
     async def _press(self, axis: str, direction: int, cancels: int) -> None:
