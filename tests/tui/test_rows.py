@@ -270,6 +270,17 @@ def test_a_row_says_when_it_was_heard_who_commands_and_who_waits() -> None:
     assert (shown.heard, shown.by, shown.waits) == ("1.5 s", "anna@pts/3", "bob@pts/4, eve@pts/5")
 
 
+def test_a_free_robot_says_who_has_control_of_it() -> None:
+    store = store_of(*LEVER)
+    store.me = "anna@pts/3"
+    for operator, words in (("ben@pts/4", "ben@pts/4 has control"), (store.me, "you have control")):
+        store.take_state("rover-2", State(operator=operator), 2.0)
+        shown = row(store, next(one for one in family(store) if one.name == "rover-2"), 2.5)
+        assert (shown.state, shown.by) == (words, operator)
+    store.take_state("rover-2", State(operator="ben@pts/4", busy="drive"), 3.0)
+    assert store.doing("rover-2", 3.0).startswith("drive"), "what it does comes first"
+
+
 def test_a_robot_with_an_alarm_says_so_and_comes_before_those_without_a_problem() -> None:
     store = store_of(*LEVER)
     alarm = Alarm(robot="rover-2", reading="battery", sign="<", limit=30.0, unit="%", raised=1.0)

@@ -94,19 +94,33 @@ def trip_to(robot: RobotDescription, at: Mapping[str, float], readings: Mapping[
     return Trip(robot.name, spec.name, arguments, robot.command(f"{PREVIEW}{spec.name}") is not None)
 
 
+def held_by_another(robot: RobotDescription) -> str:
+    """Return the person who has control of a robot, unless it is who asks here; empty: it is, or nobody has.
+
+    A robot of another site has another name for who asks here; it refuses by itself.
+    """
+    from robotree.vr.base.envelope import asking_person
+
+    elsewhere = ":" in robot.name
+    me = asking_person()
+    return robot.operator if me and not elsewhere and robot.operator not in {"", me} else ""
+
+
 async def preview(realm_client: RealmClient, trip: Trip) -> dict[str, Any] | None:
     """Ask the robot for the way of a trip; None: it cannot tell any.
 
     Raises:
         VrError: why it would be refused, in the words of whoever refuses it: the policy, the robot (its
-            lease, its limits) or its controller (reach, way, stop).
+            lease, who has control of it, its limits) or its controller (reach, way, stop).
     """
-    from robotree.vr.base.errors import BadArgument, CommandFailed
+    from robotree.vr.base.errors import BadArgument, CommandFailed, HeldByOperator
 
     robot = await realm_client.describe(trip.robot)
     denied = realm_client.refused("command", robot.name, robot.kinds, trip.command)
     if denied is not None:
         raise denied
+    if holder := held_by_another(robot):
+        raise HeldByOperator(robot=robot.name, holder=holder)
     if not trip.previews:
         return None
     command = f"{PREVIEW}{trip.command}"

@@ -125,6 +125,7 @@ async def ls(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
         doubt or incomplete,
         {one.name: states.get(one.name, MUTE) for one in found},
         await realm_client.elsewhere(),
+        {robot.name: robot.operator for robot in answering.values() if robot.operator},
     )
     asked = [f"{one.name} asks: {one.asks}" for one in answering.values() if one.asks]
     hint = ["answer with `robotree decide NAME done|again|abort`"] if asked else []
@@ -311,20 +312,23 @@ def _listed(
     doubt: SupervisorError | None,
     states: Mapping[str, str] | None = None,
     elsewhere: Mapping[str, Elsewhere] | None = None,
+    control: Mapping[str, str] | None = None,
 ) -> Outcome:
     """Return a list; one in doubt says so in each line, for lines are what programs and people cut out.
 
-    Where agents of other sites are among them, each line says where, and how old it is.
+    Where agents of other sites are among them, each line says where, and how old it is; where somebody has
+    control of a robot, it says who.
     """
-    old, elsewhere = isinstance(doubt, OldList), elsewhere or {}
+    old, elsewhere, control = isinstance(doubt, OldList), elsewhere or {}, control or {}
     extra = {"stale": True} if old else {}
     mark = ("stale",) if old else ()
     data: list[dict[str, Any]] = []
-    about = ["STATE", "LINK"] if states else []
+    about = ["STATE", *(["CONTROL"] if control else []), "LINK"] if states else []
     places = ["SITE"] if elsewhere else []
     rows = [("NAME", "KIND", *about, "HOST", *places, *(["LISTED"] if old else []), "ABOUT")]
     for listing in sorted(listings, key=lambda one: one.name):
-        state = {"state": states[listing.name], "link": listing.link} if states else {}
+        held = {"control": control.get(listing.name, "")} if control else {}
+        state = {"state": states[listing.name], **held, "link": listing.link} if states else {}
         place = elsewhere.get(listing.name)
         there = {"site": place.site, "age": place.age, "silent": place.silent} if place else {}
         data.append({**plain(listing), **state, **there, **extra})

@@ -108,6 +108,11 @@ class Condition(Protocol):
         ...
 
     @property
+    def operator(self) -> str:
+        """The person who has control of it; empty: nobody."""
+        ...
+
+    @property
     def bond(self) -> object | None:
         """The bond to its parent; None: there is none."""
         ...

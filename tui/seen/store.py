@@ -797,8 +797,12 @@ class Store:
         condition, heard = self._condition_of(name), self._heard.get(name)
         if condition is None:
             return "free"
-        if condition.bond is not None and status.status_of(condition, self._lacks(name)) == "enslaved":
+        calm = status.status_of(condition, self._lacks(name))
+        if condition.bond is not None and calm == "enslaved":
             return f"under {self.by(name)}"
+        if condition.operator and calm == "free" and not condition.advised:
+            mine = condition.operator == self.me
+            return "you have control" if mine else f"{condition.operator} has control"
         seconds, note = (now - heard.since, heard.state.note) if heard else (0.0, "")
         return status.doing(
             condition, self.progress(name), lacks=self._lacks(name), seconds=seconds, note=note

@@ -28,7 +28,15 @@ import msgspec
 
 from robotree.vr.base.errors import Garbled, NoAnswer, NotAllowed
 from robotree.vr.base.permissions import Permissions
-from robotree.vr.base.principal import ASSISTANTS, SCRIPT, Credentials, Principal, principal_of, vouched
+from robotree.vr.base.principal import (
+    ASSISTANTS,
+    SCRIPT,
+    Credentials,
+    Principal,
+    principal_of,
+    this_process,
+    vouched,
+)
 from robotree.vr.base.requests import (
     AcquireFence,
     AnyRequest,
@@ -270,6 +278,11 @@ def _terminal() -> str:
 def asks_for_a_person() -> bool:
     """Whether this task asks for a person, or an assistant, at the moment; see `sitting_at`."""
     return _terminal() != ""
+
+
+def asking_person() -> str:
+    """Return the person for whom this task asks, as robots of this machine name it; empty: there is none."""
+    return principal_of(this_process(), "", _terminal()).person
 
 
 def this_terminal() -> str:

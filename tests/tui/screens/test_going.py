@@ -7,14 +7,22 @@ from typing import TYPE_CHECKING
 import pytest
 from textual.widgets import Button, Input
 
+from robotree.tui.line.action import Where
+from robotree.tui.line.carrying import Refusal, Silent, carry_out
+from robotree.tui.line.surface import Surface
+from robotree.tui.line.verbs import Outcome
 from robotree.tui.screen.pages.going import GoDialog, NameDialog
 from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.plan_view import PlanView
 from robotree.tui.screen.widgets.pointed_picture import PointedPicture
+from robotree.vr.base.envelope import sitting_at
+from robotree.vr.base.errors import HeldByOperator
 
 if TYPE_CHECKING:
     from screens.conftest import Operate, Operator
     from tui.conftest import Realm
+
+GO = Surface(Where.SCRIPT).parse(["go", "arm-1", "x=0.3", "y=0.1", "--preview"])
 
 
 async def at_plan(operator: Operator) -> PlanView:
@@ -22,6 +30,7 @@ async def at_plan(operator: Operator) -> PlanView:
     operator.app.choose("arm-1")
     await operator.press("F")
     await operator.until(lambda: "arm-1" in operator.text, "the plan")
+    await operator.until(lambda: "z" in operator.app.store.readings("arm-1"), "where the arm is")
     return operator.one(PlanView)
 
 
@@ -39,6 +48,36 @@ async def test_the_cursor_of_the_plan_is_where_the_robot_goes(realm: Realm, oper
         await operator.press("enter")
         await operator.until(lambda: realm.arm.calls == ["go_to"], "the arm goes")
         await operator.until(lambda: abs(realm.arm.pose["x"] - point[0]) < 1e-3, "it is there")
+
+
+async def test_what_somebody_else_controls_is_refused_before_anybody_says_go(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.realm_client) as operator:
+        with sitting_at("pts/9"):
+            ben = await realm.realm_client.control("arm-1", "get")
+        await at_plan(operator)
+        await operator.press("up")
+        await operator.sees(f"{ben} has control of")
+        await operator.press("enter")
+        dialog = await operator.at(GoDialog)
+        await operator.until(lambda: dialog.query_one("#yes", Button).disabled, "it is refused")
+        with sitting_at("pts/9"):
+            way = await carry_out(realm.realm_client, GO, Silent())
+        assert isinstance(way, Outcome), "its holder may"
+        refused = await carry_out(realm.realm_client, GO, Silent())
+        assert isinstance(refused, Refusal)
+        assert isinstance(refused.error, HeldByOperator)
+        listed = await carry_out(realm.realm_client, Surface(Where.SCRIPT).parse(["ls"]), Silent())
+        assert isinstance(listed, Outcome)
+        assert {
+            one["name"] if "name" in one else one["address"]["name"]: one["control"] for one in listed.data
+        } == {
+            "arm-1": ben,
+            "rover-1": "",
+        }
+        assert "CONTROL" in listed.text
+        assert realm.arm.calls == []
 
 
 async def test_a_place_that_is_no_number_is_said_in_a_sentence_and_goes_nowhere(
