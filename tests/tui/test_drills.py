@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import asyncio
+import os
+import signal
+import sys
 from typing import TYPE_CHECKING
 
+import psutil
 import pytest
 
+from robotree.tui.processes.thaw import freeze
 from robotree.tui.screen.app import Supervisor
+from robotree.tui.session.faults import drill_of, end_all
 from robotree.tui.session.playing import Player
 from robotree.tui.session.script import PlayedStep, read
 from robotree.vr.base.envelope import sitting_at
@@ -100,3 +107,21 @@ async def test_what_cannot_be_a_drill_is_refused(
     with sitting_at(terminal), pytest.raises(VrError, match=reason):
         await realm.realm_client.disturb("arm-1", "delay", seconds=seconds, delay=delay)
     assert link.done == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "stopped"])
+async def test_a_frozen_process_wakes_with_the_drill_when_its_helper_is_gone(
+    realm: Realm, number: signal.Signals
+) -> None:
+    frozen = psutil.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
+    try:
+        pidfd = os.pidfd_open(frozen.pid)
+        helper = await asyncio.to_thread(freeze, pidfd, 600.0)
+        drill_of(realm.realm_client).frozen["arm-1"] = helper, pidfd
+        await until(lambda: frozen.status() == psutil.STATUS_STOPPED, "it is frozen")
+        helper.send_signal(number)
+        await end_all(realm.realm_client)
+        await until(lambda: frozen.status() != psutil.STATUS_STOPPED, "it goes on")
+    finally:
+        frozen.kill()
+        frozen.wait()

@@ -225,7 +225,10 @@ def test_letters_may_be_fuzzy_or_a_regular_expression(letters: str, found: list[
     [
         ("(", "no regular expression: missing ), unterminated subpattern"),
         ("(a+)+$", "a group cannot be repeated"),
-        ("a*b*c*d*e", "more than 3 repetitions"),
+        ("a*b*c*d", "more than 2 of * + { or more than 3 of them with ? and |"),
+        ("(.|.)(.|.)(.|.)(.|.)Q", "more than 2 of * + { or more than 3 of them with ? and |"),
+        (r"(.*)(.*)\1\2Q", "only plain groups, and nothing that names one, can be used"),
+        ("(?=a*)b", "only plain groups, and nothing that names one, can be used"),
         ("x" * 81, "longer than 80 characters"),
     ],
 )

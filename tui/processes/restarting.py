@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import os
 import shutil
+import threading
 from collections.abc import Mapping, Sequence
 
 import msgspec
@@ -30,6 +31,9 @@ ASKING = 5.0
 """[s] that systemd has for an answer."""
 
 
+_NOTING = threading.Lock()
+
+
 class StartedLine(msgspec.Struct, frozen=True):
     """How a process was started."""
 
@@ -44,8 +48,9 @@ def note_started(realm: str, verb: str, name: str, line: StartedLine) -> None:
     path = state_file(realm, FILE)
     if path is None:
         return
-    kept = {**_noted(realm), f"{verb} {name}": line}
-    files.replace(path, msgspec.json.format(msgspec.json.encode(kept), indent=1))
+    with _NOTING:  # `apply` starts several at once, in threads
+        kept = {**_noted(realm), f"{verb} {name}": line}
+        files.replace(path, msgspec.json.format(msgspec.json.encode(kept), indent=1))
 
 
 def _noted(realm: str) -> dict[str, StartedLine]:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from robotree.files import text
 from robotree.tui.composing.demonstration import TOLERANCE, Shown, composed
 from robotree.tui.composing.gathering import Felt, Gathered, gathered, shown_robot
 from robotree.tui.composing.lines import LARGEST, read_lines
@@ -139,13 +140,12 @@ def _tolerance(line: Line) -> float:
 
 
 def _text(source: str) -> str:
-    path = Path(source)
-    if path.stat().st_size > 4 * LARGEST:
-        raise BadComposition(f"{source} is larger than {4 * LARGEST} bytes: it is no composition")
     try:
-        return path.read_text()
-    except UnicodeDecodeError:
-        raise BadComposition(f"{source} is no text; a recording ends with .mcap") from None
+        return text(Path(source), 4 * LARGEST)
+    except FileNotFoundError:
+        raise
+    except OSError as error:  # a recording of another name, or a device without an end
+        raise BadComposition(f"{source}: {error.strerror}; a recording ends with .mcap") from None
 
 
 def _described(tape: Tape) -> dict[str, RobotDescription]:

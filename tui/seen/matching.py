@@ -21,7 +21,9 @@ EXPRESSION = "re:"
 LONGEST = 80
 """Characters of an expression, and of a text in which it is looked for."""
 REPEATS = 3
-"""Repetitions in an expression, at most: the time that a search takes grows with their number."""
+"""Repetitions and choices (`|`) in an expression, at most: the time of a search grows with their number."""
+ENDLESS = 2
+"""Of them such as may go on to the end of the text (`*`, `+`, `{`): each takes `LONGEST` times as long."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +76,10 @@ def fault(expression: str) -> str:
         return f"longer than {LONGEST} characters"
     if re.search(r"\)[*+?{]", expression):
         return "a group cannot be repeated"
-    if len(re.findall(r"[*+?{]", expression)) > REPEATS:
-        return f"more than {REPEATS} repetitions"
+    if re.search(r"\\[1-9]|\(\?", expression):
+        return "only plain groups, and nothing that names one, can be used"
+    if len(re.findall(r"[*+?{|]", expression)) > REPEATS or len(re.findall(r"[*+{]", expression)) > ENDLESS:
+        return f"more than {ENDLESS} of * + {{ or more than {REPEATS} of them with ? and |"
     return ""
 
 

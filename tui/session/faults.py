@@ -35,6 +35,8 @@ if TYPE_CHECKING:  # help must not wait for the agents
 
 LASTS = 600.0
 """[s] that a fault lasts at most when the line does not say."""
+HELPER_ENDS = 2.0
+"""[s] that the helper that has frozen a process has to wake it; then we do."""
 
 _ROBOT, _PROCESS = re.compile(r"robot/.*"), re.compile(r"process (\d+)")
 
@@ -46,8 +48,8 @@ class Drill:
         """Begin without any."""
         self.disturbed = set[str]()
         """Robots that say what they suffer."""
-        self.frozen = dict[str, subprocess.Popen[bytes]]()
-        """Who keeps whom frozen, by the name in the line."""
+        self.frozen = dict[str, tuple[subprocess.Popen[bytes], int]]()
+        """Who keeps whom frozen, and the pidfd of whom, by the name in the line."""
 
 
 _drills: WeakKeyDictionary[RealmClient, Drill] = WeakKeyDictionary()
@@ -85,9 +87,10 @@ async def fault_freeze(realm_client: RealmClient, line: Line, _teller: Teller) -
     try:
         await _announce(realm_client, robots, "freeze", seconds)
         _wake(drill, (name,))
-        drill.frozen[name] = await asyncio.to_thread(freeze, pidfd, seconds)
-    finally:
+        drill.frozen[name] = await asyncio.to_thread(freeze, pidfd, seconds), pidfd
+    except BaseException:
         os.close(pidfd)
+        raise
     text = f"drill: process {number} of {name} is frozen for {seconds:g} s at most"
     return Outcome({"drill": name, "fault": "freeze", "process": number, "robots": robots}, text)
 
@@ -175,11 +178,20 @@ def _process_of(realm_client: RealmClient, name: str) -> tuple[int, list[str]]:
 
 def _wake(drill: Drill, names: Iterable[str]) -> None:
     for name in names:
-        if (helper := drill.frozen.pop(name, None)) is not None:
-            for pipe in (helper.stdin, helper.stdout):
-                if pipe is not None:
-                    pipe.close()
+        if (freezer := drill.frozen.pop(name, None)) is None:
+            continue
+        helper, pidfd = freezer
+        for pipe in (helper.stdin, helper.stdout):
+            if pipe is not None:
+                pipe.close()
+        try:
+            helper.wait(HELPER_ENDS)
+        except subprocess.TimeoutExpired:  # it was stopped itself
+            helper.kill()
             helper.wait()
+        with contextlib.suppress(ProcessLookupError):  # the helper does it, too, unless it was killed
+            signal.pidfd_send_signal(pidfd, signal.SIGCONT)
+        os.close(pidfd)
 
 
 def _seconds(line: Line) -> float:

@@ -288,7 +288,8 @@ class OutsideCalls:
     def _press(self, received: Received, incoming: Incoming) -> None:
         request = received.request
         assert isinstance(request, Attend)  # noqa: S101 # see `answers`
-        at = received.asked - max(request.age, 0.0)
+        age = math.inf if math.isnan(request.age) else max(request.age, 0.0)  # no number is no key
+        at = received.asked - age
         self._order(on.Attended(key=request.key, at=at, principal=received.principal), incoming)
 
     def _order(self, order: CoreEvent, incoming: Incoming) -> None:

@@ -75,7 +75,7 @@ def test_what_was_written_is_replaced_only_when_that_is_asked_for(
         ("other.mcap", b"nonsense" * 100, "recording"),
         ("no.steps", None, "no.steps"),
         ("empty.steps", b"", "`robot NAME`"),
-        ("bytes.steps", b"\xff\xfe\x00", "is no text"),
+        ("bytes.steps", b"\xff\xfe\x00", "it is not UTF-8 text"),
         ("large.steps", b"#" * 500_000, "larger than"),
         ("no.session", None, "no.session"),
         ("wrong.session", b"fly\n", "wrong.session, line 1"),
@@ -150,3 +150,10 @@ def test_what_fails_in_the_twin_is_not_written(here: Path, capsys: pytest.Captur
     assert "nothing was written: tried in a twin of the cell: it failed" in capsys.readouterr().err
     assert not (here / "far.py").exists()
     assert "far" not in sys.modules
+
+
+@pytest.mark.parametrize("source", ["/dev/zero", "/dev/tty"])
+def test_a_device_is_no_composition(source: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["compose", "tidy", "--from", source]) != 0
+    assert not list(tmp_path.iterdir())

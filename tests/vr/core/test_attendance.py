@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import math
 from collections.abc import AsyncIterator
 from typing import Any
 
 import pytest
 
 from robotree.vr import Child, Robot, VirtualRobot, command
-from robotree.vr.base.errors import CommandCancelled, NobodyAttends
-from robotree.vr.base.requests import Call
+from robotree.vr.base.errors import CommandCancelled, NobodyAttends, VrError
+from robotree.vr.base.requests import Attend, Call, Done
 from robotree.vr.core.machine import ATTENTION, UNATTENDED
-from robotree.vr.exchange.asking import fresh_key
+from robotree.vr.exchange.asking import ask, fresh_key
 from robotree.vr.exchange.attendance import Attendance
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.supervision.realm_client import RealmClient
@@ -172,6 +174,7 @@ async def test_a_command_that_is_not_attended_has_no_attended_one_carried_out(
 async def test_the_key_of_somebody_else_does_not_count(realm: Any, person: Person) -> None:
     saw, _ = await tree(realm, 0)
     call = Call(key=fresh_key(), command="turn", deadline=60.0, attended=ATTENTION)
+    await person.transport.announce("caller/one")
     caller = RobotClient(person.transport, saw.address, sender="caller/one")
     other = RobotClient(realm.network.join("other"), saw.address, sender="caller/two")
     person.tasks.append(asyncio.create_task(caller.carry_out(call)))
@@ -180,6 +183,20 @@ async def test_the_key_of_somebody_else_does_not_count(realm: Any, person: Perso
         other.press(call.key)
         await asyncio.sleep(STEP)
     assert await realm.until(lambda: saw.description().busy == "") < ATTENTION
+
+
+@pytest.mark.parametrize("age", [math.nan, -math.inf, -60.0])
+async def test_a_key_of_no_age_prolongs_nothing(realm: Any, person: Person, age: float) -> None:
+    saw, _ = await tree(realm, 0)
+    call = Call(key=fresh_key(), command="turn", deadline=60.0, attended=ATTENTION)
+    await person.transport.announce("caller/one")
+    caller = RobotClient(person.transport, saw.address, sender="caller/one")
+    person.tasks.append(asyncio.create_task(caller.carry_out(call)))
+    await realm.until(lambda: saw.description().busy == "turn")
+    request = Attend(key=call.key, age=age)
+    with contextlib.suppress(VrError):
+        await ask(person.transport, saw.address.key, request, Done, timeout=1.0, sender="caller/one")
+    assert await realm.until(lambda: saw.description().busy == "") < ATTENTION + 0.2
 
 
 async def test_a_call_cannot_say_that_it_is_attended_for_longer(realm: Any, person: Person) -> None:
