@@ -113,6 +113,29 @@ async def test_a_line_that_is_no_step_is_refused_and_a_new_one_that_is_left_goes
         await operator.sees("no step yet")
 
 
+async def test_the_line_that_is_edited_is_made_too_and_one_that_is_no_step_is_refused(
+    realm: Realm, operate: Operate, here: Path
+) -> None:
+    async with operate(realm.realm_client) as operator:
+        page = await composer(operator)
+        await add(operator, "arm-1.hold")
+        await add(operator, "wait", "wait 1")
+        await operator.press("enter")
+        line = operator.one(Input, "#step-line")
+        for key in ("f5", "ctrl+r"):
+            line.value = "import os"
+            await operator.press(key)
+            await operator.sees("`import os` is no step")
+            assert line.has_focus
+            assert lines(page) == ["arm.hold", "wait 1"]
+            assert not (here / "mine.py").exists()
+        line.value = "wait 3"
+        await operator.press("ctrl+r")
+        await operator.sees("✓ made mine.py")
+        assert lines(page) == ["arm.hold", "wait 3"]
+        assert "self.sleep(3" in (here / "mine.py").read_text()
+
+
 async def test_nothing_of_a_person_is_overwritten_without_a_question(
     realm: Realm, operate: Operate, here: Path
 ) -> None:

@@ -246,18 +246,22 @@ class ComposePage(Page):
         field.focus()
 
     @on(Input.Submitted, "#step-line")
-    def _edited(self, event: Input.Submitted) -> None:
-        """Take the line if it is a step; a parameter that is new begins with what was there."""
-        at, text = self._at, event.value.strip()
+    def _edited(self) -> None:
+        self._take_line()
+
+    def _take_line(self) -> bool:
+        """Take the line that is edited; False: it is no step, and that was said."""
+        at, text = self._at, self.query_one("#step-line", Input).value.strip()
         if at is None:
-            return
+            return True
         try:
             step = read_line(text)
         except BadComposition as error:
             self._say(f"✗ {error}", "error")
-            return
+            return False
         self.rows[at] = self.rows[at]._replace(text=line_of(step) if step is not None else "else")
         self._leave_line(at)
+        return True
 
     def _leave_line(self, at: int) -> None:
         self._at = None
@@ -421,8 +425,9 @@ class ComposePage(Page):
     # -- trying and making -------------------------------------------------------------------------
 
     def action_try(self) -> None:
-        """Carry it out in a twin of the cell."""
-        self._try()
+        """Carry it out in a twin of the cell, with the line that is edited."""
+        if self._take_line():
+            self._try()
 
     @work(exit_on_error=False, group="compose", exclusive=True)
     async def _try(self) -> None:
@@ -446,8 +451,9 @@ class ComposePage(Page):
             return None
 
     def action_make(self) -> None:
-        """Write the page, its panel and its test into this folder."""
-        self._make()
+        """Write the page, its panel and its test into this folder, with the line that is edited."""
+        if self._take_line():
+            self._make()
 
     @work(exit_on_error=False, group="compose", exclusive=True)
     async def _make(self) -> None:
