@@ -141,10 +141,20 @@ def write(ready: Prepared, folder: Path, *, replace: bool) -> list[str]:
         FileExistsError: one is there, and is not replaced; none was written.
         OSError: one cannot be written.
     """
-    if present := [] if replace else [name for name in ready.files if (folder / name).exists()]:
-        raise FileExistsError(f"{', '.join(present)} is there already, and is yours; nothing was written")
+    if not replace:
+        refuse_present(ready, folder)
     _put(ready.files, folder)
     return list(ready.files)
+
+
+def refuse_present(ready: Prepared, folder: Path) -> None:
+    """Refuse to write what is there.
+
+    Raises:
+        FileExistsError: one of the files is in the folder.
+    """
+    if present := [name for name in ready.files if (folder / name).exists()]:
+        raise FileExistsError(f"{', '.join(present)} is there already, and is yours; nothing was written")
 
 
 def _put(files: Mapping[str, str], folder: Path) -> None:

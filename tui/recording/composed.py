@@ -20,7 +20,16 @@ from robotree.tui.composing.demonstration import TOLERANCE, Shown, composed
 from robotree.tui.composing.gathering import Felt, Gathered, gathered, shown_robot
 from robotree.tui.composing.lines import LARGEST, read_lines
 from robotree.tui.composing.steps import Composition
-from robotree.tui.composing.writing import STEPS, KnownRobots, Prepared, Tried, prepared, tried, write
+from robotree.tui.composing.writing import (
+    STEPS,
+    KnownRobots,
+    Prepared,
+    Tried,
+    prepared,
+    refuse_present,
+    tried,
+    write,
+)
 from robotree.tui.errors import BadComposition, ValueRefused
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import Outcome, Teller, plain
@@ -68,6 +77,8 @@ async def compose(realm_client: RealmClient | None, line: Line, teller: Teller) 
         files = {file: text for file, text in ready.files.items() if file != f"{name}{STEPS}"}
         ready = msgspec.structs.replace(ready, files=files)
     went = None
+    if not line.flag("--force"):  # before the trial, which takes some seconds
+        await asyncio.to_thread(refuse_present, ready, Path())
     if not line.flag("--untried"):
         teller.warn("it is tried in a twin of the cell, where nothing real moves: this takes some seconds …")
         went = await asyncio.to_thread(tried, ready)

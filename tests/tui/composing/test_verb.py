@@ -61,6 +61,10 @@ def test_what_was_written_is_replaced_only_when_that_is_asked_for(
     words = ["compose", "cup", "--from", "mine.steps", "--untried"]
     assert main(words) != 0
     assert "test_cup.py is there already, and is yours" in capsys.readouterr().err
+    assert main(words[:-1]) != 0
+    said = capsys.readouterr().err
+    assert "test_cup.py is there already, and is yours" in said
+    assert "twin" not in said, "that is known before it is tried"
     assert sorted(path.name for path in here.iterdir() if path.is_file()) == ["mine.steps", "test_cup.py"]
     assert (here / "test_cup.py").read_text() == "mine"
     assert main([*words, "--force"]) == 0
