@@ -3,7 +3,7 @@
     fault cut arm-1 --for 3s             nothing crosses the link between the robot's proxy and its controller
     fault delay arm-1 200ms              everything takes this long there, each way
     fault freeze host-1 --for 2s         the process of a robot, host or lookup stops working (SIGSTOP)
-    fault kill host-1                    its process is killed (SIGKILL); nobody starts it again
+    fault kill host-1                    its process is killed (SIGKILL); only what keeps it starts it again
     fault end                            all of them end that this session has begun
 
 A fault lasts for its time, or until `fault end`, and never longer than the session, prompt or command that
@@ -105,7 +105,8 @@ async def fault_kill(realm_client: RealmClient, line: Line, _teller: Teller) -> 
         signal.pidfd_send_signal(pidfd, signal.SIGKILL)
     finally:
         os.close(pidfd)
-    text = f"drill: process {number} of {name} was killed; nobody starts it again"
+    again = "only what keeps it (the demo, systemd) starts it again"
+    text = f"drill: process {number} of {name} was killed; {again}"
     return Outcome({"drill": name, "fault": "kill", "process": number, "robots": robots}, text)
 
 
