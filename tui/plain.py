@@ -97,7 +97,7 @@ class Lines:
         for entry in list(self.store.entries):
             if entry.at > self._told:
                 self._told = entry.at
-                weight = {"error": "Error: ", "warning": "Warning: "}.get(entry.weight, "")
+                weight = {"error": "Attention: ", "warning": "Warning: "}.get(entry.weight, "")
                 found.append(f"{weight}{one_line(entry.text)}")
         present = {name: self._how(name, now) for name in sorted(self.store.known, key=natural)}
         for name, how in present.items():

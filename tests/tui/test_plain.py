@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 import re
+import time
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -75,6 +76,9 @@ async def test_a_stop_is_done_at_once_and_said(lines: tuple[Lines, SAID]) -> Non
     plain, said = lines
     plain.take("stop")
     await until(lambda: "arm-1: stopped" in said() and "rover-1: stopped" in said(), "both stand")
+    plain.store.tell("arm-1 is in anna@pts/3's protective stop", "error", time.monotonic())
+    await until(lambda: "Attention: arm-1 is in anna@pts/3's" in said(), "the log says it")
+    assert "Error:" not in said(), "a stop that was done is no error"
 
 
 async def test_mistakes_get_a_sentence_and_help_names_every_verb(lines: tuple[Lines, SAID]) -> None:
