@@ -32,6 +32,7 @@ from robotree.tui.processes.looks import Looks
 from robotree.tui.processes.steps import Steps
 from robotree.tui.processes.terminal_graphics import CELLS
 from robotree.tui.processes.wire_watch import WireMessage, WireWatch
+from robotree.tui.screen import theme_files
 from robotree.tui.screen.error_boundary import ErrorBoundary
 from robotree.tui.screen.foresight import Foresight
 from robotree.tui.screen.key_guard import KeyGuard
@@ -199,7 +200,8 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         elif name in self.available_themes:
             self.theme = name
         else:
-            self.tell(f"there is no theme {name!r}; there are {', '.join(known)}", "error")
+            own = f"one of yours is a file {theme_files.folder()}/NAME.toml, read at the start"
+            self.tell(f"there is no theme {name!r}; there are {', '.join(known)}; {own}", "error")
             return
         self.looks.choose("theme", name)
         self.tell(f"theme {name}", "good")
