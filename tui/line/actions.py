@@ -1025,8 +1025,8 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="fault kill NAME",
-        help="For a drill, kill the process of a robot, host or lookup of yours on this machine; only what keeps it"
-        " (the demo, systemd) starts it again.",
+        help="For a drill, kill the process of a robot, host or lookup of yours on this machine; only what"
+        " keeps it (the demo, systemd) starts it again.",
         group=PROCESS,
         run="session.faults:fault_kill",
         alters=True,
