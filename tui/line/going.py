@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -206,9 +206,15 @@ async def places(realm_client: RealmClient, line: Line, _teller: Teller) -> Outc
         robot = await realm_client.describe(name)
         frames = frames_below(robot, {one.name: one for one in await realm_client.tree()})
         found = [one for one in found if one.frame in frames]
-    rows = [(f"{MARK}{one.name}", one.words, one.frame or "-", one.by) for one in found]
+    alive = {frame_of(robot) for robot in await realm_client.tree()}
+    rows = [(f"{MARK}{one.name}", one.words, _frame_in_words(one.frame, alive), one.by) for one in found]
     text = wording.columns([("PLACE", "WHERE", "FRAME", "NAMED BY"), *rows]) if rows else "no place is named"
-    return Outcome([plain(one) for one in found], text)
+    return Outcome([{**plain(one), "reached": one.frame in {"", *alive}} for one in found], text)
+
+
+def _frame_in_words(frame: str, alive: Container[str]) -> str:
+    """Return the name of a frame; one in which no robot moves now says so."""
+    return f"{frame}, where no robot is now" if frame and frame not in alive else frame or "-"
 
 
 async def places_add(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
@@ -221,7 +227,14 @@ async def places_add(realm_client: RealmClient, line: Line, _teller: Teller) -> 
         why = f"{robot.name} reads no x and y" if not line.many("COORDINATE=VALUE") else "x and y are needed"
         raise ValueRefused("COORDINATE", f"{why}; write for example x=0.3 y=0.1")
     place = name_place(realm_client, line.text("NEW"), frame_of(robot), at)
-    return Outcome(plain(place), f"{MARK}{place.name} is {place.words}")
+    return Outcome(plain(place), f"{MARK}{place.name} is {place.words}. {lifetime(place.frame)}")
+
+
+def lifetime(frame: str) -> str:
+    """Say as long as what a place of a frame means something."""
+    if not frame:
+        return "Its robot says no frame: the place is offered to each robot."
+    return f"It is a place of {frame}, and means something until the controller listens somewhere else."
 
 
 def name_place(realm_client: RealmClient, name: str, frame: str, at: Mapping[str, float]) -> NamedPlace:

@@ -18,6 +18,7 @@ import msgspec
 
 from robotree.files import private_folder, read, replace
 from robotree.tui.errors import ValueRefused
+from robotree.tui.seen.angles import IN_DEGREES
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.policy import PolicyGate
@@ -47,10 +48,31 @@ class NamedPlace(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def coordinates_in_words(at: Mapping[str, float]) -> str:
-    """Return coordinates for people: `x 0.350 m  y 0.100 m`."""
-    known = {name: (at[name], unit) for name, unit in COORDINATES.items() if name in at}
+    """Return coordinates for people, angles in degrees: `x 0.350 m  y 0.100 m  twist 90.0°`."""
+    return "  ".join(
+        f"{name} {coordinate_in_words(name, at[name])}{coordinate_gap(name)}{coordinate_unit(name)}"
+        for name in COORDINATES
+        if name in at
+    )
+
+
+def coordinate_in_words(name: str, value: float) -> str:
+    """Return a coordinate [m, rad] for people without its unit: angles in degrees."""
+    from math import degrees
+
+    turns = COORDINATES[name] in IN_DEGREES
     # what rounds to nothing has no sign
-    return "  ".join(f"{name} {round(value, 3) + 0.0:.3f} {unit}" for name, (value, unit) in known.items())
+    return f"{round(degrees(value), 1) + 0.0:.1f}" if turns else f"{round(value, 3) + 0.0:.3f}"
+
+
+def coordinate_unit(name: str) -> str:
+    """Return the unit in which people read and type a coordinate."""
+    return IN_DEGREES.get(COORDINATES[name], COORDINATES[name])
+
+
+def coordinate_gap(name: str) -> str:
+    """Return what stands between a coordinate and its unit."""
+    return "" if COORDINATES[name] in IN_DEGREES else " "
 
 
 class PlaceFiles:

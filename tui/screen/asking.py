@@ -497,18 +497,21 @@ def _go(app: OperatorApp, place: Place) -> None:
 
 
 def _keep(app: OperatorApp, place: Place) -> None:
-    if app.store.descriptions.get(place.name) is None:
+    robot = app.store.descriptions.get(place.name)
+    if robot is None:
         app.tell("no robot is selected", "warning")
         return
-    front = main_page(app)
+    front, readings = main_page(app), app.store.readings(place.name)
     point = _point(app) if app.screen is front else None
+    if point is not None:  # what nobody points at stays as it is: the height and the twist of the tool
+        point = {name: readings[name] for name in COORDINATES if name in readings} | point
 
     def answered(line: Line | None) -> None:
         if line:
             app.perform(line)
             front.look_again()
 
-    app.push_screen(NameDialog(place.name, point), answered)
+    app.push_screen(NameDialog(place.name, point, frame_of(robot)), answered)
 
 
 def _place(app: OperatorApp, place: Place) -> None:

@@ -85,12 +85,17 @@ def with_units(field: FieldSpec, text: str) -> str:
     return text if found == value else write(found)
 
 
-def _with_unit(field: FieldSpec, text: str) -> str:
+def with_unit(text: str, unit: str) -> str:
+    """Write `deg` behind an angle that was typed in degrees, without a unit; `unit`: the declared one."""
     try:
         float(text)
     except ValueError:
         return text
-    return text.strip() + IN_DEGREES[field.unit].replace("°", "deg")
+    return text.strip() + IN_DEGREES[unit].replace("°", "deg") if unit in IN_DEGREES else text
+
+
+def _with_unit(field: FieldSpec, text: str) -> str:
+    return with_unit(text, field.unit)
 
 
 def _each(field: FieldSpec, value: Any, turned: Callable[[FieldSpec, Any], Any]) -> Any:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -9,14 +11,17 @@ from textual.widgets import Button, Input
 
 from robotree.tui.line.action import Where
 from robotree.tui.line.carrying import Refusal, Silent, carry_out
+from robotree.tui.line.going import lifetime
 from robotree.tui.line.surface import Surface
 from robotree.tui.line.verbs import Outcome
+from robotree.tui.processes.place_files import NamedPlace, places_beside
 from robotree.tui.screen.pages.going import GoDialog, NameDialog
 from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.plan_view import PlanView
 from robotree.tui.screen.widgets.pointed_picture import PointedPicture
 from robotree.vr.base.envelope import sitting_at
 from robotree.vr.base.errors import HeldByOperator
+from robotree.vr.network.policy_file import PolicyFile
 
 if TYPE_CHECKING:
     from screens.conftest import Operate, Operator
@@ -103,6 +108,63 @@ async def test_a_point_gets_a_name(realm: Realm, operate: Operate) -> None:
         await operator.type("shelf")
         await operator.press("enter")
         await operator.sees("this realm keeps nothing, so it has no places")
+
+
+async def test_a_named_point_has_the_height_and_the_twist_of_the_tool_and_a_wrong_name_can_be_mended(
+    realm: Realm, operate: Operate, tmp_path: Path
+) -> None:
+    realm.network.gate = gate = PolicyFile(tmp_path)
+    realm.members["operator"].gate = gate
+    realm.arm.pose |= {"z": 0.3, "twist": math.pi / 2}
+    async with operate(realm.realm_client) as operator:
+        plan = await at_plan(operator)
+        await operator.until(lambda: operator.app.store.readings("arm-1")["z"] == 0.3, "where the arm is")
+        await operator.press("up", "K")
+        dialog = await operator.at(NameDialog)
+        await operator.sees("twist 90.0°", "Its robot says no frame")
+        await operator.type("top shelf")
+        await operator.press("enter")
+        await operator.sees("'top shelf' cannot be a name")
+        assert operator.app.screen is dialog
+        field = dialog.query_one(Input)
+        assert field.value == "top shelf", "what was typed stays"
+        field.value = "shelf"
+        await operator.press("enter")
+        await operator.until(lambda: "shelf" in places_beside(gate).names(), "it is kept")
+        point = plan.point
+        assert point is not None
+        wanted = {"x": point[0], "y": point[1], "z": 0.3, "twist": math.pi / 2}
+        assert places_beside(gate).find("shelf").at == pytest.approx(wanted, abs=1e-3)
+
+
+async def test_places_say_of_which_controller_they_are_and_which_of_them_lead_nowhere(
+    realm: Realm, tmp_path: Path
+) -> None:
+    realm.network.gate = gate = PolicyFile(tmp_path)
+    realm.members["operator"].gate = gate
+    assert "means something until the controller listens somewhere else" in lifetime("tcp:127.0.0.1:40067")
+    at = {"x": 0.3, "y": 0.1}
+    places_beside(gate).write(NamedPlace(name="old", frame="tcp:127.0.0.1:36685", at=at))
+    places_beside(gate).write(NamedPlace(name="shelf", frame="", at=at))
+    listed = await carry_out(realm.realm_client, Surface(Where.SCRIPT).parse(["places"]), Silent())
+    assert isinstance(listed, Outcome)
+    assert {one["name"]: one["reached"] for one in listed.data} == {"old": False, "shelf": True}
+    assert listed.text.count("where no robot is now") == 1
+
+
+async def test_an_angle_is_typed_in_degrees_where_a_robot_goes(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.realm_client) as operator:
+        await at_plan(operator)
+        await operator.press("G")
+        dialog = await operator.at(GoDialog)
+        assert dialog.query_one("#at-twist", Input).value == "0.0"
+        dialog.query_one("#at-twist", Input).value = "45"
+        dialog.query_one("#at-x", Input).value = "0.3"
+        await operator.until(lambda: not dialog.query_one("#yes", Button).disabled, "it would go")
+        dialog.query_one("#yes", Button).focus()
+        await operator.press("enter")
+        await operator.until(lambda: abs(realm.arm.pose["twist"] - math.pi / 4) < 1e-3, "it turned")
+        await operator.sees("twist 45.0°")
 
 
 async def test_a_click_moves_the_cursor_and_a_click_on_it_chooses(realm: Realm, operate: Operate) -> None:

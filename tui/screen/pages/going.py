@@ -13,12 +13,20 @@ from textual.timer import Timer
 from textual.widgets import Button, Input, Label, Static
 
 from robotree.tui.errors import SupervisorError
-from robotree.tui.line.going import Trip, coordinates
+from robotree.tui.line.going import Trip, coordinates, lifetime
 from robotree.tui.line.grammar import Line, Value
-from robotree.tui.processes.place_files import COORDINATES, coordinates_in_words
+from robotree.tui.processes.place_files import (
+    COORDINATES,
+    coordinate_in_words,
+    coordinate_unit,
+    coordinates_in_words,
+)
 from robotree.tui.screen.pages.dialogs import Modal
 from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.marks import tint
+from robotree.tui.seen.angles import with_unit
+from robotree.vr.base.address import check_name
+from robotree.vr.base.errors import BadName
 
 if TYPE_CHECKING:
     from robotree.vr.base.description import RobotDescription
@@ -48,9 +56,9 @@ class GoDialog(Modal[Line | None]):
             for name, value in self._trip.goal.items():
                 with Horizontal(classes="field-row"):
                     yield Label(name, classes="field-name", markup=False)
-                    text = f"{round(value, 3) + 0.0:.3f}"  # what rounds to nothing has no sign
+                    text = coordinate_in_words(name, value)
                     yield Input(text, id=f"at-{name}", classes="entry", compact=True)
-                    yield Label(COORDINATES[name], classes="field-hint", markup=False)
+                    yield Label(coordinate_unit(name), classes="field-hint", markup=False)
             yield CachedText(id="going-way")
             with Horizontal(classes="buttons"):
                 yield Button("Cancel", id="no", compact=True)
@@ -65,7 +73,8 @@ class GoDialog(Modal[Line | None]):
 
     @property
     def _typed(self) -> dict[str, str]:
-        return {name: self.query_one(f"#at-{name}", Input).value.strip() for name in self._trip.goal}
+        texts = {name: self.query_one(f"#at-{name}", Input).value.strip() for name in self._trip.goal}
+        return {name: with_unit(text, COORDINATES[name]) for name, text in texts.items()}
 
     def _ask(self) -> None:
         try:
@@ -108,10 +117,10 @@ class GoDialog(Modal[Line | None]):
 class NameDialog(Modal[Line | None]):
     """Gives a point a name."""
 
-    def __init__(self, robot: str, at: Mapping[str, float] | None) -> None:
-        """Name a point in the frame of a robot; None: where the robot is."""
+    def __init__(self, robot: str, at: Mapping[str, float] | None, frame: str) -> None:
+        """Name a point in the frame of a robot, `frame`; None: where the robot is."""
         super().__init__()
-        self._robot, self._at = robot, at
+        self._robot, self._at, self._frame = robot, at, frame
 
     def box(self) -> ComposeResult:
         """One field."""
@@ -119,6 +128,8 @@ class NameDialog(Modal[Line | None]):
         with Vertical(classes="dialog"):
             yield Static(f"Name for {where}", classes="dialog-title", markup=False)
             yield Input(id="place-name", placeholder="shelf: then @shelf means this point", compact=True)
+            yield Static(lifetime(self._frame), classes="dialog-text", markup=False)
+            yield CachedText(id="place-refused")
             with Horizontal(classes="buttons"):
                 yield Button("Cancel", id="no", compact=True)
                 yield Button("Keep", id="yes", variant="primary", compact=True)
@@ -132,6 +143,11 @@ class NameDialog(Modal[Line | None]):
     def _keep(self) -> None:
         name = self.query_one(Input).value.strip().removeprefix("@")
         if not name:
+            return
+        try:
+            check_name(name)
+        except BadName as error:
+            self.query_one("#place-refused", CachedText).show(Text(str(error), tint(self.app, "error")))
             return
         texts = tuple(f"{axis}={value:.4f}" for axis, value in (self._at or {}).items())
         values: dict[str, Value] = {"NEW": name, "ROBOT": self._robot}
