@@ -35,6 +35,11 @@ class Cart(Robot):
     def safe_stop(self, reason: str) -> None:
         self.stopped_by = reason
 
+    @command(effect="read")
+    def weigh(self) -> dict[str, float]:
+        """Tell what is on each axle."""
+        return {"front": 1.0, "back": 2.0}
+
     @command
     def load(self, kilos: float) -> float:
         """Take something on."""
@@ -116,6 +121,19 @@ async def test_a_command_goes_to_all_and_partial_failure_is_told(realm: Realm, c
     assert isinstance(part.doubt, SomeFailed)
     assert "1 of 3 robots of group carts did not do it: c2: " in str(part.doubt)
     assert code_of(part.doubt) == REFUSED
+
+
+async def test_an_answer_of_several_parts_is_shown_whole_for_each_member(
+    realm: Realm, carts: list[Cart]
+) -> None:
+    del carts
+    await did(realm, "group", "carts", "--where", "kind = Cart")
+    done = await did(realm, "call", "carts.weigh")
+    assert [line.split() for line in done.text.splitlines()] == [
+        ["c1", "done", "front", "1,", "back", "2"],
+        ["c2", "done", "front", "1,", "back", "2"],
+        ["c3", "done", "front", "1,", "back", "2"],
+    ]
 
 
 async def test_a_named_member_that_is_away_is_a_failure(realm: Realm, carts: list[Cart]) -> None:

@@ -111,7 +111,8 @@ async def _one(
 def _told(result: Outcome | Exception) -> tuple[str, str]:
     if isinstance(result, Exception):
         return "FAILED", sentence(result)
-    return ("in doubt" if result.doubt else "done"), result.text.partition("\n")[0]
+    lines = (" ".join(line.split()) for line in result.text.splitlines())
+    return ("in doubt" if result.doubt else "done"), ", ".join(filter(None, lines))
 
 
 def _data(member: GroupMember, result: Outcome | Exception) -> dict[str, Any]:
