@@ -27,6 +27,20 @@ def read(text: str) -> Line:
     return grammar.parse(grammar.split(text), SHAPES, EVERYWHERE)
 
 
+@pytest.mark.parametrize(
+    "text", ["it's my turn", "Ben's arm isn't mine", "may I?", "don't -- go", "the 5'' bolt, it's #3"]
+)
+def test_what_is_said_is_taken_as_it_is_typed(text: str) -> None:
+    assert " ".join(read(f"say {text}").many("TEXT")) == text
+    line = Line("say", {"TEXT": (text,)})
+    assert read(grammar.form(line, SHAPES)) == line
+
+
+def test_quotes_around_what_is_said_hold_it_together() -> None:
+    assert read("say 'I leave for lunch'").many("TEXT") == ("I leave for lunch",)
+    assert read("say hello  # in a session, this is a comment").many("TEXT") == ("hello",)
+
+
 @st.composite
 def filled(draw: st.DrawFn, parts: tuple[Part, ...]) -> dict[str, Value]:
     found: dict[str, Value] = {}

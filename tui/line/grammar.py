@@ -150,14 +150,22 @@ def _parts(tokens: list[str], options: dict[str, str]) -> tuple[tuple[Part, ...]
     return tuple(parts), tokens
 
 
+_SAID = re.compile(r"say\s+(?!-)(.*\w'\w.*)")
+"""A line to other operators, with an apostrophe in a word."""
+
+
 def split(text: str) -> tuple[str, ...]:
     """Cut a line into words; quotes hold words together, `#` begins a comment.
+
+    What people say to each other has apostrophes: where it has, all behind `say` is one text, as it is.
 
     Raises:
         BadLine: a quote is not closed.
     """
     import shlex
 
+    if said := _SAID.fullmatch(text.strip()):
+        return "say", "--", said[1]
     try:
         return tuple(shlex.split(text, comments=True))
     except ValueError as error:
