@@ -76,7 +76,7 @@ async def test_a_threshold_rings_is_in_row_log_and_header_and_a_person_acknowled
         await operator.sees("ALARM: arm-1.fz was -20.0 N, < 0.0 N", "1 alarm: U", "raised")
         await operator.until(lambda: rung == [1], "the bell")
         await operator.press("escape")
-        await operator.sees("▲ fz < 0.0 N")
+        await operator.sees("free ▲ fz < 0.0 N")
         await operator.press("U")
         page = await operator.at(ReadingsPage)
         await operator.press("k")

@@ -19,6 +19,7 @@ from robotree.tui.screen.widgets.flash import FlashLine
 from robotree.tui.screen.widgets.key_line import fitting
 from robotree.tui.screen.widgets.picture import PictureView
 from robotree.tui.screen.widgets.readings import Readings
+from robotree.tui.seen.alarms import Alarm
 
 if TYPE_CHECKING:
     from screens.conftest import Operate
@@ -33,6 +34,14 @@ def test_what_has_no_room_in_the_line_of_keys_is_left_out_whole_but_for_help() -
     assert fitting([5, 9, 2, 5], 13, 3) == [0, 3], "nothing is taken before what matters more"
     assert fitting([5, 5], 4, 1) == [1]
     assert fitting([5, 5], 9, None) == [0]
+
+
+async def test_an_alarm_leaves_the_word_for_how_the_robot_is(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.realm_client, size=SMALL) as operator:
+        await operator.until(lambda: "arm-1" in operator.app.store.descriptions, "its description")
+        alarm = Alarm(robot="arm-1", reading="shoulder", sign=">", limit=10.0, unit="N", raised=1.0)
+        operator.app.store.take_alarms([alarm], operator.app.now(), "")
+        await operator.sees("● free ▲ ")
 
 
 async def test_another_size_is_drawn_at_once_and_not_with_the_next_tick(

@@ -39,6 +39,8 @@ PAUSE = 0.01
 STATES = 26
 """Cells that states like to have: their words change all the time, and no column may move with them."""
 
+WORD = 7
+"""Cells of a state that an alarm beside it leaves."""
 
 DENIED = " ✗"
 """Beside a robot of which the policy denies all commands to who sits here."""
@@ -277,20 +279,21 @@ class RobotTable(Part, ScrollView, can_focus=True):
                     tail += " stale" if shown.unlisted else ""
                     tail = f" ({self.app.keymap.spelled('enslave')})" if shown.status == "needs" else tail
                     tail += DENIED if shown.denied else ""
-                    alarm = f" ▲ {shown.alarm}" if shown.alarm else ""
+                    alarm = f"▲ {shown.alarm}" if shown.alarm else ""
                     tail = place + tail if shown.state.endswith(place) else tail
-                    left = max(room - 2 - cell_len(alarm), 0)
+                    most = max(room - 2, 0)
+                    left = max(most - cell_len(alarm) - 1, min(WORD, most)) if alarm else most
                     text = clip(say_state(shown.state.removesuffix(place)), max(left - len(tail), 0)) + tail
                     cells += [Segment(fit(sign, min(2, room)), strong)]
                     if alarm:
-                        text = clip(text, left)
+                        text = f"{clip(text, left)} "
                         loud = base + tinted(self.app, "error", bold=True)
                         cells += [
                             Segment(text, words),
-                            Segment(fit(alarm, room - 2 - cell_len(text)) + gap, loud),
+                            Segment(fit(alarm, max(most - cell_len(text), 0)) + gap, loud),
                         ]
                     else:
-                        cells += [Segment(fit(text, max(room - 2, 0)) + gap, words)]
+                        cells += [Segment(fit(text, most) + gap, words)]
                 case "KIND":
                     cells.append(Segment(fit(_short_kind(shown.kind, room), room) + gap, plain))
                 case title:
