@@ -34,7 +34,8 @@ class Workshop:
 
     def __init__(self, stack: AsyncExitStack) -> None:
         self._stack = stack
-        self._transport = MemoryNetwork().join("workshop")
+        self.network = MemoryNetwork()
+        self._transport = self.network.join("workshop")
         self._addresses: dict[str, Address] = {}
         self.proxies: dict[str, RobotProxy] = {}
 

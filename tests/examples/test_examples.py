@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import inspect
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,11 @@ import pytest
 from robotree.tui.session.script import Do, read
 from robotree.vr.author.command import commands_of
 from robotree.vr.author.virtual_robot import exposures_of, slots_of
-from robotree.vr.base.errors import BadArgument, CommandFailed, SlotEmpty
+from robotree.vr.base.errors import BadArgument, CommandCancelled, CommandFailed, NobodyAttends, SlotEmpty
 from robotree.vr.bundle import Bundle
+from robotree.vr.exchange.attendance import Attendance
+from robotree.vr.supervision.realm_client import RealmClient
+from robotree.vr.world.testing import until
 
 Workshop = Any
 PAGE = 90
@@ -22,6 +26,7 @@ PROMISES = {
     "teleop.py": ("TeleOp", {"arm": "Arm"}, {"jog", "twist"}, {"go_to", "get_info", "grip", "halt", "hold"}),
     "move_to.py": ("MoveTo", {"arm": "Arm"}, {"move"}, {"go_to", "get_info", "grip"}),
     "open_close_lever.py": ("OpenCloseLever", {"mover": "MoveTo"}, {"open", "close"}, set[str]()),
+    "held_move.py": ("HeldMove", {"arm": "Arm"}, {"swing"}, set[str]()),
     "move_square.py": ("MoveSquare", {"rover": "Rover"}, {"move_square"}, {"move"}),
     "pick_and_place.py": ("PickAndPlace", {"arm": "Arm"}, {"pick_and_place"}, set[str]()),
     "patrol.py": ("Patrol", {"near": "Rover", "far": "Rover"}, {"patrol", "set"}, set[str]()),
@@ -137,6 +142,36 @@ async def test_two_arms_move_at_the_same_time(workshop: Workshop) -> None:
     after = [proxy.readings()["z"] for proxy in workshop.proxies.values()]
     assert [new - old for old, new in zip(before, after, strict=True)] == pytest.approx([-0.1] * 2, abs=0.01)
     await pair.call("grip", {"action": "close"})
+
+
+async def test_an_arm_swings_while_a_key_is_held_and_stands_when_none_is(workshop: Workshop) -> None:
+    arm = await workshop.proxy("arm", "arm-1")
+    held = await workshop.create("held_move.py", "held", arm="arm-1")
+    with pytest.raises(NobodyAttends):
+        await held.call("swing", {})
+    person = RealmClient(workshop.network.join("screen"))
+    await person.start()
+    keys, told = Attendance(), list[str]()
+
+    async def hold() -> None:
+        while True:
+            keys.press()
+            await asyncio.sleep(0.2)
+
+    swinging = asyncio.create_task(
+        person.call("held", "swing", {}, on_progress=lambda _, text: told.append(text), attendance=keys)
+    )
+    holding = asyncio.create_task(hold())
+    await until(lambda: any("2 times" in text for text in told), "it swings")
+    holding.cancel()
+    with pytest.raises(CommandCancelled, match="nobody has held a key for 2 s"):
+        await swinging
+    await person.close()
+    seen = [arm.readings()["y"]]
+    for _ in range(10):
+        await asyncio.sleep(0.1)
+        seen.append(arm.readings()["y"])
+    assert max(seen) - min(seen) < 0.01, "the arm stands; swinging it goes 10 cm in this time"
 
 
 async def test_a_robot_without_its_child_says_what_to_do(workshop: Workshop) -> None:

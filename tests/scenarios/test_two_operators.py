@@ -160,6 +160,8 @@ def test_a_held_key_at_the_screen_and_at_the_command_line_and_none_in_a_session(
     line = Sitting("cell", "call", "saw.turn")
     people.append(line)
     line.shows(b"goes on while you hold a key")
+    time.sleep(2.5)  # longer than a command goes on without a key
+    assert turned() == 0, "before the first key nothing moves"
     for _ in range(30):
         line.presses("k")
         time.sleep(0.1)

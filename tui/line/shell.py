@@ -49,6 +49,8 @@ class Console:
         """The last progress that has a line of its own."""
         self._latest = self._told
         self._told_at = clock()
+        self._first: asyncio.Future[bool] | None = None
+        """Whether somebody presses the first key; None: nobody was asked to."""
 
     def progress(self, fraction: float, text: str) -> None:
         """Redraw the progress line on standard error, a new one for each text; in a log, add a line."""
@@ -98,9 +100,13 @@ class Console:
         keys, loop = sys.stdin.fileno(), asyncio.get_running_loop()
         before = termios.tcgetattr(keys)
         tty.setcbreak(keys)  # Ctrl-C still ends the program, and with it the command
+        self._first = loop.create_future()
 
         def pressed() -> None:
-            if not os.read(keys, 1024):  # the terminal has gone
+            there = bool(os.read(keys, 1024))
+            if self._first is not None and not self._first.done():
+                self._first.set_result(there)
+            if not there:  # the terminal has gone
                 loop.remove_reader(keys)
                 return
             attendance.press()
@@ -110,8 +116,14 @@ class Console:
             termios.tcsetattr(keys, termios.TCSAFLUSH, before)
 
         loop.add_reader(keys, pressed)
-        note(f"{robot}.{command} goes on while you hold a key, and ends 2 s after the last one")
+        note(
+            f"{robot}.{command} begins with a key, goes on while you hold a key, and ends 2 s after the last"
+        )
         return release
+
+    async def first_key(self) -> bool:
+        """Wait until the person who was asked to hold a key presses the first one; False: nobody will."""
+        return self._first is None or await self._first
 
     def outcome(self, outcome: Outcome) -> None:
         """Print a result on standard output."""

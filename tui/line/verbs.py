@@ -860,6 +860,8 @@ async def _attended(
 ) -> Any:
     """Have a command carried out; where it wants somebody at a key, ask the person who sits here to hold one.
 
+    At a command line it begins with the first key: the person has read by then what to do.
+
     Raises:
         NobodyAttends: nobody sits here: a session, a log, a pipe.
     """
@@ -875,8 +877,10 @@ async def _attended(
         release = hold(robot, command, attendance) if hold is not None and asked else None
         if release is None:
             raise
+    first_key: Callable[[], Awaitable[bool]] | None = getattr(teller, "first_key", None)
     try:
-        return await carry_out(attendance=attendance)
+        there = first_key is None or await first_key()
+        return await carry_out(attendance=attendance if there else None)
     finally:
         release()
 
