@@ -31,8 +31,10 @@ WINDOW = 1_000_000
 """Bytes that a browser may have to draw; then the screen waits, as at a slow terminal."""
 CHUNK = 65_536
 """Bytes read from the terminal at once."""
-LAST = 6.0
+LAST = 5.0
 """[s] in which a screen whose terminal has closed ends by itself (`processes.ending.CREW_LAST_WORDS`)."""
+KEYS = 400_000
+"""Bytes of keys that may wait for the screen: a paste of 100 000 letters of any script."""
 SMALLEST, LARGEST = 2, 500
 """Columns, and lines, of a terminal."""
 
@@ -185,10 +187,14 @@ class Session:
         self._room = asyncio.Event()
         self._room.set()
         self._heard = asyncio.get_running_loop().time()
+        self._keys = bytearray()
+        """What the terminal has not taken yet."""
+        self._pressed = asyncio.Event()
 
     async def last(self) -> str:
         """Carry to and fro until one of both ends; return why, as a sentence."""
-        works = [asyncio.ensure_future(one) for one in (self._draw(), self._listen(), self._beat())]
+        coroutines = (self._draw(), self._listen(), self._press(), self._beat())
+        works = [asyncio.ensure_future(one) for one in coroutines]
         try:
             done, _ = await asyncio.wait(works, return_when=asyncio.FIRST_COMPLETED)
             return next((one.result() for one in done if not one.exception()), "The connection has ended.")
@@ -215,33 +221,50 @@ class Session:
         while (silent := loop.time() - self._heard) < SILENCE:
             number += 1
             sending = asyncio.ensure_future(self._tab.send(json.dumps({"beat": number})))
-            await asyncio.wait([sending], timeout=min(BEAT, SILENCE - silent))
-            if not sending.done():
+            sending.add_done_callback(lambda one: one.cancelled() or one.exception())
+            try:
+                await asyncio.wait([sending], timeout=min(BEAT, SILENCE - silent))
+                if sending.done():
+                    sending.result()
+                    await asyncio.sleep(min(BEAT, SILENCE - silent))
+            finally:
                 sending.cancel()
-            else:
-                await asyncio.sleep(min(BEAT, SILENCE - silent))
         return f"This tab was silent for {SILENCE:g} s, so what it had begun was ended."
 
+    async def _press(self) -> str:
+        """Give the terminal its keys, apart from the socket: a screen may take none for a long time."""
+        while True:
+            await self._pressed.wait()
+            self._pressed.clear()
+            while self._keys:
+                some = bytes(self._keys[:CHUNK])
+                del self._keys[:CHUNK]
+                await self._screen.write(some)
+
     async def _listen(self) -> str:
+        """Take what the tab says. Nothing is waited for here, for else its end would not be seen."""
         while True:
             message = message_of(await self._tab.recv())
             self._heard = asyncio.get_running_loop().time()
             if isinstance(keys := message.get("keys"), str):
-                await self._screen.write(keys.encode(errors="replace"))
+                self._keys += keys.encode(errors="replace")
+                if len(self._keys) > KEYS:
+                    return "This tab sent more keys than its screen can take, so what it had begun was ended."
+                self._pressed.set()
             if size := size_of(message.get("size")):
                 self._size = size
                 self._screen.resize(*size)
             if type(taken := message.get("taken")) is int and taken > 0:
                 self._take(taken)
             if isinstance(hidden := message.get("hidden"), bool):
-                await self._hide(hidden=hidden)
+                self._hide(hidden=hidden)
 
     def _take(self, taken: int) -> None:
         self._open = max(self._open - taken, 0)
         if self._open < WINDOW:
             self._room.set()
 
-    async def _hide(self, *, hidden: bool) -> None:
+    def _hide(self, *, hidden: bool) -> None:
         """Let a tab that nobody sees draw nothing, for its timers are slow; one that is seen gets all."""
         if hidden == self._hidden:
             return
@@ -251,5 +274,5 @@ class Session:
         if not hidden:
             columns, lines = self._size
             self._screen.resize(columns, max(lines - 1, SMALLEST))
-            await asyncio.sleep(0.1)  # two changes at once would be none
-            self._screen.resize(columns, lines)
+            later = asyncio.get_running_loop().call_later  # two changes at once would be none
+            later(0.1, lambda: self._screen.resize(*self._size))

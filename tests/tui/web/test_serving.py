@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import json
 import os
+import signal
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
@@ -18,7 +20,7 @@ from websockets.typing import Origin
 from robotree.tui.web import serving as place_for_browsers
 from robotree.tui.web import session
 from robotree.tui.web.door import Door
-from robotree.tui.web.serving import Reception, serving
+from robotree.tui.web.serving import Reception, Strangers, serving
 from tests.terminal import children, living
 from tests.waiting import until
 
@@ -206,6 +208,63 @@ async def test_a_tab_that_answers_no_more_ends_with_its_screen(
             assert "silent for 1 s" in sentence
         await until(lambda: port.reception.tabs == 0)
         await until(lambda: sum(living(pid) for pid in before) <= 1, "only the one that waits is left")
+
+
+@pytest.mark.parametrize("how", ["cut", "goes on"])
+async def test_a_tab_whose_keys_nobody_takes_ends_when_it_is_cut_or_sends_too_many(
+    port: Port, monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
+    monkeypatch.setattr(session, "SILENCE", 600.0)  # only the end of the socket counts
+    (pid,) = port.screens
+    async with port.connect() as socket:
+        await port.hello(socket)
+        await drawn(socket, TOP)
+        os.kill(pid, signal.SIGSTOP)
+        for _ in range(30):
+            await socket.send(json.dumps({"keys": "\0" * 4000}))
+        if how == "cut":
+            socket.transport.abort()
+        else:
+            with contextlib.suppress(ConnectionClosed):
+                while True:
+                    await socket.send(json.dumps({"keys": "x" * 60_000}))
+            assert "sent more keys than its screen can take" in (await ended(socket))[1]
+        await until(lambda: port.reception.tabs == 0)
+        await until(lambda: not living(pid), "it is ended, whatever it does")
+
+
+async def test_when_all_tabs_have_ended_a_screen_waits_again(port: Port) -> None:
+    async with contextlib.AsyncExitStack() as tabs:
+        for _ in range(3):
+            socket = await tabs.enter_async_context(port.connect())
+            await port.hello(socket)
+            await drawn(socket, TOP)
+    await until(lambda: port.reception.tabs == 0)
+    await until(lambda: len(port.screens) == 1, "the spare one")
+
+
+async def test_cut_tabs_and_strangers_do_not_fill_the_log(
+    port: Port, caplog: pytest.LogCaptureFixture, capsys: pytest.CaptureFixture[str]
+) -> None:
+    async with port.connect() as socket:
+        await port.hello(socket)
+        await drawn(socket, TOP)
+        socket.transport.abort()
+    await until(lambda: port.reception.tabs == 0)
+    for _ in range(20):
+        async with port.connect() as stranger:
+            await stranger.send("{}")
+            await ended(stranger)
+    gc.collect()
+    assert "never retrieved" not in caplog.text
+    assert capsys.readouterr().err.count("not let in") == 1
+
+
+def test_strangers_are_counted_and_told_of_once_a_minute() -> None:
+    strangers = Strangers()
+    assert strangers.told(100.0) == "1 came without the token of this place, and was not let in"
+    assert not any(strangers.told(100.0 + second) for second in range(60))
+    assert strangers.told(161.0).startswith("61 came")
 
 
 async def test_who_leaves_the_screen_is_told_and_a_hidden_tab_gets_it_whole_when_it_is_seen(
