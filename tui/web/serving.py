@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import http
 import logging
+import math
 import secrets
 import ssl
 from collections.abc import AsyncGenerator
@@ -34,7 +35,28 @@ NO_TOKEN = "without the token nothing is shown: open the address that `robotree 
 GOING_AWAY, REFUSED, CROWDED = 1001, 4401, 4429
 """Why a socket is closed: RFC 6455, section 7.4; and our own."""
 
+PAUSE = 60.0
+"""[s] between two lines about strangers."""
+
 log = logging.getLogger(__name__)
+
+
+class Strangers:
+    """Counts those who come without a token: they could fill the log."""
+
+    def __init__(self) -> None:
+        """Nobody has come."""
+        self._count, self._next = 0, -math.inf
+
+    def told(self, now: float) -> str:
+        """Take note of one more; return what is to be said, empty: nothing yet."""
+        self._count += 1
+        if now < self._next:
+            return ""
+        count, self._count, self._next = self._count, 0, now + PAUSE
+        return (
+            f"{count} came without the token of this place, and {'was' if count == 1 else 'were'} not let in"
+        )
 
 
 class Reception:
@@ -51,6 +73,9 @@ class Reception:
         self._door, self._words, self._most = door, words, most
         self._assets = assets()
         self._spare: Screen | None = None
+        self._getting_ready = asyncio.Lock()
+        self._over = False
+        self._strangers = Strangers()
         self.tabs = 0
         """How many are served now."""
 
@@ -102,7 +127,8 @@ class Reception:
             token = hello.get("token")
             right = self._door.right(token) if isinstance(token, str) else ""
             if not right:
-                note("somebody came without the token of this place, and was not let in")
+                if said := self._strangers.told(asyncio.get_running_loop().time()):
+                    note(said)
                 await tab.close(REFUSED, NO_TOKEN)
             elif self.tabs >= self._most:
                 await tab.close(
@@ -114,6 +140,7 @@ class Reception:
                     await self._serve(tab, hello, right)
                 finally:
                     self.tabs -= 1
+                    await self.prepare()
 
     async def _serve(self, tab: ServerConnection, hello: dict[str, object], right: str) -> None:
         screen = await self._screen()
@@ -124,9 +151,9 @@ class Reception:
             screen.begin([*self._words, *readonly, "user" if hello.get("page") == "user" else "supervise"])
             getting_ready = asyncio.ensure_future(self.prepare())
             reason = await Session(tab, screen, size).last()
-            await getting_ready
         finally:
             await asyncio.shield(screen.close())
+        await getting_ready
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(HELLO):
                 await tab.close(GOING_AWAY, reason)
@@ -144,14 +171,18 @@ class Reception:
 
     async def prepare(self) -> None:
         """Get a screen ready for the next tab: it is there at once then."""
-        if self._spare is None and self.tabs < self._most:
-            self._spare = made = Screen()
-            await made.open()
+        async with self._getting_ready:
+            if self._spare is None and self.tabs < self._most and not self._over:
+                made = Screen()
+                await made.open()
+                self._spare = made
 
     async def close(self) -> None:
         """End what nobody wanted."""
-        if self._spare is not None:
-            await self._spare.close()
+        self._over = True
+        async with self._getting_ready:
+            if self._spare is not None:
+                await self._spare.close()
 
 
 def door_of(line: Line) -> tuple[Door, str, int, ssl.SSLContext | None]:
