@@ -15,7 +15,7 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import msgspec
 
@@ -156,7 +156,7 @@ class _Op(msgspec.Struct):
 
 
 class _Subscription(msgspec.Struct, rename="camel"):
-    id: int
+    id: Annotated[int, msgspec.Meta(ge=0, lt=2**32)]
     channel_id: int
 
 

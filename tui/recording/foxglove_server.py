@@ -13,10 +13,11 @@ import base64
 import contextlib
 import hmac
 import json
+import logging
 import math
 import secrets
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 from http import HTTPStatus
 from typing import TYPE_CHECKING, Any
 
@@ -34,7 +35,7 @@ from robotree.tui.wire.lasting import lasting
 from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
-    from websockets.asyncio.server import ServerConnection
+    from websockets.asyncio.server import Server, ServerConnection
     from websockets.http11 import Request, Response
 
     from robotree.vr.base.description import CommandSpec, RobotDescription
@@ -52,6 +53,13 @@ WITHIN = 120.0
 
 WAITING = 256
 """Messages that wait for a client that reads slowly; older ones are left out."""
+
+BEAT, SILENCE = 2.0, 6.0
+"""[s] from the answer to a ping to the next one; and after which a client without an answer is not there. A
+ping waits for what is written before it, so this is also how long a client may read nothing."""
+
+CLOSE = 1.0
+"""[s] in which a client agrees that its connection ends."""
 
 WORLD = "world"
 """The frame in which robots say where they are."""
@@ -107,6 +115,17 @@ class Client:
         while True:
             await self.connection.send(await self.waiting.get())
 
+    async def watch(self) -> None:
+        """Cut the connection when the client gives no sign of life; its commands end then."""
+        while True:
+            try:
+                async with asyncio.timeout(SILENCE):
+                    await (await self.connection.ping())
+            except TimeoutError:
+                self.connection.transport.abort()
+                return
+            await asyncio.sleep(BEAT)
+
 
 class FoxgloveServer:
     """Serves one realm to all clients."""
@@ -154,18 +173,23 @@ class FoxgloveServer:
         client.send(protocol.advertise(self._channels.values()))
         client.send(protocol.advertise_services(self._services.values()))
         self._clients.add(client)
-        writing = asyncio.create_task(client.write())
+        from websockets.exceptions import ConnectionClosed
+
+        works = [asyncio.create_task(work) for work in (client.write(), client.watch())]
+        reason = ""
         try:
             async for message in connection:
-                try:
-                    self._take(client, message)
-                except BadMessage as error:
-                    await connection.close(1002, str(error)[:100])
+                self._take(client, message)
+        except BadMessage as error:
+            reason = str(error)[:100]
+        except ConnectionClosed:
+            pass
         finally:
             self._clients.discard(client)
-            for task in (writing, *client.calls):
+            for task in (*works, *client.calls):
                 task.cancel()
-            await asyncio.gather(writing, *client.calls, return_exceptions=True)
+            await asyncio.gather(*works, *client.calls, return_exceptions=True)
+        await connection.close(1002 if reason else 1000, reason)
 
     def _take(self, client: Client, message: str | bytes) -> None:
         if isinstance(message, bytes):
@@ -346,29 +370,38 @@ def transform_of(name: str, readings: Mapping[str, float], unix: float) -> dict[
     }
 
 
-async def foxglove(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
-    """Serve a realm to Foxglove until Ctrl-C, or for a time."""
+@contextlib.asynccontextmanager
+async def listening(server: FoxgloveServer, port: int) -> AsyncGenerator[Server]:
+    """Listen at a port of loopback for the time of a block; 0: a free one."""
     from websockets.asyncio.server import serve
     from websockets.typing import Subprotocol
 
+    quiet = logging.getLogger("robotree.tui.recording.socket")
+    quiet.setLevel(logging.CRITICAL)  # strangers could fill the log
+    async with serve(
+        server.serve,
+        "127.0.0.1",
+        port,
+        process_request=server.admit,
+        subprotocols=[Subprotocol(each) for each in protocol.SUBPROTOCOLS],
+        max_size=protocol.LARGEST,
+        server_header=None,
+        ping_interval=None,  # `Client.watch` also sees who reads nothing
+        close_timeout=CLOSE,
+        logger=quiet,
+    ) as there:
+        yield there
+
+
+async def foxglove(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
+    """Serve a realm to Foxglove until Ctrl-C, or for a time."""
     port, token = _port(line.text("--port")), secrets.token_urlsafe(16)
     server = FoxgloveServer(
         realm_client, token, services=not line.flag("--look-only"), rate=rate_of(line.text("--pictures"))
     )
     await server.look()
-    async with (
-        lasting(line) as here,
-        serve(
-            server.serve,
-            "127.0.0.1",
-            port,
-            process_request=server.admit,
-            subprotocols=[Subprotocol(each) for each in protocol.SUBPROTOCOLS],
-            max_size=protocol.LARGEST,
-            server_header=None,
-        ) as listening,
-    ):
-        address = f"ws://127.0.0.1:{listening.sockets[0].getsockname()[1]}/{token}"
+    async with lasting(line) as here, listening(server, port) as there:
+        address = f"ws://127.0.0.1:{next(iter(there.sockets)).getsockname()[1]}/{token}"
         teller.outcome(Outcome({"address": address}, f"ready {address}"))
         teller.warn("open this address in Foxglove (Open connection, Foxglove WebSocket); Ctrl-C ends it")
         await here.until(server.follow())

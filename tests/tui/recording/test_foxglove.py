@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator
+import os
+import signal
+import sys
+from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from http import HTTPStatus
 from pathlib import Path
@@ -13,13 +16,12 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from websockets.asyncio.server import serve
 from websockets.exceptions import ConnectionClosed, InvalidStatus
-from websockets.typing import Subprotocol
 
 from robotree.tui.recording import foxglove_protocol as protocol
+from robotree.tui.recording import foxglove_server
 from robotree.tui.recording.foxglove_protocol import BadMessage, ServiceCall
-from robotree.tui.recording.foxglove_server import FoxgloveServer, transform_of
+from robotree.tui.recording.foxglove_server import FoxgloveServer, listening, transform_of
 from robotree.tui.session.playing import Player
 from robotree.tui.session.script import read
 from tests.tui.recording.foxglove_client import connected
@@ -32,17 +34,14 @@ TOKEN = "sesame"  # noqa: S105 # of a test
 
 
 @asynccontextmanager
-async def serving(realm: Realm, *, services: bool = True) -> AsyncIterator[str]:
+async def serving(realm: Realm, *, services: bool = True) -> AsyncGenerator[str]:
     """Serve a realm; yields the address with the token."""
     server = FoxgloveServer(realm.realm_client, TOKEN, services=services, rate=20.0)
     await server.look()
-    subprotocols = [Subprotocol(each) for each in protocol.SUBPROTOCOLS]
-    async with serve(
-        server.serve, "127.0.0.1", 0, process_request=server.admit, subprotocols=subprotocols
-    ) as listening:
+    async with listening(server, 0) as there:
         following = asyncio.create_task(server.follow())
         try:
-            yield f"ws://127.0.0.1:{listening.sockets[0].getsockname()[1]}/{TOKEN}"
+            yield f"ws://127.0.0.1:{next(iter(there.sockets)).getsockname()[1]}/{TOKEN}"
         finally:
             following.cancel()
             await asyncio.gather(following, return_exceptions=True)
@@ -100,12 +99,46 @@ async def test_the_command_of_a_client_that_vanishes_ends(realm: Realm) -> None:
             await until(lambda: realm.arm.calls == ["go_to"], "it has begun")
             client.connection.transport.abort()
 
-        async def idle() -> bool:
-            return not (await realm.realm_client.describe("arm-1")).busy
+        await idle(realm)
+    realm.arm.under_way = False
 
-        async with asyncio.timeout(60):
-            while not await idle():  # noqa: ASYNC110 # a robot is asked
-                await asyncio.sleep(0.05)
+
+async def idle(realm: Realm) -> None:
+    """Wait until the arm does nothing."""
+    async with asyncio.timeout(30):
+        while (await realm.realm_client.describe("arm-1")).busy:  # noqa: ASYNC110 # a robot is asked
+            await asyncio.sleep(0.05)
+
+
+HANGS = """
+import asyncio, sys
+from tests.tui.recording.foxglove_client import connected
+async def main():
+    async with connected(sys.argv[1]) as client:
+        while not {"/tf", "/views/cell/cell"} <= client.channels.keys() or not client.services:
+            await asyncio.sleep(0.01)
+        await client.subscribe("/views/cell/cell", 1)
+        await client.call("/robots/arm-1/go_to", 1, x=0.3, y=0, z=0.3, twist=0)
+        await asyncio.sleep(600)
+asyncio.run(main())
+"""
+
+
+async def test_the_command_of_a_client_that_hangs_ends(realm: Realm, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert foxglove_server.BEAT + foxglove_server.SILENCE < 10.0
+    monkeypatch.setattr(foxglove_server, "BEAT", 0.2)
+    monkeypatch.setattr(foxglove_server, "SILENCE", 2.0)
+    realm.arm.under_way = True
+    async with serving(realm) as address:
+        root = Path(__file__).parents[3]
+        client = await asyncio.create_subprocess_exec(sys.executable, "-c", HANGS, address, cwd=root)
+        try:
+            await until(lambda: realm.arm.calls == ["go_to"], "it has begun")
+            os.kill(client.pid, signal.SIGSTOP)
+            await idle(realm)
+        finally:
+            client.kill()
+            await client.wait()
     realm.arm.under_way = False
 
 
@@ -134,15 +167,24 @@ async def test_who_may_only_look_finds_no_services(realm: Realm) -> None:
 
 
 @pytest.mark.parametrize(
-    "message", [b"", b"\x02", b"\x07" + bytes(20), "no JSON", '{"op": "subscribe"}', "[]"]
+    "message",
+    [
+        *(b"", b"\x02", b"\x07" + bytes(20), "no JSON", '{"op": "subscribe"}', "[]"),
+        '{"op": "subscribe", "subscriptions": [{"id": -1, "channelId": 1}]}',
+        '{"op": "subscribe", "subscriptions": [{"id": 99999999999, "channelId": 1}]}',
+    ],
 )
-async def test_what_is_no_message_ends_the_connection_alone(realm: Realm, message: Any) -> None:
+async def test_what_is_no_message_ends_the_connection_alone(
+    realm: Realm, message: Any, caplog: pytest.LogCaptureFixture
+) -> None:
     async with serving(realm) as address, connected(address) as other, connected(address) as client:
         await client.connection.send(message)
         await client.connection.wait_closed()
         await until(lambda: bool(other.channels), "others are served")
         with pytest.raises(ConnectionClosed):
             await client.connection.send("{}")
+        other.connection.transport.abort()
+    assert "Traceback" not in caplog.text
 
 
 @given(payload=st.binary(), service=st.integers(0, 2**32 - 1), call=st.integers(0, 2**32 - 1))
