@@ -80,6 +80,8 @@ class LogEntry:
     """The robot that it concerns; empty: none, or several."""
     line: LoggedLine | None = None
     """The line of the robot's log that says it; None: it was seen from here."""
+    operators: bool = False
+    """Whether it is for operators alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,10 +234,26 @@ class Store:
     # -- what is told ------------------------------------------------------------------------------
 
     def tell(
-        self, text: str, weight: Weight, now: float, robot: str = "", line: LoggedLine | None = None
+        self,
+        text: str,
+        weight: Weight,
+        now: float,
+        robot: str = "",
+        line: LoggedLine | None = None,
+        *,
+        operators: bool = False,
     ) -> LogEntry:
-        """Enter something that happened, to a robot or to none; `line`: of the robot's log, that says so."""
-        entry = LogEntry(now, weight, one_line(text), robot, line)
+        """Enter something that happened.
+
+        Args:
+            text: what.
+            weight: how it looks.
+            now: [s] on the store's clock.
+            robot: that it concerns; empty: none.
+            line: of the robot's log, that says so.
+            operators: whether it is for operators alone.
+        """
+        entry = LogEntry(now, weight, one_line(text), robot, line, operators)
         self.entries.append(entry)
         self.revision += 1
         return entry
@@ -478,7 +496,9 @@ class Store:
         found, known = tuple(waiting), {one.id for one in self.permits}
         for one in found:
             if one.id not in known:
-                self.tell(f"{one.assistant} asks for {one.call}: {how}", "warning", now, one.robot)
+                self.tell(
+                    f"{one.assistant} asks for {one.call}: {how}", "warning", now, one.robot, operators=True
+                )
         if found != self.permits:
             self.permits = found
             self.revision += 1
@@ -490,10 +510,10 @@ class Store:
             value = " ".join(instruments.figure(alarm.value, alarm.unit)).strip()
             limit = " ".join(instruments.figure(alarm.limit, alarm.unit)).strip()
             text = f"ALARM: {alarm.name} was {value}, {alarm.sign} {limit}; {how}"
-            self.tell(text, "error", now, alarm.robot)
+            self.tell(text, "error", now, alarm.robot, operators=True)
         for alarm in acknowledged:
             text = f"the alarm of {alarm.name} was acknowledged by {alarm.acknowledged_by}"
-            self.tell(text, "good", now, alarm.robot)
+            self.tell(text, "good", now, alarm.robot, operators=True)
         self.revision += 1
 
     def source_of(self, name: str, reading: str) -> str:

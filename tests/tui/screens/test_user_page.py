@@ -15,6 +15,7 @@ from robotree.tui.line.known_kinds import checked_script
 from robotree.tui.screen.pages.user import DoingPage, UserPage
 from robotree.tui.screen.pages.write import WritePage, template
 from robotree.tui.screen.user_app import UserApp
+from robotree.tui.seen.alarms import Alarm
 from robotree.vr import Robot, command
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.base.policy import PolicyGate
@@ -81,6 +82,22 @@ async def test_something_is_begun_watched_and_its_result_taken(realm: Realm, ope
         listed.highlighted = 1
         await operator.press("enter")
         await operator.until(lambda: "Results" not in operator.text, "the result is taken")
+
+
+async def test_alarms_of_operators_are_not_shown_to_who_operates_nothing(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.realm_client, size=SIZE, kind=UserApp) as operator:
+        app = operator.app
+        app.tell("the door is open")
+        await operator.sees("the door is open")
+        alarm = Alarm(robot="arm-1", reading="j1", sign=">", limit=0.1, raised=1.0, value=0.2)
+        app.store.take_alarms([alarm], app.now(), "`alarm ack` acknowledges it")
+        assert app.store.entries[-1].text.startswith("ALARM: arm-1.j1")
+        app.screen.draw()
+        await operator.settled()
+        assert "ALARM" not in operator.text
+        assert "the door is open" in operator.text
 
 
 async def test_an_order_is_left_for_who_is_away_and_its_result_waits(

@@ -36,10 +36,10 @@ class FlashLine(CachedText):
     """Shows what happened last; an error that does not fit has more lines."""
 
     def draw(self, store: Store, now: float, *, logs: bool = True) -> None:
-        """Draw the line, or clear it; `logs`: also what robots write into their logs, and how to see more."""
+        """Draw the line, or clear it; `logs`: also what robots log and what is for operators."""
         recent, line, long = _recent(store, now), Text(" "), False
         if not logs:
-            recent = [entry for entry in recent if entry.line is None][:1]
+            recent = [entry for entry in recent if entry.line is None and not entry.operators][:1]
         if recent:
             newest = recent[0]
             line.append_text(weigh(self.app, newest.weight, newest.text))
