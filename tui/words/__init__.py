@@ -27,7 +27,7 @@ EXPLICIT, IMPLICIT = "\x1b[8l", "\x1b[8h"
 """What has a terminal leave the order of letters to the program, or see to it (ECMA-48, BDSM)."""
 
 TEXTS = (
-    *("ROBOT", "KIND", "STATE", "BY", "HOST", "EPOCH", "LEASE", "PROCESS", "ABOUT"),
+    *("ROBOT", "KIND", "STATE", "HEARD", "BY", "HOST", "EPOCH", "LEASE", "PROCESS", "ABOUT"),
     *("robots", "plan", "views", "log", "realm {name}", "read-only", "STOP", "0 robots"),
     *("view", "views", "host", "hosts", "lookup", "lookups"),
     *("under {name}", "PROTECTIVE STOP", "{key} resumes"),

@@ -12,6 +12,7 @@ from textual.color import Color
 
 from robotree.tui.seen.status import CALM, Status
 from robotree.tui.seen.store import Weight
+from robotree.tui.words import say_state
 
 STATUSES: Mapping[Status, tuple[str, str]] = {
     "hangs": ("✗", "error"),
@@ -78,10 +79,10 @@ def _colour(variables: Mapping[str, str], variable: str) -> Color:
 
 
 def status_mark(app: App[Any], status: Status, words: str) -> Text:
-    """Return a status as sign and words."""
+    """Return a status as sign and words, in the language of the reader."""
     sign, variable = STATUSES[status]
     style = tint(app, variable)
-    return Text.assemble((f"{sign} ", style), (words, style if status not in CALM else ""))
+    return Text.assemble((f"{sign} ", style), (say_state(words), style if status not in CALM else ""))
 
 
 def weigh(app: App[Any], weight: Weight, words: str) -> Text:
