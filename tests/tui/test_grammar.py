@@ -14,7 +14,7 @@ from robotree.tui.line.action import Where
 from robotree.tui.line.actions import ACTIONS, shapes
 from robotree.tui.line.grammar import Blank, Group, Line, Part, Value, Word
 
-EVERYWHERE = {"json": "", "realm": "NAME"}
+EVERYWHERE = {"json": "", "realm": "NAME", "readonly": ""}
 SHAPES = {action.verb: action.shape for action in ACTIONS}
 LITERALS = {"as", "on"}
 
