@@ -172,7 +172,7 @@ class Supervisor(OperatorApp):
             typed, reading = self.typing, Reading(grammar.form(line, shapes(Where.PROMPT)), text)
             self.push_screen(reading)
             self.opened_by_itself(reading, typed=typed)
-        else:
+        elif text:
             self.tell(text, "good")
 
     def ask_for(self, verb: str, place: Place = NOWHERE) -> None:

@@ -272,9 +272,10 @@ def confirm_line(app: OperatorApp, line: Line) -> None:
         elif answer:
             app.perform(line)
 
-    app.push_screen(
-        Confirm(f"{written}?", _consequence(app, line), line.verb.capitalize(), outlived), answered
-    )
+    question, yes = f"{written}?", line.verb.capitalize()
+    if line.verb == "control take":
+        question, yes = f"Take control of {line.text('NAME')}?", "Take control"
+    app.push_screen(Confirm(question, _consequence(app, line), yes, outlived), answered)
 
 
 def _outlived(store: Store, line: Line) -> Callable[[], str]:

@@ -63,6 +63,10 @@ LOOKS = frozenset({"theme", "language"})
 """Verbs about how the screen looks."""
 
 
+CONTROL = {"control get", "control offer", "control take", "control leave"}
+"""Verbs by which control of a robot changes hands, or stays as it is."""
+
+
 class CallListener(Protocol):
     """The page that started a command and gets its progress and result; it may be closed meanwhile."""
 
@@ -376,6 +380,8 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         if line.verb == "stop":
             self.store.begin_stop(line.text("NAME"), self.now())
         robot, _, command = line.text("ROBOT.COMMAND").partition(".")
+        state = self.store.state(line.text("NAME"))
+        holder = state.operator if state else ""
         try:
             outcome = await carry_out(self.realm_client, line, self)
         finally:
@@ -388,7 +394,8 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
             self.tell(str(outcome.doubt), "warning")
         if line.verb == "create":
             self.selection = self.selection.go_to(line.text("NAME"), self.now())
-        return "" if self._is_in_its_log(line, outcome, robot, command) else outcome.text, ""
+        changed = line.verb in CONTROL and outcome.data["operator"] != holder  # the store tells it
+        return "" if changed or self._is_in_its_log(line, outcome, robot, command) else outcome.text, ""
 
     def _is_in_its_log(self, line: Line, outcome: Outcome, robot: str, command: str) -> bool:
         """Whether the log of a robot says what the outcome does, and who wanted it."""

@@ -589,6 +589,8 @@ class Store:
             return
         if line.text.startswith(STOPPED):  # its state says so, which no flood of lines holds back
             return
+        if self.me and line.text.startswith((f"{self.me} has control ", f"{self.me} has no control ")):
+            return  # `_tell_control` does
         text = line.text if line.level in SENTENCES else f"{name}: {line.text}"
         self.tell(text, WEIGHTS[line.level], now, name, line)
 

@@ -499,3 +499,33 @@ async def test_the_help_is_in_every_footer_and_opens_while_one_types(realm: Real
         await operator.press("n")
         await operator.at(NewPage)
         await operator.sees("Help")
+
+
+async def test_control_that_changes_hands_is_told_once_and_taken_after_a_plain_question(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.realm_client) as operator:
+        app = operator.app
+        app.store.me = ME  # as the realm in memory has it
+        with sitting_at("pts/9"):
+            ben = await realm.realm_client.control("arm-1", "get")
+        await operator.until(lambda: app.store.by("arm-1") == ben, "somebody else has it")
+        app.choose("arm-1")
+        await operator.obey("say hello")
+        await operator.press("4")
+        await operator.sees("Take control of arm-1?", f"{ben} has control, and loses it", "Take control")
+        app.screen.query_one("#yes", Button).focus()
+        await operator.press("enter")
+        await operator.sees("you have control of arm-1")
+        await operator.press("6")
+        await operator.sees("CONTROL", "ROBOT")
+        await operator.press("escape")
+        await operator.obey("control leave arm-1")
+        await operator.sees("nobody has control of arm-1")
+        said = [entry.text for entry in app.store.entries]
+        assert "" not in said
+        about_me = [text for text in said if ME in text or "you have control" in text]
+        assert about_me == [
+            "you have control of arm-1",
+            f"nobody has control of arm-1: {ME} gave it up, or is gone",
+        ]

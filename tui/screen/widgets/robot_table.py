@@ -305,6 +305,8 @@ class RobotTable(Part, ScrollView, can_focus=True):
                         "LEASE": shown.lease or "-",
                         "PROCESS": shown.process or "-",
                     }.get(title, shown.about)
+                    if title == "BY" and cell_len(text) > room:  # who waits for an answer is read first
+                        text = text[max(text.find("→"), 0) :]
                     cells.append(Segment(fit(text, room) + gap, muted))
         return cells
 
