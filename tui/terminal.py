@@ -109,6 +109,10 @@ def answer(text: str, data: Callable[[], Any]) -> None:
         put(text)
 
 
+MISTAKES = 10
+"""Of a script that a person is told at once."""
+
+
 def complain(error: Exception | str) -> None:
     """Write why something was not done, in its one sentence.
 
@@ -118,8 +122,11 @@ def complain(error: Exception | str) -> None:
     """
     known = SupervisorError(error) if isinstance(error, str) else error
     if not _answer.as_json:
-        for line in sentence(known).split("\n") if isinstance(known, BadScript) else [sentence(known)]:
+        lines = sentence(known).split("\n") if isinstance(known, BadScript) else [sentence(known)]
+        for line in lines[:MISTAKES]:
             note(f"robotree: {one_line(line)}")
+        if more := len(lines[MISTAKES:]):
+            note(f"robotree: {more} more mistakes; is it a session script? --json has all")
         return
     import json
 

@@ -101,6 +101,18 @@ def test_all_mistakes_of_a_session_are_plain_data(tmp_path: Path, capsys: pytest
     assert [one["line"] for one in said["mistakes"]] == [2, 3]
 
 
+def test_of_a_file_that_is_no_script_only_the_first_mistakes_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    script = tmp_path / "a.session"
+    script.write_text("words\n" * 120)
+    for verb in ("run", "test"):
+        assert main([verb, str(script)]) == USAGE
+        said = capsys.readouterr().err.splitlines()
+        assert len(said) == 11
+        assert "more mistakes; is it a session script?" in said[-1]
+
+
 CHANGES = {
     *("create", "enslave", "group", "release", "delete", "role", "call", "cancel", "decide", "resume"),
     *("pause", "step", "continue", "restart"),
