@@ -115,3 +115,7 @@ def test_a_figure_stays_with_its_name_and_its_unit_where_a_line_ends() -> None:
     assert [line.plain for line in lines] == ["x 0.196 z 0.496 m", "twist 0.0 °"]
     assert lines[1].spans == [Span(0, 11, "bold")]
     assert [line.plain for line in broken(words, 40, Console())] == ["x 0.196 z 0.496 m  twist 0.0 °"]
+
+
+def test_a_gap_of_nothing_has_no_sign() -> None:
+    assert lines({"width": -0.0003}) == ["grip 0 mm"]

@@ -154,3 +154,10 @@ def test_a_sparkline_goes_between_its_own_ends() -> None:
     assert sparkline([1.0, 2.0, 3.0], 4) == " ▁▅█"
     assert sparkline([2.0, 2.0], 2) == "▄▄"
     assert sparkline([], 3) == "   "
+
+
+def test_numbers_at_an_axis_can_be_told_apart_however_small_its_range_is() -> None:
+    for low, high in ((0.0, 1e-6), (1.02e-6, 1.06e-6), (-3e-6, 3e-6), (0.0, 2e-4), (1.0, 1.001)):
+        found = [plotting.label(low + share * (high - low), high - low) for share in (0.0, 0.5, 1.0)]
+        assert len(set(found)) == 3, found
+        assert all(len(text) <= 8 for text in found), found

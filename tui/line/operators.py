@@ -10,6 +10,7 @@ from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import Outcome, Teller
 from robotree.tui.seen import wording
+from robotree.tui.seen.status import span
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.description import RobotDescription
@@ -110,7 +111,7 @@ async def _control(
         case "leave" if not holder:
             text = f"nobody has control of {name} now"
         case _:
-            text = f"{holder} has control of {name}" + (f" for {within:g} s" if within else "")
+            text = f"{holder} has control of {name}" + (f" for {span(within)}" if within else "")
     return Outcome(data, text)
 
 

@@ -128,7 +128,7 @@ def groups(
     if "width" in rest:
         width, hold = rest.pop("width"), rest.pop("grip_force", None)
         shown = (
-            (f"{1000 * width:.0f}", "mm")
+            (f"{round(1000 * width)}", "mm")
             if units.get("width") == "m"
             else figure(width, units.get("width", ""))
         )

@@ -169,7 +169,13 @@ def aligned(end: float, window: float, dots: int) -> float:
     return (floor(end / step) + 1) * step
 
 
+FINE = 1e-4
+"""Range of an axis below which its numbers have an exponent."""
+
+
 def label(value: float, span: float) -> str:
     """Write a number at an axis with as many digits as its range can tell apart."""
+    if 0 < span < FINE and abs(value) < 100 * span:
+        return f"{value:.3g}".replace("e-0", "e-")
     digits = min(max(2 - floor(log10(span)), 0), 6) if span > 0 else 3
     return f"{value:.{digits}f}"

@@ -110,6 +110,9 @@ async def test_a_line_that_is_no_step_is_refused_and_a_new_one_that_is_left_goes
         await operator.sees("`import os` is no step")
         await operator.press("escape")
         assert page.rows == []
+        await add(operator, "arm-1.hold")
+        await operator.sees("✓ 1 step, which can be tried")
+        await operator.press("delete")
         await operator.sees("no step yet")
 
 

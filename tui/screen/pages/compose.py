@@ -169,7 +169,7 @@ class ComposePage(Page):
             values = [f"{name}={value}" for name, value in made.parameters]
             self.query_one("#compose-about", Static).update("  ".join([*slots, *values]))
             if good is not None:
-                self._say(f"✓ {len(self.rows)} steps, which can be tried and made", "success")
+                self._say(f"✓ {_steps(len(self.rows))}, which can be tried and made", "success")
             else:
                 self._say("", "muted")
 
@@ -408,7 +408,7 @@ class ComposePage(Page):
         self._slot(robot)
         self._show(count)
         left = f"; {found.failed} that failed are left out" if found.failed else ""
-        self.app.tell(f"{len(found.shown)} commands became {len(self.rows) - count} steps{left}", "good")
+        self.app.tell(f"{len(found.shown)} commands became {_steps(len(self.rows) - count)}{left}", "good")
 
     def _take(self, made: Composition) -> None:
         self.rows = step_lines(made.steps)
@@ -492,3 +492,7 @@ class ComposePage(Page):
             "success",
         )
         self.app.tell(f"{ready.page} is made: {ready.lines} lines", "good")
+
+
+def _steps(count: int) -> str:
+    return "1 step" if count == 1 else f"{count} steps"
