@@ -19,6 +19,7 @@ from robotree.tui.line.actions import ACTIONS, shapes
 from robotree.tui.line.carrying import function_of
 from robotree.tui.line.sources import shipped
 from robotree.tui.line.verbs import Outcome
+from robotree.vr.base.envelope import sitting_at
 from robotree.vr.base.errors import (
     BadArgument,
     BrokenSource,
@@ -426,3 +427,9 @@ def test_examples_are_found_in_the_wheel_whatever_folder_they_lie_in(
     assert shipped("examples/guide.yaml").exists()
     assert shipped("examples/companion/companion.py").exists()
     assert not shipped("examples/../secret.py").exists()
+
+
+@pytest.mark.parametrize(("given", "told"), [("45s", "45 s"), ("90min", "90 min"), ("1h", "1 h")])
+async def test_how_long_control_lasts_is_told_in_words_of_people(realm: Realm, given: str, told: str) -> None:
+    with sitting_at("pts/3"):
+        assert (await do(realm, f"control get arm-1 --for {given}")).text.endswith(f" for {told}")

@@ -10,7 +10,6 @@ from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import Outcome, Teller
 from robotree.tui.seen import wording
-from robotree.tui.seen.status import span
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.description import RobotDescription
@@ -111,8 +110,16 @@ async def _control(
         case "leave" if not holder:
             text = f"nobody has control of {name} now"
         case _:
-            text = f"{holder} has control of {name}" + (f" for {span(within)}" if within else "")
+            text = f"{holder} has control of {name}" + (f" for {_lasting(within)}" if within else "")
     return Outcome(data, text)
+
+
+def _lasting(seconds: float) -> str:
+    """Write a time in the largest unit that says it exactly: `1 h`, `90 min`, `45 s`."""
+    unit, length = next(
+        (each for each in (("h", 3600.0), ("min", 60.0)) if seconds % each[1] == 0), ("s", 1.0)
+    )
+    return f"{seconds / length:g} {unit}"
 
 
 def _clock(unix: float) -> str:
