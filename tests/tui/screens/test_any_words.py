@@ -61,7 +61,10 @@ class Bare(Supervisor):
     CSS_PATH = str(Path(str(sys.modules[Supervisor.__module__].__file__)).with_name("supervisor.tcss"))
 
     def __init__(self, words: tuple[str, ...]) -> None:
-        super().__init__(cast("RealmClient", SimpleNamespace(gate=PolicyGate())), realm=words[0])
+        super().__init__(
+            cast("RealmClient", SimpleNamespace(gate=PolicyGate(), realm="", operators=Alone())),
+            realm=words[0],
+        )
         self.words_shown = words
         robots = [described(word, words) for word in words]
         self.store.descriptions = {robot.name: robot for robot in robots}
@@ -69,6 +72,20 @@ class Bare(Supervisor):
             robot.name: Listing(address=robot.address, kinds=robot.kinds, doc=robot.doc) for robot in robots
         }
         self.feed = cast("Feed", Quiet())
+
+
+class Alone:
+    """No other operator is there."""
+
+    def __init__(self) -> None:
+        self.person = "anna@pts/1"
+        self.on_said: list[object] = []
+
+    async def open(self) -> None: ...
+
+    async def close(self) -> None: ...
+
+    def show(self, page: str, robot: str) -> None: ...
 
 
 class Quiet:
