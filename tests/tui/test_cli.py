@@ -124,7 +124,8 @@ CHANGES = {
     *(f"control {how}" for how in ("get", "ask", "offer", "take", "leave")),
     *("order cancel", "order confirm", "order settle"),
     *("go", "places add", "places remove"),
-    *("mcp", "assistant invite", "assistant revoke", "permit allow"),
+    *("mcp", "assistant invite", "assistant revoke", "permit allow", "permit deny"),
+    *("compose", "alarm above", "alarm below", "alarm ack", "alarm clear"),
     *("realm create", "realm invite", "realm join", "realm revoke", "realm renew"),
 }
 """Verbs of the shell that change robots, or who commands them."""

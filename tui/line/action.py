@@ -74,7 +74,11 @@ class Action(NamedTuple):
     """Its keys work while the form in front carries something out. All other keys are dropped then, and that
     is told: this is true of every form, and said nowhere else."""
     alters: bool = False
-    """It changes robots, or who commands them: absent where one may only look (`--readonly`)."""
+    """It changes robots, who commands them, or what all operators see: absent where one may only look
+    (`--readonly`, a replay)."""
+    writes: bool = False
+    """It can write a file into the folder of the program: where one may only look it works in a shell alone,
+    whose person owns the folder."""
     shell_options: tuple[str, ...] = ()
     """Options that only a shell takes: with them it goes on until it is interrupted, or leaves the realm."""
     needs: tuple[str, ...] = ()

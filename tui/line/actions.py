@@ -74,6 +74,7 @@ ACTIONS: tuple[Action, ...] = (
         group=LOOK,
         right="see",
         run="stubs",
+        writes=True,
         examples=("stubs arm-1", "stubs painter --out painter_kind.py"),
     ),
     Action(
@@ -82,6 +83,7 @@ ACTIONS: tuple[Action, ...] = (
         group=LOOK,
         right="see",
         run="look",
+        writes=True,
         examples=("look cell before.jpg --camera wrist --size 640x360",),
     ),
     Action(
@@ -238,6 +240,7 @@ ACTIONS: tuple[Action, ...] = (
         group=LOOK,
         right="see",
         run="line.alarming:alarm_above",
+        alters=True,
         examples=("alarm above arm-1.fz 20",),
     ),
     Action(
@@ -246,6 +249,7 @@ ACTIONS: tuple[Action, ...] = (
         group=LOOK,
         right="see",
         run="line.alarming:alarm_below",
+        alters=True,
         examples=("alarm below rover-1.battery 30",),
     ),
     Action(
@@ -253,6 +257,7 @@ ACTIONS: tuple[Action, ...] = (
         help="Acknowledge an alarm, or all: you have seen it.",
         group=LOOK,
         run="line.alarming:alarm_ack",
+        alters=True,
         examples=("alarm ack arm-1.fz", "alarm ack"),
     ),
     Action(
@@ -260,6 +265,7 @@ ACTIONS: tuple[Action, ...] = (
         help="Take an alarm away.",
         group=LOOK,
         run="line.alarming:alarm_clear",
+        alters=True,
         examples=("alarm clear arm-1.fz",),
     ),
     Action(
@@ -314,6 +320,7 @@ ACTIONS: tuple[Action, ...] = (
         where=ANYWHERE,
         key="C",
         label="Compose",
+        alters=True,
         examples=("compose", "compose cup --from cup.mcap", "compose cup --from cup.steps --force"),
         guide=("robotree.tui.composing.lines",),
     ),
@@ -1038,6 +1045,7 @@ ACTIONS: tuple[Action, ...] = (
         group=PROCESS,
         run="session.faults:fault_end",
         where=Where.PROMPT | Where.SCRIPT,
+        alters=True,
         examples=("fault end",),
     ),
     Action(
@@ -1246,6 +1254,7 @@ ACTIONS: tuple[Action, ...] = (
         help="Say no to a call of an assistant, or take back a yes that was not used.",
         group=COMMAND,
         run="line.permits:permit_deny",
+        alters=True,
         examples=("permit deny k7q2w9xa",),
     ),
     Action(

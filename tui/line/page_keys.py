@@ -7,6 +7,7 @@ alone (a test compares).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 ENTER = "Into the form, and on to the next field. It never runs anything."
@@ -36,6 +37,8 @@ class PageKey:
     """How the footer and the help page write the key; empty: as it is printed on keyboards."""
     verb: str = ""
     """The verb of the registry that it is on this page; empty: it belongs to this page alone."""
+    needs: str = ""
+    """The verb that it uses, where it is not that verb's own key; empty: none."""
     while_busy: bool = False
     """It works while the form in front carries something out (see `Action.while_busy`)."""
 
@@ -44,9 +47,16 @@ class PageKey:
         """Its name in a keymap file."""
         return f"{self.page}.{self.name}"
 
+    @property
+    def wants(self) -> str:
+        """The verb without which it is absent (`Surface.withholds`); empty: it is never."""
+        return self.needs or self.verb
+
 
 def _jog(name: str, key: str, axis: str, direction: int, sentence: str) -> PageKey:
-    return PageKey(page="teleop", name=name, key=key, action=f"jog('{axis}', {direction})", help=sentence)
+    return PageKey(
+        page="teleop", name=name, key=key, action=f"jog('{axis}', {direction})", help=sentence, needs="call"
+    )
 
 
 PAGE_KEYS: tuple[PageKey, ...] = (
@@ -72,6 +82,7 @@ PAGE_KEYS: tuple[PageKey, ...] = (
     PageKey(
         page="panel",
         name="run",
+        needs="call",
         key="ctrl+r",
         action="run",
         label="Run",
@@ -97,6 +108,7 @@ PAGE_KEYS: tuple[PageKey, ...] = (
     PageKey(
         page="panel",
         name="teleoperate",
+        needs="call",
         key="x",
         action="teleoperate",
         label="Tele-operate",
@@ -158,10 +170,22 @@ PAGE_KEYS: tuple[PageKey, ...] = (
         help="Smaller steps.",
     ),
     PageKey(
-        page="teleop", name="open", key="o", action="grip('open')", label="Open", help="Open the gripper."
+        page="teleop",
+        name="open",
+        needs="call",
+        key="o",
+        action="grip('open')",
+        label="Open",
+        help="Open the gripper.",
     ),
     PageKey(
-        page="teleop", name="close", key="O", action="grip('close')", label="Close", help="Close the gripper."
+        page="teleop",
+        name="close",
+        needs="call",
+        key="O",
+        action="grip('close')",
+        label="Close",
+        help="Close the gripper.",
     ),
     PageKey(
         page="teleop",
@@ -227,6 +251,7 @@ PAGE_KEYS: tuple[PageKey, ...] = (
     PageKey(
         page="doing",
         name="begin",
+        needs="call",
         key="ctrl+r",
         action="begin",
         label="Begin",
@@ -241,7 +266,13 @@ PAGE_KEYS: tuple[PageKey, ...] = (
         help="Back to the list; what was written is not kept.",
     ),
     PageKey(
-        page="writing", name="make", key="ctrl+r", action="make", label="Make it", help="Check and make it."
+        page="writing",
+        name="make",
+        needs="create",
+        key="ctrl+r",
+        action="make",
+        label="Make it",
+        help="Check and make it.",
     ),
     # -- the plan of a place, and a picture that one points into
     PageKey(
@@ -267,6 +298,7 @@ PAGE_KEYS: tuple[PageKey, ...] = (
     PageKey(
         page="plan",
         name="go",
+        needs="go",
         key="enter",
         action="choose",
         label="Go there",
@@ -303,6 +335,7 @@ PAGE_KEYS: tuple[PageKey, ...] = (
     PageKey(
         page="compose",
         name="add",
+        needs="compose",
         key="a",
         action="add",
         label="Add",
@@ -311,6 +344,7 @@ PAGE_KEYS: tuple[PageKey, ...] = (
     PageKey(
         page="compose",
         name="remove",
+        needs="compose",
         key="delete",
         action="remove",
         help="Take a step out, and what is in it.",
@@ -318,6 +352,7 @@ PAGE_KEYS: tuple[PageKey, ...] = (
     PageKey(
         page="compose",
         name="up",
+        needs="compose",
         key="ctrl+up",
         action="move(-1)",
         help="Move a step up, down.",
@@ -325,6 +360,7 @@ PAGE_KEYS: tuple[PageKey, ...] = (
     PageKey(
         page="compose",
         name="down",
+        needs="compose",
         key="ctrl+down",
         action="move(1)",
         help="Move a step up, down.",
@@ -332,6 +368,7 @@ PAGE_KEYS: tuple[PageKey, ...] = (
     PageKey(
         page="compose",
         name="in",
+        needs="compose",
         key="right",
         action="nest(1)",
         help="Put a step into the one above, out of it.",
@@ -339,6 +376,7 @@ PAGE_KEYS: tuple[PageKey, ...] = (
     PageKey(
         page="compose",
         name="out",
+        needs="compose",
         key="left",
         action="nest(-1)",
         help="Put a step into the one above, out of it.",
@@ -346,6 +384,7 @@ PAGE_KEYS: tuple[PageKey, ...] = (
     PageKey(
         page="compose",
         name="parametrise",
+        needs="compose",
         key="dollar_sign",
         action="parametrise",
         label="Parameter",
@@ -355,6 +394,7 @@ PAGE_KEYS: tuple[PageKey, ...] = (
     PageKey(
         page="compose",
         name="show",
+        needs="compose",
         key="T",
         action="show",
         label="By hand",
@@ -363,6 +403,7 @@ PAGE_KEYS: tuple[PageKey, ...] = (
     PageKey(
         page="compose",
         name="try",
+        needs="compose",
         key="f5",
         action="try",
         label="Try",
@@ -371,6 +412,7 @@ PAGE_KEYS: tuple[PageKey, ...] = (
     PageKey(
         page="compose",
         name="make",
+        needs="compose",
         key="ctrl+r",
         action="make",
         label="Make it",
@@ -486,6 +528,7 @@ PAGE_KEYS: tuple[PageKey, ...] = (
     PageKey(
         page="readings",
         name="alarm",
+        needs="alarm above",
         key="j",
         action="alarm",
         help="Set a threshold, at which an alarm is raised.",
@@ -494,6 +537,7 @@ PAGE_KEYS: tuple[PageKey, ...] = (
     PageKey(
         page="readings",
         name="acknowledge",
+        needs="alarm ack",
         key="k",
         action="acknowledge",
         help="Acknowledge the alarm of the reading; where it has none, all alarms.",
@@ -560,3 +604,6 @@ PAGE_KEYS: tuple[PageKey, ...] = (
 def page_keys(page: str) -> tuple[PageKey, ...]:
     """Return the keys of a page, in the order of the registry."""
     return tuple(key for key in PAGE_KEYS if key.page == page)
+
+
+KEYS_BY_ID: Mapping[str, PageKey] = {key.id: key for key in PAGE_KEYS}

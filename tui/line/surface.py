@@ -37,7 +37,15 @@ class Surface(NamedTuple):
 
     def has(self, action: Action) -> bool:
         """Whether an action can be asked for here."""
-        return self.where in action.where and not (self.readonly and action.alters)
+        return self.where in action.where and not self.withholds(action)
+
+    def withholds(self, action: Action) -> bool:
+        """Whether an action is absent as one may only look: the one rule for verbs, keys and pages."""
+        return self.readonly and (action.alters or (action.writes and self.where is not Where.SHELL))
+
+    def refusal(self, verb: str) -> str:
+        """Return why one may not do here what a verb does, whatever asks for it; empty: one may."""
+        return f"no verb {verb!r}: {self.why_readonly}" if self.withholds(BY_VERB[verb]) else ""
 
     @property
     def actions(self) -> tuple[Action, ...]:
@@ -100,7 +108,7 @@ class Surface(NamedTuple):
         found = known[0]
         verb = found.verb if len(known) == 1 else words[0]
         if self.readonly and self.where in found.where:
-            return NotHere(verb, f"no verb {verb!r}: {self.why_readonly}")
+            return NotHere(verb, self.refusal(found.verb) or f"no verb {verb!r}: {self.why_readonly}")
         if self.where is not Where.SHELL and Where.SHELL in found.where:
             import shlex
 

@@ -29,7 +29,7 @@ class Layout(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forb
     """The arrangement of the full screen."""
 
     page: str = "robots"
-    """In front: robots, views or log."""
+    """In front: robots, plan, views or log."""
     sort: str = "tree"
     """Of the list: tree, problems, name, kind, state, by or host."""
     divide: str = ""
@@ -49,7 +49,7 @@ class Layout(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forb
 
 
 CHOICES: dict[str, tuple[str, ...]] = {
-    "page": ("robots", "views", "log"),
+    "page": ("robots", "plan", "views", "log"),
     "sort": ("tree", "problems", "name", "kind", "state", "by", "host"),
     "divide": ("", "site", "kind", "state"),
     "level": ("good", "warning", "error"),
@@ -70,6 +70,10 @@ class LayoutFile:
         self.layout = Layout()
         if path is not None:
             self._read(path)
+
+    def keep_nothing(self) -> None:
+        """Keep nothing from now on: who may only look writes no file of somebody else."""
+        self._path = None
 
     def change(self, **parts: Any) -> None:
         """Keep some parts of the arrangement; the others stay as they are in the file."""

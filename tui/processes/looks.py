@@ -38,6 +38,10 @@ class Looks:
         """Return what was chosen; empty: nothing."""
         return self._chosen.get(what, "")
 
+    def keep_nothing(self) -> None:
+        """Keep nothing from now on: who may only look writes no file of somebody else."""
+        self._path = None
+
     def choose(self, what: str, name: str) -> None:
         """Keep what is chosen now."""
         self._chosen[what] = name

@@ -32,6 +32,10 @@ class Steps:
         """Return the step of a robot."""
         return self._chosen.get(robot, otherwise)
 
+    def keep_nothing(self) -> None:
+        """Keep nothing from now on: who may only look writes no file of somebody else."""
+        self._path = None
+
     def choose(self, robot: str, step: int) -> None:
         """Keep the step of a robot."""
         self._chosen.pop(robot, None)

@@ -274,6 +274,8 @@ class Supervisor(OperatorApp):
     def open_teleoperation(self, robot: RobotDescription) -> None:
         """Open the tele-operation of a robot, if it can be tele-operated."""
         found = bounds(robot)
+        if self.withheld("call"):
+            return
         if found is None:
             self.tell(
                 f"{robot.name} cannot be tele-operated: it needs go_to with x, y, z, twist and get_info",

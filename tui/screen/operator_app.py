@@ -147,6 +147,9 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         """How pictures are drawn in this terminal; `supervise` finds it out."""
         self.foresight = Foresight()  # what a robot says of the way that somebody is about to send it
         self.layout = layout or LayoutFile()  # how this person has arranged the screen
+        if readonly:
+            self.layout.keep_nothing()
+            self.steps.keep_nothing()
         self.wires: dict[str, WireWatch] = {}  # by robot: wires that are watched
         self._tick_again()
         self._rung = self.store.watched.rung
@@ -178,6 +181,8 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
             NoSuchLanguage: `$ROBOTREE_LANGUAGE` names none.
         """
         self.looks, self.own_themes = looks, tuple(themes)
+        if self.readonly:
+            looks.keep_nothing()
         for theme in themes:
             self.register_theme(theme)
             self.register_theme(reduced_theme(theme))
@@ -376,7 +381,16 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
             self.tell(text, "good")
         return refusal
 
+    def withheld(self, verb: str) -> bool:
+        """Whether one may only look, and the verb does more: then it is told, whatever has asked for it."""
+        why = self.keyboard.refusal(verb)
+        if why:
+            self.tell(why, "warning")
+        return bool(why)
+
     async def _carry_out(self, line: Line) -> tuple[str, str]:
+        if self.withheld(line.verb):
+            return "", self.keyboard.refusal(line.verb)
         if line.verb == "stop":
             self.store.begin_stop(line.text("NAME"), self.now())
         robot, _, command = line.text("ROBOT.COMMAND").partition(".")
@@ -439,6 +453,9 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         self, robot: str, command: str, arguments: Mapping[str, Any], listener: CallListener
     ) -> None:
         """Carry out a command in the background, and notify the listener."""
+        if self.withheld("call"):
+            listener.failed(self.keyboard.refusal("call"))
+            return
         listener.started()
         began, attendance = self.now(), None
         attended: Callable[[], None] = _nothing

@@ -175,6 +175,9 @@ class UserApp(Supervisor, inherit_bindings=False):
     @work(exit_on_error=False, group="calls")
     async def _tell(self, errand: Errand, arguments: dict[str, Any]) -> None:
         """Begin something that goes on by itself, or say something to a script."""
+        if self.withheld("call"):
+            errand.failed(self.keyboard.refusal("call"))
+            return
         try:
             await self.realm_client.tell(
                 errand.robot, errand.behaviour.spec.name, arguments, deadline=SCRIPT_LIMIT
@@ -196,6 +199,8 @@ class UserApp(Supervisor, inherit_bindings=False):
             VrError: it was refused.
             SupervisorError: `until` says no end.
         """
+        if self.withheld("call"):
+            return
         within = ordering.until(until)
         if self.alone:
             order = taken.left_here(self.realm, robot, behaviour.spec.name, arguments, within)
@@ -211,6 +216,8 @@ class UserApp(Supervisor, inherit_bindings=False):
     @work(exit_on_error=False, group="orders")
     async def decide_order(self, order: Order, answer: str) -> None:
         """End an order (`cancel`), let it begin (`confirm`), or take its result (`seen`)."""
+        if self.withheld("order cancel"):
+            return
         desk = self.realm_client.orders
         try:
             if self.alone:

@@ -376,7 +376,7 @@ class ComposePage(Page):
 
     def _lead(self, robot: RobotDescription) -> None:
         found = bounds(robot)
-        if found is None:
+        if found is None or self.app.withheld("compose"):
             return
         since, readings = time.time(), self._read(robot)
         self.app.tell(f"lead {robot.name}; esc ends it, and makes steps of what it did")

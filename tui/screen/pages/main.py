@@ -101,6 +101,7 @@ class MainPage(Page):
     """Three panes of one realm."""
 
     BINDINGS: ClassVar[list[BindingType]] = _bindings()
+    SCOPES: ClassVar[frozenset[Scope]] = frozenset(Scope)
     VERTICAL_BREAKPOINTS: list[tuple[int, str]] | None = [  # noqa: RUF012 # as Textual declares it
         (0, "-short"),
         (20, "-low"),

@@ -6,8 +6,12 @@ from typing import ClassVar
 
 from textual import on
 from textual.app import ComposeResult
+from textual.events import Key
 from textual.widget import Widget
 
+from robotree.tui.line.action import Scope
+from robotree.tui.line.actions import ACTIONS
+from robotree.tui.screen.bindings import named_keys, refusal
 from robotree.tui.screen.leaving import Leaving
 from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.cached_text import CachedText
@@ -27,6 +31,8 @@ class Page(Part, Leaving[None]):
     """A full page."""
 
     PAGE: ClassVar[str] = ""
+    SCOPES: ClassVar[frozenset[Scope]] = frozenset({Scope.PROGRAM})
+    """Which keys of the registry's verbs work here."""
     HORIZONTAL_BREAKPOINTS: list[tuple[int, str]] | None = [  # noqa: RUF012 # as Textual declares it
         (0, "-slim"),
         (60, "-narrow"),
@@ -95,10 +101,21 @@ class Page(Part, Leaving[None]):
         self.query_one(Prompt).open(kind, text)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Take no key of the page while somebody types at the prompt."""
+        """Take no key of the page while somebody types at the prompt, and none of what is absent."""
         if self.focused is not None and self.focused.id == Prompt.LINE:
             return False
+        if refusal(self, self.app.keyboard, action, parameters):
+            return False
         return super().check_action(action, parameters)
+
+    def on_key(self, event: Key) -> None:
+        """Say why nothing comes of a key that is absent since one may only look."""
+        if not self.app.readonly or self.app.typing:
+            return
+        verbs = {one.verb: one.verb for one in ACTIONS if one.key and one.scope in self.SCOPES}
+        for name, verb in {**named_keys(self.focused), **named_keys(self), **verbs}.items():
+            if verb and event.key in self.app.keymap.keys(name) and self.app.withheld(verb):
+                return
 
     @on(Prompt.Entered)
     def _typed(self, event: Prompt.Entered) -> None:

@@ -12,7 +12,6 @@ from textual.binding import BindingType
 from textual.containers import Horizontal, VerticalScroll
 
 from robotree.tui.line import standing as words
-from robotree.tui.line.actions import BY_VERB
 from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.widgets.cached_text import CachedText, entitle
@@ -78,12 +77,6 @@ class WherePage(Page):
     def action_verb(self, verb: str) -> None:
         """Pause the robot, let it take a step, or let it go on."""
         self.app.do(verb, NAME=self.robot)
-
-    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Leave out what changes robots where one may only look."""
-        if action == "verb" and not self.app.keyboard.has(BY_VERB[str(parameters[0])]):
-            return False
-        return super().check_action(action, parameters)
 
     # -- looking -----------------------------------------------------------------------------------
 

@@ -110,8 +110,9 @@ class PlanPane(Part, Horizontal):
         self.query_one("#plan-way", CachedText).show(self._way_text())
         listed = [f"@{one.name}  {one.at['x']:.2f}, {one.at['y']:.2f}" for one in places]
         key = self.app.keymap.spelled("places add")
+        none = "none" if self.app.keyboard.refusal("places add") else f"none; {key} names a point"
         self.query_one("#plan-places", CachedText).show(
-            Text("\n".join(listed)) if listed else Text(f"none; {key} names a point", muted)
+            Text("\n".join(listed) or none, "" if listed else muted)
         )
         entitle(self.query_one(PlanView), f"{self._ground or 'the place'}, from above")
 
@@ -123,7 +124,7 @@ class PlanPane(Part, Horizontal):
         if newest is not None:
             tone = tint(self.app, "error" if newest.refusal else "accent")
             text.append(f"\n{newest.words}", tone)
-            if newest.answered and not newest.refusal:
+            if newest.answered and not newest.refusal and not self.app.keyboard.refusal("go"):
                 text.append("\nenter: go there", tint(self.app, "muted"))
         return text
 

@@ -14,7 +14,7 @@ from textual.strip import Strip
 from textual.widget import Widget
 
 from robotree.tui.processes.place_files import NamedPlace
-from robotree.tui.screen.bindings import bindings
+from robotree.tui.screen.bindings import bindings, refusal
 from robotree.tui.screen.foresight import Foreseen
 from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.marks import tint
@@ -122,6 +122,12 @@ class PlanView(Part, Widget, can_focus=True):
         self.refresh()
 
     # -- keys --------------------------------------------------------------------------------------
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Take no key of what is absent since one may only look."""
+        if refusal(self, self.app.keyboard, action, parameters):
+            return False
+        return super().check_action(action, parameters)
 
     def action_cursor(self, across: int, down: int) -> None:
         """Move the cursor by so many cells; the first time it comes to the middle."""

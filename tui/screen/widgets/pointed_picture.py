@@ -12,7 +12,7 @@ from textual.events import Click
 from textual.message import Message
 from textual.strip import Strip
 
-from robotree.tui.screen.bindings import bindings
+from robotree.tui.screen.bindings import bindings, refusal
 from robotree.tui.screen.foresight import Foreseen
 from robotree.tui.screen.widgets.cached_text import entitle
 from robotree.tui.screen.widgets.marks import tint
@@ -89,6 +89,12 @@ class PointedPicture(PictureView, can_focus=True):
         self._at = None
 
     # -- keys --------------------------------------------------------------------------------------
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Take no key of what is absent since one may only look."""
+        if refusal(self, self.app.keyboard, action, parameters):
+            return False
+        return super().check_action(action, parameters)
 
     def action_cursor(self, across: int, down: int) -> None:
         """Move the cursor by so many cells; the first time it comes to the middle."""
