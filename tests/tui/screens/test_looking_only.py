@@ -149,6 +149,14 @@ async def test_neither_tele_operation_nor_the_composer_opens_where_one_may_only_
         assert operator.app.screen is page
 
 
+async def test_the_keys_can_be_drawn_while_a_page_is_on_its_way_out(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.realm_client, mended=True) as operator:
+        page = operator.app.main
+        await page.query_one("#panes").remove()
+        assert page.active_bindings, "the line of keys is drawn once more while the screen ends"
+        operator.app.exit(0)
+
+
 async def test_the_plan_of_who_may_only_look_offers_nothing_and_says_why(
     realm: Realm, operate: Operate
 ) -> None:

@@ -167,7 +167,8 @@ class MainPage(Page):
     @property
     def pane(self) -> str:
         """Name of the pane in front."""
-        current = self.query_one("#panes", ContentSwitcher).current
+        panes = self.query("#panes").results(ContentSwitcher)  # none, once the page is on its way out
+        current = next((one.current for one in panes), None)
         return current.removeprefix(_pane_id("")) if current else FIRST
 
     def title_of_page(self) -> str:
