@@ -504,6 +504,12 @@ def _keep(app: OperatorApp, place: Place) -> None:
         return
     front, readings = main_page(app), app.store.readings(place.name)
     point = _point(app) if app.screen is front else None
+    if point is not None and front.ground != frame_of(robot):
+        of = front.ground or "no frame"
+        app.tell(
+            f"{robot.name} moves in another frame, and the point is of {of}; choose a robot of it", "warning"
+        )
+        return
     if point is not None:  # what nobody points at stays as it is: the height and the twist of the tool
         point = {name: readings[name] for name in COORDINATES if name in readings} | point
 

@@ -17,6 +17,7 @@ from robotree.tui.line.verbs import Outcome
 from robotree.tui.processes.place_files import NamedPlace, places_beside
 from robotree.tui.screen.pages.going import GoDialog, NameDialog
 from robotree.tui.screen.widgets.cached_text import CachedText
+from robotree.tui.screen.widgets.plan_pane import PlanPane
 from robotree.tui.screen.widgets.plan_view import PlanView
 from robotree.tui.screen.widgets.pointed_picture import PointedPicture
 from robotree.vr.base.envelope import sitting_at
@@ -135,6 +136,17 @@ async def test_a_named_point_has_the_height_and_the_twist_of_the_tool_and_a_wron
         assert point is not None
         wanted = {"x": point[0], "y": point[1], "z": 0.3, "twist": math.pi / 2}
         assert places_beside(gate).find("shelf").at == pytest.approx(wanted, abs=1e-3)
+
+
+async def test_a_point_of_another_frame_gets_no_name_in_that_of_the_robot(
+    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with operate(realm.realm_client) as operator:
+        await at_plan(operator)
+        await operator.press("up")
+        monkeypatch.setattr(PlanPane, "ground", "floor")
+        await operator.press("K")
+        await operator.sees("arm-1 moves in another frame, and the point is of floor")
 
 
 async def test_places_say_of_which_controller_they_are_and_which_of_them_lead_nowhere(
