@@ -27,7 +27,7 @@ from robotree.tui.screen.driver import outliving
 from robotree.tui.screen.operator_app import LOOKS, OperatorApp
 from robotree.tui.screen.pages.attend import AttendDialog
 from robotree.tui.screen.pages.dialogs import Reading
-from robotree.tui.screen.pages.main import MainPage, main_page
+from robotree.tui.screen.pages.main import FIRST, MainPage, main_page
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.place import NOWHERE, Place
@@ -55,6 +55,8 @@ CONTROL_FILTER = ControlFilter()
 def words_of(screen: Screen[object]) -> str:
     """Return which page is in front, in words for other operators."""
     robot = getattr(getattr(screen, "robot", None), "name", "")
+    if isinstance(screen, MainPage) and screen.pane != FIRST:
+        return f"the {screen.pane}"
     name = {"MainPage": "the list", "PanelPage": "panel", "TeleopPage": "tele-operation"}.get(
         type(screen).__name__, type(screen).__name__.removesuffix("Page").removesuffix("Dialog").lower()
     )

@@ -16,13 +16,13 @@ from textual.containers import Horizontal, Vertical
 from textual.widgets import OptionList
 from textual.widgets.option_list import Option
 
-from robotree.tui.line.alarming import row as alarm_row
 from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.widgets.cached_text import CachedText, entitle
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.screen.widgets.plot import Plot, Shown
 from robotree.tui.seen import instruments
+from robotree.tui.seen.alarms import Alarm
 from robotree.tui.seen.cells import seen
 from robotree.tui.seen.series import Reading, named, sparkline
 
@@ -188,11 +188,16 @@ class ReadingsPage(Page):
         entitle(choices, "ticked, and of " + (seen(self.app.selection.name) or "no robot"))
         alarms = [one for one in self.app.store.watched.alarms.values() if one.state != "calm"]
         text = Text("\n").join(
-            Text(alarm_row(one), tint(self.app, "error" if one.open else "warning")) for one in alarms
+            Text(self._alarm_words(one), tint(self.app, "error" if one.open else "warning")) for one in alarms
         )
         shown = self.query_one("#readings-alarms", CachedText)
         shown.display = bool(alarms)
         shown.show(text)
+
+    def _alarm_words(self, alarm: Alarm) -> str:
+        """Write an alarm in one short line: the list of alarms (`alarms`) says more."""
+        limit = " ".join(instruments.figure(alarm.limit, alarm.unit)).strip()
+        return f"{alarm.state} {seen(alarm.name)} {alarm.sign} {limit}"
 
     def _row(self, reading: Reading) -> Text:
         store, muted = self.app.store, tint(self.app, "muted")
