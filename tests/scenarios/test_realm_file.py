@@ -235,7 +235,8 @@ async def test_a_host_that_died_is_started_again_from_the_row_of_its_robot(small
         await killed(small.process_of("host-1"))
         await asyncio.to_thread(person.shows, b"GONE")
         await asyncio.to_thread(person.types, "/GONE" + ENTER, sees="2 of")
-        await asyncio.to_thread(person.types, "X", sees="host-1 is started again, as `apply` started it")
+        await asyncio.to_thread(person.types, "X", sees="host-1 was started again")
+        await asyncio.to_thread(person.types, "g", sees="host-1 is started again, as `apply` started it")
         code, _, complaints = await small.line("restart", "host-1")
         assert code == exit_codes.REFUSED
         assert "host-1 is not started again: it runs" in complaints

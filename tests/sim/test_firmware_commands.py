@@ -144,7 +144,6 @@ def test_a_gripper_that_is_not_there_or_an_unknown_action_is_denied(
 
 def test_a_rover_has_no_gripper(rover: RoverBench) -> None:
     assert result(rover.operator, MavCmd.DO_GRIPPER, 1, 1) == MavResult.UNSUPPORTED
-    assert result(rover.operator, MavCmd.ROBOTREE_GO_TO, *AWAY) == MavResult.UNSUPPORTED
 
 
 def test_a_refusal_says_why_and_may_be_asked_again(arm: ArmBench) -> None:

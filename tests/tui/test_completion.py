@@ -44,7 +44,7 @@ def test_the_next_word_is_suggested(typed: str, completed: str) -> None:
 @pytest.mark.parametrize(
     ("typed", "offered"),
     [
-        ("re", ("reload", "release", "resume")),
+        ("re", ("reload", "release", "resume", "restart", "readings")),
         ("call arm-1.g", ("arm-1.go_to", "arm-1.grip")),
         ("delete ", ("arm-1", "mover")),
         ("delete mover", ()),

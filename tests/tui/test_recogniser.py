@@ -21,8 +21,9 @@ class Flat:
         self.reported: list[tuple[str, str]] = []
 
     async def describe(self, name: str) -> Any:
+        leads = {"condition": demo_companion.LEADS} if self.runs else {}
         return SimpleNamespace(
-            attributes={"heard": self.heard}, calls={"start": self.starts} if name != "head" else {}
+            attributes={"heard": self.heard, **leads}, calls={"start": self.starts} if name != "head" else {}
         )
 
     async def call(self, robot: str, command: str, arguments: dict[str, str]) -> None:

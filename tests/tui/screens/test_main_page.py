@@ -334,7 +334,7 @@ async def test_the_log_tells_what_other_terminals_have_robots_do(realm: Realm, o
 
 async def test_who_leaves_the_demo_is_told_that_it_ends(realm: Realm, operate: Operate) -> None:
     async with operate(
-        realm.realm_client, size=(120, 100), farewell="The demo ends with this screen."
+        realm.realm_client, size=(120, 500), farewell="The demo ends with this screen."
     ) as operator:
         await operator.press("question_mark")
         await operator.sees("Leave. The demo ends with this screen.")

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from screens.conftest import Operate
     from tui.conftest import Realm
 
-K9S = read('preset = "k9s"\n[keys]\npanel.run = "f5"\nfilter = "f3"\nresume = "U"', "keys.toml")
+K9S = read('preset = "k9s"\n[keys]\npanel.run = "f5"\nfilter = "f3"\nresume = "f6"', "keys.toml")
 
 
 async def test_d_describes_and_deletes_nobody_with_the_keys_of_k9s(realm: Realm, operate: Operate) -> None:
@@ -34,12 +34,12 @@ async def test_d_describes_and_deletes_nobody_with_the_keys_of_k9s(realm: Realm,
         await operator.sees("delete mover?")
         await operator.press("escape", "question_mark")
         await operator.at(Reading)
-        await operator.sees("U resumes")
+        await operator.sees("f6 resumes")
         await operator.press("escape", "f3", "space", "x")
         assert operator.app.store.stopped == (), "a space that is typed stops nobody"
         await operator.press("escape", "space")
-        await operator.sees("U resumes")
-        await operator.press("U")
+        await operator.sees("f6 resumes")
+        await operator.press("f6")
         await operator.at(Confirm)
 
 

@@ -129,8 +129,8 @@ async def test_a_yes_that_a_stop_has_made_useless_is_not_given(realm: Realm, per
     robot = await client.describe("arm-1")
     life = {"life": robot.address.key, "stops": robot.stops}
     permits.ask(replace(asked("aaaaaaaa"), **life))
-    permits.ask(replace(asked("bbbbbbbb"), **life))
-    permits.ask(replace(asked("cccccccc"), life="robot/arm-1/another", stops=robot.stops))
+    permits.ask(replace(asked("bbbbbbbb", 0.6), **life))
+    permits.ask(replace(asked("cccccccc", 0.7), life="robot/arm-1/another", stops=robot.stops))
 
     async def answered(permit: str) -> str:
         outcome = await carry_out(client, Surface(Where.SCRIPT).parse(["permit", "allow", permit]), Silent())

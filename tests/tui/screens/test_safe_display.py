@@ -84,7 +84,7 @@ async def test_when_its_robot_leaves_nobody_commands_the_next_one_by_mistake(
         assert page.robot.name == "rover-1"
 
 
-OTHER = read('[keys]\ndismiss = "X"', "keys.toml")
+OTHER = read('[keys]\ndismiss = "f6"', "keys.toml")
 
 
 async def test_a_robot_that_hangs_stays_until_it_is_dismissed_or_back(realm: Realm, operate: Operate) -> None:
@@ -95,17 +95,17 @@ async def test_a_robot_that_hangs_stays_until_it_is_dismissed_or_back(realm: Rea
         await operator.sees("✗ HANGS (pid rover-1)", "its process hangs", "thaw rover-1")
         assert "left the list" not in operator.text
         await operator.press("enter")
-        await operator.sees("rover-1 hangs: thaw rover-1, or X takes it off the list")
+        await operator.sees("rover-1 hangs: thaw rover-1, or f6 takes it off the list")
         realm.network.thaw(realm.members["rover-1"])
         await operator.sees("rover-1 (Rover) answers again")
         await operator.until(lambda: "HANGS" not in operator.text, "it is as before")
-        await operator.press("X")
+        await operator.press("f6")
         await operator.sees("rover-1 answers: only a robot that hangs or has gone can be dismissed")
         realm.network.kill(realm.members["rover-1"])
         await operator.sees("✗ GONE", "its process has gone")
         await operator.press("enter")
-        await operator.sees("its process has gone: start it again, or X takes it off the list")
-        await operator.press("X")
+        await operator.sees("its process has gone: start it again, or f6 takes it off the list")
+        await operator.press("f6")
         await operator.sees("rover-1 is off the list")
         await operator.until(lambda: operator.one(RobotTable).names == ["arm-1"], "dismissed")
 
