@@ -11,7 +11,7 @@ import contextlib
 import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, cast
+from typing import Any
 
 import msgspec
 
@@ -49,11 +49,14 @@ class WireMessage(msgspec.Struct, frozen=True):
         found: dict[str, float] = {}
         for name, value in self.fields.items():
             if isinstance(value, list):
-                parts = enumerate(cast("list[Any]", value))
-                found |= {f"{name}[{at}]": float(part) for at, part in parts if isinstance(part, int | float)}
+                found |= _numbers_of(name, value)
             elif isinstance(value, int | float) and not isinstance(value, bool):
                 found[name] = float(value)
         return found
+
+
+def _numbers_of(name: str, parts: list[Any]) -> dict[str, float]:
+    return {f"{name}[{at}]": float(part) for at, part in enumerate(parts) if isinstance(part, int | float)}
 
 
 class _Link(msgspec.Struct, frozen=True):

@@ -306,4 +306,5 @@ async def test_on_a_slow_line_there_are_no_pictures_and_other_statuses_come_at_o
         await operator.sees("■ stopped", "PROTECTIVE STOP: rover-1")
         assert realm.cell.looks == []
         await operator.press("v")
-        await operator.sees("no pictures: this line is slow")
+        await operator.sees("skeleton: from the left side, and from above", "tool")
+        assert realm.cell.looks == []
