@@ -87,6 +87,11 @@ def invocation(
     return on.Invoke(call=call, arguments={}, deadline_at=deadline_at, reads=reads, principal=HOLDER)
 
 
+def person(user: str) -> Principal:
+    """A person at a terminal, with a program that is there."""
+    return Principal(user=user, terminal="pts/1", process=3, agent=f"caller/{user}")
+
+
 def asked_parts(effects: list[on.CoreEffect]) -> set[tuple[int, str]]:
     """Return generation and part of those that are to be asked."""
     return {(effect.generation, effect.part) for effect in effects if isinstance(effect, AskPart)}
@@ -369,6 +374,31 @@ class CoreMachine(RuleBasedStateMachine):
         assert on.Decided(key=key, answer=answer) in self.handle(reply)
         with pytest.raises(NothingAsked):
             self.handle(reply)
+
+    @rule(data=st.data(), ago=st.sampled_from([0.0, 1.0, 60.0]))
+    def a_key_is_pressed_for_a_call_that_needs_none(self, data: st.DataObject, ago: float) -> None:
+        key = data.draw(st.sampled_from(["nobody's", *sorted(self.sent)]))
+        assert not self.handle(on.Attended(key=key, at=self.now - ago, principal=HOLDER))
+
+    @rule(leaves=st.booleans())
+    def an_operator_has_control_for_a_moment(self, *, leaves: bool) -> None:
+        """While somebody has control, nobody else gets it; afterwards nobody has it."""
+        self.handle(on.Tick(unix=UNIX + self.now))
+
+        def asks(what: str, user: str) -> on.ControlAsked:
+            return on.ControlAsked(what=what, unix=UNIX + self.now, principal=person(user))
+
+        if self.right() is not None:
+            with pytest.raises(NotInControl):
+                self.handle(asks("get", "anna"))
+            return
+        self.handle(asks("get", "anna"))
+        with pytest.raises(VrError):
+            self.handle(asks("get", "ben"))
+        assert self.core.state.control.holder.person == person("anna").person
+        gone = on.OperatorGone(agent=person("anna").agent, unix=UNIX + self.now)
+        self.handle(asks("leave", "anna") if leaves else gone)
+        assert not self.core.state.control.holder.person
 
     @rule(who=st.sampled_from(["parent", "another"]))
     def the_process_of_a_parent_ends(self, who: str) -> None:

@@ -49,7 +49,7 @@ class WireMessage(msgspec.Struct, frozen=True):
         found: dict[str, float] = {}
         for name, value in self.fields.items():
             if isinstance(value, list):
-                found |= _numbers_of(name, value)
+                found |= _numbers_of(name, value)  # pyright: ignore[reportUnknownArgumentType] # any list
             elif isinstance(value, int | float) and not isinstance(value, bool):
                 found[name] = float(value)
         return found
