@@ -124,25 +124,21 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         self.keymap = keymap or Keymap()
         self.set_keymap(dict(self.keymap.changed))
         shell = f"robotree --realm {realm}" if realm != DEFAULT_REALM else "robotree"
-        self.prompt = Surface(Where.PROMPT, readonly, shell=shell)
-        """The actions that can be typed."""
-        self.keyboard = Surface(Where.SCREEN, readonly)
-        """The actions that have keys."""
+        self.prompt = Surface(Where.PROMPT, readonly, shell=shell)  # the actions that can be typed
+        self.keyboard = Surface(Where.SCREEN, readonly)  # the actions that have keys
         self._take_theme()
         self.realm_client, self.realm, self.farewell = realm_client, realm, farewell
         self.store = store or Store()
         self.store.denies = self._denies
         self._denied: tuple[object, Denials] = (None, {})  # what a policy was asked, and what it said
         self.feed = Feed(realm_client, self.store, self.now, alarms_of(realm_client.realm))
-        self.selection = Selection()
-        """The robot that keys are about, whatever page is in front."""
+        self.selection = Selection()  # the robot that keys are about, whatever page is in front
         self.marks: frozenset[str] = frozenset()  # robots that an action may take together
         self.past: list[str] = []  # lines that were typed at the prompt (`prompt.Known`)
         self._ordered = False  # whether the terminal leaves the order of letters to us
         self.looks = Looks()  # what was chosen last of how the screen looks
         self.own_themes: tuple[Theme, ...] = ()
-        self.steps = steps or Steps()
-        """The step of tele-operation that was chosen last, by robot."""
+        self.steps = steps or Steps()  # the step of tele-operation that was chosen last, by robot
         self.pictures = CELLS
         """How pictures are drawn in this terminal; `supervise` finds it out."""
         self.foresight = Foresight()  # what a robot says of the way that somebody is about to send it
