@@ -95,7 +95,7 @@ async def test_the_arm_goes_where_somebody_points(tmp_path: Path, monkeypatch: p
             await at(x, y)
             assert found is None or math.hypot(float(found[1]) - x, float(found[2]) - y) < 0.05
             # a picture
-            await asyncio.to_thread(person.types, "v", sees="cell / cell")
+            await asyncio.to_thread(person.types, "v", sees="\u2580")  # before it nothing can be pointed at
             click = await asyncio.to_thread(somewhere_in_reach, person)
             await asyncio.to_thread(person.types, click, sees="Send arm-1 there?")
             await asyncio.to_thread(person.types, RIGHT + ENTER, sees="is done")
