@@ -26,7 +26,7 @@ PROMISES = {
     "teleop.py": ("TeleOp", {"arm": "Arm"}, {"jog", "twist"}, {"go_to", "get_info", "grip", "halt", "hold"}),
     "move_to.py": ("MoveTo", {"arm": "Arm"}, {"move"}, {"go_to", "get_info", "grip"}),
     "open_close_lever.py": ("OpenCloseLever", {"mover": "MoveTo"}, {"open", "close"}, set[str]()),
-    "held_move.py": ("HeldMove", {"arm": "Arm"}, {"swing"}, set[str]()),
+    "swing_held.py": ("HeldMove", {"arm": "Arm"}, {"swing"}, set[str]()),
     "move_square.py": ("MoveSquare", {"rover": "Rover"}, {"move_square"}, {"move"}),
     "pick_and_place.py": ("PickAndPlace", {"arm": "Arm"}, {"pick_and_place"}, set[str]()),
     "patrol.py": ("Patrol", {"near": "Rover", "far": "Rover"}, {"patrol", "set"}, set[str]()),
@@ -146,7 +146,7 @@ async def test_two_arms_move_at_the_same_time(workshop: Workshop) -> None:
 
 async def test_an_arm_swings_while_a_key_is_held_and_stands_when_none_is(workshop: Workshop) -> None:
     arm = await workshop.proxy("arm", "arm-1")
-    held = await workshop.create("held_move.py", "held", arm="arm-1")
+    held = await workshop.create("swing_held.py", "held", arm="arm-1")
     with pytest.raises(NobodyAttends):
         await held.call("swing", {})
     person = RealmClient(workshop.network.join("screen"))

@@ -1,6 +1,6 @@
 """HeldMove: an arm that swings to and fro as long as somebody holds a key.
 
-robotree create examples/held_move.py as held
+robotree create examples/swing_held.py as held
 robotree enslave held.arm arm-1
 robotree call held.swing width=5cm        hold a key; 2 s after the last one the arm stands
 
