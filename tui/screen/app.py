@@ -132,7 +132,8 @@ class Supervisor(OperatorApp):
 
     def _show_where(self) -> None:
         """Say to the other operators which page is in front."""
-        self.realm_client.operators.show(words_of(self.screen), self.selection.name)
+        if self.screen_stack:  # else the screen is about to end
+            self.realm_client.operators.show(words_of(self.screen), self.selection.name)
 
     def first_page(self) -> Page:
         """Return the page to begin with."""
