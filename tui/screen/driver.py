@@ -11,7 +11,9 @@ from typing import IO, Any, cast
 
 from textual.driver import Driver
 from textual.drivers.linux_driver import LinuxDriver
+from textual.message import Message
 
+from robotree.tui.screen.keys_in_order import KeysInOrder
 from robotree.tui.terminal import forget_the_reader
 
 
@@ -50,6 +52,11 @@ class OutlivingDriver(LinuxDriver):
 
     stays = False
     """Whether the alternate screen is not left at the end, because another program is drawn over this one."""
+
+    def send_message(self, message: Message) -> None:
+        """Send what came from the terminal, unless too much waits (`KeysInOrder.admits`)."""
+        if not isinstance(self._app, KeysInOrder) or self._app.admits(message):
+            super().send_message(message)
 
     def write(self, data: str) -> None:
         """Write to the terminal."""

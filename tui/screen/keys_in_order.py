@@ -8,6 +8,10 @@ So the app takes one key at a time. After each, a passage goes the way that the 
 of the widget that had it and of each ancestor, up to the app. What arrives there is behind the key, and
 behind whatever the key made these widgets say. When nothing has moved the focus for `PASSAGES` passages, the
 next key is taken.
+
+The driver asks for each key whether it may come (`admits`), for keys that wait take memory, and time at the
+end. When `MOST` wait, those after them are dropped until all have been dealt with: a line of which a part is
+missing must not get its Enter. Keys that stop robots are counted apart, so a flood does not take their place.
 """
 
 from __future__ import annotations
@@ -19,13 +23,22 @@ from dataclasses import dataclass
 
 from textual.app import App, ReturnType
 from textual.dom import DOMNode
-from textual.events import Event, Key, MouseDown, MouseUp, Paste
+from textual.events import Event, InputEvent, Key, MouseDown, MouseUp, Paste
+from textual.message import Message
+
+from robotree.tui.line.actions import BY_VERB
 
 PASSAGES = 3
 """Passages with the focus at rest: for the key, for what its action says, for what is made of that."""
 
 LIMIT = 2.0
 """[s] after which the next key is taken anyway: a widget may vanish and its queue with it."""
+
+STOPPING = frozenset({BY_VERB["stop"].key, BY_VERB["stop"].typing_key})
+"""Keys that stop robots."""
+
+MOST = 500
+"""Keys, clicks and moves of the mouse that may wait; of each key that stops, as many again."""
 
 log = logging.getLogger(__name__)
 
@@ -51,6 +64,10 @@ class KeysInOrder(App[ReturnType]):
         super().__init__()
         self._under_way: _UnderWay | None = None
         self._held: deque[Event] = deque()
+        self._admitted: set[int] = set()
+        """`id` of each, for events have no hash."""
+        self._stops: dict[str, set[int]] = {key: set() for key in STOPPING}
+        self._flooded = False
 
     @property
     def keys_wait(self) -> bool:
@@ -70,6 +87,29 @@ class KeysInOrder(App[ReturnType]):
     def dropped(self, event: Event, why: str) -> None:
         """Take note that a key or click had no effect."""
 
+    def admits(self, message: Message) -> bool:
+        """Return whether what a person does may come; called in the thread that reads the terminal."""
+        if not isinstance(message, InputEvent | Paste):
+            return True
+        if isinstance(message, Key) and message.key in STOPPING:
+            same = self._stops[message.key]
+            if room := len(same) < MOST:
+                same.add(id(message))
+            return room
+        if not self._admitted:
+            self._flooded = False
+        elif not self._flooded and len(self._admitted) >= MOST:
+            self._flooded = True
+            log.warning("%d keys wait: those that come now are dropped until all have been dealt with", MOST)
+        if not self._flooded:
+            self._admitted.add(id(message))
+        return not self._flooded
+
+    def _forget(self, event: Event) -> None:
+        self._admitted.discard(id(event))
+        if isinstance(event, Key) and event.key in STOPPING:
+            self._stops[event.key].discard(id(event))
+
     async def on_event(self, event: Event) -> None:
         """Take what a person does, or hold it back until its turn comes; everything else is as it was.
 
@@ -77,6 +117,7 @@ class KeysInOrder(App[ReturnType]):
         last digit in it.
         """
         if not isinstance(event, Key | Paste | MouseDown | MouseUp) or event.is_forwarded:
+            self._forget(event)
             await super().on_event(event)
         elif self._under_way is None:
             await self._take(event)
@@ -94,6 +135,7 @@ class KeysInOrder(App[ReturnType]):
             self._send(taken)
 
     async def _hand_over(self, event: Event) -> None:
+        self._forget(event)
         if why := self.drops(event):
             self.dropped(event, why)
         else:
@@ -143,3 +185,5 @@ class KeysInOrder(App[ReturnType]):
         self._under_way = None
         if self._held:
             await self._take(self._held.popleft())
+        else:
+            self._admitted.clear()  # one whose way ended early must not be waited for

@@ -63,7 +63,8 @@ class Operator:
         for event in XTermParser().feed(bytes_):
             assert isinstance(event, Event)
             event.time = event.time if at is None else at
-            self.app.post_message(event.set_sender(self.app))
+            if self.app.admits(event):
+                self.app.post_message(event.set_sender(self.app))
 
     async def click(self, selector: str) -> None:
         """Click on a widget that is there and laid out, and wait until that has been dealt with."""

@@ -175,6 +175,28 @@ async def test_the_stop_overtakes_every_key(realm: Realm, operate: Operate) -> N
         await operator.until(lambda: operator.app._under_way is None, "the rest")  # nobody leaves amid keys
 
 
+async def test_a_flood_of_keys_is_bounded_and_the_stop_is_obeyed_in_it(
+    realm: Realm, operate: Operate, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with operate(realm.realm_client) as operator:
+        await listed(operator)
+        app, asked = operator.app, list[int]()
+        ask_for = app.ask_for
+        app.ask_for = lambda *_: asked.append(len(app._held))  # type: ignore[method-assign]
+        operator.burst("\0" * 20_000)
+        operator.burst(" " * 2000)
+        await operator.until(lambda: bool(asked), "the stop")
+        assert len(app._held) <= keys_in_order.MOST
+        await operator.until(lambda: not app.keys_wait, "the rest")
+        assert len(asked) <= keys_in_order.MOST
+        assert caplog.text.count("are dropped until") == 1
+        app.ask_for = ask_for  # type: ignore[method-assign]
+        operator.burst(f":\x1b[200~{'paste' * 20_000}\x1b[201~")
+        await operator.until(lambda: len(operator.one(Input, "#line").value) == 100_000, "the paste")
+        operator.burst("x")
+        await operator.until(lambda: len(operator.one(Input, "#line").value) == 100_001, "a key after it")
+
+
 async def test_a_queue_that_ended_with_a_key_in_it_does_not_keep_the_others(
     realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -72,6 +72,12 @@ def line_of(pid: int) -> bytes:
     return b""
 
 
+def memory_of(pid: int) -> int:
+    """Return the most memory that a process has had, in bytes."""
+    status = Path(f"/proc/{pid}/status").read_text()
+    return int(status.partition("VmHWM:")[2].split()[0]) * 1024
+
+
 def files_with(words: bytes, folder: Path) -> list[Path]:
     """Return the files in which these words are."""
     return [one for one in folder.rglob("*") if one.is_file() and words in one.read_bytes()]
@@ -231,6 +237,27 @@ async def test_a_tab_whose_keys_nobody_takes_ends_when_it_is_cut_or_sends_too_ma
             assert "sent more keys than its screen can take" in (await ended(socket))[1]
         await until(lambda: port.reception.tabs == 0)
         await until(lambda: not living(pid), "it is ended, whatever it does")
+
+
+async def test_a_flood_of_keys_takes_no_memory_and_keys_work_after_it(port: Port) -> None:
+    (pid,) = port.screens
+    async with port.connect() as socket:
+        await port.hello(socket)
+        await drawn(socket, TOP)
+        before = memory_of(pid)
+        for _ in range(25):
+            await socket.send(json.dumps({"keys": "\0" * 4000}))
+
+        async def ask() -> None:
+            while True:  # the first ones are part of the flood
+                await socket.send(json.dumps({"keys": "?"}))
+                await asyncio.sleep(0.5)
+
+        asking = asyncio.ensure_future(ask())
+        await drawn(socket, HELP)
+        asking.cancel()
+        assert memory_of(pid) < before + 100_000_000, "2 kB for each would be 200 MB"
+    await until(lambda: not living(pid))
 
 
 async def test_when_all_tabs_have_ended_a_screen_waits_again(port: Port) -> None:
