@@ -19,6 +19,8 @@ if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.supervision.realm_client import RealmClient
 
 MARK = values.PLACE_MARK
+PREVIEWED = "preview_go_to"
+"""The command that tells the way of `go_to`: it takes the same point, and moves nothing."""
 
 
 def asks_for_pose(spec: CommandSpec) -> bool:
@@ -43,7 +45,7 @@ async def arguments(
         return given
     described = await realm_client.describe(robot)
     spec = described.command(command)
-    if spec is None or not asks_for_pose(spec):
+    if spec is None or not (asks_for_pose(spec) or spec.name == PREVIEWED):
         why = f"{robot}.{command} asks for no pose, so {MARK}{named[0]} means nothing to it"
         raise ValueRefused("PLACE", why)
     if len(named) > 1:
