@@ -79,7 +79,7 @@ async def test_an_operator_steps_a_robot_sees_its_line_and_acknowledges_an_alarm
 
             await answer("alarm", "above", "arm.fz", "20")
             assert [one["state"] for one in await answer("alarms")] == ["calm"]
-            await asyncio.to_thread(person.types, "B", sees="2x")
+            await asyncio.to_thread(person.types, "B", sees="nothing runs; the last was team.press_twice")
             assert (await calling)[0] == 0
             await asyncio.to_thread(person.types, "\x1b", sees="ALARM: arm.fz was 25")
             await asyncio.to_thread(person.types, "U", sees="raised")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import io
 import math
-from collections.abc import AsyncIterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
 from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
@@ -14,6 +14,7 @@ import msgspec
 import pytest
 from PIL import Image, ImageDraw
 
+from robotree.tui import words
 from robotree.vr import CommandFailed, Range, Robot, Unit, VrError, command
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.host import Host
@@ -35,6 +36,13 @@ AXLE_X, AXLE_Z, RADIUS, STOP = 0.42, 0.08, 0.20, 0.785
 
 Place = Annotated[float, Unit("m"), Range(-0.8, 0.8), "a place"]
 Angle = Annotated[float, Unit("rad"), Range(-math.pi, math.pi)]
+
+
+@pytest.fixture(autouse=True)
+def in_english_afterwards() -> Iterator[None]:
+    """The language is chosen once for a process: no test leaves its own to the next one."""
+    yield
+    words.choose("en")
 
 
 class Info(msgspec.Struct, frozen=True):

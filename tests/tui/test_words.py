@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 
 import pytest
 from rich.cells import cell_len
@@ -17,12 +16,6 @@ from robotree.tui.seen.status import COUNTED, STATUSES
 OTHERS = sorted(words.LANGUAGES.keys() - {"en"})
 LABELS = {one.label for one in (*ACTIONS, *PAGE_KEYS) if one.label}
 USED = {*words.TEXTS, *STATUSES, *COUNTED.values()} | LABELS
-
-
-@pytest.fixture(autouse=True)
-def in_english_afterwards() -> Iterator[None]:
-    yield
-    words.choose("en")
 
 
 @pytest.mark.parametrize("code", OTHERS)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import pytest
@@ -17,12 +16,6 @@ from robotree.tui.screen.widgets.key_line import KeyLine
 if TYPE_CHECKING:
     from screens.conftest import Operate
     from tui.conftest import Realm
-
-
-@pytest.fixture(autouse=True)
-def in_english_afterwards() -> Iterator[None]:
-    yield
-    words.choose("en")
 
 
 @pytest.mark.parametrize("code", ["de", "ar"])
