@@ -98,7 +98,8 @@ def refusal(realm_client: RealmClient, found: Permit) -> Denied | None:
     listed = [one for one in realm_client.robots() if one.address.key == found.life]
     kinds = tuple(listed[0].kinds) if listed else ()
     gate, user = realm_client.gate, user_name(os.geteuid())
-    target = PolicyTarget(found.robot, "robot", kinds, found.command, gate.site)
+    name, site = found.robot.rpartition(":")[2], realm_client.places.site_of(found.life) or gate.site
+    target = PolicyTarget(name, "robot", kinds, found.command, site)
     decision = gate.may(gate.user(user), "command", target)
     if decision.allowed:
         return None

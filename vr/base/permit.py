@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import Any, Final, Literal, NamedTuple
 
 import msgspec
+from msgspec.structs import replace
 
 from robotree.vr.base.foreign import bounded
 
@@ -40,6 +41,8 @@ class PermittedCall(NamedTuple):
     command: str
     arguments: Mapping[str, Any]
     key: str
+    vouched: Permit | None = None
+    """The permit, as the gateway vouches for it; None: the robot reads it from the realm's folder."""
 
 
 class Permit(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -115,6 +118,16 @@ def _given(value: Any) -> str:
     return (f"«{shown}»" if isinstance(value, str) else shown) + left_out
 
 
+def travelling(permit: Permit) -> Permit:
+    """Return what a robot of another site has to know of a permit: all but what a person was shown."""
+    return replace(permit, preview=(), path=(), picture="", why="", units={}, below={})
+
+
+def on_clock(permit: Permit, ahead: float) -> Permit:
+    """Return a permit on this machine's clock; that of the site where it was given is `ahead` [s]."""
+    return replace(permit, asked=permit.asked - ahead, answered=permit.answered - ahead)
+
+
 def unfit(permit: Permit, assistant: str, call: PermittedCall, now: float) -> str:
     """Return why a permit does not allow a call, as a clause; empty: it does.
 
@@ -124,6 +137,8 @@ def unfit(permit: Permit, assistant: str, call: PermittedCall, now: float) -> st
         call: what the robot is asked; its key is that with which the permit has begun.
         now: [s] since 1970.
     """
+    if permit.id != call.permit:
+        return f"it is {permit.id}"
     if permit.assistant != assistant:
         return f"it is {permit.assistant}'s"
     if permit.state != "begun" or permit.key != call.key:

@@ -22,6 +22,7 @@ from robotree.vr.base.hosting import HostLoad, Placement
 from robotree.vr.base.order import KnownAgent, Order, OrderHold
 from robotree.vr.base.own_class import OwnClass
 from robotree.vr.base.permissions import Isolation
+from robotree.vr.base.permit import Permit
 from robotree.vr.base.policy import Person
 from robotree.vr.base.signed_manifest import SignedManifest
 
@@ -72,6 +73,8 @@ class Call(_Message, frozen=True, kw_only=True):
     only what was not done yet is to be done. Empty: none was."""
     permit: str = ""
     """Id of the permit with which an assistant asks, where the policy wants one."""
+    vouched: Permit | None = None
+    """That permit, as the gateway of this machine vouches for it; None: it was given at this site."""
     note: str = ""
     """For the history: why the caller asks, in its own words, and who has said yes."""
     attended: float = 0.0

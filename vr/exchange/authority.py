@@ -296,7 +296,7 @@ def _keep_to_policy(principal: Principal, request: AnyRequest, state: RobotState
         target = PolicyTarget(request.robot, "robot", () if robot is None else robot.kinds, "", gate.site)
     if isinstance(request, Call) and asker.assistant and not gate.may(asker, right, target).allowed:
         _expect(gate, asker, ASK, target)
-        gate.expect_permit(asker, _permitted(request, state))
+        gate.expect_permit(asker, _permitted(principal, request, state))
         return
     _expect(gate, asker, right, target)
     if isinstance(request, Reload):
@@ -324,10 +324,11 @@ def _expect_to_list_its_own(principal: Principal, request: Register, owner: int)
             raise NotAllowed(who=principal.user, what="Register", reason=reason)
 
 
-def _permitted(call: Call, state: RobotState | None) -> PermittedCall:
+def _permitted(principal: Principal, call: Call, state: RobotState | None) -> PermittedCall:
     life = state.address.key if state is not None else ""
     stops = state.stop.generation if state is not None else -1
-    return PermittedCall(call.permit, life, stops, call.command, call.arguments, call.key)
+    vouched = call.vouched if principal.site else None  # the gateway puts it in, and nobody else
+    return PermittedCall(call.permit, life, stops, call.command, call.arguments, call.key, vouched)
 
 
 def _ends_its_own(principal: Principal, request: AnyRequest, state: RobotState | None) -> bool:

@@ -6,6 +6,8 @@ from enum import IntEnum
 
 import msgspec
 
+from robotree.vr.base.permit import Permit
+
 
 class Announced(IntEnum):
     """What a site lets others know."""
@@ -52,6 +54,8 @@ class SiteAsk(msgspec.Struct, frozen=True, array_like=True, tag=2):
     user: str
     """Whose process asked, as the kernel there says."""
     process: int
+    permit: Permit | None = None
+    """Of an assistant's call that needs one: what the folder of the realm there has of it."""
 
 
 class SiteReply(msgspec.Struct, frozen=True, array_like=True, tag=3):

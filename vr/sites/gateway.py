@@ -24,7 +24,8 @@ from typing import Final
 from robotree.vr.base.address import Address
 from robotree.vr.base.chance import token
 from robotree.vr.base.envelope import Received
-from robotree.vr.base.errors import NoAnswer, NotAMember, SiteSilent, VrError
+from robotree.vr.base.errors import NoAnswer, NoSuchPermit, NotAMember, SiteSilent, VrError
+from robotree.vr.base.permit import Permit, on_clock, travelling
 from robotree.vr.base.places import OWN
 from robotree.vr.base.principal import Credentials, Voucher, user_name
 from robotree.vr.base.requests import (
@@ -40,6 +41,7 @@ from robotree.vr.base.transport import ELSEWHERE, End, Respond, Transport
 from robotree.vr.exchange.authority import Here
 from robotree.vr.exchange.dispatcher import Dispatcher, SendReply, not_for
 from robotree.vr.network.on_loop import LoopTurns
+from robotree.vr.network.permit_file import permits_beside
 from robotree.vr.sites.certificates import Certificate
 from robotree.vr.sites.describing import RememberedSite, seen
 from robotree.vr.sites.frames import (
@@ -336,9 +338,17 @@ class Gateway:
         number = next(self._numbers)
         again = partial(self._pass_on, key, body, sender, urgent=urgent, respond=respond, end=end)
         site.exchanges[number] = SiteExchange(key, respond, end, found.void_at, again)
-        ask = SiteAsk(number, key, body, urgent, now, found.age, user_name(sender.user), sender.process)
+        permit = self._permit(found.permit) if found.permit else None
+        user = user_name(sender.user)
+        ask = SiteAsk(number, key, body, urgent, now, found.age, user, sender.process, permit)
         lane = Lane.URGENT if urgent else Lane.NORMAL
         self.send(site, ask, lane, until=found.void_at or float("inf"))
+
+    def _permit(self, permit: str) -> Permit | None:
+        """Return a permit of this site for a robot of another one; None: there is none."""
+        with suppress(NoSuchPermit):
+            return travelling(permits_beside(self.transport.gate).find(permit))
+        return None
 
     def _hear(self, site: Site, key: str, body: bytes) -> None:
         if site.stream is None or _agent(key) not in self._standing.local:
@@ -580,7 +590,8 @@ class Gateway:
         person = member.kind == "person"
         user = member.name if person else ask.user
         voucher = Voucher(member.name, user, ask.process, person, member.may)
-        found = arrived(ask.body, age, voucher, now, known=known)
+        permit = None if ask.permit is None else on_clock(ask.permit, site.clock)
+        found = arrived(ask.body, age, voucher, now, known=known, permit=permit)
         large = answered = False
 
         def reply(body: bytes | None) -> None:

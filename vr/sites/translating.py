@@ -8,8 +8,9 @@ from typing import NamedTuple
 import msgspec
 
 from robotree.vr.base.envelope import BEGINS, ENDS, Envelope, same_clock, this_clock
+from robotree.vr.base.permit import Permit
 from robotree.vr.base.principal import Voucher
-from robotree.vr.base.requests import Resume
+from robotree.vr.base.requests import Call, Resume
 
 _encode = msgspec.msgpack.Encoder().encode
 _decoder: msgspec.msgpack.Decoder[Envelope] = msgspec.msgpack.Decoder(Envelope)
@@ -26,6 +27,8 @@ class Leaving(NamedTuple):
     """It ends something, and is carried out however late it comes."""
     vouched: bool
     """It has come from another site already."""
+    permit: str
+    """Id of the permit with which an assistant asks; empty: it has none."""
 
 
 class Arrived(NamedTuple):
@@ -53,7 +56,8 @@ def leaving(body: bytes, now: float) -> Leaving | None:
     age = max(now - envelope.asked, 0.0) if same_clock(envelope.clock) else 0.0
     begins = isinstance(envelope.request, BEGINS)
     void_at = now - age + envelope.holds if begins else 0.0
-    return Leaving(age, void_at, isinstance(envelope.request, ENDS), bool(envelope.proof))
+    permit = envelope.request.permit if isinstance(envelope.request, Call) else ""
+    return Leaving(age, void_at, isinstance(envelope.request, ENDS), bool(envelope.proof), permit)
 
 
 def sender_of(body: bytes) -> str:
@@ -62,7 +66,9 @@ def sender_of(body: bytes) -> str:
     return "" if envelope is None else envelope.sender
 
 
-def arrived(body: bytes, age: float, voucher: Voucher, now: float, *, known: bool) -> Arrived | None:
+def arrived(
+    body: bytes, age: float, voucher: Voucher, now: float, *, known: bool, permit: Permit | None = None
+) -> Arrived | None:
     """Write the envelope of a request anew for this machine; None: it cannot be read.
 
     Args:
@@ -71,6 +77,7 @@ def arrived(body: bytes, age: float, voucher: Voucher, now: float, *, known: boo
         voucher: who asks.
         now: [s] on this machine's monotonic clock.
         known: whether the asker is present at its site under the key that it says; else it is under none.
+        permit: of a call that needs one, as its site vouches for it, on this machine's clock.
     """
     envelope = _read(body)
     if envelope is None:
@@ -79,6 +86,8 @@ def arrived(body: bytes, age: float, voucher: Voucher, now: float, *, known: boo
     if isinstance(request, Resume) and request.given != math.inf:
         given = asked - max(envelope.asked - request.given, 0.0) if request.clock == envelope.clock else asked
         request = msgspec.structs.replace(request, given=given, clock=this_clock())
+    if isinstance(request, Call) and (permit is not None or request.vouched is not None):
+        request = msgspec.structs.replace(request, vouched=permit)
     sender = envelope.sender if known else ""
     body = _encode(
         msgspec.structs.replace(

@@ -35,14 +35,16 @@ class PoliticalRealm(Realm):
         """Put a policy in force."""
         self.gate.policy = read_policy(f"realm: test\nversion: 1\n{text}")
 
-    async def ask_as(self, person: str, key: str, request: AnyRequest, *, sender: str = "") -> Reply:
+    async def ask_as(
+        self, person: str, key: str, request: AnyRequest, *, sender: str = "", terminal: str = "pts/1"
+    ) -> Reply:
         """Ask for somebody at another site, or for a person with a key of their own, as a gateway does."""
         name, _, site = person.partition("@")
         voucher = Voucher(site or name, name, 7, member=not site)
         loop = self.operator.loop
         body = msgspec.msgpack.encode(
             Envelope(
-                request, sender, loop.time(), 5.0, this_clock(), msgspec.msgpack.encode(voucher), "pts/1"
+                request, sender, loop.time(), 5.0, this_clock(), msgspec.msgpack.encode(voucher), terminal
             )
         )
         async for reply in self.operator.request(key, body, timeout=5.0):

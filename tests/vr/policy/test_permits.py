@@ -19,7 +19,7 @@ from robotree.vr.base.envelope import asking_for_assistant
 from robotree.vr.base.errors import Denied, NoSuchPermit, PermitRefused, VrError
 from robotree.vr.base.permit import GOOD, WAITS, Permit, PermittedCall
 from robotree.vr.base.policy import Person, PolicyGate
-from robotree.vr.base.requests import Call
+from robotree.vr.base.requests import Call, Resume
 from robotree.vr.network.permit_file import MOST_WAITING, PermitFiles
 from robotree.vr.world.network import MemoryNetwork
 from tests.vr.policy.conftest import ME, PoliticalRealm
@@ -153,6 +153,36 @@ async def test_what_differs_from_the_call_that_was_allowed_is_refused(realm: Any
         (permits.folder / "abcdefgh.json").write_bytes(msgspec.json.encode(forged))
     assert await obeyed(realm, target, call, who) != ""
     assert rover.moved == second.moved == []
+
+
+@pytest.mark.parametrize(
+    "attack", ["", "arguments", "assistant", "stop", "expiry", "life", "no", "key", "id"]
+)
+async def test_a_yes_that_was_given_at_another_site_is_checked_by_the_robot(realm: Any, attack: str) -> None:
+    """As the gateway brings it: `test_over_sites.py` has the whole way."""
+    rover = Rover("rover-1")
+    agent = await realm.start(rover)
+    realm.rule(RULES.replace(f"'{ME}': all", "anna@lab: all"))
+    call, _ = call_of(agent, "abcdefgh", x=2.0 if attack == "arguments" else 1.0)
+    changes = {"life": {"life": "robot/rover-1/earlier"}, "no": {"state": "denied"}, "key": {"key": "other"},
+               "id": {"id": "aaaaaaaa"}}.get(attack, {})  # fmt: skip
+    begun = asked(agent, **{"state": "begun", "key": call.key, "answered": 1e6, **changes})
+    if attack == "stop":
+        await realm.client(agent).safe_stop("a hand")
+        await realm.until(lambda: agent.description().stopped)
+        await realm.ask_as("anna@lab", agent.address.key, Resume())
+        await realm.until(lambda: not agent.description().stopped)
+    if attack == "expiry":
+        realm.gate.unix += GOOD
+    who = "mcp/other" if attack == "assistant" else "mcp/claude"
+    asking = realm.ask_as("anna@lab", agent.address.key, replace(call, vouched=begun), terminal=who)
+    if attack:
+        with pytest.raises(PermitRefused):
+            await asking
+        assert rover.moved == []
+    else:
+        await asking
+        await realm.until(lambda: rover.moved == [1.0])
 
 
 async def test_an_assistant_may_what_the_policy_says_and_never_resumes(realm: Any) -> None:

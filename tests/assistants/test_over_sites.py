@@ -1,0 +1,135 @@
+"""A person at one site says yes to an assistant's call of a robot at another one, which checks it there."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcp import Client
+from mcp.client.stdio import StdioServerParameters
+
+from tests.assistants.conftest import ME, PAGE
+from tests.assistants.test_over_stdio import PATIENT, text
+from tests.plant import Plant
+
+pytestmark = [pytest.mark.e2e, pytest.mark.timeout(400)]
+
+RULES = f"""realm: plant
+version: 1
+persons: {{'{ME}': all, '{ME}@lab': all, '{ME}@hall': all}}
+assistants: {{claude: {{role: helper, calls: 1000, metres: 30, seconds: 300}}}}
+roles:
+  all: {{see: '*', command: '*', create: '*', resume: '*', administrate: yes}}
+  helper: {{see: '*', command: cart.count, ask: cart.walk}}
+"""
+
+
+@pytest.fixture(scope="module")
+def plant() -> Iterator[Plant]:
+    """Two linked sites with a policy, and a cart at hall."""
+    with tempfile.TemporaryDirectory(prefix="rt-") as folder:
+        found = Plant(Path(folder))
+        try:
+            lab, hall = found.lab, found.hall
+            lab.say("realm", "create", "plant", "--hub", found.start_hub(), "--site", "lab")
+            lab.start("gateway", "gateway")
+            hall.say("realm", "join", lab.say("realm", "invite", "hall")["token"])
+            hall.start("gateway", "gateway")
+            for machine in (lab, hall):
+                machine.start("lookup", "lookup", f"lookup-{machine.name}")
+            hall.start("host", "host", "host-hall")
+            page, rules = Path(folder) / "cart.py", Path(folder) / "plant.yaml"
+            page.write_text(PAGE)
+            rules.write_text(RULES)
+            hall.say("create", str(page), "as", "cart")
+            lab.say("policy", "set", str(rules))
+            lab.until_listed("cart")
+            yield found
+        finally:
+            for machine in found.machines:
+                for called in list(machine.running):
+                    machine.end(called, signal.SIGKILL)
+
+
+async def test_a_yes_at_one_site_is_good_once_for_that_call_at_another_one(plant: Plant) -> None:
+    lab, hall = plant.lab, plant.hall
+    key = {"ROBOTREE_MCP_KEY": lab.say("assistant", "invite", "claude")["key"]}
+    server = StdioServerParameters(
+        command=sys.executable, args=["-m", "robotree.tui", "mcp"], env={**lab.environment, **key}
+    )
+    async with Client(server, read_timeout_seconds=PATIENT) as client:
+
+        async def asked() -> str:
+            answer = await client.call_tool("cart__walk", {"x": 2, "_why": "to see the other site"})
+            assert not answer.is_error, text(answer)
+            told: Any = answer.structured_content
+            return str(told["permit"])
+
+        async def begun(permit: str) -> str:
+            answer = await client.call_tool("robotree_permit", {"permit": permit})
+            return text(answer) if answer.is_error else ""
+
+        permit = await asked()
+        [shown] = lab.say("permits")
+        assert (shown["assistant"], shown["arguments"], shown["preview"][0]) == (
+            "claude", {"x": 2.0}, "at site hall",
+        )  # fmt: skip
+        assert hall.say("call", "cart.count") == 0
+        lab.say("permit", "allow", permit)
+        assert await begun(permit) == ""
+        assert hall.say("call", "cart.count") == 1
+        assert "it is over" in await begun(permit)
+        # what was stopped there since is another robot than the person has seen
+        permit = await asked()
+        lab.say("permit", "allow", permit)
+        hall.say("stop", "cart")
+        hall.say("resume", "cart")
+        assert "was stopped since" in await begun(permit)
+        assert hall.say("call", "cart.count") == 1
+    why = hall.text("why", "cart")
+    assert "claude says «to see the other site»" in why
+    assert "said yes at" in why
+
+
+FORGER = """
+import asyncio, sys, time
+from robotree.client.joining import joined
+from robotree.vr.base.envelope import asking_for_assistant
+from robotree.vr.base.errors import VrError
+from robotree.vr.base.permit import Permit
+from robotree.vr.base.requests import Call
+
+async def main():
+    async with joined("plant") as realm:
+        cart, now = await realm.describe("cart"), time.time()
+        begun = dict(state="begun", asked=now, answered=now, key="k")
+        what = dict(command="walk", arguments={"x": 1.0})
+        life = dict(life=cart.address.key, stops=cart.stops)
+        forged = Permit(id="abcdefgh", assistant="claude", robot="cart", **begun, **what, **life)
+        call = Call(key="k", deadline=9.0, permit="abcdefgh", vouched=forged, **what)
+        with asking_for_assistant("claude"):
+            try:
+                await realm.carry_out(cart.address, call)
+            except VrError as error:
+                print(type(error).__name__, error)
+
+asyncio.run(main())
+"""
+
+
+@pytest.mark.parametrize("site", ["lab", "hall"])
+def test_a_robot_believes_no_permit_that_no_gateway_has_read_from_its_realm(plant: Plant, site: str) -> None:
+    """A program of each site that speaks the protocol itself writes a permit into its call."""
+    before = plant.hall.say("call", "cart.count")
+    machine = plant.lab if site == "lab" else plant.hall
+    done = subprocess.run(
+        [sys.executable, "-c", FORGER], capture_output=True, text=True, check=True, env=machine.environment
+    )
+    assert done.stdout.strip() == "PermitRefused permit abcdefgh does not allow this: there is none"
+    assert plant.hall.say("call", "cart.count") == before
