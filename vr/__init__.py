@@ -40,8 +40,13 @@ if TYPE_CHECKING:
         CommandFailed,
         CommandInDoubt,
         DeadlineExceeded,
+        EmptyRealm,
         Failed,
+        NoSuchRobot,
+        NotInControl,
+        NotThisKind,
         SlotEmpty,
+        Stopped,
         VrError,
     )
     from robotree.vr.base.units import Range, Unit
@@ -81,6 +86,12 @@ __all__ = [
     "CommandInDoubt",
     "DeadlineExceeded",
     "SlotEmpty",
+    # and for programs that join a realm
+    "EmptyRealm",
+    "NoSuchRobot",
+    "NotThisKind",
+    "NotInControl",
+    "Stopped",
 ]
 
 _FROM = {

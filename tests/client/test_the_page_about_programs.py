@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -15,12 +16,13 @@ from tests.command_line import ROBOTREE
 pytestmark = pytest.mark.e2e
 
 PAGE = Path(__file__).parents[2] / "docs" / "programs.md"
+EXAMPLES = Path(__file__).parents[2] / "examples"
 PROGRAMS = re.findall(r"```python\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)
 
 
 @pytest.fixture(scope="module")
 def arm(shared_place: Path) -> Iterator[Path]:
-    """A lookup service, a quick simulated arm and its proxy `arm-1`; gives a folder for programs."""
+    """A lookup service, a host, a quick simulated arm and its proxy `arm-1`; gives a folder for programs."""
     members: list[subprocess.Popen[str]] = []
 
     def start(*words: str) -> str:
@@ -34,10 +36,12 @@ def arm(shared_place: Path) -> Iterator[Path]:
         return address
 
     start("lookup", "l1")
+    start("host", "h1", "--forget")
     address = start("sim", "arm", "--listen", "tcp:127.0.0.1:0", "--speedup", "6", "--open")
     start("proxy", "arm", "arm-1", "--connect", address, "--open")
     folder = shared_place / "programs"  # beside the realms' folder, `robotree`, they would import that
     folder.mkdir()
+    shutil.copy(EXAMPLES / "move_to.py", folder)
     yield folder
     for member in members:
         assert member.stdin is not None
@@ -62,4 +66,4 @@ def test_a_program_of_the_page_runs(arm: Path, number: int) -> None:
 
 
 def test_the_page_has_programs() -> None:
-    assert len(PROGRAMS) == 3
+    assert len(PROGRAMS) == 6

@@ -19,7 +19,7 @@ from robotree.tui.processes.serving import MANAGER, tell_the_manager
 ROOT = Path(__file__).parents[2]
 UNITS = sorted((ROOT / "deploy").glob("robotree*"))
 SERVICES = [unit for unit in UNITS if unit.suffix == ".service"]
-GUIDE = (ROOT / "docs" / "services.md").read_text()
+GUIDE = (ROOT / "docs" / "lab.md").read_text()
 VALUES = {
     "${KIND}": "arm",
     "${CONNECT}": "tcp:127.0.0.1:5760",
