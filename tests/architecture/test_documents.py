@@ -15,8 +15,8 @@ from robotree.tui.line.manual import EVERYWHERE
 from robotree.tui.session.script import read
 
 ROOT = Path(__file__).parents[2]
-DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-DOCUMENTS += sorted((ROOT / "docs" / "guide").glob("*.md"))
+GUIDES = [*sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "docs" / "guide").glob("*.md"))]
+DOCUMENTS = [ROOT / "README.md", *GUIDES]
 
 
 def blocks(path: Path, language: str) -> list[str]:
@@ -53,7 +53,7 @@ def test_the_pages_of_the_reference_are_made_from_what_the_program_uses() -> Non
 
 
 def test_the_guides_have_at_most_45000_words() -> None:
-    assert sum(words(path) for path in DOCUMENTS[1:]) <= 45_000, "say it once, and link to it"
+    assert sum(words(path) for path in GUIDES) <= 45_000, "say it once, and link to it"
 
 
 def test_the_readme_shows_the_example_as_it_is() -> None:
