@@ -71,6 +71,7 @@ def condition(robot: RobotDescription) -> Iterator[Finding]:
     match kind:
         case "offline":
             remedy = "its proxy has lost the controller: look whether that runs and at the link between them"
+            remedy = robot.attributes.get(status.CONDITION, remedy)
             yield Finding("robots", "bad", result, remedy)
         case "stopped":
             reason = f": {robot.stop_reason}" if robot.stop_reason else ""

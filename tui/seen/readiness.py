@@ -51,7 +51,8 @@ def _faults(store: Store, name: str, now: float, *, stop: bool = True) -> list[s
         where = robot.attributes.get("controller", "") if robot else ""
         held = robot.attributes.get("held_by", "") if robot else ""
         why = f"is held by {held}" if held else "does not answer"
-        found.append(f"offline: its controller {f'at {where} ' if where else ''}{why}")
+        said = robot.attributes.get(status.CONDITION, "") if robot else ""
+        found.append(said or f"offline: its controller {f'at {where} ' if where else ''}{why}")
     if stop and condition and condition.stopped:
         found.append(stopped(store, name, now))
     if condition and condition.abandoned:

@@ -266,7 +266,7 @@ def text(
     if robot.asks:
         return f"ASKS (decide {robot.name})"
     condition, lacks = robot.attributes.get(CONDITION, ""), lacks_of(robot, described, hanging)
-    if not condition or not robot.online or robot.stopped or robot.abandoned:
+    if not condition or robot.stopped or robot.abandoned:
         return words(robot, lacks)
     return condition if condition != "ready" else words(robot, lacks)
 

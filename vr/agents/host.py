@@ -23,6 +23,7 @@ from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.behaviours import behaviours_of, own_slots
 from robotree.vr.agents.bundles import KnownBundles
 from robotree.vr.agents.moving import LoadedPage, Moves
+from robotree.vr.agents.place import AgentPlace, Placeable
 from robotree.vr.agents.placing import PlaceFinder
 from robotree.vr.agents.shared import Shared
 from robotree.vr.agents.taker import say_deleted
@@ -199,7 +200,7 @@ class Host:
         """
         self.opens()
         if self.apart is not None:
-            self.apart.courier = self.moves.courier
+            self.apart.courier, self.apart.registrar = self.moves.courier, self._registrar
             self.apart.on_lost = lambda identity: self.moves.keep(
                 say_deleted(self._transport, identity, self.address.key)
             )
@@ -225,6 +226,14 @@ class Host:
         """
         self.placing = PlaceFinder(self, self._transport, unix=self._process.runner.unix, used=used)
         self.moves.keep(self.placing.run())
+
+    def placeables(self) -> dict[str, Placeable]:
+        """Return the robots, by key, whose places may be looked after."""
+        unix, apart = self._process.runner.unix, {} if self.apart is None else self.apart.robots
+        here: dict[str, Placeable] = {
+            agent.address.key: AgentPlace(agent, unix) for agent in self.agents.values()
+        }
+        return here | {one.address.key: one for one in apart.values() if one.address is not None}
 
     def has_room(self) -> int | None:
         """How many robots it still takes; None: any number."""

@@ -26,6 +26,7 @@ import msgspec
 from robotree.files import private_folder
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.host import Host
+from robotree.vr.agents.place import Placeable
 from robotree.vr.agents.run import kept_by, kept_in, place_of
 from robotree.vr.base.envelope import Received
 from robotree.vr.base.errors import VrError
@@ -82,6 +83,7 @@ class PipeMesh:
         self._waiting: dict[int, Callable[[list[str]], None]] = {}
         self._numbers = itertools.count(1)
         self.on_control: Callable[[pipe.Control], None] = lambda _: None
+        self.on_place: Callable[[pipe.Place], None] = lambda _: None
         self.on_leave: Callable[[bool], None] = lambda _: None
         self.on_arrive: Callable[[pipe.Parcel], None] = lambda _: None
         self._closed: Future[None] = Future()
@@ -94,6 +96,7 @@ class PipeMesh:
             pipe.Rules: self._take_rules,
             pipe.Did: self._take_done,
             pipe.Control: self._control,
+            pipe.Place: lambda frame: self.on_place(frame),  # noqa: PLW0108 # it is set later
             pipe.Arrive: lambda frame: self.on_arrive(frame.parcel),
             pipe.Leave: lambda frame: self.on_leave(frame.returns),
         }
@@ -315,7 +318,13 @@ async def _live(way: RobotPipe, mesh: PipeMesh, begin: pipe.BeginFrame, lacks: l
             agent.runtime.log.say("warning", lack)
         mesh.on_control = lambda frame: _control(loop, host, way, frame)
         way.send(pipe.Up(encode(Described(robot=agent.description())), host.page_of(begin.name)))
-        beats = loop.create_task(_beat(way, host))
+        place = host.placeables()[agent.address.key]
+
+        def take_place(frame: pipe.Place) -> None:
+            loop.call_soon_threadsafe(_take_place, place, frame)
+
+        mesh.on_place = take_place
+        beats = loop.create_task(_beat(way, host, place))
         gone = loop.create_task(agent.closed.wait())
         both: tuple[asyncio.Future[Any], ...] = (leaving, gone)
         done, _ = await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
@@ -418,11 +427,23 @@ tasks: set[Future[None]] = set()
 """Answers that are being made."""
 
 
-async def _beat(way: RobotPipe, host: Host) -> None:
+def _take_place(place: Placeable, frame: pipe.Place) -> None:
+    """Note what the host has found of the robot's place."""
+    with contextlib.suppress(VrError):  # it is on its way already
+        match frame.does:
+            case "show":
+                place.show(frame.advice, frame.text)
+            case "begin_move":
+                place.begin_move(frame.advice)
+            case "end_move":
+                place.end_move(frame.advice, frame.text)
+
+
+async def _beat(way: RobotPipe, host: Host, place: Placeable) -> None:
     while True:
         abandoned = [name for agent in list(host.agents.values()) for name in agent.abandoned]
         target = next((departure.target for departure in host.moves.leaving.values()), "")
-        way.send(pipe.Alive(abandoned, target))
+        way.send(pipe.Alive(abandoned, target, place.placed, place.came))
         await asyncio.sleep(BEAT)
 
 

@@ -7,33 +7,26 @@ robot is placed by `advise` or `auto`. Lives on the event loop.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import logging
 import time
 from collections.abc import Callable, Iterable
 from typing import Protocol
 
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.agents.unfit import unfit_reasons
+from robotree.vr.agents.place import Placeable, commands_running
 from robotree.vr.agents.ways import Ways
-from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.address import Address, everyone
 from robotree.vr.base.errors import TransportError, VrError
 from robotree.vr.base.hosting import HostLoad
 from robotree.vr.base.places import Places
 from robotree.vr.base.requests import HostDescribed, Reply
 from robotree.vr.base.transport import Transport
-from robotree.vr.core import events as on
-from robotree.vr.core.machine import RobotState
 from robotree.vr.core.placement import (
-    Contact,
     HostSeen,
     PlaceAdvice,
-    PlacedRobot,
     PlaceWatch,
     seated,
 )
-from robotree.vr.core.traffic import NO_FLOW
 
 LOOK = 1.0
 """[s] between two looks at the places of robots."""
@@ -77,6 +70,10 @@ class PlacingHost(Protocol):
         """How many robots it still takes; None: any number."""
         ...
 
+    def placeables(self) -> dict[str, Placeable]:
+        """Return its robots, by key, in this process and apart."""
+        ...
+
     async def move(self, robot: str, host: str) -> Reply:
         """Have a robot go on in another host; see `Moves.migrate`."""
         ...
@@ -113,7 +110,7 @@ class PlaceFinder:
     def load(self) -> HostLoad:
         """Return what the host has to do."""
         agents = [agent for agent in self._host.agents.values() if not agent.gone]
-        running = sum(agent.runtime.look(_running) for agent in agents)
+        running = sum(agent.runtime.look(commands_running) for agent in agents)
         cpu = round(self._meter.cpu(), 2)
         return HostLoad(robots=len(agents), running=running, cpu=cpu, room=self._host.has_room())
 
@@ -150,19 +147,15 @@ class PlaceFinder:
 
     async def look(self) -> None:
         """Look once: say where robots would be better off, and move those that are to move."""
-        cared = {
-            agent.address.key: agent
-            for agent in self._host.agents.values()
-            if agent.runtime.placement != "manual" and not (agent.gone or agent.runtime.is_on_way)
-        }
-        self._watches = {key: watch for key, watch in self._watches.items() if key in cared}
+        there = self._host.placeables()
+        robots = {key: placed for key, one in there.items() if (placed := one.placed) is not None}
+        self._watches = {key: watch for key, watch in self._watches.items() if key in robots}
         now = _now()
-        if cared or now - self._surveyed > SURVEY:
+        if robots or now - self._surveyed > SURVEY:
             self._surveyed = now
             await asyncio.gather(*map(self.ways.ask, self._other_keys()))
-        if not cared:
+        if not robots:
             return
-        robots = {key: self._placed(agent) for key, agent in cared.items()}
         keys = {partner.key for robot in robots.values() for partner in robot.partners}
         here = HostSeen(
             self._host.address.name,
@@ -173,13 +166,10 @@ class PlaceFinder:
         others = await self._others(tuple(sorted(keys)))
         advice: dict[str, PlaceAdvice] = {}
         for key, robot in robots.items():
-            watch = self._watches.setdefault(key, PlaceWatch(self._since(cared[key])))
+            since = _now() if there[key].came else float("-inf")  # long ago, if it was made here
+            watch = self._watches.setdefault(key, PlaceWatch(since))
             advice[key] = watch.look(robot, here, others, _now())
-        await self._follow(cared, advice, {host.name: host.load.room for host in others})
-
-    def _since(self, agent: RobotAgent) -> float:
-        """[s] when a robot has come here; long ago, if it was made here."""
-        return _now() if agent.runtime.came else float("-inf")
+        await self._follow(there, advice, {host.name: host.load.room for host in others})
 
     async def _others(self, keys: tuple[str, ...]) -> list[HostSeen]:
         """Return the hosts that take robots, with the ways from them."""
@@ -192,65 +182,26 @@ class PlaceFinder:
             if one.load is not None and takes_robots(one)
         ]
 
-    def _placed(self, agent: RobotAgent) -> PlacedRobot:
-        runtime, robot = agent.runtime, agent.robot
-        assert isinstance(robot, VirtualRobot)  # noqa: S101 # no other one has a placement
-        flows = runtime.traffic.flows(runtime.process.runner.now())
-        family, placing = runtime.look(lambda state: (_family(state), state.placing))
-        partners = [
-            Contact(key, name, calls)
-            for key, name in family.items()
-            if (calls := flows.get(key, NO_FLOW).calls)
-        ]
-        strangers = sum(flow.calls for key, flow in flows.items() if key not in family)
-        return PlacedRobot(
-            name=robot.name,
-            mode=runtime.placement,
-            partners=partners,
-            strangers=strangers,
-            pinned=robot.pinned,
-            unfit="; ".join(unfit_reasons(runtime)),
-            urgent=runtime.look(_running) > 0,
-            stay=placing.stay(self._unix()),
-        )
-
     async def _follow(
-        self, cared: dict[str, RobotAgent], advice: dict[str, PlaceAdvice], rooms: dict[str, int | None]
+        self, there: dict[str, Placeable], advice: dict[str, PlaceAdvice], rooms: dict[str, int | None]
     ) -> None:
         """Say what was found, and move those that are to move, the most urgent first."""
         go, wait = seated(advice, rooms)
         for key, one in advice.items():
             full = f"; {one.target} is full, and others go first" if key in wait else ""
-            self._say(cared[key], one, one.why + full)
+            there[key].show(one, one.why + full)
         for key in go:
-            if cared[key].runtime.placement == "auto":
-                await self._move(cared[key], advice[key])
+            placed = there[key].placed
+            if placed is not None and placed.mode == "auto":  # a person may have just said something else
+                await self._move(key, placed.name, there[key], advice[key])
 
-    def _say(self, agent: RobotAgent, one: PlaceAdvice, text: str) -> None:
-        runtime, before = agent.runtime, agent.runtime.advice
-        if runtime.placement == "manual":  # a person has just said so
-            return
-        runtime.advice = text
-        target = runtime.advised
-        if one.target and one.target != target and runtime.placement == "advise":
-            runtime.log.say("info", f"it would be better off on {one.target}: {text}")
-        runtime.advised = one.target
-        if before != text:
-            runtime.changed()
-
-    async def _move(self, agent: RobotAgent, one: PlaceAdvice) -> None:
-        runtime, name = agent.runtime, agent.robot.name
-        before = runtime.look(lambda state: state.placing)
-        runtime.log.say("info", f"it moves to {one.target}: {one.why}")
+    async def _move(self, key: str, name: str, robot: Placeable, one: PlaceAdvice) -> None:
         try:
-            runtime.post(on.PlacingSet(placing=before.moving(one.why, self._unix())))
+            robot.begin_move(one)
             await self._host.move(name, one.target)
         except VrError as error:
-            runtime.advice = f"{one.why}; but {error}"
-            runtime.log.say("warning", f"it has not moved: {error}")
-            with contextlib.suppress(VrError):
-                runtime.post(on.PlacingSet(placing=before))
-            if (watch := self._watches.get(agent.address.key)) is not None:
+            robot.end_move(one, str(error))
+            if (watch := self._watches.get(key)) is not None:
                 watch.refused(one.target, _now())
 
 
@@ -263,17 +214,6 @@ def _whole_name(places: Places, host: Address) -> str:
     """Return the name of a host, with its site if that is another one."""
     site = places.site_of(host.key)
     return f"{site}:{host.name}" if site else host.name
-
-
-def _family(state: RobotState) -> dict[str, str]:
-    """Return children and parent of a robot: names by key."""
-    lease = state.lease.current
-    parent = {} if lease is None else {lease.parent.key: lease.parent.name}
-    return {bond.child.key: bond.child.name for bond in state.slots.bonds().values()} | parent
-
-
-def _running(state: RobotState) -> int:
-    return sum(1 for call in state.calls.live.values() if call.running)
 
 
 def _now() -> float:

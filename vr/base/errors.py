@@ -232,6 +232,15 @@ class NoHost(AddressError):
     sentence = "no host is running; start one with `robotree host NAME`"
 
 
+class GivenUp(AddressError):
+    """The process of a robot has ended so often that its host starts no other one."""
+
+    sentence = (
+        "{robot} is given up: its page has ended its process {times} times ({how}). Mend the page; then"
+        " `robotree delete {robot}` and create it again, or start host {host} again: it goes on from there"
+    )
+
+
 class CannotMove(AddressError):
     """A robot stays where it is."""
 

@@ -24,8 +24,9 @@ import msgspec
 
 from robotree.files import private_folder, replace, sync_folder
 from robotree.vr.base.address import Address
+from robotree.vr.base.description import Listing
 from robotree.vr.base.envelope import read_envelope, resealed, seal
-from robotree.vr.base.errors import CannotMove, NoAnswer, NotItsChild, Unreachable, VrError
+from robotree.vr.base.errors import CannotMove, GivenUp, NoAnswer, NotItsChild, Unreachable, VrError
 from robotree.vr.base.permissions import Isolation, Permissions
 from robotree.vr.base.presence import Held, Undo
 from robotree.vr.base.principal import ITSELF, Principal
@@ -48,7 +49,9 @@ from robotree.vr.base.requests import (
     encode,
 )
 from robotree.vr.base.transport import ELSEWHERE, Incoming, Occupied, OnReply, Registration, Transport
+from robotree.vr.core.placement import PlaceAdvice, PlacedRobot
 from robotree.vr.isolation import pipe
+from robotree.vr.isolation.given_up import GivenUpRobot
 from robotree.vr.isolation.judge import Judge, Misbehaved
 from robotree.vr.isolation.nursery import BOX, Nursery
 
@@ -88,6 +91,18 @@ def lack_for(level: Isolation) -> str:
     if sys.platform != "linux":
         return "it needs Linux"
     return "bubblewrap is not installed" if level == "sandbox" and BOX is None else ""
+
+
+class Listings(Protocol):
+    """Lists robots in the lookup services: that of `vr/lookup`."""
+
+    async def enter(self, listing: Listing) -> None:
+        """List a robot."""
+        ...
+
+    async def leave(self, address: Address) -> None:
+        """Take it out."""
+        ...
 
 
 class Courier(Protocol):
@@ -208,12 +223,22 @@ class RobotApart:
     def _stay(self) -> None:
         """Begin without a move."""
         self._last_sign = 0.0
+        self.given_up: GivenUpRobot | None = None
+        """Answers for it when its process has ended too often; None: it goes on."""
+        self.registrar: Listings | None = None
+        """Where it is listed then; None: nowhere."""
+        self._left = asyncio.Event()
+        """Set when its host ends."""
         self.courier: Courier | None = None
         """Makes its requests anew by which it moves; None: it does not move."""
         self.on_lost: Callable[[str], object] = lambda _: None
         """Told of its identity when it has ended for good, and could not tell the directories itself."""
         self.on_way = ""
         """Name of the host to which it is moving, as it says; empty: it stays."""
+        self.came = False
+        """Whether it has come from another host, as it says."""
+        self.placed: PlacedRobot | None = None
+        """What matters for its place, as it says; None: people alone move it."""
         self.moved = False
         """Whether it goes on in another host."""
         self._mover = ITSELF
@@ -354,7 +379,7 @@ class RobotApart:
                 self._crashes = in_a_row = 0
             self._crashes, in_a_row = self._crashes + 1, in_a_row + 1
             if self._crashes >= GIVES_UP:
-                self.over = f"its process has ended {GIVES_UP} times ({_how(code)})"
+                await self._be_given_up(_how(code))
                 break
             abandon, self._held = self._held, ""
             if not abandon and in_a_row >= CRASHES:
@@ -362,6 +387,27 @@ class RobotApart:
             in_a_row = 0 if abandon else in_a_row
             _log.warning("the process of %s has ended (%s); it is started again", self.name, _how(code))
         await self._finish()
+
+    async def _be_given_up(self, how: str) -> None:
+        """Answer for the robot, which has no process any more, until it is deleted or the host ends."""
+        error = GivenUp(robot=self.name, times=GIVES_UP, how=how, host=self._setting.host)
+        _log.error("%s", error)
+        robot = (await self._up).robot
+        self.given_up = given_up = GivenUpRobot(robot, error, self._transport.gate)
+        waiting, self._waiting = self._waiting, []
+        for _, incoming in waiting:
+            given_up.take(incoming)
+        if self.registrar is not None:
+            await self.registrar.enter(given_up.listing)
+        ends = [asyncio.ensure_future(each.wait()) for each in (given_up.deleted, self._left)]
+        await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
+        for each in ends:
+            each.cancel()
+        if self.registrar is not None:
+            await self.registrar.leave(robot.address)
+        if given_up.deleted.is_set():
+            self.over, self._for_good = DELETED, True
+            self.on_lost(robot.identity)
 
     @property
     def _has_begun(self) -> bool:
@@ -459,7 +505,7 @@ class RobotApart:
                 os.kill(self.pid, signal.SIGKILL)
 
     def _lose_process(self) -> None:
-        self.pid, self._ready = 0, False
+        self.pid, self._ready, self.placed = 0, False, None
         if self._writer is not None:
             self._writer.close()
             self._writer = None
@@ -508,6 +554,18 @@ class RobotApart:
             sealed = seal(SafeStop(reason=reason, order=order), now=self._loop.time(), within=STOPS_WITHIN)
             self._transport.ask(self._judge.key, sealed.body, urgent=True, on_reply=lambda _: None)
 
+    def show(self, advice: PlaceAdvice, text: str) -> None:
+        """Have it say what a look at its place has shown; see `agents/place.py`, also of the next two."""
+        self._send(pipe.Place("show", advice, text))
+
+    def begin_move(self, advice: PlaceAdvice) -> None:
+        """Have it note that it moves now, and why."""
+        self._send(pipe.Place("begin_move", advice, ""))
+
+    def end_move(self, advice: PlaceAdvice, reason: str) -> None:
+        """Have it note why it has not moved."""
+        self._send(pipe.Place("end_move", advice, reason))
+
     async def migrate(self, request: Migrate, asker: Principal) -> Reply:
         """Have it go on in another host; returns when it does, and nothing of it is left here.
 
@@ -539,6 +597,7 @@ class RobotApart:
     async def leave(self, *, returns: bool, within: float = 3.0) -> None:
         """End politely; its process is ended if it takes too long."""
         self._leaving = True
+        self._left.set()
         self._send(pipe.Leave(returns))
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(within):
@@ -569,6 +628,8 @@ class RobotApart:
         Raises:
             VrError: it refuses, or does not answer.
         """
+        if self.given_up is not None:
+            raise self.given_up.error
         number, answer = next(self._numbers), self._loop.create_future()
         self._controls[number] = answer
         before = self._permissions
@@ -623,7 +684,9 @@ class RobotApart:
 
     def _hand_on(self, incoming: Incoming) -> None:
         number = next(self._numbers)
-        if self.over or self.moved or len(self._open) + len(self._waiting) >= MOST_OPEN:
+        if self.given_up is not None and not self.over:
+            self.given_up.take(incoming)
+        elif self.over or self.moved or len(self._open) + len(self._waiting) >= MOST_OPEN:
             self._end_without(incoming)
         elif not self._ready:  # it is made, or goes on after a crash
             self._waiting.append((number, incoming))
@@ -778,6 +841,8 @@ class RobotApart:
     def _note_alive(self, frame: pipe.Alive) -> None:
         self.abandoned = tuple(str(each)[:100] for each in frame.abandoned[:20])
         self.on_way = str(frame.on_way)[:100]
+        self.came, placed = frame.came, frame.placed
+        self.placed = None if placed is None or self.on_way else placed._replace(name=self.name)
         since = self._stubborn_since
         self._stubborn_since = min(since, self._loop.time()) if self.abandoned else float("inf")
 
@@ -901,6 +966,8 @@ class RobotsApart:
         self.robots: dict[str, RobotApart] = {}
         self.courier: Courier | None = None
         """See `RobotApart.courier`."""
+        self.registrar: Listings | None = None
+        """See `RobotApart.registrar`."""
         self.on_lost: Callable[[str], object] = lambda _: None
         """See `RobotApart.on_lost`."""
 
@@ -938,7 +1005,7 @@ class RobotsApart:
         if self._nursery is None:
             self._nursery = Nursery()
         robot = RobotApart(kept, permissions, self._setting, self._transport, self._nursery, self._forget)
-        robot.courier, robot.on_lost = self.courier, self.on_lost
+        robot.courier, robot.on_lost, robot.registrar = self.courier, self.on_lost, self.registrar
         self.robots[robot.name] = robot
         return robot
 

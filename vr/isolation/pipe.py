@@ -9,6 +9,7 @@ from __future__ import annotations
 import socket
 import struct
 import threading
+from typing import Literal
 
 import msgspec
 
@@ -16,6 +17,7 @@ from robotree.vr.base.permissions import Isolation, Permissions
 from robotree.vr.base.presence import Held
 from robotree.vr.base.principal import Principal
 from robotree.vr.base.requests import Create, Migrate, ReadEvents, Reload, TakeRobot, VerifyEvents
+from robotree.vr.core.placement import PlaceAdvice, PlacedRobot
 
 LARGEST = 16 * 1024 * 1024
 """[bytes] of a frame."""
@@ -144,6 +146,14 @@ class Control(PipeFrame, frozen=True):
     """Of the page with which it is to go on."""
 
 
+class Place(PipeFrame, frozen=True):
+    """What a look at the robot's place has shown, or what follows: see `Placeable`."""
+
+    does: Literal["show", "begin_move", "end_move"]
+    advice: PlaceAdvice
+    text: str
+
+
 class Leave(PipeFrame, frozen=True):
     """End politely."""
 
@@ -263,13 +273,19 @@ class Alive(PipeFrame, frozen=True):
     """Commands that were ended and whose code still runs."""
     on_way: str
     """Name of the host to which it is moving; empty: it stays."""
+    placed: PlacedRobot | None
+    """What matters for its place; None: people alone move it."""
+    came: bool
+    """Whether it has come from another host."""
 
 
 class GoneFrame(PipeFrame, frozen=True):
     """The robot was deleted."""
 
 
-ToRobot = BeginFrame | Arrive | Come | Replied | Sampled | Present | Silent | Rules | Did | Control | Leave
+ToRobot = (
+    BeginFrame | Arrive | Come | Replied | Sampled | Present | Silent | Rules | Did | Control | Place | Leave
+)
 FromRobot = (
     Loaded
     | Serve

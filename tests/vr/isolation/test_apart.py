@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import ctypes
 import os
+import signal
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ import pytest
 
 from robotree.vr.agents.host import Host
 from robotree.vr.agents.run import kept_by
-from robotree.vr.base.errors import CommandFailed, NotApart, NotIsolated, VrError
+from robotree.vr.base.errors import CommandFailed, DuplicateName, GivenUp, NotApart, NotIsolated, VrError
 from robotree.vr.base.permissions import Isolation
 from robotree.vr.base.principal import Principal
 from robotree.vr.base.requests import ReadEvents
@@ -76,6 +77,13 @@ class Place:
     def pid(self, name: str = "guest") -> int:
         assert self.host.apart is not None
         return self.host.apart.robots[name].pid
+
+    async def crash(self, guest: RobotClient) -> None:
+        """End its process once it answers; returns when the host has seen that."""
+        assert await guest.call("add", {"a": 1, "b": 2}) == 3
+        before = self.pid()
+        os.kill(before, signal.SIGKILL)
+        await until(lambda: self.pid() != before)
 
 
 @pytest.fixture
@@ -181,6 +189,36 @@ async def test_a_command_goes_on_after_a_crash_and_ends_after_a_second_one(place
     with pytest.raises(CommandFailed, match="has ended in it twice"):
         await guest.call("crash", {})
     assert await guest.call("add", {"a": 1, "b": 1}) == 2
+
+
+async def test_one_that_is_given_up_says_why_until_it_is_deleted_and_can_be_made_again(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(apart, "GIVES_UP", 2)
+    guest = await place.create()
+    for _ in range(2):
+        await place.crash(guest)
+    with pytest.raises(GivenUp, match=r"ended its process 2 times \(SIGKILL\)\. Mend the page; then"):
+        await guest.call("add", {"a": 1, "b": 1})
+    described = await guest.describe()
+    assert not described.online
+    assert described.attributes["condition"].startswith("given up: its page has ended")
+    assert [robot.name for robot in place.host.description().robots] == ["guest"]
+    await guest.safe_stop("a person says so")
+    with pytest.raises(DuplicateName):
+        await place.create()
+    with pytest.raises(GivenUp):
+        await place.host.migrate_apart("guest", "h2")
+    # its host goes on with it when it is started again
+    await place.end()
+    await place.start()
+    for _ in range(2):
+        await place.crash(guest)
+    with pytest.raises(GivenUp):
+        await guest.call("add", {"a": 1, "b": 1})
+    await guest.delete()
+    await until(lambda: not place.host.description().robots)
+    assert await (await place.create()).call("add", {"a": 2, "b": 2}) == 4
 
 
 async def test_who_holds_the_interpreter_harms_itself_alone(

@@ -311,3 +311,38 @@ async def test_one_that_was_ended_for_good_is_not_awaited_by_the_directories(
         await directory.close()
         store.close()
         await keeper.close()
+
+
+async def test_one_that_is_placed_moves_beside_the_one_that_it_calls_and_says_why(
+    realm: Realm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    await realm.start("h1", "h2")
+    await realm.create("Leaf", "leaf", "h2", "none")
+    await realm.create("Tour", "tour", "h1", "process")
+    tour, leaf = realm.robot("tour"), realm.robot("leaf")
+    await tour.enslave("arm", leaf.address)
+    for name, way in {"h1": 0.2, "h2": 0.001}.items():
+        host = realm.hosts[name].host
+        host.finds_places(used=lambda: 0.0)
+        assert host.placing is not None
+        hosts = {each.host.address.key: 0.2 for each in realm.hosts.values()}
+        measured = {leaf.address.key: way, **hosts}
+
+        async def measure(_keys: object, found: dict[str, float] = measured) -> dict[str, float]:
+            return found
+
+        monkeypatch.setattr(host.placing, "measured", measure)  # as over a slow line
+    calling = asyncio.ensure_future(tour.call("tour", {"steps": 10 * STEPS}, deadline=4 * PATIENCE))
+    await tour.place("advise")
+    async with asyncio.timeout(PATIENCE):
+        while (await tour.describe()).advised != "h2":  # noqa: ASYNC110 # another process
+            await asyncio.sleep(0.1)
+    assert realm.where("tour") == ["h1"]
+    await tour.place("auto")
+    await until(lambda: realm.where("tour") == ["h2"])
+    shown = await tour.describe()
+    assert shown.placed.startswith("h2 is nearer than h1: its ")
+    assert shown.isolation == "process"
+    assert await calling == list(range(10 * STEPS))
+    acted = realm.hosts["h2"].host.agents["leaf"].runtime.look(lambda state: state.fields["done"])
+    assert acted == list(range(10 * STEPS)), "nothing is done twice, nothing is left out"
