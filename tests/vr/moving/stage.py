@@ -13,6 +13,7 @@ from robotree.vr.base.address import everyone
 from robotree.vr.base.history_event import HistoryEvent
 from robotree.vr.base.requests import Done, EventsRead, Migrate, ReadEvents
 from robotree.vr.bundle import Bundle
+from robotree.vr.core.bonds import DEFAULT_TERM
 from robotree.vr.exchange.asking import ask
 from robotree.vr.exchange.client import HostClient, RobotClient
 from robotree.vr.history.writer import HistoryWriter
@@ -40,7 +41,8 @@ class Home:
         self.journal = HostJournal(self.stage.folder / f"{self.name}", runner)
         self.process: Process = Process(runner, self.journal)
         transport = kept_by(self.journal, self.process, self.member)
-        self.host = Host(transport, self.name, process=self.process, journal=self.journal)
+        term = self.stage.term
+        self.host = Host(transport, self.name, term=term, process=self.process, journal=self.journal)
         self.history = HistoryWriter(self.stage.folder / self.name, runner.now)
         self.host.keeps_history(self.history)
         await self.host.start()
@@ -68,6 +70,7 @@ class Stage:
         self.network = MemoryNetwork()
         self.operator: MemoryTransport = self.network.join("operator")
         self.homes: dict[str, Home] = {}
+        self.term = DEFAULT_TERM
 
     async def add(self, *names: str) -> None:
         """Start hosts."""

@@ -11,11 +11,13 @@ from typing import Any
 import pytest
 
 from robotree.vr.base.envelope import sitting_at
-from robotree.vr.base.errors import CannotMove, NoAnswer, VrError
+from robotree.vr.base.errors import CannotMove, CommandCancelled, NoAnswer, VrError
 from robotree.vr.base.principal import Principal, user_name
 from robotree.vr.base.requests import MoveDecided, TakeRobot
+from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.admission import Gate
-from tests.vr.moving.stage import Stage, played
+from robotree.vr.exchange.client import HostClient
+from tests.vr.moving.stage import HEADER, Stage, played
 
 LEAF = """
 class Leaf(VirtualRobot):
@@ -266,18 +268,8 @@ def test_a_stop_passes_a_robot_in_doubt_to_its_children_and_reaches_it_where_it_
 ) -> None:
     async def story(stage: Stage) -> None:
         call = await touring(stage, 500)
-        moves, robot = stage.homes["h2"].host.moves, stage.robot("tour")
-        answer, late = moves.answer, asyncio.Event()
-
-        async def slow(request: Any, *more: Any) -> Any:
-            if isinstance(request, TakeRobot):
-                await late.wait()
-            return await answer(request, *more)
-
-        moves.answer = slow  # type: ignore[method-assign]
-        moving = asyncio.ensure_future(stage.migrate("tour", "h2"))
-        runtime = stage.homes["h1"].host.agents["tour"].runtime
-        await stage.until(lambda: runtime.in_doubt)
+        robot = stage.robot("tour")
+        moving, late = await held_on_its_way(stage)
         leaf = stage.homes["h3"].host.agents["leaf"].runtime
         stop = asyncio.ensure_future(robot.safe_stop("halt", order="order-2", timeout=30.0))
         await stage.until(lambda: leaf.look(lambda state: bool(state.stop.in_force)))
@@ -291,5 +283,73 @@ def test_a_stop_passes_a_robot_in_doubt_to_its_children_and_reaches_it_where_it_
         with pytest.raises(VrError):
             await call
         await asyncio.gather(moving, return_exceptions=True)
+
+    played(tmp_path, story)
+
+
+async def held_on_its_way(stage: Stage) -> tuple[asyncio.Future[str], asyncio.Event]:
+    """Have the tour set out for h2, which does not take it before it is let to."""
+    moves, late = stage.homes["h2"].host.moves, asyncio.Event()
+    answer = moves.answer
+
+    async def slow(request: Any, *more: Any) -> Any:
+        if isinstance(request, TakeRobot):
+            await late.wait()
+        return await answer(request, *more)
+
+    moves.answer = slow  # type: ignore[method-assign]
+    moving = asyncio.ensure_future(stage.migrate("tour", "h2"))
+    runtime = stage.homes["h1"].host.agents["tour"].runtime
+    await stage.until(lambda: runtime.in_doubt)
+    return moving, late
+
+
+def test_a_cancel_that_comes_on_the_way_ends_the_command_where_it_goes_on(tmp_path: Path) -> None:
+    async def story(stage: Stage) -> None:
+        call = await touring(stage, 500)
+        moving, late = await held_on_its_way(stage)
+        cancelling = asyncio.ensure_future(stage.robot("tour").cancel())
+        await asyncio.sleep(0)  # it is sent
+        late.set()
+        await moving
+        await cancelling
+        with pytest.raises(CommandCancelled):
+            await call
+        assert stage.where("tour") == ["h2"]
+        done = stage.field("leaf", "done")
+        assert done == list(range(len(done))), "no step is done twice or left out"
+        assert await stage.robot("tour").call("tour", {"steps": 2}) == [0, 1]
+        assert stage.field("leaf", "done")[-2:] == [0, 1], "and nothing of it goes on"
+
+    played(tmp_path, story)
+
+
+def test_a_doubt_may_last_longer_than_a_lease_and_its_child_waits_for_it(tmp_path: Path) -> None:
+    async def story(stage: Stage) -> None:
+        stage.term = 0.5
+        call = await touring(stage, 30)
+        moving, late = await held_on_its_way(stage)
+        await asyncio.sleep(1.5)  # three terms of a lease
+        late.set()
+        await moving
+        assert await call == list(range(30))
+        assert stage.field("leaf", "done") == list(range(30))
+
+    played(tmp_path, story)
+
+
+def test_a_robot_moves_with_the_page_with_which_it_goes_on_since_a_reload(tmp_path: Path) -> None:
+    async def story(stage: Stage) -> None:
+        call = await touring(stage, 10)
+        newer = TOUR.replace("return found", "return [*found, -1]")
+        client = HostClient(stage.operator, stage.homes["h1"].host.address)
+        reloading = asyncio.ensure_future(client.reload(Bundle(HEADER + newer, "tour.py"), "tour"))
+        assert await call == list(range(10)), "it turns when it comes to a boundary"
+        await reloading
+        call = asyncio.ensure_future(stage.robot("tour").call("tour", {"steps": 20}))
+        await acted_again(stage)
+        await stage.migrate("tour", "h2")
+        assert await call == [*range(20), -1]
+        assert await stage.robot("tour").call("tour", {"steps": 1}) == [0, -1]
 
     played(tmp_path, story)
