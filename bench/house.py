@@ -1,11 +1,13 @@
 """The figures of the house: the size of each room, the core's install, imports, calls and stories.
 
-    python bench/house.py [sizes] [install] [imports] [calls] [stories] [FOLDER...]
+    python bench/house.py [sizes] [words] [install] [imports] [calls] [stories] [FOLDER...]
 
 Without a word it prints all of them, in about two minutes; with folders, their sizes instead of those of the
 rooms. A line of code is one on which something stands that is no comment and no part of a docstring, or of
-the text below a name that describes it. Sources that are generated count, too. Installation, calls and
-stories are measured by `bench/install.py`, `bench/calls.py` and `bench/world.py`.
+the text below a name that describes it. Sources that are generated count, too. Words are those of `docs` and
+`docs/guide` outside of fenced blocks, which are programs: what has a letter or a digit is a word.
+`docs/decisions` and `docs/reference`, which a program writes, do not count. Installation, calls, stories are
+measured by `bench/install.py`, `bench/calls.py` and `bench/world.py`.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from bench.authoring import imports
 from bench.install import installed
+from tests.guide.words import words_of_guides
 from tests.wheel import ROOT, build
 
 ROOMS = (
@@ -105,6 +108,11 @@ def tell_sizes(chosen: Sequence[str]) -> None:
     print(f"| all | {' | '.join(map(str, total))} | |")
 
 
+def tell_words() -> None:
+    """Print how many words the guides have."""
+    print(f"{words_of_guides()} words in the guides, promised 35000")
+
+
 def tell_install() -> None:
     """Print the size of the core, and the time that its installation takes from uv's cache."""
     with tempfile.TemporaryDirectory() as folder:
@@ -124,6 +132,7 @@ def run_beside(script: str, *words: str) -> None:
 
 
 PARTS: dict[str, Callable[[], None]] = {
+    "words": tell_words,
     "install": tell_install,
     "imports": tell_imports,
     "calls": partial(run_beside, "calls.py", "--rounds", "3"),
