@@ -167,9 +167,9 @@ class MainPage(Page):
     @property
     def pane(self) -> str:
         """Name of the pane in front."""
-        panes = self.query("#panes").results(ContentSwitcher)  # none, once the page is on its way out
-        current = next((one.current for one in panes), None)
-        return current.removeprefix(_pane_id("")) if current else FIRST
+        # None, once the page is on its way out. Each key asks: Textual keeps what this finds, unlike a query.
+        panes = self.query_one_optional("#panes", ContentSwitcher)
+        return panes.current.removeprefix(_pane_id("")) if panes and panes.current else FIRST
 
     def title_of_page(self) -> str:
         """Return the pane's name, how it is sorted, and what it is filtered by."""

@@ -308,11 +308,13 @@ class PanelPage(Page):
     def _at_rest(self, action: str) -> bool:
         """Whether a letter is a key: at the list of commands; `c` and `!` also in a form that runs."""
         focused = self.focused
+        if focused is None:
+            return False
         if action in {"cancel", "halt"} and any(
-            one.running and one.has_focus_within for one in self.query(CommandForm)
+            isinstance(one, CommandForm) and one.running for one in focused.ancestors_with_self
         ):
             return True
-        return focused is not None and focused.id in {"commands", action}
+        return focused.id in {"commands", action}
 
     def action_teleoperate(self) -> None:
         """Open the tele-operation panel."""
