@@ -16,7 +16,11 @@ from pathlib import Path
 
 from tests.command_line import ROBOTREE
 
-ENTER, TAB, BACKSPACE, ESCAPE, DOWN, RIGHT = "\r", "\t", "\x7f", "\x1b", "\x1b[B", "\x1b[C"
+ENTER, TAB, BACKSPACE, DOWN, RIGHT = "\r", "\t", "\x7f", "\x1b[B", "\x1b[C"
+ESCAPE = "\x1b[27u"
+"""As terminals with kitty's keyboard protocol say it, which the screen asks for. A bare escape is a key only
+if nothing follows for 0.1 s: with the next key it is Alt and that key, where a busy machine reads both.
+"""
 CTRL_R, CTRL_S, CTRL_U = "\x12", "\x13", "\x15"
 
 LEADER = """

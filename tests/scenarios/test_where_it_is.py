@@ -12,7 +12,7 @@ import pytest
 from robotree.tui.processes.crew import Crew
 from robotree.tui.processes.state_files import state_home
 from tests.command_line import within_realm
-from tests.terminal import Person
+from tests.terminal import ENTER, ESCAPE, Person
 
 pytestmark = pytest.mark.e2e
 
@@ -81,9 +81,9 @@ async def test_an_operator_steps_a_robot_sees_its_line_and_acknowledges_an_alarm
             assert [one["state"] for one in await answer("alarms")] == ["calm"]
             await asyncio.to_thread(person.types, "B", sees="nothing runs; the last was team.press_twice")
             assert (await calling)[0] == 0
-            await asyncio.to_thread(person.types, "\x1b", sees="ALARM: arm.fz was 25")
+            await asyncio.to_thread(person.types, ESCAPE, sees="ALARM: arm.fz was 25")
             await asyncio.to_thread(person.types, "U", sees="raised")
-            await asyncio.to_thread(person.types, "\r", sees="to 25")
+            await asyncio.to_thread(person.types, ENTER, sees="to 25")
             await asyncio.to_thread(person.types, "k", sees="acknowledged by")
             (alarm,) = await answer("alarms")
             assert (alarm["state"], alarm["acknowledged_by"][-len(person.terminal) :]) == (
