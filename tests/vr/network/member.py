@@ -6,7 +6,6 @@ Run as `member.py WORD NAME`; says `ready` when it is up, and ends when its stan
 from __future__ import annotations
 
 import asyncio
-import itertools
 import sys
 from collections.abc import Awaitable, Callable, Coroutine
 from functools import partial
@@ -14,9 +13,7 @@ from functools import partial
 from robotree.vr import Robot, command
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.run import run_host, run_lookup
-from robotree.vr.base.requests import AnyRequest, Done, Reply
 from robotree.vr.base.transport import Respond, on_loop
-from robotree.vr.exchange.dispatcher import Dispatcher
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.network.local import LocalTransport, join
 
@@ -43,22 +40,6 @@ async def until_the_end() -> None:
 async def serve(transport: LocalTransport, name: str) -> None:
     """Serve and announce one robot."""
     await transport.serve(f"robot/{name}/1", on_loop(echo))
-    await transport.announce(f"robot/{name}/1")
-    say("ready")
-    await until_the_end()
-    await transport.close()
-
-
-async def count(transport: LocalTransport, name: str) -> None:
-    """Answer each request that has not expired with how many there were."""
-    numbers = itertools.count(1)
-
-    async def answer(_: AnyRequest) -> Reply:
-        return Done(note=str(next(numbers)))
-
-    now = asyncio.get_running_loop().time
-    dispatcher = Dispatcher(name, lambda received, _: answer(received.request), now=now)
-    await transport.serve(f"robot/{name}/1", dispatcher.take)
     await transport.announce(f"robot/{name}/1")
     say("ready")
     await until_the_end()
@@ -131,7 +112,6 @@ async def while_tethered(work: Coroutine[None, None, None]) -> None:
 
 MEMBERS: dict[str, Callable[[LocalTransport, str], Awaitable[None]]] = {
     "serve": serve,
-    "count": count,
     "leave-open": leave_open,
     "wait-for-interrupt": wait_for_interrupt,
     "robot": robot,
