@@ -6,51 +6,10 @@ from typing import Any
 
 import pytest
 
-from robotree.protocol.links.loopback import Faults
-from robotree.protocol.messages import GoalState, Mode, ModeKind, SetMode
+from robotree.protocol.messages import Mode, ModeKind, SetMode
 from robotree.proxy.desired_mode import RELEASE_TIMEOUT, StopConfirmed
 
 Talk = Any
-
-
-def test_a_stop_is_repeated_until_it_is_confirmed(make_talk: type[Talk]) -> None:
-    for seed in range(10):
-        talk = make_talk(Faults(loss=0.6, seed=seed))
-        talk.wait(1.0)
-        talk.perform(talk.session.stop(talk.now))
-        talk.wait(10.0)
-        assert talk.controller.mode == ModeKind.SAFE_STOP
-        sent = len([message for message in talk.controller.heard if isinstance(message, SetMode)])
-        assert 1 <= sent < 15, "confirmed stops are not repeated"
-
-
-def test_a_stop_outlives_the_controller_and_ends_only_with_its_release(talk: Talk) -> None:
-    talk.wait(0.1)
-    talk.start()
-    talk.wait(0.1)
-    talk.perform(talk.session.stop(talk.now))
-    talk.wait(0.1)
-    assert talk.ends == [GoalState.CANCELLED]
-    talk.cut()
-    talk.controller.restart()
-    assert talk.controller.mode == ModeKind.READY
-    talk.connect()
-    talk.wait(1.0)
-    assert talk.controller.mode == ModeKind.SAFE_STOP
-    assert talk.session.stopped
-    talk.perform(talk.session.release(6, talk.now))
-    talk.wait(1.0)
-    assert talk.controller.mode == ModeKind.READY
-    assert not talk.session.stopped
-
-
-def test_a_stop_that_was_asked_for_while_the_link_was_down_comes_with_the_link(talk: Talk) -> None:
-    talk.cut()
-    talk.perform(talk.session.stop(talk.now))
-    assert talk.controller.mode == ModeKind.READY
-    talk.connect()
-    talk.wait(0.1)
-    assert talk.controller.mode == ModeKind.SAFE_STOP
 
 
 @pytest.mark.parametrize("asked", ["before the link was lost", "while it was down"])
@@ -75,17 +34,6 @@ def test_a_stop_is_confirmed_only_by_what_is_heard_after_it_and_on_its_link(talk
     talk.controller.heard.clear()
     talk.wait(2.0)
     assert not [message for message in talk.controller.heard if isinstance(message, SetMode)]
-
-
-def test_a_stop_is_repeated_also_where_one_of_somebody_else_is_in_force(talk: Talk) -> None:
-    """Who knows whether it still is, when this one arrives."""
-    talk.wait(0.5)
-    talk.controller.stop()
-    talk.wait(0.5)
-    talk.controller.mute = True
-    talk.perform(talk.session.stop(talk.now))
-    talk.wait(2.0)
-    assert 7 <= len([message for message in talk.controller.heard if isinstance(message, SetMode)]) <= 9
 
 
 def test_a_stop_of_somebody_else_is_told_with_its_reason_until_somebody_releases_it(talk: Talk) -> None:
