@@ -46,21 +46,6 @@ async def test_a_person_reads_keys_headers_states_and_questions_in_another_langu
         await operator.sees("no language 'xx'")
 
 
-@pytest.mark.parametrize("code", ["de", "ar"])
-async def test_every_header_and_the_state_below_the_list_are_in_the_language(
-    realm: Realm, operate: Operate, code: str
-) -> None:
-    async with operate(realm.realm_client, size=(120, 40)) as operator:
-        await operator.sees("rover-1", "HEARD")
-        operator.app.choose("rover-1")
-        await operator.sees("● free")
-        operator.app.change_look("language", code)
-        say = words.say
-        await operator.sees(say("HEARD"), f"● {say('free')}")
-        await operator.until(lambda: "HEARD" not in operator.text, "the header is drawn anew")
-        assert "● free" not in operator.text
-
-
 async def test_a_person_changes_the_colours_by_key_and_by_name(realm: Realm, operate: Operate) -> None:
     async with operate(realm.realm_client, size=(80, 24)) as operator:
         app = operator.app

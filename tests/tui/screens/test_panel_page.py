@@ -18,7 +18,6 @@ from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.pages.teleop import TeleopPage
-from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.choice import Choice
 from robotree.tui.screen.widgets.command_form import CommandForm
 from robotree.tui.screen.widgets.field_row import FieldRow
@@ -90,13 +89,6 @@ def complaint(form: CommandForm, name: str) -> str:
     return str(row(form, name).query_one(".field-complaint").render())
 
 
-async def test_the_form_shows_unit_range_default_and_present_value(realm: Realm, operate: Operate) -> None:
-    async with panel(realm, operate, "arm-1", "go_to") as (operator, _page, form):
-        await operator.sees("-0.8 … 0.8 m · now 0.35", "° · now 0", "m/s · default 0.1", "Move the gripper")
-        assert row(form, "x").text == "0.35", "sent as it stands, it moves nothing"
-        assert row(form, "speed").text == "0.1"
-
-
 async def test_a_command_that_the_policy_denies_is_marked_and_says_why(
     realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -129,13 +121,6 @@ async def test_readings_have_the_same_units_on_every_page(realm: Realm, operate:
         await operator.press("x")
         teleop = await operator.at(TeleopPage)
         await operator.until(lambda: "twist 71.6 °" in readings(teleop), "degrees, as in the steps")
-
-
-async def test_a_force_that_rounds_to_zero_has_no_sign_of_its_own(realm: Realm, operate: Operate) -> None:
-    async with panel(realm, operate, "arm-1", "hold") as (operator, page, _form):
-        await operator.until(lambda: " 20.2 N" in readings(page), "a torque of -0.01 N m")
-        assert "-0.01 N m" in readings(page)
-        assert " -0.0 " not in readings(page)
 
 
 async def test_a_command_is_sent_shows_progress_and_result(realm: Realm, operate: Operate) -> None:
@@ -311,19 +296,6 @@ async def test_a_robot_that_vanishes_leaves_its_panel_to_be_read(realm: Realm, o
         await operator.until(lambda: "arm-1" not in operator.app.store.robots, "it is off the list")
 
 
-async def test_a_panel_says_of_a_robot_what_the_list_says_while_it_hangs_and_when_it_is_back(
-    realm: Realm, operate: Operate
-) -> None:
-    async with panel(realm, operate, "arm-1", "go_to") as (operator, _page, form):
-        realm.network.freeze(realm.members["arm-1"])
-        await operator.sees("✗ HANGS")
-        assert form.query_one("#run", Button).disabled
-        assert "gone" not in operator.text
-        realm.network.thaw(realm.members["arm-1"])
-        await operator.sees("● free")
-        await operator.until(lambda: not form.query_one("#run", Button).disabled, "it can be commanded again")
-
-
 def in_front(page: PanelPage) -> Any:
     return page._in_front
 
@@ -345,19 +317,6 @@ async def test_a_robot_that_comes_back_can_be_commanded_in_the_same_panel(
         assert in_front(page).at == "bracket", "and the cursor is where it was"
         await operator.press("ctrl+r")
         await operator.sees("{[bold]}")
-
-
-async def test_an_enslaved_robot_says_who_commands_it(realm: Realm, operate: Operate) -> None:
-    await realm.create("move_to.py", "mover")
-    await realm.realm_client.enslave("mover", "arm", "arm-1")
-    async with operate(realm.realm_client) as operator:
-        await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
-        operator.app.ask_for("panel", Place("arm-1"))
-        page = await operator.at(PanelPage)
-        await operator.sees("under mover")
-        await choose(operator, page, "hold")
-        await operator.press("ctrl+r")
-        await operator.sees("arm-1 is commanded by mover")
 
 
 class Odd(Robot):
