@@ -204,9 +204,11 @@ async def test_robots_apart_leave_their_host_with_the_others(realm: Realm) -> No
     assert (realm.where("tour"), realm.where("own")) == (["h2"], ["h2"])
 
 
-@pytest.mark.parametrize("boundary", ["out", "answered"])
-async def test_its_process_is_killed_at_a_boundary_of_the_move(
-    realm: Realm, monkeypatch: pytest.MonkeyPatch, boundary: str
+@pytest.mark.parametrize(
+    ("boundary", "killed"), [("out", "h1"), ("answered", "h1"), ("ready", "h2"), ("logged", "h2")]
+)
+async def test_its_process_or_the_one_that_waits_for_it_is_killed_at_a_boundary_of_the_move(
+    realm: Realm, monkeypatch: pytest.MonkeyPatch, boundary: str, killed: str
 ) -> None:
     call = await touring(realm)
     struck: list[str] = []
@@ -214,30 +216,9 @@ async def test_its_process_is_killed_at_a_boundary_of_the_move(
     def strike(place: str) -> None:
         if place == boundary and not struck:
             struck.append(place)
-            os.kill(realm.hosts["h1"].pid("tour"), signal.SIGKILL)
+            os.kill(realm.hosts[killed].pid("tour"), signal.SIGKILL)
 
-    monkeypatch.setattr(realm.hosts["h1"].host.moves, "moment", strike)
-    with contextlib.suppress(CannotMove):
-        await realm.migrate("tour", "h1", "h2")
-    assert await call == list(range(STEPS))
-    assert await realm.acts() == list(range(STEPS))
-    assert struck == [boundary]
-    await until(lambda: len(realm.where("tour")) == 1)
-
-
-@pytest.mark.parametrize("boundary", ["ready", "logged"])
-async def test_the_process_that_waits_for_it_is_killed_at_a_boundary(
-    realm: Realm, monkeypatch: pytest.MonkeyPatch, boundary: str
-) -> None:
-    call = await touring(realm)
-    struck: list[str] = []
-
-    def strike(place: str) -> None:
-        if place == boundary and not struck:
-            struck.append(place)
-            os.kill(realm.hosts["h2"].pid("tour"), signal.SIGKILL)
-
-    monkeypatch.setattr(realm.hosts["h2"].host.moves, "moment", strike)
+    monkeypatch.setattr(realm.hosts[killed].host.moves, "moment", strike)
     with contextlib.suppress(CannotMove):
         await realm.migrate("tour", "h1", "h2")
     assert await call == list(range(STEPS))
