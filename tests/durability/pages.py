@@ -147,13 +147,6 @@ class Tourist(VirtualRobot):
         return words
 
     @command
-    def straying(self, steps: int) -> int:
-        """Do another thing when it is done again."""
-        for n in range(steps):
-            self.arm.act(n=n + Straying.lives)
-        return steps
-
-    @command
     def threading(self, steps: int) -> int:
         """Act from a thread of the page's own."""
         import contextvars
@@ -231,9 +224,3 @@ class Patrol(VirtualRobot):
                     break
             self.arm.act(n=1000 + self.done // 3 - 1)
         return self.done
-
-
-class Straying:
-    """Another one in each life of the process, as a clock or a file is."""
-
-    lives = __import__("os").getpid()

@@ -8,7 +8,7 @@ import signal
 
 import pytest
 
-from robotree.vr.base.errors import CommandInDoubt, Diverged, NotConfirmed, VrError
+from robotree.vr.base.errors import CommandInDoubt, NotConfirmed, VrError
 from tests.durability.stage import PAGES, Program, Stage
 
 pytestmark = pytest.mark.e2e
@@ -107,9 +107,7 @@ async def test_after_a_checkpoint_no_earlier_step_is_needed(stage: Stage) -> Non
     stage.expect_once(*range(12), *range(100, 112))
 
 
-@pytest.mark.parametrize(
-    "kill", ["after send 2", "after send 9", "reply came 8", "after write 12", "after step 10"]
-)
+@pytest.mark.parametrize("kill", ["after send 2", "after write 12"])
 async def test_after_a_checkpoint_no_step_since_it_is_taken_twice(stage: Stage, kill: str) -> None:
     """The step under way at the crash, and the one before the first checkpoint, are taken once, too."""
     host = await on_patrol(stage, kill)
@@ -119,9 +117,8 @@ async def test_after_a_checkpoint_no_step_since_it_is_taken_twice(stage: Stage, 
     stage.expect_once(1000, *range(16))
 
 
-@pytest.mark.parametrize("kill", ["after send 3", "reply came 6", "after write 9"])
-async def test_checkpoints_within_rounds_of_others(stage: Stage, kill: str) -> None:
-    host = await on_patrol(stage, kill)
+async def test_checkpoints_within_rounds_of_others(stage: Stage) -> None:
+    host = await on_patrol(stage, "reply came 6")
     assert await stage.play(host, "nested", ["after send 3", "reply came 4"], robot="patrol", steps=3) == 9
     stage.expect_once(*range(9), *range(1000, 1003))
 
@@ -134,17 +131,6 @@ async def on_patrol(stage: Stage, kill: str) -> Program:
     await stage.presence("robot", "arm-1")
     await stage.realm_client.enslave("patrol", "arm", "arm-1")
     return host
-
-
-async def test_a_page_that_does_another_thing_is_told_both(stage: Stage) -> None:
-    host = stage.host()
-    await stage.furnish(host, "reply came 4")
-    with pytest.raises(Diverged) as raised:
-        await stage.play(host, "straying", [], steps=6)
-    assert "arm.act(n=" in raised.value.data["before"]
-    assert "arm.act(n=" in raised.value.data["now"]
-    assert len(stage.ended) <= 4
-    stage.expect_silence()
 
 
 async def test_a_thread_of_the_pages_own_leaves_the_command_in_doubt(stage: Stage) -> None:

@@ -22,11 +22,6 @@ async def played(stage: Stage, without: str) -> None:
     assert host.lives == 2
 
 
-async def test_a_tour_with_all_safeguards_does_nothing_twice(stage: Stage) -> None:
-    await played(stage, "")
-    stage.expect_once(*range(8))
-
-
 @pytest.mark.parametrize("without", ["commit", "keys"])
 async def test_a_tour_without_a_safeguard_does_a_step_twice_or_loses_it(stage: Stage, without: str) -> None:
     await played(stage, without)
