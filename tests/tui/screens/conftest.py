@@ -23,6 +23,7 @@ from robotree.tui.screen import key_guard, keys_in_order
 from robotree.tui.screen.app import Supervisor
 from robotree.tui.screen.keymap import Keymap
 from robotree.tui.screen.user_app import UserApp
+from robotree.tui.screen.widgets import flash
 from robotree.tui.seen import feeding
 from robotree.vr.agents import publisher, shared
 from tests.screen import at_rest, press, shows, text_of
@@ -208,7 +209,8 @@ def in_order(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """See at once what comes unasked, and hear soon how robots are: nobody here waits for that."""
+    """See at once what comes unasked and as long as it takes; hear soon how robots are."""
+    monkeypatch.setattr(flash, "STAYS", PATIENCE)
     monkeypatch.setattr(key_guard, "LOOK", 0.0)
     monkeypatch.setattr(feeding, "PAUSE", 0.05)
     monkeypatch.setattr(publisher, "QUICK", 0.03)
