@@ -86,7 +86,10 @@ class Stage:
         return self.programs[-1]
 
     def host(self, name: str = "h1") -> Program:
-        return self.program(name, HERE / "host.py", name, self.folder / f"{name}.journal")
+        """Return a host that is waited for as long as a busy machine may take to start it again."""
+        host = self.program(name, HERE / "host.py", name, self.folder / f"{name}.journal")
+        host.environment = {"RETURNS": f"{PATIENCE:g}"}
+        return host
 
     async def furnish(
         self, host: Program, kill: str = "", *, other: str = "", level: Isolation = "none", **environment: str

@@ -100,6 +100,12 @@ class Operator:
         """Wait until all words are on the screen."""
         await self.until(lambda: shows(self.text, words), str(words))
 
+    async def hears(self, *words: str) -> None:
+        """Wait until an event has all these words: pages but the main one show the newest event only."""
+        await self.until(
+            lambda: any(shows(entry.text, words) for entry in self.app.store.entries), f"the event {words}"
+        )
+
     async def at(self, kind: type[S]) -> S:
         """Wait until a page of this kind is in front and laid out: earlier keys may not be meant for it."""
         await self.until(lambda: isinstance(self.app.screen, kind), kind.__name__)

@@ -100,7 +100,7 @@ async def test_quick_keys_after_create_make_no_other_robots(
     async with operate(realm.realm_client) as operator:
         page = await create_finisher(operator)
         operator.burst(f"z{ENTER}w{ENTER}\tne{ENTER}")
-        await operator.sees("8 keys (z ⏎ w ⏎ tab n e ⏎)", "finisher is being made")
+        await operator.hears("8 keys (z ⏎ w ⏎ tab n e ⏎)", "finisher is being made")
         await operator.click("#create")
         assert page.query_one("#name", Input).value == "finisher"
         slow_host.set()
@@ -118,7 +118,7 @@ async def test_a_key_pressed_just_after_the_page_has_closed_is_told(
         slow_host.set()
         await operator.at(MainPage)
         operator.burst("n")
-        await operator.sees("the key n was dropped: what is in front now had just come")
+        await operator.hears("the key n was dropped: what is in front now had just come")
         assert isinstance(operator.app.screen, MainPage)
 
 
@@ -141,11 +141,11 @@ async def test_a_running_command_takes_neither_values_nor_another_run(realm: Rea
         realm.arm.under_way = True
         operator.burst(f"{CTRL_U}0.45{CTRL_R}9{CTRL_R}8")
         await operator.until(lambda: form.running, "it runs")
-        await operator.sees("3 keys (9 ctrl+r 8) were dropped: go_to is running")
+        await operator.hears("3 keys (9 ctrl+r 8) were dropped: go_to is running")
         assert row(form, "x").text == "0.45"
         page.query_one("#commands").focus()
         await operator.press("ctrl+r")
-        await operator.sees("go_to is running already")
+        await operator.hears("go_to is running already")
         realm.arm.under_way = False
         await operator.sees("done in")
         assert realm.arm.calls == ["go_to"]
@@ -161,7 +161,7 @@ async def test_hasty_enters_do_not_cancel_what_has_just_begun(
         await operator.press("ctrl+r")
         await operator.until(lambda: form.query_one("#cancel", Button).has_focus, "it runs")
         await operator.press("enter")
-        await operator.sees("the key ⏎ was dropped: go_to is running")
+        await operator.hears("the key ⏎ was dropped: go_to is running")
         assert form.running
         monkeypatch.setattr(key_guard, "LOOK", 0.0)
         await operator.press("enter")

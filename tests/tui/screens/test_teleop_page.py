@@ -92,7 +92,7 @@ async def test_what_quick_jogs_drop_is_told(realm: Realm, operate: Operate) -> N
         realm.arm.under_way = True
         operator.burst(UP * 8)
         await operator.sees("! 20 mm of x dropped", "◐ moving", "mm to go")
-        await operator.sees("20 mm of x dropped: arm-1 is as far behind as it may be")
+        await operator.hears("20 mm of x dropped: arm-1 is as far behind as it may be")
         realm.arm.under_way = False
         await moved(operator, page)
         assert realm.arm.pose["x"] == pytest.approx(0.41)
@@ -142,7 +142,7 @@ async def test_c_cancels_and_the_arm_holds_where_it_is(realm: Realm, operate: Op
         await operator.press("up", "up")
         await operator.until(lambda: page.jog.moving, "it goes")
         await operator.press("c")
-        await operator.sees("the commands of arm-1 are cancelled")
+        await operator.hears("the commands of arm-1 are cancelled")
         await operator.until(lambda: page.jog.target is None, "nothing is wanted any more")
         realm.arm.under_way = False
         assert realm.arm.width == 0.08, "the gripper is as it was"
