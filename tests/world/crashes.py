@@ -22,9 +22,9 @@ from robotree.vr.bundle import Bundle
 from robotree.vr.exchange.asking import fresh_key
 from robotree.vr.exchange.client import HostClient, RobotClient
 from robotree.vr.supervision.realm_client import CALLER, RealmClient
-from robotree.vr.world.machine_world import errors_kept
 from robotree.vr.world.world import World
 from tests.world.keeping import MOMENTS, RETURNS, KeepingRealm
+from tests.world.machine_world import errors_kept
 from tests.world.realm import CartProxy, lease_of
 from tests.world.story import Judge
 

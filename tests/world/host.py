@@ -26,10 +26,10 @@ from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.running.process import Process
 from robotree.vr.supervision.realm_client import RealmClient
-from robotree.vr.world.machine_world import MachineWorld
 from robotree.vr.world.world import SimulatedProcess, TracedCore
 from tests.world import pages
 from tests.world.laws import network_is_whole
+from tests.world.machine_world import MachineWorld
 from tests.world.pages import DETACHED, SOURCES
 from tests.world.points import at_every_statement
 

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Iterator
 from robotree.vr.network.door import RESERVE
 from robotree.vr.network.link import Topic
 from robotree.vr.network.mesh import Mesh
-from robotree.vr.world.machine_sockets import SimulatedSocket
-from robotree.vr.world.machine_world import MachineProcess
+from tests.world.machine_sockets import SimulatedSocket
+from tests.world.machine_world import MachineProcess
 
 OWN = 3
 """Sockets of a process that are no connections: the one on which it listens, and two to wake its readers."""

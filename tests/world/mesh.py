@@ -23,13 +23,13 @@ from robotree.vr.network import lean_stop, realms
 from robotree.vr.network.door import MOST_OF_ONE
 from robotree.vr.network.mesh import Mesh
 from robotree.vr.network.realms import SOCKET
-from robotree.vr.world.kernel import MOST_DESCRIPTORS, STANDARD, Trouble
-from robotree.vr.world.machine import SimulatedSystem
-from robotree.vr.world.machine_sockets import SimulatedSocket
-from robotree.vr.world.machine_world import REALM, ROOT, MachineProcess, MachineWorld
 from robotree.vr.world.virtual_runner import VirtualProcess
 from robotree.vr.world.world import SimulatedProcess
+from tests.world.kernel import MOST_DESCRIPTORS, STANDARD, Trouble
 from tests.world.laws import network_is_whole
+from tests.world.machine import SimulatedSystem
+from tests.world.machine_sockets import SimulatedSocket
+from tests.world.machine_world import REALM, ROOT, MachineProcess, MachineWorld
 from tests.world.points import at_every_statement
 
 LENGTH, CALM, PROBE = 11.0, 6.0, 10.0

@@ -39,8 +39,8 @@ from robotree.vr.sites.stopping import came_of
 from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.supervision.stop import StopScope
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
-from robotree.vr.world.wide import MemoryGround, WideArea, WidePipe
 from robotree.vr.world.world import SimulatedProcess, World
+from tests.world.wide import MemoryGround, WideArea, WidePipe
 
 SITES = ("lab", "hall", "yard")
 LENGTH, CALM = 70.0, 42.0

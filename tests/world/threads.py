@@ -49,9 +49,9 @@ from robotree.vr.running.process import Process, Worker
 from robotree.vr.running.robot_runtime import RobotRuntime
 from robotree.vr.running.serial_worker import SerialWorker
 from robotree.vr.world.disk import LogClocks, Medium, MemoryDisk
-from robotree.vr.world.machine import Machine
-from robotree.vr.world.machine_world import ROOT
 from robotree.vr.world.virtual_runner import VirtualProcess, VirtualRunner, virtual_runner
+from tests.world.machine import Machine
+from tests.world.machine_world import ROOT
 from tests.world.points import at_every_statement
 
 THREADS = 3

@@ -8,10 +8,10 @@ from types import ModuleType
 from typing import Any
 
 from robotree.vr.supervision.realm_client import RealmClient
-from robotree.vr.world.kernel import Trouble
-from robotree.vr.world.machine_sockets import SimulatedSocket
-from robotree.vr.world.machine_world import REALM, ROOT, MachineProcess, MachineWorld
+from tests.world.kernel import Trouble
 from tests.world.laws import network_is_whole
+from tests.world.machine_sockets import SimulatedSocket
+from tests.world.machine_world import REALM, ROOT, MachineProcess, MachineWorld
 from tests.world.points import at_every_statement
 from tests.world.story import CALM, LENGTH, Story
 

@@ -1,7 +1,7 @@
 """The interface of the machine for the network of a process, and nothing more.
 
 `OS` is the production form, as thin as can be: what is called often is the operating system's own function.
-`world/machine.py` is the other form: a machine in virtual time, whose faults come from a seed. Code that
+`tests/world/machine.py` is the other form: a machine in virtual time with faults from a seed. Code that
 takes these things from a `System` runs unchanged in both. `tests/vr/world/test_system_contract.py` holds one
 against the other. `running/runner.py` is the same for the code of robots.
 """

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import errno
 import itertools
+import os
 import random
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -22,8 +23,8 @@ from copy import deepcopy
 from dataclasses import dataclass, field
 from math import inf
 from pathlib import Path
+from typing import NoReturn
 
-from robotree.vr.world.kernel import fail
 from robotree.vr.world.virtual_runner import VirtualLock, VirtualProcess, VirtualRunner
 
 SECTOR = 512
@@ -31,6 +32,11 @@ SECTOR = 512
 
 Moment = Callable[[str], object]
 """Called at each moment at which a process may end, with its name: `before write`, `after sync`, …"""
+
+
+def fail(number: int, name: object = None) -> NoReturn:
+    """Raise what the system call would."""
+    raise OSError(number, os.strerror(number), None if name is None else str(name))
 
 
 @dataclass

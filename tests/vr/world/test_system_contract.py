@@ -23,8 +23,8 @@ from robotree.vr.base.os_files import (
 )
 from robotree.vr.base.system import THIS_SYSTEM, Socket, System
 from robotree.vr.network.living import asleep, listening
-from robotree.vr.world.machine import Machine
 from robotree.vr.world.virtual_runner import VirtualProcess, virtual_runner
+from tests.world.machine import Machine
 
 COMES = READABLE | CLOSED_THERE | ON_CHANGE
 EVENTS = {

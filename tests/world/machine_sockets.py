@@ -14,8 +14,9 @@ from collections.abc import Callable
 from typing import Any, Final, Self
 
 from robotree.vr.base.os_files import CLOSED_THERE, FAILED, HUNG_UP, READABLE, WRITABLE
-from robotree.vr.world.kernel import Descriptors, fail
+from robotree.vr.world.disk import fail
 from robotree.vr.world.virtual_runner import VirtualWaiter
+from tests.world.kernel import Descriptors
 
 CAPACITY: Final = 212_992
 """[bytes] that may lie in a connection: net.core.wmem_default."""

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Self
 
 from robotree.vr.network import local
-from robotree.vr.world.machine import Machine, SimulatedSystem
 from robotree.vr.world.world import Main, SimulatedProcess, World
+from tests.world.machine import Machine, SimulatedSystem
 
 ROOT = Path("/run/realms")
 """Where the realms of a simulated machine lie."""

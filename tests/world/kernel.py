@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import errno
 import itertools
-import os
 import random
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NoReturn, Protocol
+from typing import Protocol
 
+from robotree.vr.world.disk import fail
 from robotree.vr.world.virtual_runner import VirtualProcess, VirtualRunner
 
 STANDARD = 3
@@ -18,11 +18,6 @@ STANDARD = 3
 
 MOST_DESCRIPTORS = 1024
 """Of one process."""
-
-
-def fail(number: int, name: object = None) -> NoReturn:
-    """Raise what the system call would."""
-    raise OSError(number, os.strerror(number), None if name is None else str(name))
 
 
 @dataclass

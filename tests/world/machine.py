@@ -18,9 +18,10 @@ from pathlib import Path
 from typing import Any, cast
 
 from robotree.files import forks
-from robotree.vr.world.kernel import Descriptors, Kernel, fail
-from robotree.vr.world.machine_sockets import CAPACITY, SimulatedEpoll, SimulatedSocket
+from robotree.vr.world.disk import fail
 from robotree.vr.world.virtual_runner import VirtualLock, VirtualProcess, VirtualRunner
+from tests.world.kernel import Descriptors, Kernel
+from tests.world.machine_sockets import CAPACITY, SimulatedEpoll, SimulatedSocket
 
 USER = os.geteuid()
 """Of all processes: the one that owns this realm."""
