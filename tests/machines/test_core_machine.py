@@ -13,7 +13,7 @@ from hypothesis import settings
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from robotree.vr.base.address import Address
-from robotree.vr.base.description import RobotDescription, SlotSpec
+from robotree.vr.base.description import Placement, RobotDescription, SlotSpec
 from robotree.vr.base.errors import (
     Busy,
     CommandCancelled,
@@ -33,7 +33,6 @@ from robotree.vr.base.errors import (
     Stopped,
     VrError,
 )
-from robotree.vr.base.hosting import Placement
 from robotree.vr.base.principal import ITSELF, Principal
 from robotree.vr.base.requests import Call, Done, Raised, Returned
 from robotree.vr.core import events as on

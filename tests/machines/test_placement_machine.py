@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from robotree.vr.base.hosting import HostLoad, Placement
+from robotree.vr.base.description import HostLoad, Placement
 from robotree.vr.core.placement import (
     CALM,
     GAIN,

@@ -15,10 +15,10 @@ from robotree.vr.base.address import Address
 from robotree.vr.base.description import CommandSpec, RobotDescription
 from robotree.vr.base.errors import CommandFailed, SlotEmpty, VrError
 from robotree.vr.core.bonds import Bond, HeldLease
+from robotree.vr.scripts.explain import parts
 from robotree.vr.scripts.happening import Happening
 from robotree.vr.scripts.run import ScriptRun
 from robotree.vr.scripts.script import Script, script_class
-from robotree.vr.scripts.shown import parts
 from robotree.vr.scripts.when_then import read_yaml
 
 SOURCE = """

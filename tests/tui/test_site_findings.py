@@ -8,7 +8,7 @@ import pytest
 from robotree.tui.diagnosis.finding import Finding
 from robotree.tui.diagnosis.sites import DAY, judged
 from robotree.vr.base.requests import GatewayDescribed, SiteSeen
-from robotree.vr.sites.describing import RememberedSite, seen
+from robotree.vr.sites.showing import RememberedSite, seen
 from robotree.vr.sites.site import Site
 
 NOW = 1_800_000_000.0

@@ -18,7 +18,7 @@ from robotree.vr.network.rendezvous import Rendezvous
 from robotree.vr.running.log import Log
 from robotree.vr.running.process import Process, Worker
 from robotree.vr.running.robot_runtime import RobotRuntime
-from robotree.vr.running.serial_worker import SerialWorker
+from robotree.vr.running.runner import SerialWorker
 from robotree.vr.world.virtual_runner import VirtualLock
 
 LOCKS: dict[str, tuple[type, str]] = {

@@ -42,12 +42,12 @@ from robotree.vr.network.readers import Readers, Sockets, What
 from robotree.vr.network.realms import keys_of
 from robotree.vr.network.refusals import Refusals
 from robotree.vr.network.rendezvous import Rendezvous
-from robotree.vr.running import log, process, robot_runtime, serial_worker
+from robotree.vr.running import log, process, robot_runtime, runner
 from robotree.vr.running.interruptible import Interrupted
 from robotree.vr.running.log import Log
 from robotree.vr.running.process import Process, Worker
 from robotree.vr.running.robot_runtime import RobotRuntime
-from robotree.vr.running.serial_worker import SerialWorker
+from robotree.vr.running.runner import SerialWorker
 from robotree.vr.world.disk import LogClocks, Medium, MemoryDisk
 from robotree.vr.world.virtual_runner import VirtualProcess, VirtualRunner, virtual_runner
 from tests.world.machine import Machine
@@ -471,7 +471,7 @@ SCENES: dict[str, tuple[Callable[[Stage], Law], ModuleType]] = {
     "presence": (_presence, presence),
     "refusals": (_refusals, refusals),
     "log": (_log, log),
-    "serial worker": (_serial_worker, serial_worker),
+    "serial worker": (_serial_worker, runner),
     "timers": (_timers, process),
     "worker": (_worker, process),
     "callers": (_callers, callers),

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal
 from robotree.tui.errors import ValueRefused
 
 if TYPE_CHECKING:
-    from robotree.vr.base.hosting import Placement
+    from robotree.vr.base.description import Placement
     from robotree.vr.base.permissions import Isolation
 
 PLACE_MARK = "@"
@@ -128,7 +128,7 @@ def placement(text: str) -> Placement:
     Raises:
         ValueRefused: there is no such placement.
     """
-    from robotree.vr.base.hosting import PLACEMENTS
+    from robotree.vr.base.description import PLACEMENTS
 
     for one in PLACEMENTS:
         if one == text:

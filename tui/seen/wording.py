@@ -15,8 +15,14 @@ from robotree.tui.seen import status
 from robotree.tui.seen.angles import IN_DEGREES, as_shown, in_degrees
 
 if TYPE_CHECKING:  # help must not wait for the agents
-    from robotree.vr.base.description import CommandSpec, FieldSpec, RobotDescription, SlotSpec, StreamSpec
-    from robotree.vr.base.hosting import HostLoad
+    from robotree.vr.base.description import (
+        CommandSpec,
+        FieldSpec,
+        HostLoad,
+        RobotDescription,
+        SlotSpec,
+        StreamSpec,
+    )
     from robotree.vr.base.requests import LoggedLine
 
 

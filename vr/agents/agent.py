@@ -34,7 +34,7 @@ from robotree.vr.author.fitting import misfit
 from robotree.vr.author.robot import Robot
 from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.address import Address
-from robotree.vr.base.description import CommandSpec, RobotDescription
+from robotree.vr.base.description import CommandSpec, Placement, RobotDescription
 from robotree.vr.base.envelope import Received, opened
 from robotree.vr.base.errors import (
     CommandFailed,
@@ -52,7 +52,6 @@ from robotree.vr.base.errors import (
     VrError,
     WrongKind,
 )
-from robotree.vr.base.hosting import Placement
 from robotree.vr.base.permissions import Permissions
 from robotree.vr.base.presence import Undo
 from robotree.vr.base.principal import Principal

@@ -18,7 +18,7 @@ from robotree.vr.base.principal import Principal
 from robotree.vr.base.requests import BundleRead, ReadBundle
 from robotree.vr.base.transport import Transport
 from robotree.vr.bundle import Bundle
-from robotree.vr.bundle.requested import bundle_of, request_of
+from robotree.vr.bundle.bundle import bundle_of, request_of
 from robotree.vr.exchange.asking import ask
 
 MOST = 128

@@ -36,9 +36,8 @@ from robotree.vr.base.principal import ITSELF, Principal
 from robotree.vr.base.requests import ANSWER_WITHIN, Granted, Petition, Raised, Renew, Reply, Resume
 from robotree.vr.base.transport import Transport
 from robotree.vr.core import events as on
-from robotree.vr.core.bonds import DEFAULT_TERM, FRESH, RETURN, Bond, HeldLease
+from robotree.vr.core.bonds import DEFAULT_TERM, FRESH, RETURN, Bond, HeldLease, proof_of, seal_of
 from robotree.vr.core.confirmation import HOPELESS, LEAST, Budget, Confirmations
-from robotree.vr.core.heirs import proof_of, seal_of
 from robotree.vr.core.machine import RobotState
 from robotree.vr.exchange.asking import ask, fresh_key
 from robotree.vr.exchange.client import RobotClient

@@ -24,8 +24,7 @@ from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.errors import VrError, words_of
 from robotree.vr.running.heard import Voice, speaking
 from robotree.vr.running.page_trace import begin_of, page_lines, trace
-from robotree.vr.running.runner import Runner
-from robotree.vr.running.serial_worker import SerialWorker
+from robotree.vr.running.runner import Runner, SerialWorker
 
 _T = TypeVar("_T")
 _log = logging.getLogger(__name__)

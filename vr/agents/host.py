@@ -15,12 +15,11 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from msgspec.structs import replace
 
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.agents.behaviours import behaviours_of, own_slots
 from robotree.vr.agents.bundles import KnownBundles
 from robotree.vr.agents.moving import LoadedPage, Moves
 from robotree.vr.agents.place import AgentPlace, Placeable
@@ -28,9 +27,11 @@ from robotree.vr.agents.placing import PlaceFinder
 from robotree.vr.agents.shared import Shared
 from robotree.vr.agents.taker import say_deleted
 from robotree.vr.agents.ways import host_beside
+from robotree.vr.author.robot import Robot
 from robotree.vr.author.service import Service
 from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.address import Address, check_name
+from robotree.vr.base.description import SlotSpec
 from robotree.vr.base.envelope import Received
 from robotree.vr.base.errors import (
     CannotMove,
@@ -72,10 +73,9 @@ from robotree.vr.base.requests import (
 from robotree.vr.base.transport import Registration, Transport
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.admission import Clearance, Gate, is_own
-from robotree.vr.bundle.bundle import is_script
+from robotree.vr.bundle.bundle import bundle_of, is_script, request_of
 from robotree.vr.bundle.loader import LIMIT
 from robotree.vr.bundle.needs import choosing
-from robotree.vr.bundle.requested import bundle_of, request_of
 from robotree.vr.core.bonds import DEFAULT_TERM
 from robotree.vr.core.machine import LONGEST_DEADLINE, RobotState
 from robotree.vr.exchange.authority import Here, RobotThere
@@ -1017,3 +1017,36 @@ def _reach(bundle: Bundle, clearance: Clearance) -> tuple[Permissions | None, di
 
         may = declared(bundle.source, bundle.path).permissions
     return may, choosing(bundle.source)
+
+
+class Behaviour(NamedTuple):
+    """One behaviour of a service, as it is to be."""
+
+    name: str
+    """Of its robot: `SERVICE-BEHAVIOUR`."""
+    bundle: Bundle
+
+
+def behaviours_of(robot: Robot, path: str) -> list[Behaviour]:
+    """Return the behaviours that a service brings; of another robot, none.
+
+    Args:
+        robot: the service.
+        path: of its page, for messages.
+
+    Raises:
+        BadName: the two names together are too long.
+    """
+    if not isinstance(robot, Service):
+        return []
+    return [
+        Behaviour(check_name(f"{robot.name}-{name}"), Bundle(text, f"{path}/{name}.yaml"))
+        for name, text in robot.behaviours.items()
+    ]
+
+
+def own_slots(service: RobotAgent, behaviour: RobotAgent) -> list[SlotSpec]:
+    """Return the empty slots of a behaviour that are for the service itself, by its own kind."""
+    kind = service.robot.kinds()[0]
+    slots = behaviour.description().slots
+    return [slot for slot in slots if slot.kind == kind and not slot.filled]

@@ -28,6 +28,7 @@ from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.host import Host
 from robotree.vr.agents.place import Placeable
 from robotree.vr.agents.run import kept_by, kept_in, place_of
+from robotree.vr.base.address import mark
 from robotree.vr.base.envelope import Received
 from robotree.vr.base.errors import VrError
 from robotree.vr.base.pattern import matches
@@ -39,7 +40,6 @@ from robotree.vr.base.principal import ITSELF, Credentials, Principal
 from robotree.vr.base.requests import Described, encode
 from robotree.vr.base.system import OS
 from robotree.vr.base.transport import ELSEWHERE, Occupied, OnReply
-from robotree.vr.base.whose import mark
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.admission import Clearance, Gate
 from robotree.vr.core.machine import RobotCore

@@ -54,7 +54,7 @@ from robotree.vr.base.requests import (
 from robotree.vr.base.transport import Transport
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.admission import Clearance
-from robotree.vr.bundle.requested import bundle_of, request_of
+from robotree.vr.bundle.bundle import bundle_of, request_of
 from robotree.vr.core import transfer as of
 from robotree.vr.core.machine import RobotState, decode_state, encode_state
 from robotree.vr.exchange.asking import ask

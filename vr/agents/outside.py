@@ -37,7 +37,7 @@ from robotree.vr.core.machine import LONGEST_DEADLINE
 from robotree.vr.exchange.dispatcher import AnswerAtOnce, refusal
 from robotree.vr.running.ice import Frozen
 from robotree.vr.running.robot_runtime import NotDescribed, RobotRuntime
-from robotree.vr.running.serial_worker import SerialWorker
+from robotree.vr.running.runner import SerialWorker
 
 PROGRESS_PERIOD = 0.05
 """[s] Least time between two messages with a command's progress to one caller."""

@@ -16,8 +16,8 @@ from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.place import Placeable, commands_running
 from robotree.vr.agents.ways import Ways
 from robotree.vr.base.address import Address, everyone
+from robotree.vr.base.description import HostLoad
 from robotree.vr.base.errors import TransportError, VrError
-from robotree.vr.base.hosting import HostLoad
 from robotree.vr.base.places import Places
 from robotree.vr.base.requests import HostDescribed, Reply
 from robotree.vr.base.transport import Transport

@@ -17,8 +17,7 @@ from robotree.vr.author.space import Space
 from robotree.vr.author.stream import DeclaredStream
 from robotree.vr.author.usage import used_commands
 from robotree.vr.author.watch import Watch
-from robotree.vr.base.description import SlotSpec, offered
-from robotree.vr.base.hosting import PLACEMENTS, Placement
+from robotree.vr.base.description import PLACEMENTS, Placement, SlotSpec, offered
 from robotree.vr.base.units import Unit
 from robotree.vr.core.bonds import Slots
 

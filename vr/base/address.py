@@ -7,16 +7,22 @@ Three things are kept apart:
   one. Requests and presence go to an incarnation (`Address.key`), so that nobody talks by mistake to one
   that never granted the right.
 * The *location*, which process an incarnation lives in, is written nowhere: the transport looks it up by key.
+
+In a realm that several users of one machine share, every user could announce the key of another one's robot,
+and be given its orders. So the last part of a key, which its agent's process draws, ends there with the
+number of its user (`0123456789abcdefu1000`). The kernel says whose process announces a key: `Mesh` believes
+no other user than the one whose number is in it. A realm that its user has alone has no such ends.
 """
 
 from __future__ import annotations
 
 import re
 from functools import lru_cache
-from typing import Literal
+from typing import Final, Literal
 
 import msgspec
 
+from robotree.vr.base.chance import token
 from robotree.vr.base.errors import BadName
 
 Role = Literal["robot", "view", "host", "lookup", "space", "directory", "gateway"]
@@ -108,3 +114,26 @@ def _parsed(key: str) -> Address | None:
 def everyone(role: Role, name: str = "*") -> str:
     """Return the presence pattern of all incarnations of a role, or of those with one name."""
     return f"{role}/{name}/*"
+
+
+_MARKED: Final = re.compile(r"(?:caller|[a-z]+/[A-Za-z0-9][A-Za-z0-9_-]{0,63})/[^/]*u(\d{1,10})(?:/.*)?")
+"""A key, or that of a sample, which begins with its agent's."""
+
+_mark = ""
+
+
+def mark(user: int | None) -> None:
+    """Have all keys that this process draws from now on end with the number of a user; None: with none."""
+    global _mark  # noqa: PLW0603 # a process has one user
+    _mark = "" if user is None else f"u{user}"
+
+
+def unique() -> str:
+    """Draw the last part of a key that nobody ever had."""
+    return token() + _mark
+
+
+def user_of(key: str) -> int | None:
+    """Return the number of the user whose agent a key names; None: it names none."""
+    found = _MARKED.fullmatch(key)
+    return None if found is None else int(found[1])

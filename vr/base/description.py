@@ -13,8 +13,26 @@ from typing import Any, Literal, NamedTuple
 import msgspec
 
 from robotree.vr.base.address import Address
-from robotree.vr.base.hosting import Placement
 from robotree.vr.base.permissions import Isolation
+
+Placement = Literal["manual", "advise", "auto"]
+"""manual: only people and the page itself move a robot. advise: it says where it would be better off. auto:
+it moves there."""
+
+PLACEMENTS: tuple[Placement, ...] = ("manual", "advise", "auto")
+
+
+class HostLoad(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What a host has to do."""
+
+    robots: int = 0
+    running: int = 0
+    """Commands that run in it."""
+    cpu: float = 0.0
+    """Part of one processor that its process has used of late."""
+    room: int | None = None
+    """Robots that it still takes; None: any number."""
+
 
 ParameterType = Literal["float", "int", "bool", "str", "choice", "list", "tuple", "dict", "record", "bytes"]
 """Of one value. list: values of one kind; tuple: so and so many; dict: values of one kind by any texts;

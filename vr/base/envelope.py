@@ -26,6 +26,7 @@ from typing import NamedTuple
 
 import msgspec
 
+from robotree.vr.base.address import user_of
 from robotree.vr.base.errors import Garbled, NoAnswer, NotAllowed
 from robotree.vr.base.permissions import Permissions
 from robotree.vr.base.principal import (
@@ -76,7 +77,6 @@ from robotree.vr.base.requests import (
     TakeStep,
     WriteEntry,
 )
-from robotree.vr.base.whose import user_of
 
 FRESH = 3.0
 """[s] after which a request that begins something has expired at the latest: longer than a slow way takes,

@@ -94,3 +94,14 @@ def _covers(wide: str, narrow: str) -> bool:
     """Whether whatever one permission allows, another one allows too."""
     pairs = zip(wide.split("."), narrow.split("."), strict=True)
     return all(left in (ANY, right) for left, right in pairs)
+
+
+class SignedManifest(msgspec.Struct, frozen=True, omit_defaults=True):
+    """What a signer says of a page. Nothing of it is believed before `bundle.admission` has looked at it."""
+
+    manifest: bytes
+    """JSON, exactly as it was signed: see `bundle.manifest`."""
+    signature: str
+    """Of the manifest, in the armoured form of OpenSSH (PROTOCOL.sshsig)."""
+    certificate: bytes = b""
+    """Of the signer's key, from the authority of a realm; empty: it is a key of its own."""

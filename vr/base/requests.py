@@ -14,17 +14,23 @@ from typing import Any, Literal, NamedTuple, TypeVar
 import msgspec
 
 from robotree.vr.base.address import Address
-from robotree.vr.base.description import CommandSpec, FieldSpec, Listing, RobotDescription, Template
+from robotree.vr.base.description import (
+    CommandSpec,
+    FieldSpec,
+    HostLoad,
+    Listing,
+    Placement,
+    RobotDescription,
+    Template,
+)
 from robotree.vr.base.entry import Entry
 from robotree.vr.base.errors import Garbled, VrError
 from robotree.vr.base.history_event import NumberedEvent
-from robotree.vr.base.hosting import HostLoad, Placement
 from robotree.vr.base.order import KnownAgent, Order, OrderHold
 from robotree.vr.base.own_class import OwnClass
-from robotree.vr.base.permissions import Isolation
+from robotree.vr.base.permissions import Isolation, SignedManifest
 from robotree.vr.base.permit import Permit
 from robotree.vr.base.policy import Person
-from robotree.vr.base.signed_manifest import SignedManifest
 
 ANSWER_WITHIN = 5.0
 """[s] for an answer that takes no work: two round trips over 1 s each way, and some."""

@@ -10,8 +10,7 @@ from msgspec.structs import replace
 
 from robotree.files import read
 from robotree.vr.base.errors import BadBundle, BrokenSource, NoSigningKey
-from robotree.vr.base.permissions import ALL, Permissions
-from robotree.vr.base.signed_manifest import SignedManifest
+from robotree.vr.base.permissions import ALL, Permissions, SignedManifest
 from robotree.vr.bundle.bundle import Bundle, is_script
 from robotree.vr.bundle.file import BundleFile
 from robotree.vr.bundle.manifest import PANEL, PROGRAM, Manifest, expect_inside

@@ -28,8 +28,9 @@ from robotree.vr.base.errors import (
     VrError,
 )
 from robotree.vr.base.extras import lack_of
+from robotree.vr.base.permissions import SignedManifest
 from robotree.vr.base.plain import to_plain
-from robotree.vr.base.signed_manifest import SignedManifest
+from robotree.vr.base.requests import Create
 from robotree.vr.bundle.beside import LARGEST as LARGEST_BESIDE
 from robotree.vr.bundle.beside import beside
 from robotree.vr.bundle.loader import (
@@ -320,3 +321,22 @@ def _thawed(
 def is_script(path: str) -> bool:
     """Whether a file holds a script, which is no Python."""
     return path.lower().endswith((".yaml", ".yml", ".clp"))
+
+
+def bundle_of(page: Create) -> Bundle:
+    """Return the page of a request."""
+    return Bundle(page.source, page.path, page.wanted, page.files, page.signed, page.sender)
+
+
+def request_of(bundle: Bundle, name: str = "", origin: str = "") -> Create:
+    """Return a page as it stands in a request."""
+    return Create(
+        name=name,
+        path=bundle.path,
+        source=bundle.source,
+        wanted=bundle.wanted,
+        files=bundle.files,
+        signed=bundle.signed,
+        sender=bundle.sender,
+        origin=origin,
+    )

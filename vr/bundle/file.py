@@ -25,7 +25,7 @@ import msgspec
 
 from robotree.files import read, replace
 from robotree.vr.base.errors import BadBundle, NoSuchFile
-from robotree.vr.base.signed_manifest import SignedManifest
+from robotree.vr.base.permissions import SignedManifest
 from robotree.vr.bundle.beside import LARGEST as LARGEST_BESIDE
 from robotree.vr.bundle.beside import MOST
 from robotree.vr.bundle.manifest import LARGEST as LARGEST_MANIFEST

@@ -19,12 +19,17 @@ A *group* is an array of slots of one kind, `rovers[0]`, `rovers[1]` …, each o
 Only those that matter are kept: the first that are needed, those with a child or a lost one, and the lowest
 that is empty. A child keeps its index; one that is lost leaves a gap, which can be filled again.
 
+A child knows the next process of a parent that moves by a proof. Before it leaves, the parent makes a secret,
+which travels with it, and gives each child only the hash of a proof that follows from the secret and from
+the child. The next process shows the proof.
+
 Pure: nothing here sends anything; `now` is any monotonic clock [s], `unix` seconds since 1970, both
 given by the caller.
 """
 
 from __future__ import annotations
 
+import hashlib
 import math
 import re
 from collections.abc import Iterable
@@ -48,7 +53,22 @@ from robotree.vr.base.errors import (
     StaleEpoch,
 )
 from robotree.vr.base.principal import ITSELF, Principal
-from robotree.vr.core.heirs import seal_of
+
+
+def proof_of(secret: str, child: str) -> str:
+    """Return what the next process shows to a child; empty: there is no secret.
+
+    Args:
+        secret: of the move.
+        child: key of the child: no child can use its proof at another one.
+    """
+    return hashlib.sha256(f"{secret}\n{child}".encode()).hexdigest() if secret else ""
+
+
+def seal_of(proof: str) -> str:
+    """Return what the child is given before, by which it knows the proof; empty: there is none."""
+    return hashlib.sha256(proof.encode()).hexdigest() if proof else ""
+
 
 DEFAULT_TERM = 5.0
 """[s] Long enough for a link of 1 s each way, short enough that a tree heals while people watch."""

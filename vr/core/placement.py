@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from robotree.vr.base.hosting import HostLoad, Placement
+from robotree.vr.base.description import HostLoad, Placement
 
 SERVICE = 0.0003
 """[s] that a process needs for a call when it has nothing else to do."""

@@ -19,6 +19,7 @@ from typing import Final, NamedTuple, NoReturn
 
 import msgspec
 
+from robotree.vr.base.address import user_of
 from robotree.vr.base.errors import Denied, NotAllowed, NotPermitted
 from robotree.vr.base.permissions import Permissions
 from robotree.vr.base.permit import PermittedCall
@@ -98,7 +99,6 @@ from robotree.vr.base.requests import (
     WatchEntries,
     WriteEntry,
 )
-from robotree.vr.base.whose import user_of
 from robotree.vr.core.machine import RobotState
 
 OF_LEASES = (Petition, Retract, Renew, Release)

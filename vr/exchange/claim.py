@@ -12,11 +12,10 @@ from __future__ import annotations
 
 import contextlib
 
-from robotree.vr.base.address import Address, Role, check_name, everyone
+from robotree.vr.base.address import Address, Role, check_name, everyone, unique
 from robotree.vr.base.errors import DuplicateName, NameInSilence
 from robotree.vr.base.places import here_of
 from robotree.vr.base.transport import Occupied, Registration, Transport
-from robotree.vr.base.whose import unique
 
 SETTLE = 0.1
 """[s] after which an announcement has reached all others that live and answer, and its end too."""

@@ -11,10 +11,9 @@ from typing import Any, Literal, Protocol, TypeVar
 import msgspec
 
 from robotree.vr.base.address import Address
-from robotree.vr.base.description import Arguments, RobotDescription
+from robotree.vr.base.description import Arguments, Placement, RobotDescription
 from robotree.vr.base.errors import NoAnswer, Unreachable, VrError
-from robotree.vr.base.hosting import Placement
-from robotree.vr.base.permissions import Isolation
+from robotree.vr.base.permissions import Isolation, SignedManifest
 from robotree.vr.base.requests import (
     ANSWER_WITHIN,
     AnyRequest,
@@ -60,7 +59,6 @@ from robotree.vr.base.requests import (
     TakeStep,
     ViewDescribed,
 )
-from robotree.vr.base.signed_manifest import SignedManifest
 from robotree.vr.base.transport import Transport
 from robotree.vr.core.confirmation import unmeasured
 from robotree.vr.exchange.asking import ReplyStream, ask, fresh_key, send_request

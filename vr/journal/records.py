@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import msgspec
 
+from robotree.vr.base.permissions import SignedManifest
 from robotree.vr.base.plain import to_plain
-from robotree.vr.base.signed_manifest import SignedManifest
 from robotree.vr.core.events import CoreEvent
 from robotree.vr.core.machine import RobotState
 

@@ -12,7 +12,7 @@ import logging
 import os
 from collections.abc import Callable
 
-from robotree.vr.base.address import Address, Role, everyone, parted
+from robotree.vr.base.address import Address, Role, everyone, parted, user_of
 from robotree.vr.base.description import Listing, Template
 from robotree.vr.base.errors import (
     AddressError,
@@ -32,7 +32,6 @@ from robotree.vr.base.presence import Undo
 from robotree.vr.base.principal import user_name
 from robotree.vr.base.requests import Found, Listed, Query, Unlisted, decode_event
 from robotree.vr.base.transport import Registration, Transport
-from robotree.vr.base.whose import user_of
 from robotree.vr.exchange.asking import ask
 from robotree.vr.lookup.service import NEWS_PATTERN
 from robotree.vr.lookup.union import Change, Union

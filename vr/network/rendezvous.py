@@ -28,11 +28,10 @@ from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
-from robotree.vr.base.address import check_name
+from robotree.vr.base.address import check_name, mark
 from robotree.vr.base.errors import RealmUnusable
 from robotree.vr.base.principal import user_name
 from robotree.vr.base.system import THIS_SYSTEM, Socket, System
-from robotree.vr.base.whose import mark
 from robotree.vr.network.living import alive, listening
 from robotree.vr.network.realms import (
     DEFAULT_REALM,

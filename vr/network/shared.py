@@ -22,13 +22,12 @@ from typing import Any, Final
 
 from robotree.files import read
 from robotree.files.private import shared_folder
-from robotree.vr.base.address import Address
+from robotree.vr.base.address import Address, user_of
 from robotree.vr.base.errors import VrError
 from robotree.vr.base.os_files import LONGEST_PATH
 from robotree.vr.base.policy import BY_NAME, PolicyGate, PolicyTarget
 from robotree.vr.base.principal import user_name
 from robotree.vr.base.requests import Listed, decode_event
-from robotree.vr.base.whose import user_of
 from robotree.vr.network.policy_file import KEYS, POLICY, PolicyFile, put, state_of
 from robotree.vr.network.realms import owner_of, process_of, realm_folder, state_home
 
@@ -99,7 +98,7 @@ class SharedRealm:
         return any(number == self._group for (number,) in _NUMBER.iter_unpack(packed))
 
     def may_announce(self, user: int, key: str) -> bool:
-        """Whether a process of a user may announce a key, or publish under it: see `base/whose.py`."""
+        """Whether a process of a user may announce a key, or publish under it: see `base/address.py`."""
         return user in (self.owner, user_of(key))
 
     def is_own_entry(self, tag: str, name: str) -> bool:

@@ -38,7 +38,7 @@ from robotree.vr.running.child_call import CallManner, ChildCall, call_child
 from robotree.vr.running.feed import Feeds, NoReadingYet
 from robotree.vr.running.frame import Abandoned, Branch, Frame
 from robotree.vr.running.ice import GoneOn
-from robotree.vr.running.outcome import raised
+from robotree.vr.running.own_errors import raised
 from robotree.vr.running.page_trace import begin_of
 from robotree.vr.running.process import Worker
 from robotree.vr.running.replay import Replay

@@ -28,7 +28,7 @@ from robotree.vr.author.signature import Command
 from robotree.vr.author.virtual_robot import VirtualRobot, exposures_of, slot_specs
 from robotree.vr.base.address import Address, everyone
 from robotree.vr.base.arguments import check_arguments
-from robotree.vr.base.description import Arguments, CommandSpec, FieldSpec, offered
+from robotree.vr.base.description import Arguments, CommandSpec, FieldSpec, Placement, offered
 from robotree.vr.base.errors import (
     BadArgument,
     CommandInDoubt,
@@ -38,7 +38,6 @@ from robotree.vr.base.errors import (
     OnItsWay,
     VrError,
 )
-from robotree.vr.base.hosting import Placement
 from robotree.vr.base.permissions import Permissions
 from robotree.vr.base.principal import ITSELF, Principal, is_person, principal_of
 from robotree.vr.base.requests import (

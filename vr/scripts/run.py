@@ -12,6 +12,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple, cast
 
 import msgspec
@@ -26,7 +27,6 @@ from robotree.vr.base.errors import CommandCancelled, CommandFailed, SlotEmpty, 
 from robotree.vr.base.written import Mark, Scalar, Word, value_of
 from robotree.vr.core.events import AT
 from robotree.vr.scripts.engine import Engine, ScriptError
-from robotree.vr.scripts.group_act import GroupAct
 from robotree.vr.scripts.happening import (
     CancelAct,
     Do,
@@ -39,9 +39,113 @@ from robotree.vr.scripts.happening import (
     ScriptReply,
     Wait,
 )
-from robotree.vr.scripts.inbox import ScriptInbox
 from robotree.vr.scripts.program import CHOICE, READING, Program
 from robotree.vr.scripts.questions import MOST_QUESTIONS, Questions
+
+ANSWER = "answer"
+"""What happens when one member has ended its part."""
+
+
+@dataclass(slots=True)
+class GroupAct:
+    """The answers of the members, as they come."""
+
+    order: Do
+    """As the rules gave it: to the group."""
+    number: int
+    """Among the acts of the script."""
+    open: set[str]
+    """Slots of members that have not answered."""
+    results: dict[str, tuple[Scalar, ...]] = field(default_factory=dict[str, tuple[Scalar, ...]])
+    """Of those that have done it, by slot."""
+    reasons: dict[str, str] = field(default_factory=dict[str, str])
+    """Of those that have not, by slot."""
+
+    def answer(self, slot: str, robot: str, ended: Happening) -> Happening:
+        """Take how a member's part has ended; return what the rules are told of it.
+
+        Args:
+            slot: of the member.
+            robot: the one that was in it when the act began.
+            ended: `done` or a failure, as the end of any act.
+        """
+        self.open.discard(slot)
+        well = ended.performative != "failure"
+        values = ended.arguments[1:] if well else ended.arguments
+        if well:
+            self.results[slot] = values
+        else:
+            self.reasons[slot] = f"{robot or slot}: {values[0] if values else 'no reason given'}"
+        return Happening(
+            act=ANSWER,
+            sender=self.order.partner,
+            arguments=(self.order.act, robot or slot, well, *(values or ("none",))),
+            conversation=self.order.conversation,
+        )
+
+    def end(self) -> Happening:
+        """Return how the whole act has ended: done if all have done it; the results in the order of slots."""
+        if not self.reasons:
+            results = (value for slot in sorted(self.results, key=_place) for value in self.results[slot])
+            return Happening(
+                act="done",
+                sender=self.order.partner,
+                arguments=(self.order.act, *results),
+                conversation=self.order.conversation,
+                number=self.number,
+            )
+        count = len(self.reasons) + len(self.results)
+        first = self.reasons[min(self.reasons, key=_place)]
+        return Happening(
+            performative="failure",
+            act=self.order.act,
+            sender=self.order.partner,
+            arguments=(f"{len(self.reasons)} of {count} did not do it: {first}",),
+            conversation=self.order.conversation,
+            number=self.number,
+        )
+
+
+def _place(slot: str) -> int:
+    return int(slot.rpartition("_")[2])
+
+
+LONGEST = 500
+"""Messages that may wait: more is a flood."""
+
+
+class ScriptInbox:
+    """Takes happenings from any thread; one command takes them out."""
+
+    def __init__(self, wake: Callable[[], None]) -> None:
+        """Begin empty.
+
+        Args:
+            wake: has the command look that takes them out.
+        """
+        self._waiting: deque[Happening | int] = deque()
+        self._wake = wake
+
+    def put(self, happening: Happening | int) -> None:
+        """Take in what happens, or the number of an act that has ended."""
+        self._waiting.append(happening)
+        self._wake()
+
+    def put_back(self, number: int) -> None:
+        """Take in the number of an act that has ended, to be taken out next."""
+        self._waiting.appendleft(number)
+
+    def offer(self, happening: Happening) -> bool:
+        """Take in what somebody else says; return False if too much waits already."""
+        if len(self._waiting) >= LONGEST:
+            return False
+        self.put(happening)
+        return True
+
+    def take(self) -> Happening | int | None:
+        """Return the oldest one; None: nothing waits."""
+        return self._waiting.popleft() if self._waiting else None
+
 
 TICK = 0.05
 """[s] Longest time until the thread looks again: at partners, at a cancel, at progress."""

@@ -43,10 +43,10 @@ from robotree.vr.base.written import (
     word,
 )
 from robotree.vr.scripts.engine import Engine, ScriptError
+from robotree.vr.scripts.explain import in_words, parts
 from robotree.vr.scripts.expression import show
 from robotree.vr.scripts.happening import Happening, ScriptEnd, nearest, order_line
 from robotree.vr.scripts.program import CHOICE, Program
-from robotree.vr.scripts.shown import in_words, parts
 from robotree.vr.scripts.when_then import new_fact
 
 HAPPENINGS = (

@@ -43,7 +43,6 @@ from robotree.vr.exchange.dispatcher import Dispatcher, SendReply, not_for
 from robotree.vr.network.on_loop import LoopTurns
 from robotree.vr.network.permit_file import permits_beside
 from robotree.vr.sites.certificates import Certificate
-from robotree.vr.sites.describing import RememberedSite, seen
 from robotree.vr.sites.frames import (
     AboutSite,
     Admitted,
@@ -71,7 +70,7 @@ from robotree.vr.sites.handshake import Handshakes
 from robotree.vr.sites.keys import RealmKeys
 from robotree.vr.sites.pipe import GRANTED, Pipe, Topics
 from robotree.vr.sites.sealing import ID_SIZE, Lane, Verdict
-from robotree.vr.sites.showing import Showing
+from robotree.vr.sites.showing import RememberedSite, Showing, seen
 from robotree.vr.sites.site import ARRIVAL, GONE, Site, SiteExchange
 from robotree.vr.sites.standing import Standing
 from robotree.vr.sites.stopping import SiteStops, StopHere

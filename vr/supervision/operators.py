@@ -17,13 +17,13 @@ from typing import Final, NamedTuple
 
 import msgspec
 
+from robotree.vr.base.address import user_of
 from robotree.vr.base.envelope import this_terminal
 from robotree.vr.base.errors import TransportError, VrError
 from robotree.vr.base.foreign import bounded
 from robotree.vr.base.principal import user_name
 from robotree.vr.base.requests import OperatorHere, OperatorSays, decode_event, encode
 from robotree.vr.base.transport import Registration, Transport
-from robotree.vr.base.whose import user_of
 
 ROUND: Final = 2.0
 """[s] after which a program says again who sits there."""

@@ -15,9 +15,9 @@ from robotree.vr.base.requests import BundleRead, DescribeHost, HostDescribed, R
 from robotree.vr.base.transport import Transport
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.admission import Gate
+from robotree.vr.bundle.bundle import bundle_of
 from robotree.vr.bundle.manifest import PANEL, PROGRAM
 from robotree.vr.bundle.panel import Panel, expect, read_panel
-from robotree.vr.bundle.requested import bundle_of
 from robotree.vr.exchange.asking import ask
 
 ANSWERS_WITHIN = 3.0

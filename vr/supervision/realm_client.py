@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
 import msgspec
 
-from robotree.vr.base.address import ROLES, Address, Role, check_name, everyone, parted
-from robotree.vr.base.description import Listing, RobotDescription, Template
+from robotree.vr.base.address import ROLES, Address, Role, check_name, everyone, parted, unique
+from robotree.vr.base.description import Listing, Placement, RobotDescription, Template
 from robotree.vr.base.envelope import asking_assistant, asks_for_a_person
 from robotree.vr.base.errors import (
     Denied,
@@ -32,7 +32,6 @@ from robotree.vr.base.errors import (
     Unreachable,
     VrError,
 )
-from robotree.vr.base.hosting import Placement
 from robotree.vr.base.permissions import Isolation
 from robotree.vr.base.policy import BY_NAME, REALM, Decision, Person, PolicyGate, PolicyTarget
 from robotree.vr.base.presence import Held
@@ -59,7 +58,6 @@ from robotree.vr.base.requests import (
     decode_event,
 )
 from robotree.vr.base.transport import Registration, Transport
-from robotree.vr.base.whose import unique
 from robotree.vr.exchange.asking import ask, fresh_key
 from robotree.vr.exchange.attendance import Attendance
 from robotree.vr.exchange.calling import CallOutcome, OnFields, OnProgress, call_and_wait

@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 
 from robotree.vr.scripts.engine import Engine
+from robotree.vr.scripts.explain import parts
 from robotree.vr.scripts.happening import CancelAct, Do, Happening, ScriptOrder, Wait
 from robotree.vr.scripts.program import Program
-from robotree.vr.scripts.shown import parts
 from robotree.vr.scripts.when_then import read_yaml
 
 PAGE = Path(__file__).parents[3] / "examples" / "companion" / "evening.yaml"

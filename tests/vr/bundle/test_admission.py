@@ -21,9 +21,8 @@ from robotree.vr.base.errors import (
     RevokedSigner,
     UnknownSigner,
 )
-from robotree.vr.base.permissions import Permissions
+from robotree.vr.base.permissions import Permissions, SignedManifest
 from robotree.vr.base.principal import ITSELF
-from robotree.vr.base.signed_manifest import SignedManifest
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.admission import OWN, Clearance, Gate
 from robotree.vr.bundle.build import SigningKey, manifest_of, sign, signed

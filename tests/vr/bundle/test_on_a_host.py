@@ -23,7 +23,7 @@ from robotree.vr.base.permissions import Permissions
 from robotree.vr.base.requests import AnyRequest, BundleRead, Call, Create, Delete, Raised, ReadBundle, Reply
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.admission import OWN, Clearance, Gate
-from robotree.vr.bundle.requested import request_of
+from robotree.vr.bundle.bundle import request_of
 from robotree.vr.exchange.asking import send_request
 from robotree.vr.exchange.client import HostClient, RobotClient
 from robotree.vr.journal.journal import HostJournal

@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from robotree.vr.base import whose
+from robotree.vr.base import address
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import Listing
 from robotree.vr.base.envelope import Envelope, opened, this_clock
@@ -53,7 +53,7 @@ class Line:
 @pytest.fixture
 def unmarked() -> Iterator[None]:
     yield
-    whose.mark(None)
+    address.mark(None)
 
 
 @pytest.fixture
@@ -71,14 +71,14 @@ def folder(apart: Path) -> Path:
 
 
 def test_a_key_says_whose_agent_it_names() -> None:
-    whose.mark(ANNA)
+    address.mark(ANNA)
     try:
-        assert whose.user_of(f"caller/{whose.unique()}") == ANNA
-        assert whose.user_of(f"robot/arm-1/{whose.unique()}/state") == ANNA
+        assert address.user_of(f"caller/{address.unique()}") == ANNA
+        assert address.user_of(f"robot/arm-1/{address.unique()}/state") == ANNA
     finally:
-        whose.mark(None)
+        address.mark(None)
     for key in ("robot/arm-1/0123456789abcdef", "robot/u1/2", "caller/u", "robot/arm-1", "", OF_ANNA + "x"):
-        assert whose.user_of(key) is None
+        assert address.user_of(key) is None
     shared = SharedRealm(Path("/tmp/robotree-shared-1/plant"), 1)  # noqa: S108 # it is not used
     assert shared.may_announce(ANNA, OF_ANNA)
     assert shared.may_announce(1, OF_ANNA), "the owner of the realm may everything"

@@ -7,7 +7,7 @@ import pytest
 from robotree.vr.scripts import explain
 from robotree.vr.scripts.clp import read_clp
 from robotree.vr.scripts.engine import Engine
-from robotree.vr.scripts.shown import in_words
+from robotree.vr.scripts.explain import in_words
 from robotree.vr.scripts.trial import Rehearsal
 from robotree.vr.scripts.when_then import read_yaml
 from tests.vr.scripts.stage import EXAMPLES
