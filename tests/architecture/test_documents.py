@@ -16,7 +16,7 @@ from robotree.tui.session.script import read
 from tests.guide.words import GUIDES, words_of_guides
 
 ROOT = Path(__file__).parents[2]
-DOCUMENTS = [ROOT / "README.md", *GUIDES]
+DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *GUIDES]
 
 
 def blocks(path: Path, language: str) -> list[str]:
@@ -25,10 +25,19 @@ def blocks(path: Path, language: str) -> list[str]:
     return [body for head, _, body in (part.partition("\n") for part in parts) if head == language]
 
 
+def headings(path: Path) -> set[str]:
+    """Return the names by which GitHub links to the headings of a page."""
+    outside = "".join(re.split(r"^```", path.read_text(), flags=re.MULTILINE)[::2])
+    found = re.findall(r"^#+ (.*)$", outside, flags=re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in found}
+
+
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
 def test_every_link_leads_somewhere(path: Path) -> None:
-    for target in re.findall(r"\]\((?!https?:)([^)#]+)\)", path.read_text()):
-        assert (path.parent / target).exists(), target
+    for target, heading in re.findall(r"\]\((?!https?:)([^)#]*)#?([^)]*)\)", path.read_text()):
+        page = path.parent / target if target else path
+        assert page.exists(), target
+        assert not heading or heading in headings(page), f"{target}#{heading}"
 
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
