@@ -132,6 +132,8 @@ class OrderTaker:
         self._declared: list[Registration] = []
         self._unwatch: Callable[[], None] = _nothing
         self._task: asyncio.Task[None] | None = None
+        self._beside = asyncio.TaskGroup()
+        """What is told of orders that are over, while the next one is taken: a directory takes its time."""
         self._told: dict[str, set[str]] = {}
         """Which directories know how an order stands, by its key."""
         self._touched = 0.0
@@ -196,6 +198,8 @@ class OrderTaker:
 
     async def _leave_rest(self) -> None:
         """Take note that the robot is about to move: if it is killed then, nobody has moved it by hand."""
+        if self._identity not in self._ledger.rest:
+            return
         with contextlib.suppress(DirectoryUnusable):
             await self._written(partial(self._ledger.note_rest, self._identity, None))
 
@@ -262,16 +266,17 @@ class OrderTaker:
         orders, holds = await self._fetch()
         await self._tell_again(orders)
         self._ledger.forget(self._unix())
-        for order in self._to_do(orders):
-            if not self._is_open():
-                return False
-            if holds:
-                return False  # their release is news
-            if not await self._until_free():
-                return True
-            await self._notice_hands()
-            if not await self._take(order):
-                return False
+        async with asyncio.TaskGroup() as self._beside:
+            for order in self._to_do(orders):
+                if not self._is_open():
+                    return False
+                if holds:
+                    return False  # their release is news
+                if not await self._until_free():
+                    return True
+                await self._notice_hands()
+                if not await self._take(order):
+                    return False
         return False
 
     def _to_do(self, found: dict[str, Order]) -> list[Order]:
@@ -508,7 +513,7 @@ class OrderTaker:
         self._runtime.log.say(
             "info", f"order {order.ticket} of {order.who} ({order.command}) is {order.shown}"
         )
-        await self._tell(order)
+        self._beside.create_task(self._tell(order))
 
     async def _put(self, entry: LedgerEntry) -> None:
         await self._written(partial(self._ledger.put, entry))
