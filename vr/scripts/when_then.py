@@ -179,16 +179,26 @@ def _partner(key: Word, given: Written) -> Partner:
             name.text: tuple(word(one, "a value", key.mark).text for one in items(given, key.mark).items)
             for name, given in entries(facets.get("takes"), "takes", key.mark)
         },
-        optional=bool(value_of(word(facets.get("optional") or Word("no", key.mark), "optional", key.mark))),
+        optional=_yes_no(facets, "optional", key.mark),
         returns=0.0 if returns is None else _return(word(returns, "the time", key.mark)),
         choose=choose.text,
         where=where.text,
         count=0 if count is None else check_count(word(count, "the count", key.mark)),
-        watched=bool(value_of(word(facets.get("watch") or Word("no", key.mark), "watch", key.mark))),
+        watched=_yes_no(
+            facets, "watch", key.mark, "; of who is watched a script has the readings, and no streams"
+        ),
         doc=word(facets.get("doc") or Word("", key.mark), "doc", key.mark).text,
     )
     check_watched(partner, key.mark)
     return partner if group is None else of_group(partner, word(group, "the group", key.mark))
+
+
+def _yes_no(facets: Entries, name: str, mark: Mark, more: str = "") -> bool:
+    given = facets.get(name) or Word("no", mark)
+    said = value_of(given) if isinstance(given, Word) else None
+    if not isinstance(said, bool):
+        raise given.mark.error(f"{name} is yes or no{more}")
+    return said
 
 
 def _return(said: Word) -> float:

@@ -61,3 +61,9 @@ def test_what_is_only_watched_is_asked_nothing() -> None:
         check_known(read_yaml(source, "guard.yaml"), {})
     with pytest.raises(BrokenScript, match="partner cart is only watched: it has no needs"):
         read_yaml(WATCHES.replace("watch: yes", "watch: yes, needs: [load]"), "guard.yaml")
+
+
+@pytest.mark.parametrize("given", ["pictures", "[pictures, force]"])
+def test_a_script_that_wants_streams_of_who_is_watched_is_told_that_it_has_readings(given: str) -> None:
+    with pytest.raises(BrokenScript, match=r"watch is yes or no; .* has the readings, and no streams"):
+        read_yaml(WATCHES.replace("watch: yes", f"watch: {given}"), "guard.yaml")
