@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 from PIL import Image
 
-from robotree.tui.errors import SomeSilent
+from robotree.tui.errors import SomeSilent, ValueRefused
 from robotree.tui.exit_codes import NOBODY, code_of
 from robotree.tui.line import grammar
 from robotree.tui.line.action import Where
@@ -19,6 +19,8 @@ from robotree.tui.line.actions import ACTIONS, shapes
 from robotree.tui.line.carrying import function_of
 from robotree.tui.line.sources import shipped
 from robotree.tui.line.verbs import Outcome
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import RobotDescription
 from robotree.vr.base.envelope import sitting_at
 from robotree.vr.base.errors import (
     BadArgument,
@@ -35,14 +37,15 @@ from robotree.vr.base.errors import (
     VrError,
     WrongKind,
 )
+from robotree.vr.base.order import KnownAgent
 from robotree.vr.base.presence import Held
 from robotree.vr.lookup.chronicle import Chronicle
+from robotree.vr.orders.service import DirectoryService
+from robotree.vr.orders.store import OrderStore
 from robotree.vr.world.testing import until
 
 if TYPE_CHECKING:
     from conftest import Realm
-
-    from robotree.vr.base.description import RobotDescription
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -379,6 +382,26 @@ async def test_what_cannot_be_done_is_refused_in_one_sentence_and_loses_nothing(
         assert says in str(refusal.value)
         assert "\n" not in str(refusal.value)
         assert {"arm-1", "rover-1", "mover"} == {robot.name for robot in realm.realm_client.robots()}
+
+
+async def test_a_service_takes_no_name_of_a_robot_that_is_away_and_one_that_is_refused_leaves_nothing(
+    realm: Realm,
+) -> None:
+    """The rover could not come back under its name, and its orders would wait for ever."""
+    store, service = OrderStore(None), EXAMPLES / "services" / "greeter.py"
+    directory = DirectoryService(realm.network.join("directory-1"), "directory-1", store)
+    await directory.start()
+    rover = RobotDescription(address=Address("robot", "rover-2", "1"), kinds=("Rover", "Robot"))
+    store.put(agents=[KnownAgent(name="rover-2", identity="a", robot=rover)])
+    with pytest.raises(ValueRefused, match="a Rover of this name is away"):
+        await do(realm, f"service '{service}' rover-2 on host-1")
+    await do(realm, f"create '{EXAMPLES / 'move_to.py'}' as greeter-greet")
+    with pytest.raises(DuplicateName, match="greeter-greet"):
+        await do(realm, f"service '{service}' greeter on host-1")
+    known = [each for each in store.agents.values() if each.name == "greeter"]
+    assert all(each.deleted for each in known), "it is not remembered as one that is away"
+    assert "greeter" not in {robot.name for robot in realm.realm_client.robots()}
+    await directory.close()
 
 
 async def test_an_enslaved_robot_obeys_and_ends_through_its_parent_alone(realm: Realm) -> None:

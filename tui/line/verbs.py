@@ -593,6 +593,12 @@ async def service(realm_client: RealmClient, line: Line, _teller: Teller) -> Out
     path, wanted = sources.found(line.text("FILE"))
     name, host = line.text("NAME"), line.text("HOST")
     settings = values.assignments(line.many("PARAMETER=VALUE"))
+    for away_robot in await absent_robots(realm_client, ()):
+        if away_robot.name == name and away_robot.robot and "Service" not in away_robot.robot.kinds:
+            told = (
+                f"a {away_robot.robot.kind} of this name is away and could not come back; choose another name"
+            )
+            raise ValueRefused("NAME", told)
     async with AsyncExitStack() as stack:
         if not host:
             host = await stack.enter_async_context(_own_host(realm_client, name, ""))

@@ -606,7 +606,7 @@ class Host:
         try:
             await self._bring_behaviours(agent, bundle, clearance)
         except BaseException:
-            await agent.close()
+            await agent.end()  # nobody remembers it as one that is away
             raise
         await self._begin(agent)
         return agent
