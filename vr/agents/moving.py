@@ -741,6 +741,8 @@ class Departure:
         page = self._journal.page_of(self._runtime.key)
         if page is None:
             return of.Refused(reason="its page is not kept")
+        if page.service:
+            return of.Refused(reason=f"the service {page.service} has brought it, and it stays with it")
         try:
             ready = await self._have_prepared(page, whole=not self._far)
         except NoSuchBundle:  # it may not read pages here, or the way was too slow

@@ -11,6 +11,7 @@ from functools import partial
 from inspect import getattr_static
 from typing import Any
 
+from robotree.vr.author.service import Service
 from robotree.vr.author.together import Race
 from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.core.machine import RobotState
@@ -61,6 +62,8 @@ def _of_attributes(runtime: RobotRuntime) -> Iterator[str]:
     if not isinstance(robot, VirtualRobot):
         yield "it is no virtual robot: a proxy stays where its controller is"
         return
+    if isinstance(robot, Service) and robot.behaviours:
+        yield "it is a service, and its behaviours stay here; delete it, and start it there"
     for name, value in vars(robot).items():
         if name in _OURS:
             continue

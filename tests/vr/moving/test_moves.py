@@ -353,3 +353,35 @@ def test_a_robot_moves_with_the_page_with_which_it_goes_on_since_a_reload(tmp_pa
         assert await stage.robot("tour").call("tour", {"steps": 1}) == [0, -1]
 
     played(tmp_path, story)
+
+
+SERVICE = """
+from robotree.vr import Service
+
+class Greeter(Service):
+    behaviours = {"greet": "script: greet\\npartners:\\n  robot: {kind: Wheel}\\nrules: []\\n"}
+
+    @command
+    def count(self) -> int:
+        return 1
+"""
+
+
+def test_a_service_and_what_it_brings_stay_together_where_they_are(tmp_path: Path) -> None:
+    """A service that moved would leave its behaviours behind, and nobody would end them with it."""
+
+    async def story(stage: Stage) -> None:
+        await stage.add("h1", "h2")
+        await stage.create("h1", "greeter", SERVICE)
+        with pytest.raises(CannotMove, match="its behaviours stay here; delete it, and start it there"):
+            await stage.migrate("greeter", "h2")
+        with pytest.raises(CannotMove, match="the service greeter has brought it"):
+            await stage.migrate("greeter-greet", "h2")
+        assert stage.where("greeter") == stage.where("greeter-greet") == ["h1"]
+        await stage.create("h1", "plain", SERVICE.replace("    behaviours", "    # behaviours"))
+        await stage.migrate("plain", "h2")
+        assert stage.where("plain") == ["h2"]
+        await stage.robot("greeter").delete()
+        assert stage.where("greeter-greet") == []
+
+    played(tmp_path, story)
