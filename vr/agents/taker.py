@@ -363,12 +363,12 @@ class OrderTaker:
             return False
         else:
             taken = msgspec.structs.replace(order, state="taken", at=now, asks="")
-            self._runtime.takes_order = True  # from here on it does not move: only this host knows of it
+            self._runtime.takes_order += 1  # from here on it does not move: only this host knows of it
             try:
                 await self._put(LedgerEntry(taken))
                 return await self._begin(taken) if await self._confirmed(taken) else False
             finally:
-                self._runtime.takes_order = False
+                self._runtime.takes_order -= 1
         return True
 
     def _question(self, order: Order) -> str:
@@ -513,7 +513,14 @@ class OrderTaker:
         self._runtime.log.say(
             "info", f"order {order.ticket} of {order.who} ({order.command}) is {order.shown}"
         )
-        self._beside.create_task(self._tell(order))
+        self._runtime.takes_order += 1
+        self._beside.create_task(self._tell_beside(order))
+
+    async def _tell_beside(self, order: Order) -> None:
+        try:
+            await self._tell(order)
+        finally:
+            self._runtime.takes_order -= 1
 
     async def _put(self, entry: LedgerEntry) -> None:
         await self._written(partial(self._ledger.put, entry))

@@ -110,7 +110,7 @@ class RobotRuntime:
     """See `RobotDescription.identity`."""
     ordered: frozenset[str] = frozenset()
     """Keys of commands that were left as orders: they go on as long as their askers may order."""
-    takes_order: bool = False
+    takes_order: int = 0
     """Whether it has taken an order that is not over: only its host knows of it."""
     on_call: Callable[[Call, bool], None] | None = None
     """Told of each call that is accepted, and whether it only reads. In any thread; must not block."""
