@@ -46,17 +46,6 @@ NOTED = 20
 # -- keys ------------------------------------------------------------------------------------------
 
 
-def start(line: Line, realm: str) -> int:
-    """Carry out a verb about the keys of assistants, and return its exit code."""
-    from robotree.tui.sites.policies import expect_to_administrate
-
-    verb = line.verb
-    if verb == "assistants":
-        return _list(line, realm)
-    expect_to_administrate(realm)
-    return _invite(line, realm) if verb == "assistant invite" else _revoke(line, realm)
-
-
 def folder_of(realm: str) -> Path:
     """Return the folder in which a realm keeps its things.
 
@@ -69,10 +58,12 @@ def folder_of(realm: str) -> Path:
     return place.parent
 
 
-def _invite(line: Line, realm: str) -> int:
+def invite(line: Line, realm: str) -> int:
+    """Make the key of an assistant."""
     from robotree.assistants.keys import AssistantKeys
-    from robotree.tui.sites.policies import gate_of
+    from robotree.tui.sites.policies import expect_to_administrate, gate_of
 
+    expect_to_administrate(realm)
     name = line.text("NAME")
     if not NAME.fullmatch(name):
         raise ValueRefused(
@@ -88,16 +79,20 @@ def _invite(line: Line, realm: str) -> int:
     return exit_codes.DONE
 
 
-def _revoke(line: Line, realm: str) -> int:
+def revoke(line: Line, realm: str) -> int:
+    """Take the key of an assistant back."""
     from robotree.assistants.keys import AssistantKeys
+    from robotree.tui.sites.policies import expect_to_administrate
 
+    expect_to_administrate(realm)
     name = line.text("NAME")
     AssistantKeys(folder_of(realm)).revoke(name)
     answer(f"the key of {name} is good no more; what it does ends within a second", lambda: {"revoked": name})
     return exit_codes.DONE
 
 
-def _list(line: Line, realm: str) -> int:
+def assistants(line: Line, realm: str) -> int:
+    """List the assistants that have keys, or what one has asked."""
     from robotree.assistants.keys import AssistantKeys
     from robotree.assistants.record import Record
     from robotree.tui.sites.policies import gate_of
@@ -140,7 +135,7 @@ def _entry_row(entry: Entry) -> tuple[str, str, str, str]:
 # -- serving ---------------------------------------------------------------------------------------
 
 
-async def serve(line: Line, realm: str) -> int:
+async def mcp(line: Line, realm: str) -> int:
     """Serve assistants until their client closes its end, or until this is interrupted."""
     from robotree.assistants.keys import AssistantKeys
     from robotree.assistants.serving import over_http, over_stdio

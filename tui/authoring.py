@@ -20,6 +20,7 @@ from robotree.tui.errors import ValueRefused
 from robotree.tui.line import sources
 from robotree.tui.line.findings import Kinds, findings, panel_findings
 from robotree.tui.line.grammar import Line
+from robotree.tui.line.known_kinds import known_kinds
 from robotree.tui.terminal import answer
 from robotree.vr.base.extras import lacks
 
@@ -27,12 +28,8 @@ if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.bundle.reading import Finding
 
 
-def check(line: Line, kinds: Kinds) -> int:
+def check(line: Line, _realm: str) -> int:
     """Print what is probably wrong with a page.
-
-    Args:
-        line: understood.
-        kinds: that come with robotree.
 
     Returns:
         The exit code: 0 when nothing was found but warnings.
@@ -47,6 +44,7 @@ def check(line: Line, kinds: Kinds) -> int:
             f"{path} is a script, not a page; check it with `robotree rules check {shlex.quote(path)}`",
         )
     bundle = Bundle.read(path, wanted)
+    kinds = known_kinds()
     by_file = {str(path): findings(bundle, kinds)}
     if not any(one.level == "mistake" for one in by_file[str(path)]):  # else its commands are not known
         by_file |= panel_findings(bundle)
@@ -106,12 +104,8 @@ EDITOR = """{
 """
 
 
-def new(line: Line, kinds: Kinds) -> int:
+def new(line: Line, _realm: str) -> int:
     """Write a page, its test and the settings of an editor into the present folder; nothing is overwritten.
-
-    Args:
-        line: understood.
-        kinds: that come with robotree.
 
     Raises:
         ValueRefused: the name cannot be that of a module, or there is no such kind.
@@ -127,6 +121,7 @@ def new(line: Line, kinds: Kinds) -> int:
         raise ValueRefused("NAME", f"Python has a module {module!r} itself; take another, such as my-{name}")
     if line.text("--from"):
         return _begin_with(line.text("--from"), module, name)
+    kinds = known_kinds()
     kind = _kind(line.text("--over"), kinds)
     written = _files(module, kind, exposes="get_info" in kinds.get(kind, {}))
     settings = {path for path in written if path not in {f"{module}.py", f"test_{module}.py"}}

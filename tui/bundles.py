@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import getpass
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,18 +27,6 @@ if TYPE_CHECKING:
     from robotree.vr.bundle.build import SigningKey
     from robotree.vr.bundle.requirements import RequirementPolicy
     from robotree.vr.bundle.trust import Signer
-
-
-def start(line: Line, realm: str) -> int:
-    """Carry out a line, and return its exit code."""
-    verbs: dict[str, Callable[[Line, str], int]] = {
-        "build": _build,
-        "verify": _verify,
-        "sign": _sign,
-        "trust": _trust,
-        "show": _show,
-    }
-    return verbs[line.verb.removeprefix("bundle ")](line, realm)
 
 
 def gate_of(line: Line, realm: str) -> Gate:
@@ -76,7 +64,8 @@ def _password(path: str) -> bytes:
 # -- the verbs -------------------------------------------------------------------------------------
 
 
-def _build(line: Line, realm: str) -> int:
+def build(line: Line, realm: str) -> int:
+    """Make a bundle of a page."""
     from robotree.vr.bundle import Bundle
     from robotree.vr.bundle.build import signed
 
@@ -90,7 +79,8 @@ def _build(line: Line, realm: str) -> int:
     return _written(made, line.text("--out") or f"{Path(path).stem}.bundle", key)
 
 
-def _sign(line: Line, realm: str) -> int:
+def sign_anew(line: Line, realm: str) -> int:
+    """Sign a bundle anew."""
     from robotree.vr.bundle import Bundle
     from robotree.vr.bundle.build import sign
     from robotree.vr.bundle.file import BundleFile
@@ -112,7 +102,7 @@ def _written(page: Bundle, out: str, key: SigningKey) -> int:
     return exit_codes.DONE
 
 
-def _verify(line: Line, realm: str) -> int:
+def verify(line: Line, realm: str) -> int:
     """Say whether a host of this user would run a bundle."""
     from robotree.vr.base.principal import ITSELF
     from robotree.vr.bundle import Bundle
@@ -130,7 +120,8 @@ def _verify(line: Line, realm: str) -> int:
     return exit_codes.DONE
 
 
-def _show(line: Line, _realm: str) -> int:
+def show(line: Line, _realm: str) -> int:
+    """Print what a bundle says of itself."""
     from robotree.vr.bundle import Bundle
     from robotree.vr.bundle.manifest import read_manifest
 
@@ -167,7 +158,7 @@ def _seen(page: Bundle, signer: str) -> Mapping[str, Any]:
     return {"hash": page.hash, "trusted_as": signer, **json.loads(page.signed.manifest)}
 
 
-def _trust(line: Line, _realm: str) -> int:
+def trust(line: Line, _realm: str) -> int:
     """Trust a key, end that, or list whom hosts of this user trust."""
     file, words = trust_file() if not line.text("--trust") else Path(line.text("--trust")), line.many("KEY")
     if line.flag("--revoke"):

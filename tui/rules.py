@@ -19,29 +19,13 @@ from robotree.tui import exit_codes
 from robotree.tui.errors import ValueRefused
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.known_kinds import known_kinds
+from robotree.tui.line.shell import ask
 from robotree.tui.line.sources import shipped
 from robotree.tui.terminal import answer, put
 
 if TYPE_CHECKING:  # help must not wait for the rules
     from robotree.vr.scripts.program import Program
     from robotree.vr.scripts.trial import Played, Rehearsal, Trial
-
-
-def start(line: Line) -> int:
-    """Carry out one line whose verb begins with `rules`.
-
-    Returns:
-        The exit code: 0 unless a test fails.
-    """
-    match line.verb:
-        case "rules check":
-            return _check(line)
-        case "rules test":
-            return _test(line)
-        case "rules dry-run":
-            return _dry_run(line)
-        case _:
-            return _explain(line)
 
 
 def _source(path: Path) -> str:
@@ -67,7 +51,8 @@ def known_choices() -> dict[str, list[tuple[str, str]]]:
     return {kind: choices_of(commands.values()) for kind, commands in known_kinds().items()}
 
 
-def _check(line: Line) -> int:
+def check(line: Line, _realm: str) -> int:
+    """Check a script."""
     from robotree.vr.scripts.engine import Engine
     from robotree.vr.scripts.joins import loose
 
@@ -107,7 +92,8 @@ def _table(given: str, script: str = "") -> tuple[Program, tuple[Trial, ...]]:
     return program, tests
 
 
-def _test(line: Line) -> int:
+def test(line: Line, _realm: str) -> int:
+    """Play a table against a script; refused where a test fails."""
     from robotree.vr.scripts.trial import run
 
     program, tests = _table(line.text("TABLE"))
@@ -130,7 +116,8 @@ def _test(line: Line) -> int:
     return exit_codes.REFUSED if failed else exit_codes.DONE
 
 
-def _dry_run(line: Line) -> int:
+def dry_run(line: Line, _realm: str) -> int:
+    """Show what a script would do."""
     program, as_json = _program(line.text("FILE")), line.flag("--json")
     if not line.text("TABLE"):
         rehearsal = _rehearsal(program)
@@ -181,13 +168,15 @@ def _rehearsal(program: Program, trial: Trial | None = None) -> Rehearsal:
     return Rehearsal(program, trial.parameters, trial.missing, trial.roles, choices)
 
 
-def _explain(line: Line) -> int:
-    """Explain a rule at the beginning, or after the first test of a table."""
-    from robotree.vr.scripts import explain
+def explain(line: Line, realm: str) -> int:
+    """Explain a rule of a script that runs; or of a file, at the beginning or after its first test."""
+    if not line.text("--after") and not line.text("WHAT").lower().endswith((".yaml", ".yml", ".clp")):
+        return ask(line, realm)
+    from robotree.vr.scripts.explain import state, unknown_rule, why
 
     program, rule = _program(line.text("WHAT")), line.text("RULE")
     if rule and program.rule(rule) is None:
-        raise ValueRefused("RULE", explain.unknown_rule(program, rule))
+        raise ValueRefused("RULE", unknown_rule(program, rule))
     if line.text("--after"):
         trial = _table(line.text("--after"), line.text("WHAT"))[1][0]
         rehearsal = _rehearsal(program, trial)
@@ -195,6 +184,6 @@ def _explain(line: Line) -> int:
             rehearsal.play(step.when, step.mark)
     else:
         rehearsal = _rehearsal(program)
-    text = explain.why(rehearsal.engine, rule) if rule else explain.state(rehearsal.engine)
+    text = why(rehearsal.engine, rule) if rule else state(rehearsal.engine)
     answer(text, lambda: {"explanation": text.splitlines()})
     return exit_codes.DONE

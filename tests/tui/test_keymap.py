@@ -79,7 +79,8 @@ def test_the_program_does_not_start_with_a_keymap_that_is_wrong(
     file = tmp_path / "keys.toml"
     file.write_text('[keys]\nstop = "x"\n')
     monkeypatch.setenv("ROBOTREE_KEYS", str(file))
-    monkeypatch.setattr("robotree.tui.cli.no_screen", lambda: "")
+    for module in ("supervising", "demos"):
+        monkeypatch.setattr(f"robotree.tui.{module}.no_screen", lambda: "")
     for words in ([], ["demo"]):
         assert main(words) == exit_codes.USAGE
         said = capsys.readouterr().err

@@ -17,7 +17,7 @@ from robotree.vr.base.errors import VrError
 from robotree.vr.network.realms import realm_folder, state_home
 
 
-def run(line: Line, realm: str) -> int:
+def doctor(line: Line, realm: str) -> int:
     """Carry out all checks and report what they have found.
 
     Returns:

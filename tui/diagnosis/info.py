@@ -12,7 +12,8 @@ from typing import Any, cast
 import robotree.tui
 from robotree.tui import exit_codes
 from robotree.tui.diagnosis import machine, meeting
-from robotree.tui.processes.realm import READONLY_VARIABLE
+from robotree.tui.line.grammar import Line
+from robotree.tui.processes.realm import READONLY_VARIABLE, only_looking
 from robotree.tui.seen import wording
 from robotree.tui.terminal import answer
 from robotree.tui.wire.security import REALM_KEY, VARIABLE
@@ -26,13 +27,13 @@ _VARIABLES = (
 """The environment variables that decide something here; values are paths and names, never keys."""
 
 
-def run(realm: str, *, readonly: bool) -> int:
+def info(line: Line, realm: str) -> int:
     """Print what is installed and set here.
 
     Returns:
         The exit code.
     """
-    data = gather(realm, readonly=readonly)
+    data = gather(realm, readonly=only_looking(given=line.flag("--readonly")))
     answer(text(data), lambda: data)
     return exit_codes.DONE
 

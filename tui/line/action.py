@@ -41,6 +41,15 @@ class Scope(Enum):
     """On every page, whatever has the focus (a button too), except a field that one types in."""
 
 
+LOOK, SHAPE, COMMAND, PROCESS, SCREEN = "Look", "Shape the tree", "Command", "Run", "Screen"
+WIRE, SCRIPTS, AUTHOR = "Wire", "Scripts and roles", "Write a page"
+"""The groups of the help."""
+
+RIGHT_NAMES = (
+    *("see", "command", "ask", "take", "order", "create", "release", "migrate", "resume", "administrate"),
+)
+"""The rights of a policy (`vr/base/policy.py`, which help does not load; a test compares them)."""
+
 ANYWHERE = Where.SHELL | Where.PROMPT | Where.SCRIPT | Where.SCREEN
 SHOWN = Where.PROMPT | Where.SCREEN
 LINES = Where.SHELL | Where.PROMPT | Where.SCRIPT
@@ -55,8 +64,11 @@ class Action(NamedTuple):
     """One sentence."""
     group: str
     run: str = ""
-    """Name of the function in `verbs` and the modules beside it, or `module:function` below `robotree.tui`;
-    empty: it starts a program, or is one of the screen alone."""
+    """Its function over a realm (`carrying.Run`), on every surface: `module:function` below `robotree.tui`,
+    as entry points are written, for help loads none of them; empty: it has none."""
+    start: str = ""
+    """What it starts in a shell, written in the same way (`carrying.Program`); empty: its `run` is carried
+    out over the realm, and printed."""
     where: Where = LINES
     key: str = ""
     """Key in the full screen, as Textual names it."""

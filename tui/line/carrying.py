@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable, Coroutine
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from robotree.tui.errors import NotForRobots, SupervisorError, sentence
-from robotree.tui.line import away, groups, ordering, past, taken, verbs
+from robotree.tui.line import away, groups
 from robotree.tui.line.actions import BY_VERB
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import Outcome, Run, Teller
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.supervision.realm_client import RealmClient
+
+
+Program = Callable[[Line, str], int | Coroutine[Any, Any, int]]
+"""Carries a line of the shell out in a realm: returns its exit code, or what an event loop makes it from."""
 
 
 class Refusal(NamedTuple):
@@ -44,18 +50,16 @@ def function_of(verb: str) -> Run:
     Raises:
         NotForRobots: it starts a program, or is one of the screen alone.
     """
-    name = BY_VERB[verb].run
-    if not name:
+    if not BY_VERB[verb].run:
         raise NotForRobots(verb)
-    if ":" in name:
-        from importlib import import_module
-
-        module, name = name.split(":")
-        home = import_module(f"robotree.tui.{module}")
-    else:
-        home = next(module for module in (verbs, groups, past, ordering, taken) if hasattr(module, name))
-    run: Run = getattr(home, name)
+    run: Run = resolve_name(f"robotree.tui.{BY_VERB[verb].run}")
     return run
+
+
+def program_of(verb: str) -> Program:
+    """Return what a verb starts in a shell."""
+    program: Program = resolve_name(f"robotree.tui.{BY_VERB[verb].start or 'line.shell:ask'}")
+    return program
 
 
 async def carry_out(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome | Refusal:

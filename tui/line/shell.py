@@ -19,6 +19,7 @@ from robotree.tui.line import taken
 from robotree.tui.line.carrying import Refusal, carry_out
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import Outcome
+from robotree.tui.processes.to_the_end import to_the_end
 from robotree.tui.seen.wording import without_seconds
 from robotree.tui.terminal import complain, note, over, put, put_data
 
@@ -258,6 +259,12 @@ async def once(
         console.error(error)
         return exit_codes.code_of(error)
     return exit_codes.NOBODY
+
+
+def ask(line: Line, realm: str) -> int:
+    """Carry out a verb over the robots of a realm."""
+    listening = line.verb == "watch" or line.flag("--follow") or line.flag("--watch")
+    return to_the_end(once(line, realm), listening=listening)
 
 
 async def apart(line: Line, realm: str) -> int:

@@ -14,12 +14,15 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Sequence
 
+from robotree.tui import exit_codes
 from robotree.tui.errors import ValueRefused
-from robotree.tui.line import completion, grammar
+from robotree.tui.line import completion, grammar, manual
 from robotree.tui.line.actions import BY_VERB
 from robotree.tui.line.completion import Words
-from robotree.tui.line.grammar import Blank
+from robotree.tui.line.grammar import Blank, Line
 from robotree.tui.line.surface import Surface
+from robotree.tui.processes.realm import only_looking
+from robotree.tui.terminal import answer
 
 GLANCE = 1.0
 """[s] that the robots of the realm may take to say what they are called: a person waits at the keyboard."""
@@ -87,6 +90,28 @@ def script(shell: str) -> str:
     if shell not in SCRIPTS:
         raise ValueRefused("SHELL", f"{shell!r} is no shell that is known: {', '.join(SCRIPTS)}")
     return SCRIPTS[shell]
+
+
+def complete(line: Line, realm: str) -> int:
+    """Print the script of a shell, or what a half-typed line may become."""
+    words, text = line.many("WORD"), script(line.text("SHELL"))
+    if not words:
+        answer(text.rstrip("\n"), lambda: {"script": text})
+        return exit_codes.DONE
+    here = manual.shell(readonly=only_looking(given=line.flag("--readonly")))
+    found = offered(words, here, realm)
+    plain = line.text("SHELL") == "bash"
+    rows = [word if plain or not about else f"{word}\t{about}" for word, about in found]
+    if rows or line.flag("--json"):
+        answer("\n".join(rows), lambda: [word for word, _ in found])
+    return exit_codes.DONE
+
+
+def man(line: Line, _realm: str) -> int:
+    """Print the manual page."""
+    found = manual.man_page(manual.shell(readonly=only_looking(given=line.flag("--readonly"))))
+    answer(found.rstrip("\n"), lambda: {"man": found})
+    return exit_codes.DONE
 
 
 def offered(words: Sequence[str], surface: Surface, realm: str) -> list[tuple[str, str]]:

@@ -7,7 +7,7 @@ to see the realm it asks one process after another.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Coroutine, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from robotree.tui.line.shell import Console, once
 from robotree.tui.line.verbs import HeldOrders, Outcome, held_away, hold, stopped
 from robotree.tui.processes.realm import nothing_to_ask, visited
 from robotree.tui.processes.state_files import KEYS
+from robotree.tui.processes.to_the_end import to_the_end
 from robotree.tui.terminal import complain, error_data, note
 from robotree.vr.base.chance import token
 from robotree.vr.base.envelope import sitting_at, this_terminal
@@ -31,17 +32,14 @@ from robotree.vr.supervision.stop_in_turn import stop_in_turn
 
 Answer = Sequence[str] | VrError | None
 """The result of a stop in one realm: the robots that have confirmed it, or an error; None: nobody there."""
-Run = Callable[[Coroutine[Any, Any, int]], int]
-"""Runs something on an event loop to its end, and returns the exit code."""
 
 
-def stop(line: Line, realm: str, run: Run) -> int:
+def stop(line: Line, realm: str) -> int:
     """Carry out the line.
 
     Args:
         line: that was understood; its order may have been sent already.
         realm: that is meant, unless all are.
-        run: how to run on an event loop.
 
     Returns:
         The exit code.
@@ -49,12 +47,12 @@ def stop(line: Line, realm: str, run: Run) -> int:
     console = Console(as_json=line.flag("--json"))
     everywhere, name = line.flag("--everywhere"), line.text("NAME") or None
     if name is not None and not everywhere and GroupFiles(state_of(realm_folder(realm).name)).has(name):
-        return run(once(line, realm))
+        return to_the_end(once(line, realm))
     folders = all_realms() if everywhere else [realm_folder(realm)]
     order, answers, held = line.order or token(), dict[Path, Answer](), dict[Path, HeldOrders]()
     work = _stop_all(folders, name, order, console, answers, held)
     try:
-        if run(work) == exit_codes.INTERRUPTED:
+        if to_the_end(work) == exit_codes.INTERRUPTED:
             note("robotree: the stop has been sent; a robot that has it stays stopped")
             return exit_codes.INTERRUPTED
     except (OSError, RuntimeError, MemoryError, RealmUnusable) as error:

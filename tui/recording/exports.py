@@ -20,30 +20,54 @@ LARGEST = 4_000_000_000
 """[bytes] of a recording that is read: it is kept in memory as a whole."""
 
 
-def start(line: Line) -> int:
-    """Carry out one of the verbs; returns the exit code.
+def recording(line: Line, _realm: str) -> int:
+    """Print what a recording holds, or how everything was at a moment."""
+    found, moment = opened(line.text("FILE")), line.text("--at")
+    if moment:
+        text = summary.at(found, within(found, moment))
+        answer(text, lambda: {"at": moment, "text": text})
+    else:
+        answer(summary.text(found), lambda: summary.data(found))
+    return exit_codes.DONE
 
-    Raises:
-        BadRecordedRealm: the recording cannot be read.
-        OSError: the other file cannot be written.
-    """
-    if line.verb == "recording compare":
-        first, second = opened(line.text("FILE")), opened(line.text("OTHER"))
-        answer(comparing.text(first, second), lambda: comparing.data(first, second))
-        return exit_codes.DONE
+
+def compare(line: Line, _realm: str) -> int:
+    """Print where two recordings differ."""
+    first, second = opened(line.text("FILE")), opened(line.text("OTHER"))
+    answer(comparing.text(first, second), lambda: comparing.data(first, second))
+    return exit_codes.DONE
+
+
+def session(line: Line, _realm: str) -> int:
+    """Write what persons asked for as a session script, or print it."""
+    text = replayed.session_of(opened(line.text("FILE")), _is_mine)
+    if out := line.text("OUT"):
+        overwrite(_new(Path(out)), text.encode())
+        answer(f"{out}: the session", lambda: {"file": out})
+    else:
+        answer(text.rstrip("\n"), lambda: {"session": text})
+    return exit_codes.DONE
+
+
+def lerobot(line: Line, _realm: str) -> int:
+    """Write a recording as a LeRobot data set."""
+    from robotree.tui.recording.lerobot import fps_of, write
+
     found = opened(line.text("FILE"))
-    match line.verb:
-        case "recording":
-            _show(found, line.text("--at"))
-        case "export session":
-            _put(line, replayed.session_of(found, _is_mine), "session")
-        case "export lerobot":
-            _export_lerobot(found, line)
-        case _:
-            out = _new(Path(line.text("OUT") or Path(found.name).with_suffix(".md").name))
-            folder, count = report.write(found, out)
-            text = f"{out}, and {count} pictures in {folder}" if count else str(out)
-            answer(text, lambda: {"file": str(out), "pictures": count})
+    folder = _new(Path(line.text("OUT") or Path(found.name).with_suffix("").name))
+    counts = write(found, folder, fps_of(line.text("--fps")))
+    text = f"{folder}: {counts['episodes']} episodes, {counts['frames']} frames, {counts['tasks']} tasks"
+    answer(text, lambda: {"folder": str(folder), **counts})
+    return exit_codes.DONE
+
+
+def report_of(line: Line, _realm: str) -> int:
+    """Write a recording as Markdown with pictures."""
+    found = opened(line.text("FILE"))
+    out = _new(Path(line.text("OUT") or Path(found.name).with_suffix(".md").name))
+    folder, count = report.write(found, out)
+    text = f"{out}, and {count} pictures in {folder}" if count else str(out)
+    answer(text, lambda: {"file": str(out), "pictures": count})
     return exit_codes.DONE
 
 
@@ -84,23 +108,6 @@ def _is_mine(page: str) -> bool:
         return False
 
 
-def _export_lerobot(found: tape.Tape, line: Line) -> None:
-    from robotree.tui.recording import lerobot
-
-    folder = _new(Path(line.text("OUT") or Path(found.name).with_suffix("").name))
-    counts = lerobot.write(found, folder, lerobot.fps_of(line.text("--fps")))
-    text = f"{folder}: {counts['episodes']} episodes, {counts['frames']} frames, {counts['tasks']} tasks"
-    answer(text, lambda: {"folder": str(folder), **counts})
-
-
-def _show(found: tape.Tape, moment: str) -> None:
-    if moment:
-        text = summary.at(found, within(found, moment))
-        answer(text, lambda: {"at": moment, "text": text})
-    else:
-        answer(summary.text(found), lambda: summary.data(found))
-
-
 def within(found: tape.Tape, moment: str) -> float:
     """Return a moment [s] after the beginning of a recording.
 
@@ -122,12 +129,3 @@ def _new(path: Path) -> Path:
     if path.exists():
         raise FileExistsError(EEXIST, "it exists already, and nothing is overwritten", str(path))
     return path
-
-
-def _put(line: Line, text: str, what: str) -> None:
-    """Write a text into the file OUT, or print it."""
-    if out := line.text("OUT"):
-        overwrite(_new(Path(out)), text.encode())
-        answer(f"{out}: the {what}", lambda: {"file": out})
-    else:
-        answer(text.rstrip("\n"), lambda: {what: text})

@@ -11,6 +11,7 @@ from textual.binding import Binding, BindingType
 from robotree.tui import exit_codes
 from robotree.tui.errors import NeedsTerminal, ValueRefused
 from robotree.tui.line.grammar import Line
+from robotree.tui.processes.to_the_end import to_the_end
 from robotree.tui.recording.comparing import Beside
 from robotree.tui.recording.exports import opened, within
 from robotree.tui.recording.playback import Playback
@@ -170,7 +171,7 @@ def _clock(seconds: float) -> str:
     return f"{int(seconds) // 60}:{int(seconds) % 60:02}"
 
 
-async def replay(line: Line) -> int:
+def replay(line: Line, _realm: str) -> int:
     """Show a recording until the person leaves; returns the exit code.
 
     Raises:
@@ -183,6 +184,10 @@ async def replay(line: Line) -> int:
     player = Player(opened(line.text("FILE")), _speed(line.text("--speed")), beside)
     if line.text("--from"):
         player.begin_at += within(player.tape, line.text("--from"))
+    return to_the_end(_played(player), on_screen=True)
+
+
+async def _played(player: Player) -> int:
     code = exit_codes.DONE
     try:
         code = await _shown(player)

@@ -27,6 +27,7 @@ from weakref import WeakKeyDictionary
 from robotree.tui.errors import NotForDrills
 from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
+from robotree.tui.line.shell import once
 from robotree.tui.line.verbs import Outcome, Teller
 from robotree.tui.processes.thaw import freeze
 
@@ -197,6 +198,11 @@ def _wake(drill: Drill, names: Iterable[str]) -> None:
 
 def _seconds(line: Line) -> float:
     return values.duration(line.text("--for")) if line.text("--for") else LASTS
+
+
+async def begin(line: Line, realm: str) -> int:
+    """Begin a fault, and keep it up until its time is over or Ctrl-C."""
+    return await once(line, realm, hold)
 
 
 async def hold(realm_client: RealmClient, line: Line) -> None:

@@ -22,6 +22,7 @@ from robotree.tui.line.grammar import Line
 from robotree.tui.line.shell import Console
 from robotree.tui.line.surface import Surface
 from robotree.tui.line.verbs import Teller
+from robotree.tui.processes.realm import only_looking
 from robotree.tui.seen import wording
 from robotree.tui.seen.wording import typed
 from robotree.tui.session import faults, junit
@@ -357,13 +358,12 @@ def _standard_input() -> str:
     return given
 
 
-async def play_file(line: Line, realm: str, *, readonly: bool = False) -> int:
+async def play(line: Line, realm: str) -> int:
     """Play a script in a realm and print it as it happens.
 
     Args:
         line: `run FILE`, understood; with --junit, the report is written as a JUnit file, too.
         realm: in which it is played.
-        readonly: whether verbs that change robots are absent.
 
     Returns:
         The exit code: 0 only when everything held.
@@ -375,6 +375,7 @@ async def play_file(line: Line, realm: str, *, readonly: bool = False) -> int:
     """
     from robotree.client.joining import joined
 
+    readonly = only_looking(given=line.flag("--readonly"))
     path, junit_file, as_json = line.text("FILE"), line.text("--junit"), line.flag("--json")
     console = Console(as_json=as_json)
 

@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 from robotree.files import overwrite
 from robotree.tui.errors import BadScript, SessionError, ValueRefused
 from robotree.tui.line.grammar import Line
+from robotree.tui.processes.realm import only_looking
 from robotree.tui.session import junit
 from robotree.tui.session.playing import Player, read_file
 from robotree.tui.session.script import PlayedStep, Report, Script, Trial, transcript
@@ -163,20 +164,19 @@ def collected(path: str, *, readonly: bool) -> Iterator[Collected | BadScript]:
         raise ValueRefused("PATH", f"{place} has no trial {name!r}; it has {', '.join(known) or 'none'}")
 
 
-def run(line: Line, realm: str, in_loop: Callable[[Coroutine[Any, Any, int]], int], *, readonly: bool) -> int:
-    """Play the trials that a line names; returns the exit code.
+def test(line: Line, realm: str) -> int | Coroutine[Any, Any, int]:
+    """Play the trials that a line names; returns the exit code, or how it comes about.
 
     Args:
         line: `test [PATH …]`, understood.
         realm: in which they are played.
-        in_loop: runs it to its end, and cancels it at Ctrl-C.
-        readonly: whether verbs that change robots are absent.
 
     Raises:
         ValueRefused: there is no such file or trial, or the selection is none.
         SessionError: a file cannot be read or written.
         TransportError: the realm cannot be joined.
     """
+    readonly = only_looking(given=line.flag("--readonly"))
     fits = selection(line.text("--select"))
     found = [each for path in line.many("PATH") or (".",) for each in collected(path, readonly=readonly)]
     errors = [each for each in found if isinstance(each, BadScript)]
@@ -190,7 +190,7 @@ def run(line: Line, realm: str, in_loop: Callable[[Coroutine[Any, Any, int]], in
     session = Suite(line, chosen, len(every) - len(chosen))
     if line.flag("--collect-only") or not chosen:
         return session.listed()
-    return in_loop(session.play(realm))
+    return session.play(realm)
 
 
 def _placed(error: BadScript) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +21,6 @@ from robotree.vr.base.principal import user_name
 from robotree.vr.network.policy_file import KEYS, POLICY, SIGNED, PolicyFile, member_of, put
 from robotree.vr.network.realms import present_in, realm_folder
 from robotree.vr.network.shared import FILE, policy_of
-
-
-def start(line: Line, realm: str) -> int:
-    """Carry out a line, and return its exit code."""
-    verbs: dict[str, Callable[[Line, str], int]] = {"show": _show, "check": _check, "set": _set}
-    return verbs[line.verb.removeprefix("policy ")](line, realm)
 
 
 def gate_of(realm: str) -> PolicyFile:
@@ -51,7 +45,8 @@ def expect_to_administrate(realm: str) -> None:
         )
 
 
-def _show(line: Line, realm: str) -> int:
+def show(line: Line, realm: str) -> int:
+    """Print the policy of a realm."""
     if line.flag("--schema"):
         import json
 
@@ -74,7 +69,8 @@ def _show(line: Line, realm: str) -> int:
     return exit_codes.DONE
 
 
-def _check(line: Line, realm: str) -> int:
+def check(line: Line, realm: str) -> int:
+    """Check a policy, and print whom each line means now."""
     path = line.text("FILE")
     policy = _read(path)
     rows = list(_rows(policy, present_in(realm_folder(realm))))
@@ -136,7 +132,8 @@ def _read(path: str) -> Policy:
     return read_policy(given.rpartition(SIGNED)[0] or given, path)
 
 
-def _set(line: Line, realm: str) -> int:
+def set_(line: Line, realm: str) -> int:
+    """Put a policy in force."""
     path, policy, gate = line.text("FILE"), _read(line.text("FILE")), gate_of(realm)
     if policy.realm != realm:
         raise PolicyUnusable(path=path, reason=f"it is that of realm {policy.realm}, and this one is {realm}")

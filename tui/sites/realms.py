@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import socket
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,22 +19,6 @@ from robotree.vr.sites.hub import hub_of
 from robotree.vr.sites.invitations import Hub, read_token, token_of
 from robotree.vr.sites.joining import ask_authority
 from robotree.vr.sites.keys import DAYS, RealmKeys, create
-
-
-def start(line: Line, realm: str) -> int:
-    """Carry out a line, and return its exit code."""
-    verbs: dict[str, Callable[[Line, str], int]] = {
-        "create": _create,
-        "invite": _invite,
-        "join": _join,
-        "members": _members,
-        "revoke": _revoke,
-        "renew": _renew,
-        "export": _export,
-    }
-    if line.verb in {"realm invite", "realm revoke"}:
-        expect_to_administrate(realm)
-    return verbs[line.verb.removeprefix("realm ")](line, realm)
 
 
 def keys_folder(realm: str) -> Path:
@@ -59,7 +42,8 @@ def keys_of(realm: str) -> RealmKeys:
     return RealmKeys(state_home() / realm / KEYS)
 
 
-def _create(line: Line, _realm: str) -> int:
+def create_keys(line: Line, _realm: str) -> int:
+    """Make a realm of several machines."""
     realm, hubs = line.text("NAME"), _hubs(line.text("--hub"))
     name = line.text("--site") or socket.gethostname().partition(".")[0]
     made = create(keys_folder(realm), realm, name, hubs, now=time.time())
@@ -73,7 +57,9 @@ def _create(line: Line, _realm: str) -> int:
     return exit_codes.DONE
 
 
-def _invite(line: Line, realm: str) -> int:
+def invite(line: Line, realm: str) -> int:
+    """Print a token with which a machine joins."""
+    expect_to_administrate(realm)
     name, days = line.text("NAME"), _days(line)
     may = tuple(role for role in line.text("--may").split(",") if role)
     invitation = keys_of(realm).invite(
@@ -86,7 +72,8 @@ def _invite(line: Line, realm: str) -> int:
     return exit_codes.DONE
 
 
-def _join(line: Line, _realm: str) -> int:
+def join_by_token(line: Line, _realm: str) -> int:
+    """Join a realm by a token."""
     now = time.time()
     invitation = read_token(line.text("TOKEN"), now)
     keys = ask_authority(keys_folder(invitation.realm), invitation, now=now)
@@ -98,7 +85,8 @@ def _join(line: Line, _realm: str) -> int:
     return exit_codes.DONE
 
 
-def _members(_line: Line, realm: str) -> int:
+def members(_line: Line, realm: str) -> int:
+    """List the members of a realm."""
     keys, now = keys_of(realm), time.time()
     rows: list[dict[str, Any]] = []
     if keys.is_authority:
@@ -131,7 +119,9 @@ def _members(_line: Line, realm: str) -> int:
     return exit_codes.DONE
 
 
-def _revoke(line: Line, realm: str) -> int:
+def revoke(line: Line, realm: str) -> int:
+    """End the key of a member."""
+    expect_to_administrate(realm)
     name = line.text("NAME")
     ended = keys_of(realm).revoke(name)
     answer(
@@ -142,7 +132,8 @@ def _revoke(line: Line, realm: str) -> int:
     return exit_codes.DONE
 
 
-def _renew(line: Line, realm: str) -> int:
+def renew(line: Line, realm: str) -> int:
+    """Have the key of this machine signed again."""
     keys, now = keys_of(realm), time.time()
     if keys.is_authority:
         packed = keys.renew(keys.own.certificate, now, _days(line))
@@ -156,7 +147,7 @@ def _renew(line: Line, realm: str) -> int:
     return exit_codes.DONE
 
 
-def _export(_line: Line, realm: str) -> int:
+def export(_line: Line, realm: str) -> int:
     """Print what everybody may know of a realm; no key is in it."""
     keys = keys_of(realm)
     about: dict[str, Any] = {

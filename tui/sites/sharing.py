@@ -10,6 +10,7 @@ from pathlib import Path
 from robotree.files import replace
 from robotree.tui import exit_codes
 from robotree.tui.errors import NoPlaceForState, ValueRefused
+from robotree.tui.line.grammar import Line
 from robotree.tui.processes.state_files import state_file
 from robotree.tui.terminal import answer
 from robotree.vr.base.address import check_name
@@ -35,7 +36,25 @@ roles:
 """
 
 
-def create(realm: str, group: str) -> int:
+def create(line: Line, realm: str) -> int:
+    """Make a realm of several machines, or of several users of this one: `realm create`."""
+    if line.text("--group"):
+        return _share(line.text("NAME"), line.text("--group"))
+    from robotree.tui.sites.realms import create_keys
+
+    return create_keys(line, realm)
+
+
+def join(line: Line, realm: str) -> int:
+    """Join a realm, with a token or as another user shares it: `realm join`."""
+    if "@" in line.text("TOKEN"):
+        return _meet(line.text("TOKEN"))
+    from robotree.tui.sites.realms import join_by_token
+
+    return join_by_token(line, realm)
+
+
+def _share(realm: str, group: str) -> int:
     """Share a realm of this user with a group of the machine, and return the exit code.
 
     Raises:
@@ -68,7 +87,7 @@ def create(realm: str, group: str) -> int:
     return exit_codes.DONE
 
 
-def join(words: str) -> int:
+def _meet(words: str) -> int:
     """Meet in a realm that another user shares, from now on, and return the exit code.
 
     Args:

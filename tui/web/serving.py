@@ -20,6 +20,7 @@ from websockets.http11 import Request, Response
 from robotree.tui import exit_codes
 from robotree.tui.errors import ValueRefused
 from robotree.tui.line.grammar import Line
+from robotree.tui.processes.realm import only_looking
 from robotree.tui.terminal import answer, note
 from robotree.tui.web.assets import POLICY, Asset, assets
 from robotree.tui.web.door import LOOPBACK, Door, origin_of
@@ -253,8 +254,9 @@ async def serving(
             await reception.close()
 
 
-async def web(line: Line, realm: str, *, readonly: bool) -> int:
+async def web(line: Line, realm: str) -> int:
     """Serve the full screen to browsers until this is interrupted."""
+    readonly = only_looking(given=line.flag("--readonly"))
     most = line.text("--tabs", TABS)
     if not (most.isdecimal() and 1 <= int(most) <= 64):
         raise ValueRefused("--tabs", f"{most!r} is no number from 1 to 64")

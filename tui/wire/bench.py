@@ -11,7 +11,7 @@ from robotree.tui.line.grammar import Line
 from robotree.tui.terminal import note, put
 
 
-def run(line: Line) -> int:
+def bench(line: Line, _realm: str) -> int:
     """Measure everything, or the parts that were named; 1 if a promise was not kept."""
     parts = line.many("PART") or tuple(FIGURES)
     for part in parts:

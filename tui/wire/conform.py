@@ -20,7 +20,7 @@ from robotree.tui.wire.security import securing
 WORDS = {Outcome.KEPT: "ok", Outcome.BROKEN: "BROKEN", Outcome.NOT_TRIED: "-"}
 
 
-def run(line: Line) -> int:
+def conform(line: Line, _realm: str) -> int:
     """Try the rules, and print a line for each."""
     kind, component = line.text("--kind"), line.text("--component", "1")
     if kind and kind not in KINDS:

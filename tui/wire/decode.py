@@ -20,7 +20,7 @@ from robotree.tui.seen.wording import columns
 from robotree.tui.terminal import put
 
 
-def run(line: Line) -> int:
+def decode(line: Line, _realm: str) -> int:
     """Print every frame, then how many of each message, and last what was wrong."""
     as_json = line.flag("--json")
     if line.text("--xml"):

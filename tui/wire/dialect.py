@@ -12,7 +12,7 @@ from robotree.tui.line.grammar import Line
 from robotree.tui.terminal import put
 
 
-def run(line: Line) -> int:
+def dialect(line: Line, _realm: str) -> int:
     """Write the dialect, and say what was written."""
     dialect = Path(line.text("--xml")) if line.text("--xml") else DIALECT
     written = languages.write(

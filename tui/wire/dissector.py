@@ -13,7 +13,7 @@ from robotree.tui.line.grammar import Line
 from robotree.tui.terminal import answer, note, put_data
 
 
-def run(line: Line) -> int:
+def write(line: Line, _realm: str) -> int:
     """Write the dissector to the file, or to standard output."""
     port = line.text("--port")
     if port and not (port.isdecimal() and 0 < int(port) <= 0xFFFF):

@@ -53,7 +53,7 @@ ACCIDENTS: dict[str, Callable[[str], float]] = {
 """The settings, as options and while it runs, and how their values are read."""
 
 
-def run(line: Line) -> int:
+def inject(line: Line, _realm: str) -> int:
     """Relay until the process is ended."""
     settings = {
         name: read(line.text(f"--{name}")) for name, read in ACCIDENTS.items() if line.text(f"--{name}")

@@ -25,7 +25,7 @@ from robotree.tui.wire.security import key_file
 ALL = "*"
 
 
-def run(line: Line) -> int:
+def key(line: Line, _realm: str) -> int:
     """Make the file, and print the fingerprint of its key; or print a controller's key."""
     if line.text("--of"):
         return show(line, line.text("--of"))

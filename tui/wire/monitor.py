@@ -67,7 +67,7 @@ def _unheard(_frame: Frame) -> None:
     """Frames are counted by the gauge."""
 
 
-def run(line: Line) -> int:
+def monitor(line: Line, _realm: str) -> int:
     """Watch until the end."""
     if line.text("--xml"):
         extend(Path(line.text("--xml")))

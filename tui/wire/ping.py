@@ -90,7 +90,7 @@ SERVICES: dict[str, Callable[[], Asker]] = {"ping": ByPing, "timesync": ByTimesy
 """The services by which a robot may be asked."""
 
 
-def run(line: Line) -> int:
+def ping(line: Line, _realm: str) -> int:
     """Send a number of requests, and print the times."""
     by, count = line.text("--by", "ping"), line.text("--count", str(COUNT))
     if by not in SERVICES:

@@ -80,7 +80,7 @@ class Tape:
             self._here.end(error)
 
 
-def run(line: Line) -> int:
+def record(line: Line, _realm: str) -> int:
     """Record until the end, and say how much it was."""
     name = line.text("FILE")
     writer_of(name)

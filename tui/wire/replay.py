@@ -106,7 +106,7 @@ class _Deaf:
         self._crowd.gone(self._link, reason)
 
 
-def run(line: Line) -> int:
+def replay(line: Line, _realm: str) -> int:
     """Replay the file once."""
     recording = Recording(line.text("FILE"))
     if recording.form == "raw":

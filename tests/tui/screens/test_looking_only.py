@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from robotree.tui.line.action import Where
-from robotree.tui.line.actions import ACTIONS, BY_VERB, RIGHT_NAMES
+from robotree.tui.line.action import RIGHT_NAMES, Where
+from robotree.tui.line.actions import ACTIONS, BY_VERB
 from robotree.tui.line.page_keys import PAGE_KEYS, page_keys
 from robotree.tui.line.surface import Surface
 from robotree.tui.processes.layout import LayoutFile

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robotree.tui.line.actions import RIGHT_NAMES
+from robotree.tui.line.action import RIGHT_NAMES
 from robotree.vr.base.errors import BrokenScript
 from robotree.vr.base.policy import (
     BY_NAME,
