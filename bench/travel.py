@@ -19,8 +19,8 @@ from contextlib import AsyncExitStack, suppress
 from typing import Any
 
 from robotree.client.joining import joined
-from robotree.tui.demo import ARM
-from robotree.tui.demo_crash import HOST, begun_in
+from robotree.tui.demo import ARM, HOST
+from robotree.tui.demo_crash import begun_in
 from robotree.tui.demo_sites import PLANT, places
 from robotree.tui.demo_travel import NEAR_HOST, SMOOTH, STEPS, Travel, counted
 from robotree.vr.base.errors import VrError
@@ -55,7 +55,7 @@ class Tool:
 async def measured(moves: int, sites: Travel, speedup: float) -> dict[str, Any]:
     """Move the robot to and fro while it works."""
     async with joined(REALM) as realm_client:
-        await sites.build(realm_client)
+        await sites.open(realm_client)
         tool, over, took = Tool(speedup), asyncio.Event(), list[float]()
         sweeps, before = 0, len(begun_in(sites.goals))
 
@@ -95,7 +95,7 @@ async def run(moves: int, delay: int, speedup: str) -> dict[str, Any]:
     with places() as folders:
         async with AsyncExitStack() as stack:
             sites = Travel(folders, REALM, delay, speedup, stack)
-            await sites.open(None)
+            await sites.start(None)
             return await measured(moves, sites, float(speedup))
 
 

@@ -10,14 +10,16 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Generator, Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Awaitable, Callable, Coroutine, Generator, Mapping, Sequence
 from contextlib import chdir, contextmanager, nullcontext, suppress
 from enum import Enum
+from functools import wraps
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, ParamSpec, Protocol
 
-from msgspec import structs
+from msgspec import structs, to_builtins
 
 from robotree.client.joining import joined
 from robotree.files import own_folder
@@ -42,8 +44,14 @@ if TYPE_CHECKING:
     from robotree.vr.supervision.realm_client import RealmClient
 
 ARM, ROVER, VIEW = "arm-1", "rover-1", "cell"
+HOST, MOVER, LEVER = "host-1", "mover", "lever"
+OPENING = 4.0
+"""[s] for a person to see the cell before it begins."""
 EXAMPLES = Path(str(files("robotree.examples")))
 FAREWELL = "The demo ends with this screen: its robots, its lookup services and its host end, too."
+
+
+Given = ParamSpec("Given")
 
 
 class Wire(Enum):
@@ -102,6 +110,115 @@ class Story(Protocol):
         ...
 
 
+# -- the frame of every demo --------------------------------------------------------------------------
+
+
+def to_its_end(course: Callable[Given, Awaitable[int]]) -> Callable[Given, Coroutine[Any, Any, int]]:
+    """Say why a demo has ended, where it has not come to its own end; it returns the exit code then."""
+
+    @wraps(course)
+    async def played(*given: Given.args, **named: Given.kwargs) -> int:
+        try:
+            return await course(*given, **named)
+        except (MemberFailed, DemoRuns) as failure:
+            complain(failure)
+            return exit_codes.REFUSED
+        except asyncio.CancelledError:
+            note("the demo was ended from outside")
+            return exit_codes.INTERRUPTED
+
+    return played
+
+
+def own_realm(*, headless: bool) -> str:
+    """Return the realm of a demo that names none: a person has to find it, and nobody shares a script's."""
+    return f"demo-{os.getpid()}" if headless else chosen("")
+
+
+def said(verdict: object) -> int:
+    """Print what came of a demo, as the last line and one JSON object; return the exit code.
+
+    Args:
+        verdict: plain data or a struct; its `ok` says whether all went well.
+    """
+    data = to_builtins(verdict)
+    put(json.dumps(data))
+    return exit_codes.DONE if data["ok"] else exit_codes.REFUSED
+
+
+class Course(ABC):
+    """What happens in a demo beside a screen, and without one."""
+
+    async def open(self, realm_client: RealmClient) -> str:
+        """Build what a person finds on the screen, and return their next step, in one sentence."""
+        return await build_lever(realm_client)
+
+    @abstractmethod
+    async def course(self, realm_client: RealmClient, tell: Tell, *, alone: bool) -> Any:
+        """Let it happen, and return the verdict; `alone`: nobody is at a screen."""
+
+    @abstractmethod
+    def summary(self, verdict: Any) -> str:
+        """Say what came of it, in a sentence for the log of the screen."""
+
+    async def accompany(self, realm_client: RealmClient, tell: Tell) -> None:
+        """Let it happen beside the screen, and say what came of it."""
+        await asyncio.sleep(OPENING)
+        verdict = await self.course(realm_client, tell, alone=False)
+        tell(self.summary(verdict), "good" if verdict.ok else "error")
+
+    async def play(self, realm: str, folder: Path, *, readonly: bool) -> int:  # noqa: ARG002  a fixed course
+        """Play without a person; the last line is one JSON object."""
+
+        def tell(text: str, weight: Weight = "plain") -> None:
+            del weight
+            aside(text)
+
+        async with joined(realm) as realm_client:
+            await self.open(realm_client)
+            return said(await self.course(realm_client, tell, alone=True))
+
+
+async def build_lever(realm_client: RealmClient) -> str:
+    """Put a robot that moves smoothly on the arm, and one that knows the lever on that."""
+    for page, name in (("move_to.py", MOVER), ("open_close_lever.py", LEVER)):
+        await realm_client.create(str(EXAMPLES / page), name, HOST)
+    await realm_client.enslave(MOVER, "arm", ARM)
+    await realm_client.enslave(LEVER, "mover", MOVER)
+    return ""
+
+
+async def beside_the_screen(
+    realm_client: RealmClient,
+    accompany: Callable[[RealmClient, Tell], Coroutine[Any, Any, Any]],
+    *,
+    hint: str,
+    farewell: str = FAREWELL,
+    readonly: bool = False,
+) -> int:
+    """Show the full screen, and let something happen beside it until it is left; returns the exit code."""
+    from robotree.tui.screen.supervise import supervise
+    from robotree.tui.seen.store import Store
+
+    store, realm = Store(restarter="the demo"), realm_client.realm
+
+    def tell(text: str, weight: Weight = "plain") -> None:
+        store.tell(text, weight, time.monotonic())
+
+    beside = asyncio.create_task(accompany(realm_client, tell))
+    try:
+        return await supervise(
+            realm_client, realm, farewell=farewell, hint=hint, readonly=readonly, store=store
+        )
+    finally:
+        beside.cancel()
+        await asyncio.gather(beside, return_exceptions=True)
+
+
+# -- the demos in one realm ----------------------------------------------------------------------------
+
+
+@to_its_end
 async def demo(  # noqa: PLR0913 # one for each option of the line
     story: Story,
     *,
@@ -131,27 +248,20 @@ async def demo(  # noqa: PLR0913 # one for each option of the line
     Returns:
         The exit code.
     """
-    realm = realm or (f"demo-{os.getpid()}" if headless else chosen(""))
+    realm = realm or own_realm(headless=headless)
     folder = Path(pictures or "robotree-demo")
-    try:
-        if headless:
-            await asyncio.to_thread(own_folder, folder)
-        wanted = await asyncio.to_thread(read_realm_file, str(story.file))
-        await _alone(realm, wanted)
-        file = await asyncio.to_thread(key_file, key, realm)
-        with kept_apart(realm) if apart else nullcontext() as state:
-            async with Crew(realm, key=str(file or NOTHING), state=state, restarts=True) as crew:
-                note(f"starting the demo in realm {realm!r}: {len(wanted.processes)} programs …")
-                await cast(crew, wire=wire, speedup=speedup, file=story.file, goals=story.goals)
-                if headless:
-                    return await story.play(realm, folder, readonly=readonly)
-                return await _supervise(story, realm, readonly=readonly)
-    except (MemberFailed, DemoRuns) as failure:
-        complain(failure)
-        return exit_codes.REFUSED
-    except asyncio.CancelledError:
-        note("the demo was ended from outside")
-        return exit_codes.INTERRUPTED
+    if headless:
+        await asyncio.to_thread(own_folder, folder)
+    wanted = await asyncio.to_thread(read_realm_file, str(story.file))
+    await _alone(realm, wanted)
+    file = await asyncio.to_thread(key_file, key, realm)
+    with kept_apart(realm) if apart else nullcontext() as state:
+        async with Crew(realm, key=str(file or NOTHING), state=state, restarts=True) as crew:
+            note(f"starting the demo in realm {realm!r}: {len(wanted.processes)} programs …")
+            await cast(crew, wire=wire, speedup=speedup, file=story.file, goals=story.goals)
+            if headless:
+                return await story.play(realm, folder, readonly=readonly)
+            return await _supervise(story, realm, readonly=readonly)
 
 
 @contextmanager
@@ -283,24 +393,9 @@ CELL = Cell()
 
 
 async def _supervise(story: Story, realm: str, *, readonly: bool) -> int:
-    from robotree.tui.screen.supervise import supervise
-    from robotree.tui.seen.store import Store
-
-    store = Store(restarter="the demo")
-
-    def tell(text: str, weight: Weight = "plain") -> None:
-        store.tell(text, weight, time.monotonic())
-
     async with joined(realm) as realm_client:
         hint = "" if readonly else await story.open(realm_client)
-        beside = asyncio.create_task(story.accompany(realm_client, tell))
-        try:
-            return await supervise(
-                realm_client, realm, farewell=FAREWELL, hint=hint, readonly=readonly, store=store
-            )
-        finally:
-            beside.cancel()
-            await asyncio.gather(beside, return_exceptions=True)
+        return await beside_the_screen(realm_client, story.accompany, hint=hint, readonly=readonly)
 
 
 async def _play(realm: str, folder: Path, *, readonly: bool) -> int:
@@ -326,5 +421,4 @@ async def _play(realm: str, folder: Path, *, readonly: bool) -> int:
         "not_played": len(report.left),
         "pictures": [str(folder / name) for name in ("before.jpg", "after.jpg") if (folder / name).exists()],
     }
-    put(json.dumps(verdict))
-    return exit_codes.DONE if ok else exit_codes.REFUSED
+    return said(verdict)

@@ -24,14 +24,12 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from robotree.client.joining import joined
-from robotree.tui import exit_codes
-from robotree.tui.demo import kept_apart
+from robotree.tui.demo import beside_the_screen, kept_apart, own_realm, said, to_its_end
 from robotree.tui.demo_crash import begun_in
 from robotree.tui.errors import MemberFailed
 from robotree.tui.processes.crew import Crew, Member
-from robotree.tui.processes.realm import chosen
 from robotree.tui.processes.state_files import NOWHERE
-from robotree.tui.terminal import aside, complain, note, put
+from robotree.tui.terminal import aside, note
 from robotree.tui.wire.security import NOTHING, REALM, key_file
 
 if TYPE_CHECKING:
@@ -115,6 +113,7 @@ class _Stage:
         await proxy.stop()
 
 
+@to_its_end
 async def away(*, headless: bool, realm: str = "", readonly: bool = False, key: str = REALM) -> int:
     """Play the demo; without `headless` beside the full screen.
 
@@ -127,43 +126,23 @@ async def away(*, headless: bool, realm: str = "", readonly: bool = False, key: 
     Returns:
         The exit code.
     """
-    realm = realm or (f"demo-{os.getpid()}" if headless else chosen(""))
-    try:
-        file = await asyncio.to_thread(key_file, key, realm)
-        with kept_apart(realm) as state, tempfile.TemporaryDirectory(prefix="robotree-demo-") as folder:
-            key = str(file or NOTHING)
-            async with Crew(realm, key=key, state=state, restarts=True) as crew:
-                note(f"starting the demo in realm {realm!r}: a rover, its proxy, two directories …")
-                stage = _Stage(crew, realm, Path(folder), state, key)
-                if headless:
-                    verdict = await _play(stage)
-                    put(json.dumps(msgspec.to_builtins(verdict)))
-                    return exit_codes.DONE if verdict.ok else exit_codes.REFUSED
-                return await _show(stage, readonly=readonly)
-    except MemberFailed as failure:
-        complain(failure)
-        return exit_codes.REFUSED
-    except asyncio.CancelledError:
-        note("the demo was ended from outside")
-        return exit_codes.INTERRUPTED
-
-
-async def _show(stage: _Stage, *, readonly: bool) -> int:
-    from robotree.tui.screen.supervise import supervise
-
-    async with joined(stage.realm) as realm_client:
-        story = asyncio.create_task(_play(stage))
-        try:
-            return await supervise(
-                realm_client,
-                stage.realm,
-                farewell="The demo ends with this screen.",
-                hint="the rover is switched off soon, and orders wait for it: A shows them",
-                readonly=readonly,
-            )
-        finally:
-            story.cancel()
-            await asyncio.gather(story, return_exceptions=True)
+    realm = realm or own_realm(headless=headless)
+    file = await asyncio.to_thread(key_file, key, realm)
+    with kept_apart(realm) as state, tempfile.TemporaryDirectory(prefix="robotree-demo-") as folder:
+        key = str(file or NOTHING)
+        async with Crew(realm, key=key, state=state, restarts=True) as crew:
+            note(f"starting the demo in realm {realm!r}: a rover, its proxy, two directories …")
+            stage = _Stage(crew, realm, Path(folder), state, key)
+            if headless:
+                return said(await _play(stage))
+            async with joined(realm) as realm_client:
+                return await beside_the_screen(
+                    realm_client,
+                    lambda _client, _tell: _play(stage),
+                    farewell="The demo ends with this screen.",
+                    hint="the rover is switched off soon, and orders wait for it: A shows them",
+                    readonly=readonly,
+                )
 
 
 async def _play(stage: _Stage) -> AwayVerdict:

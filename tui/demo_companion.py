@@ -8,7 +8,6 @@ be refused; stops everything, and releases it again.
 from __future__ import annotations
 
 import asyncio
-import json
 import math
 import time
 from collections import Counter
@@ -17,10 +16,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robotree.tui import exit_codes
-from robotree.tui.demo import EXAMPLES, Tell
+from robotree.tui.demo import EXAMPLES, Tell, said
 from robotree.tui.errors import ValueRefused
-from robotree.tui.terminal import aside, put
+from robotree.tui.terminal import aside
 from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
@@ -120,8 +118,7 @@ class Companion:
             await evening.end()
             verdict = await evening.verdict()
         verdict["wall_s"] = round(time.monotonic() - began, 1)
-        put(json.dumps(verdict))
-        return exit_codes.DONE if verdict["ok"] else exit_codes.REFUSED
+        return said(verdict)
 
 
 STORY = Companion()

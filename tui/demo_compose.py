@@ -8,7 +8,6 @@ another place: one parameter is changed. Whether the cup is where it should be, 
 from __future__ import annotations
 
 import asyncio
-import json
 import math
 import time
 from collections.abc import Mapping
@@ -17,20 +16,16 @@ from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
-from robotree.client.joining import joined
-from robotree.tui import exit_codes
 from robotree.tui.composing.demonstration import composed
 from robotree.tui.composing.gathering import gathered
 from robotree.tui.composing.steps import ComposedCall, walk
 from robotree.tui.composing.writing import KnownRobots, Prepared, Tried, prepared, tried, write
-from robotree.tui.demo import ARM, CELL, Tell
+from robotree.tui.demo import ARM, CELL, Course, Tell
 from robotree.tui.errors import BadComposition
 from robotree.tui.line.past import settled_events
-from robotree.tui.terminal import aside, put
 from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
-    from robotree.tui.seen.store import Weight
     from robotree.vr.supervision.realm_client import RealmClient
 
 NAME, HOST = "cup", "host-1"
@@ -65,7 +60,7 @@ class ComposeVerdict(msgspec.Struct, frozen=True, kw_only=True):
     wall_s: float
 
 
-class Compose:
+class Compose(Course):
     """The cell, and an arm that is led by hand."""
 
     file, goals = CELL.file, None
@@ -78,17 +73,18 @@ class Compose:
     async def accompany(self, realm_client: RealmClient, tell: Tell) -> None:
         """Do nothing."""
 
-    async def play(self, realm: str, folder: Path, *, readonly: bool) -> int:  # noqa: ARG002  a fixed course
-        """Play without a person; the last line is one JSON object."""
+    async def play(self, realm: str, folder: Path, *, readonly: bool) -> int:
+        """Play without a person; the page is written into the folder."""
+        self._folder = folder
+        return await super().play(realm, folder, readonly=readonly)
 
-        def tell(text: str, weight: Weight = "plain") -> None:
-            del weight
-            aside(text)
+    async def course(self, realm_client: RealmClient, tell: Tell, *, alone: bool) -> ComposeVerdict:  # noqa: ARG002 # it has no other
+        """Carry the cup by hand, then by the page."""
+        return await _Course(realm_client, self._folder, tell).run()
 
-        async with joined(realm) as realm_client:
-            verdict = await _Course(realm_client, folder, tell).run()
-        put(json.dumps(msgspec.to_builtins(verdict)))
-        return exit_codes.DONE if verdict.ok else exit_codes.REFUSED
+    def summary(self, verdict: ComposeVerdict) -> str:
+        """Say what came of it."""
+        return verdict.trouble
 
 
 class _Course:

@@ -8,7 +8,6 @@ proxy each call that it has accepted, and the host each answer that a page has g
 from __future__ import annotations
 
 import asyncio
-import json
 import os
 import signal
 import tempfile
@@ -21,21 +20,17 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
-from robotree.client.joining import joined
-from robotree.tui import exit_codes
-from robotree.tui.demo import ARM, CELL, EXAMPLES, VIEW, Tell
+from robotree.tui.demo import ARM, CELL, HOST, LEVER, MOVER, VIEW, Course, Tell, build_lever
 from robotree.tui.line.past import kept_events
 from robotree.tui.processes.programs import programs
-from robotree.tui.terminal import aside, put
 from robotree.vr.base.errors import CommandInDoubt, VrError
 from robotree.vr.base.requests import ReadEvents
 
 if TYPE_CHECKING:
-    from robotree.tui.seen.store import Weight
     from robotree.vr.base.history_event import HistoryEvent
     from robotree.vr.supervision.realm_client import RealmClient
 
-HOST, CONTROLLER, MOVER, LEVER = "host-1", "table", "mover", "lever"
+CONTROLLER = "table"
 AT = (3, 9)
 """Goals of the command that the controller has begun when the host is killed."""
 CLOSED = 0.75
@@ -46,8 +41,6 @@ SETTLES = 5.0
 """[s] in which all that has happened stands in the histories."""
 LOOKS = 0.02
 """[s] between two looks at what the controller has begun."""
-OPENING = 4.0
-"""[s] for a person to see the cell before it begins."""
 
 
 class Goal(NamedTuple):
@@ -144,7 +137,23 @@ def begun_in(file: Path) -> list[Goal]:
     return goals
 
 
-class Crash:
+async def events_since(realm_client: RealmClient, since: float) -> list[HistoryEvent]:
+    """Return what the histories say of the lever's robots, when the end of the command is among it."""
+    latest = time.monotonic() + SETTLES
+    while True:
+        events: list[HistoryEvent] = []
+        for robot in (LEVER, MOVER, ARM):
+            kept = await kept_events(realm_client, ReadEvents(robot=robot, since=since))
+            events += [event for _, event in kept.events()]
+        accepted = {event.key for event in events if (event.robot, event.kind) == (ARM, "accepted")}
+        answered = {event.key for event in events if (event.robot, event.kind) == (MOVER, "answered")}
+        over = any((event.robot, event.kind) == (LEVER, "ended") for event in events)
+        if (over and accepted and accepted <= answered) or time.monotonic() > latest:
+            return events
+        await asyncio.sleep(0.1)
+
+
+class Crash(Course):
     """The cell, its robots on top of the arm, and a host that is killed."""
 
     file = CELL.file
@@ -155,41 +164,23 @@ class Crash:
         self.goals: Path | None = Path(self._folder.name)
 
     async def open(self, realm_client: RealmClient) -> str:
-        """Put a robot that moves smoothly on the arm, and one that knows the lever on that."""
-        for page, name in (("move_to.py", MOVER), ("open_close_lever.py", LEVER)):
-            await realm_client.create(str(EXAMPLES / page), name, HOST)
-        await realm_client.enslave(MOVER, "arm", ARM)
-        await realm_client.enslave(LEVER, "mover", MOVER)
+        """Put the lever's robots on the arm."""
+        await build_lever(realm_client)
         return (
             f"{LEVER} closes its lever now, and {HOST}, where it lives, is killed meanwhile; ? shows all keys"
         )
 
-    async def accompany(self, realm_client: RealmClient, tell: Tell) -> None:
-        """Close the lever with its crashes, and say what came of it."""
-        await asyncio.sleep(OPENING)
-        verdict = await self._course(realm_client, tell)
+    def summary(self, verdict: Verdict) -> str:
+        """Say what came of it."""
         figures = f"{verdict.kills} kills, {verdict.continued} times continued, {verdict.twice} steps twice"
         if verdict.ok:
-            tell(f"the lever is closed: {figures}, {verdict.doubts} in doubt", "good")
-        else:
-            tell(f"the lever is not closed as it should be: {figures}; {verdict.trouble}", "error")
-
-    async def play(self, realm: str, folder: Path, *, readonly: bool) -> int:  # noqa: ARG002  a fixed course
-        """Play without a person; the last line is one JSON object."""
-
-        def tell(text: str, weight: Weight = "plain") -> None:
-            del weight
-            aside(text)
-
-        async with joined(realm) as realm_client:
-            await self.open(realm_client)
-            verdict = await self._course(realm_client, tell)
-        put(json.dumps(msgspec.to_builtins(verdict)))
-        return exit_codes.DONE if verdict.ok else exit_codes.REFUSED
+            return f"the lever is closed: {figures}, {verdict.doubts} in doubt"
+        return f"the lever is not closed as it should be: {figures}; {verdict.trouble}"
 
     # -- the course -------------------------------------------------------------------------------
 
-    async def _course(self, realm_client: RealmClient, tell: Tell) -> Verdict:
+    async def course(self, realm_client: RealmClient, tell: Tell, *, alone: bool) -> Verdict:  # noqa: ARG002 # the same
+        """Close the lever while its host is killed."""
         began, since, before = time.monotonic(), time.time(), len(self._begun())
         tell(f"{LEVER} closes its lever")
         call = asyncio.ensure_future(realm_client.call(LEVER, "close", {}, deadline=LONGEST))
@@ -209,7 +200,7 @@ class Crash:
         except VrError as error:
             trouble = str(error)
         readings = (await realm_client.describe_view(VIEW)).readings
-        events = await self._events(realm_client, since)
+        events = await events_since(realm_client, since)
         return verdict_of(
             kills,
             self._begun()[before:],
@@ -228,18 +219,3 @@ class Crash:
         """Return the process of the host; None: it does not live at the moment."""
         found = programs(realm).items()
         return next((one.pid for who, one in found if (who.role, who.name) == ("host", HOST)), None)
-
-    async def _events(self, realm_client: RealmClient, since: float) -> list[HistoryEvent]:
-        """Return what the histories say of the three robots, when the end of the command is among it."""
-        latest = time.monotonic() + SETTLES
-        while True:
-            events: list[HistoryEvent] = []
-            for robot in (LEVER, MOVER, ARM):
-                kept = await kept_events(realm_client, ReadEvents(robot=robot, since=since))
-                events += [event for _, event in kept.events()]
-            accepted = {event.key for event in events if (event.robot, event.kind) == (ARM, "accepted")}
-            answered = {event.key for event in events if (event.robot, event.kind) == (MOVER, "answered")}
-            over = any((event.robot, event.kind) == (LEVER, "ended") for event in events)
-            if (over and accepted <= answered) or time.monotonic() > latest:
-                return events
-            await asyncio.sleep(0.1)

@@ -8,7 +8,6 @@ says yes as `robotree permit allow` does, else the person at the screen.
 from __future__ import annotations
 
 import asyncio
-import json
 import os
 import shutil
 import sys
@@ -18,13 +17,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
-from robotree.client.joining import joined
-from robotree.tui import assisting, exit_codes
-from robotree.tui.demo import ARM, CELL, EXAMPLES, VIEW, Tell
+from robotree.tui import assisting
+from robotree.tui.demo import CELL, LEVER, VIEW, Course, Tell, build_lever
 from robotree.tui.demo_crash import CLOSED, begun_in
 from robotree.tui.errors import MemberFailed
 from robotree.tui.line import permits
-from robotree.tui.terminal import aside, put
 from robotree.vr.base.principal import user_name
 from robotree.vr.network.policy_file import POLICY
 from robotree.vr.network.policy_file import put as put_file
@@ -33,19 +30,15 @@ if TYPE_CHECKING:
     from mcp.shared.dispatcher import ProgressFnT
     from mcp_types import CallToolResult
 
-    from robotree.tui.seen.store import Weight
     from robotree.vr.supervision.realm_client import RealmClient
 
 STORY: Final = "mcp"
 NAME: Final = "claude"
-HOST, MOVER, LEVER = "host-1", "mover", "lever"
 LONGEST: Final = 300.0
 """[s] that the lever may take."""
 ANSWERS: Final = 1800.0
 """[s] for a person to answer."""
 LOOKS: Final = 0.3
-OPENING: Final = 4.0
-"""[s] for a person to see the cell before it begins."""
 WHY: Final = "the lever has to be closed before anybody passes"
 
 RULES = """realm: {realm}
@@ -82,7 +75,7 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     wall_s: float
 
 
-class Assistant:
+class Assistant(Course):
     """The cell, the lever's robots on top of the arm, and an assistant."""
 
     file = CELL.file
@@ -105,32 +98,14 @@ class Assistant:
 
     async def open(self, realm_client: RealmClient) -> str:
         """Put the lever's robots on the arm."""
-        for page, name in (("move_to.py", MOVER), ("open_close_lever.py", LEVER)):
-            await realm_client.create(str(EXAMPLES / page), name, HOST)
-        await realm_client.enslave(MOVER, "arm", ARM)
-        await realm_client.enslave(LEVER, "mover", MOVER)
+        await build_lever(realm_client)
         return f"the assistant {NAME} asks for {LEVER}.close soon: answer with `permit allow` at the : prompt"
 
-    async def accompany(self, realm_client: RealmClient, tell: Tell) -> None:
-        """Have the assistant ask, and say what came of it; the person answers."""
-        await asyncio.sleep(OPENING)
-        verdict = await self._course(realm_client, tell, answers=False)
-        told = f"{verdict.permits} permits, {verdict.refused} refused, {verdict.moved:.2f} m"
+    def summary(self, verdict: Verdict) -> str:
+        """Say what came of it."""
+        figures = f"{verdict.permits} permits, {verdict.refused} refused, {verdict.moved:.2f} m"
         closed = "the lever is closed" if verdict.ok else "the lever is not closed"
-        tell(f"{closed}: {told} {verdict.trouble}", "good" if verdict.ok else "error")
-
-    async def play(self, realm: str, folder: Path, *, readonly: bool) -> int:  # noqa: ARG002  a fixed course
-        """Play without a person; the last line is one JSON object."""
-
-        def tell(text: str, weight: Weight = "plain") -> None:
-            del weight
-            aside(text)
-
-        async with joined(realm) as realm_client:
-            await self.open(realm_client)
-            verdict = await self._course(realm_client, tell, answers=True)
-        put(json.dumps(msgspec.to_builtins(verdict)))
-        return exit_codes.DONE if verdict.ok else exit_codes.REFUSED
+        return f"{closed}: {figures} {verdict.trouble}"
 
     def close(self, realm: str) -> None:
         """Take away what the realm has kept: its policy must not outlive the demo."""
@@ -139,7 +114,8 @@ class Assistant:
 
     # -- the course -------------------------------------------------------------------------------
 
-    async def _course(self, realm_client: RealmClient, tell: Tell, *, answers: bool) -> Verdict:
+    async def course(self, realm_client: RealmClient, tell: Tell, *, alone: bool) -> Verdict:
+        """Have the assistant try and ask; without a person at the screen the demo says yes."""
         from mcp import Client
         from mcp.client.stdio import StdioServerParameters
 
@@ -164,7 +140,7 @@ class Assistant:
             if not permit:
                 raise MemberFailed(me.args, "was not asked for a permit", _text(asked))
             tell(f"permit {permit} waits for a person: `robotree permit allow {permit}`")
-            if answers:
+            if alone:
                 permits.answer(realm_client, permit, yes=True)
             state = await self._answered(realm_client, permit)
             if state == "allowed":

@@ -9,7 +9,6 @@ again meanwhile.
 from __future__ import annotations
 
 import asyncio
-import json
 import os
 import signal
 import socket
@@ -18,38 +17,35 @@ import time
 from collections.abc import Generator, Sequence
 from contextlib import AsyncExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 
 from robotree.client.joining import joined
-from robotree.tui import exit_codes
-from robotree.tui.demo import ARM, EXAMPLES, VIEW, Tell
-from robotree.tui.demo_crash import (
-    CONTROLLER,
+from robotree.tui.demo import (
+    ARM,
     HOST,
     LEVER,
-    LONGEST,
-    LOOKS,
     MOVER,
-    OPENING,
-    begun_in,
-    verdict_of,
+    VIEW,
+    Course,
+    Tell,
+    beside_the_screen,
+    build_lever,
+    to_its_end,
 )
+from robotree.tui.demo_crash import CONTROLLER, LONGEST, LOOKS, begun_in, events_since, verdict_of
 from robotree.tui.errors import MemberFailed, ValueRefused
 from robotree.tui.processes.crew import Crew
 from robotree.tui.processes.state_files import KEYS
 from robotree.tui.sites.slow_line import SlowLine
-from robotree.tui.terminal import aside, complain, note, put
+from robotree.tui.terminal import note
 from robotree.tui.wire.security import NOTHING, REALM, key_file
 from robotree.vr.base.errors import VrError
-from robotree.vr.base.requests import ReadEvents
 from robotree.vr.network.realms import state_home
 
 if TYPE_CHECKING:
     from robotree.tui.processes.crew import Member
-    from robotree.tui.seen.store import Weight
-    from robotree.vr.base.history_event import HistoryEvent
     from robotree.vr.sites.keys import RealmKeys
     from robotree.vr.supervision.realm_client import RealmClient
 
@@ -116,6 +112,7 @@ def delay_of(text: str) -> int:
     return int(text)
 
 
+@to_its_end
 async def demo(
     *,
     headless: bool,
@@ -141,24 +138,17 @@ async def demo(
         The exit code.
     """
     realm = realm or "demo"
-    try:
-        with places() as folders:
-            async with AsyncExitStack() as stack:
-                sites = (make or Sites)(folders, realm, delay, speedup, stack)
-                note(f"starting two sites and two hubs of realm {realm!r}, {delay} ms apart …")
-                await sites.open(await asyncio.to_thread(key_file, key, realm))
-                desk = folders[DESK].environment
-                line = " ".join(f"{name}={folder}" for name, folder in desk.items())
-                note(f"the desk in a second terminal: {line} robotree --realm {realm} ls")
-                if headless:
-                    return await sites.play()
-                return await sites.supervise(readonly=readonly)
-    except MemberFailed as failure:
-        complain(failure)
-        return exit_codes.REFUSED
-    except asyncio.CancelledError:
-        note("the demo was ended from outside")
-        return exit_codes.INTERRUPTED
+    with places() as folders:
+        async with AsyncExitStack() as stack:
+            sites = (make or Sites)(folders, realm, delay, speedup, stack)
+            note(f"starting two sites and two hubs of realm {realm!r}, {delay} ms apart …")
+            await sites.start(await asyncio.to_thread(key_file, key, realm))
+            desk = folders[DESK].environment
+            line = " ".join(f"{name}={folder}" for name, folder in desk.items())
+            note(f"the desk in a second terminal: {line} robotree --realm {realm} ls")
+            if headless:
+                return await sites.play(realm, Path(), readonly=readonly)
+            return await sites.supervise(readonly=readonly)
 
 
 @contextmanager
@@ -183,7 +173,7 @@ def places() -> Generator[dict[str, _Place]]:
                     os.environ[name] = text
 
 
-class Sites:
+class Sites(Course):
     """Both sites and their hubs."""
 
     story = f"{LEVER} closes its lever from here, and the hub between them is killed meanwhile"
@@ -206,7 +196,7 @@ class Sites:
         self._hub: Member | None = None
         self.join_s = 0.0
 
-    async def open(self, key: Path | None) -> None:
+    async def start(self, key: Path | None) -> None:
         """Start everything; both sites see each other then.
 
         Raises:
@@ -284,17 +274,15 @@ class Sites:
 
     # -- the course -------------------------------------------------------------------------------
 
-    async def build(self, realm_client: RealmClient) -> None:
+    async def open(self, realm_client: RealmClient) -> str:
         """Put robots of the desk on the arm of the plant.
 
         Raises:
             MemberFailed: the plant is not seen.
         """
         await self.see_plant(realm_client)
-        for page, name in (("move_to.py", MOVER), ("open_close_lever.py", LEVER)):
-            await realm_client.create(str(EXAMPLES / page), name, HOST)
-        await realm_client.enslave(MOVER, "arm", ARM)
-        await realm_client.enslave(LEVER, "mover", MOVER)
+        await build_lever(realm_client)
+        return f"{ARM} is at site {PLANT}, {self.delay} ms away; {self.story}; ? shows all keys"
 
     async def see_plant(self, realm_client: RealmClient) -> None:
         """Wait until the arm and the view of the plant answer.
@@ -312,59 +300,31 @@ class Sites:
                 raise MemberFailed(("gateway",), "failed", f"site {PLANT} is not seen from site {DESK}")
             await asyncio.sleep(0.1)
 
-    async def play(self) -> int:
-        """Close the lever without a person; the last line is one JSON object."""
-
-        def tell(text: str, weight: Weight = "plain") -> None:
-            del weight
-            aside(text)
-
-        async with joined(self.realm) as realm_client:
-            await self.build(realm_client)
-            verdict = await self.course(realm_client, tell, stops=True)
-        put(json.dumps(msgspec.to_builtins(verdict)))
-        return exit_codes.DONE if verdict.ok else exit_codes.REFUSED
-
     async def supervise(self, *, readonly: bool) -> int:
         """Show the screen of the desk, and close the lever beside it."""
-        from robotree.tui.screen.supervise import supervise
-        from robotree.tui.seen.store import Store
-
-        store = Store(restarter="the demo")
-
-        def tell(text: str, weight: Weight = "plain") -> None:
-            store.tell(text, weight, time.monotonic())
-
         async with joined(self.realm) as realm_client:
             if readonly:
                 hint = f"{ARM} and {VIEW} are at site {PLANT}, {self.delay} ms from here"
-                return await supervise(realm_client, self.realm, farewell=FAREWELL, hint=hint, readonly=True)
-            await self.build(realm_client)
-            beside = asyncio.create_task(self.accompany(realm_client, tell))
-            hint = f"{ARM} is at site {PLANT}, {self.delay} ms away; {self.story}; ? shows all keys"
-            try:
-                return await supervise(realm_client, self.realm, farewell=FAREWELL, hint=hint, store=store)
-            finally:
-                beside.cancel()
-                await asyncio.gather(beside, return_exceptions=True)
+                from robotree.tui.screen.supervise import supervise
 
-    async def accompany(self, realm_client: RealmClient, tell: Tell) -> None:
-        """Close the lever beside the screen, and say what came of it."""
-        await asyncio.sleep(OPENING)
-        verdict = await self.course(realm_client, tell, stops=False)
+                return await supervise(realm_client, self.realm, farewell=FAREWELL, hint=hint, readonly=True)
+            hint = await self.open(realm_client)
+            return await beside_the_screen(realm_client, self.accompany, hint=hint, farewell=FAREWELL)
+
+    def summary(self, verdict: Any) -> str:
+        """Say what came of it."""
         figures = f"{verdict.twice} steps twice, {verdict.lost} lost, {verdict.doubts} in doubt"
         if verdict.ok:
-            tell(f"the lever is closed across {self.delay} ms: {figures}", "good")
-        else:
-            tell(f"the lever is not closed as it should be: {figures}; {verdict.trouble}", "error")
+            return f"the lever is closed across {self.delay} ms: {figures}"
+        return f"the lever is not closed as it should be: {figures}; {verdict.trouble}"
 
-    async def course(self, realm_client: RealmClient, tell: Tell, *, stops: bool) -> SitesVerdict:
+    async def course(self, realm_client: RealmClient, tell: Tell, *, alone: bool) -> Any:
         """Close the lever, kill the hub meanwhile, and say what came of it.
 
         Args:
             realm_client: at the desk.
             tell: takes what happens.
-            stops: whether all robots are stopped in the end.
+            alone: nobody is at a screen: all robots are stopped in the end.
         """
         began, since, before = time.monotonic(), time.time(), len(begun_in(self.goals))
         tell(f"{LEVER} closes its lever at site {PLANT}")
@@ -384,21 +344,21 @@ class Sites:
         crash = verdict_of(
             kills,
             begun_in(self.goals)[before:],
-            await self._events(realm_client, since),
+            await events_since(realm_client, since),
             angle=readings.get("lever"),
             force=readings.get("peak_force"),
             trouble=trouble,
             wall=0.0,
         )
         stopped, stop_s = list[str](), 0.0
-        if stops:
+        if alone:
             ordered = time.monotonic()
             try:
                 stopped = sorted(await realm_client.stop(None))
             except VrError as error:
                 trouble = trouble or str(error)
             stop_s = time.monotonic() - ordered
-        all_stopped = not stops or {LEVER, MOVER, f"{PLANT}:{ARM}"} <= set(stopped)
+        all_stopped = not alone or {LEVER, MOVER, f"{PLANT}:{ARM}"} <= set(stopped)
         return SitesVerdict(
             ok=crash.ok and all_stopped,
             delay_ms=self.delay,
@@ -419,7 +379,7 @@ class Sites:
 
     async def _hub_dies(self, realm_client: RealmClient, tell: Tell) -> float:
         """Kill the first hub; return when the other site answered again [s after the kill]."""
-        assert self._hub is not None  # noqa: S101 # `open` has started it
+        assert self._hub is not None  # noqa: S101 # `start` has started it
         killed = time.monotonic()
         os.kill(self._hub.pid, signal.SIGKILL)
         tell(f"the hub (process {self._hub.pid}) is killed by kill -9; the demo starts it again", "warning")
@@ -431,21 +391,6 @@ class Sites:
                 break
             await asyncio.sleep(LOOKS)
         return time.monotonic() - killed
-
-    async def _events(self, realm_client: RealmClient, since: float) -> list[HistoryEvent]:
-        """Return what the histories say of the three robots, when the end of the command is among it."""
-        latest = time.monotonic() + 5.0
-        while True:
-            events: list[HistoryEvent] = []
-            for robot in (LEVER, MOVER, ARM):
-                for read in (await realm_client.read_events(ReadEvents(robot=robot, since=since))).values():
-                    events += [one.event for one in read.events]
-            accepted = {event.key for event in events if (event.robot, event.kind) == (ARM, "accepted")}
-            answered = {event.key for event in events if (event.robot, event.kind) == (MOVER, "answered")}
-            over = any((event.robot, event.kind) == (LEVER, "ended") for event in events)
-            if (over and accepted and accepted <= answered) or time.monotonic() > latest:
-                return events
-            await asyncio.sleep(0.1)
 
 
 def _free_address() -> str:

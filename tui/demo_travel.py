@@ -10,7 +10,6 @@ command measures, without the way of the operator's call.
 from __future__ import annotations
 
 import asyncio
-import json
 import math
 import time
 from collections import Counter
@@ -21,18 +20,15 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from robotree.client.joining import joined
-from robotree.tui import exit_codes
-from robotree.tui.demo import ARM, EXAMPLES, VIEW, Tell
-from robotree.tui.demo_crash import CLOSED, HOST, LEVER, LOOKS, MOVER, OPENING, Goal, begun_in
+from robotree.tui.demo import ARM, EXAMPLES, HOST, LEVER, MOVER, VIEW, Tell
+from robotree.tui.demo_crash import CLOSED, LOOKS, Goal, begun_in
 from robotree.tui.demo_sites import DESK, PLANT, Sites
 from robotree.tui.errors import MemberFailed
 from robotree.tui.seen.wording import columns
-from robotree.tui.terminal import aside, put
+from robotree.tui.terminal import aside
 from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
-    from robotree.tui.seen.store import Weight
     from robotree.vr.sites.keys import RealmKeys
     from robotree.vr.supervision.realm_client import RealmClient
 
@@ -145,7 +141,7 @@ class Travel(Sites):
         trust.write_text(f"{Signer((DESK,), public, isolation='none').line()}\n")
         return [("host", NEAR_HOST, "--trust", str(trust))]
 
-    async def build(self, realm_client: RealmClient) -> None:
+    async def open(self, realm_client: RealmClient) -> str:
         """Put a robot that moves in small steps on the arm.
 
         Raises:
@@ -155,6 +151,7 @@ class Travel(Sites):
         await self._see_host(realm_client)
         await realm_client.create(str(self._pages[PAGES[0]]), SMOOTH, HOST)
         await realm_client.enslave(SMOOTH, "arm", ARM)
+        return f"{ARM} is at site {PLANT}, {self.delay} ms away; {self.story}; ? shows all keys"
 
     async def _see_host(self, realm_client: RealmClient) -> None:
         latest = time.monotonic() + SETTLES
@@ -166,26 +163,17 @@ class Travel(Sites):
                 raise MemberFailed(("host", NEAR_HOST), "failed", f"it is not seen from {HOST}")
             await asyncio.sleep(0.1)
 
-    async def play(self) -> int:
-        """Play without a person; the last line is one JSON object."""
-
-        def tell(text: str, weight: Weight = "plain") -> None:
-            del weight
-            aside(text)
-
-        async with joined(self.realm) as realm_client:
-            await self.build(realm_client)
-            verdict = await self.compare(realm_client, tell)
-        aside(self.table(verdict))
-        put(json.dumps(msgspec.to_builtins(verdict)))
-        return exit_codes.DONE if verdict.ok else exit_codes.REFUSED
-
-    async def accompany(self, realm_client: RealmClient, tell: Tell) -> None:
-        """Play beside the screen, and say what came of it."""
-        await asyncio.sleep(OPENING)
+    async def course(self, realm_client: RealmClient, tell: Tell, *, alone: bool) -> TravelVerdict:
+        """Compare the ways, and print the table where nobody has a screen."""
         verdict = await self.compare(realm_client, tell)
+        if alone:
+            aside(self.table(verdict))
+        return verdict
+
+    def summary(self, verdict: TravelVerdict) -> str:
+        """Say what came of it."""
         figures = f"{verdict.faster:.0f} times faster near {ARM}, {verdict.auto:.0%} of that by itself"
-        tell(f"{figures}; {verdict.twice} steps twice; {verdict.trouble}", "good" if verdict.ok else "error")
+        return f"{figures}; {verdict.twice} steps twice; {verdict.trouble}"
 
     def table(self, verdict: TravelVerdict) -> str:
         """Lay out what came of it."""
