@@ -91,6 +91,8 @@ class Action(NamedTuple):
     writes: bool = False
     """It can write a file into the folder of the program: where one may only look it works in a shell alone,
     whose person owns the folder."""
+    members: str = ""
+    """The blank in which it may name a group, for each of whose members it is carried out; empty: none."""
     shell_options: tuple[str, ...] = ()
     """Options that only a shell takes: with them it goes on until it is interrupted, or leaves the realm."""
     needs: tuple[str, ...] = ()

@@ -7,10 +7,10 @@ have not done it, their reasons are told, and the exit code says so.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from robotree.tui.errors import BadLine, SomeFailed, SupervisorError, ValueRefused, sentence
+from robotree.tui.line.actions import BY_VERB
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import Outcome, Run, Teller
 from robotree.tui.seen import status, wording
@@ -20,17 +20,6 @@ if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.supervision.groups import GroupMember
     from robotree.vr.supervision.realm_client import RealmClient
 
-FOR_ALL: Mapping[str, str] = {
-    "call": "ROBOT.COMMAND",
-    "set": "NAME",
-    "role": "NAME",
-    "cancel": "NAME",
-    "pause": "NAME",
-    "continue": "NAME",
-    "stop": "NAME",
-    "resume": "NAME",
-}
-"""The verbs that may name a group instead of a robot, and the blank in which they do."""
 UNSURE = frozenset({"stop"})
 """Verbs that also reach robots that may be members: nobody knows, for they do not answer."""
 
@@ -56,7 +45,7 @@ def meant(realm_client: RealmClient, line: Line) -> str:
 
     A robot that is there comes before a group of the same name.
     """
-    blank = FOR_ALL.get(line.verb, "")
+    blank = BY_VERB[line.verb].members
     name = line.text(blank).partition(".")[0] if blank else ""
     if not name or not realm_client.groups.has(name) or realm_client.directory.present("robot", name):
         return ""
@@ -92,7 +81,7 @@ async def for_all(run: Run, realm_client: RealmClient, line: Line, teller: Telle
 
 def _for(line: Line, group: str, member: str) -> Line:
     """Return the same line for one member."""
-    blank = FOR_ALL[line.verb]
+    blank = BY_VERB[line.verb].members
     text = member + line.text(blank)[len(group) :]
     return line._replace(values={**line.values, blank: text}, order="")
 

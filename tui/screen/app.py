@@ -183,7 +183,7 @@ class Supervisor(OperatorApp):
         if absent := self.keyboard.elsewhere(verb.split()):
             self.tell(str(absent), "warning")
         else:
-            asking.ASK[verb](self, place)
+            asking.ask_for(self, verb, place)
 
     def run_typed(self, text: str) -> None:
         """Do what was typed at the prompt."""
@@ -205,7 +205,7 @@ class Supervisor(OperatorApp):
         if line.verb in LOOKS:
             self.change_look(line.verb, line.text("NAME") or line.text("LANGUAGE"))
         elif not BY_VERB[line.verb].run or line == Line("log"):
-            asking.ASK[line.verb](self, Place(line.text("NAME")))  # some of these have no key
+            asking.ask_for(self, line.verb, Place(line.text("NAME")))  # some of these have no key
         elif BY_VERB[line.verb].danger:
             self._confirm(line)
         else:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, NamedTuple
 
 from robotree.tui.errors import SupervisorError
 from robotree.tui.line import grammar
-from robotree.tui.line.action import Where
+from robotree.tui.line.action import About, Where
 from robotree.tui.line.actions import BY_VERB, shapes
 from robotree.tui.line.going import trip_to
-from robotree.tui.line.grammar import Line
+from robotree.tui.line.grammar import Blank, Line
 from robotree.tui.processes.place_files import COORDINATES
 from robotree.tui.screen.operator_app import OperatorApp
 from robotree.tui.screen.pages.compose import ComposePage
@@ -36,7 +37,12 @@ from robotree.tui.seen.frames import frame_of
 from robotree.tui.seen.store import Store
 from robotree.tui.words import say
 
-Ask = Callable[[OperatorApp, Place], None]
+if TYPE_CHECKING:
+    from textual.screen import Screen
+
+    from robotree.vr.base.description import RobotDescription
+
+Ask = Callable[[OperatorApp, Place], object]
 """Takes the supervisor, and what is selected: a robot, an empty slot, or nothing."""
 
 SHARE = 10
@@ -44,6 +50,8 @@ SHARE = 10
 
 HELP = "help"
 """Title of the help."""
+
+NOBODY = "no robot is selected"
 
 MADE = "VirtualRobot"
 """Kind of the robots that can be deleted from here: the others are processes of their own."""
@@ -67,7 +75,7 @@ def _panel(app: OperatorApp, place: Place) -> None:
     elif app.store.is_away(name):
         app.push_screen(PanelPage(app.store.away[name].robot))
     elif robot is None:
-        app.tell(f"{name} has not described itself yet" if name else "no robot is selected", "warning")
+        app.tell(f"{name} has not described itself yet" if name else NOBODY, "warning")
     else:
         app.push_screen(PanelPage(robot))
 
@@ -91,60 +99,92 @@ def _set(app: OperatorApp, place: Place) -> None:
         return
     robot = app.store.descriptions.get(place.name)
     if robot is None or not wording.settings(robot):
-        app.tell(f"{place.name} has no settings" if place.name else "no robot is selected", "warning")
+        app.tell(f"{place.name} has no settings" if place.name else NOBODY, "warning")
     else:
         app.push_screen(PanelPage(robot, "set"))
 
 
-def _of_robots(ask: Ask) -> Ask:
-    """Ask what concerns one robot; a group is told apart."""
+def _of_robots(ask: Callable[[OperatorApp, Place, RobotDescription], None]) -> Ask:
+    """Ask what concerns one robot that has described itself; a group, and nothing, is told apart."""
 
     def asked(app: OperatorApp, place: Place) -> None:
-        if app.store.group(place.name):
-            app.tell(f"{place.name} is a group: select one of its members for that", "warning")
-        else:
-            ask(app, place)
+        robot = app.store.descriptions.get(place.name)
+        if not _is_group(app, place):
+            if robot is None:
+                app.tell(NOBODY, "warning")
+            else:
+                ask(app, place, robot)
 
     return asked
+
+
+def _is_group(app: OperatorApp, place: Place) -> bool:
+    """Whether a group is selected, which is told then: what the key asks for concerns one robot."""
+    if found := bool(app.store.group(place.name)):
+        app.tell(f"{place.name} is a group: select one of its members for that", "warning")
+    return found
+
+
+def _performed(app: OperatorApp) -> Callable[[Line | None], None]:
+    """Return what a dialog calls with the line that was chosen in it, or None."""
+
+    def answered(line: Line | None) -> None:
+        if line:
+            app.perform(line)
+
+    return answered
+
+
+def plainly(verb: str) -> Ask:
+    """Return how a verb is carried out for what is selected: nothing is to be asked about it."""
+    action = BY_VERB[verb]
+    blank = next((one.name for one in action.shape.parts if isinstance(one, Blank)), "")
+
+    def ask(app: OperatorApp, place: Place) -> None:
+        if action.about is About.NOTHING:
+            app.do(verb)
+        elif not place.name:
+            app.tell(NOBODY, "warning")
+        elif action.members or not _is_group(app, place):
+            app.do(verb, **{blank: place.name})
+
+    return ask
+
+
+def ask_for(app: OperatorApp, verb: str, place: Place) -> None:
+    """Do what the key of a verb does first."""
+    (ASK.get(verb) or plainly(verb))(app, place)
 
 
 def _show(app: OperatorApp, place: Place) -> None:
     if app.store.group(place.name):
         app.do("groups", GROUP=place.name)
     else:
-        _about_robot("show")(app, place)
-
-
-def _compose(app: OperatorApp, _place: Place) -> None:
-    app.push_screen(ComposePage())
-
-
-def _create(app: OperatorApp, _place: Place) -> None:
-    app.push_screen(NewPage())
+        plainly("show")(app, place)
 
 
 def _enslave(app: OperatorApp, place: Place) -> None:
+    if _is_group(app, place):
+        return
     name, slot = place.name, ""
     if place.slot and not name:
         name, slot = place.parent, place.slot
     found = openings(app.store, name)
     places = [one for one in found if not slot or (one.parent, one.slot) == (name, slot)]
     if not places:
-        why = f"{name} has no empty slot and none waits for it" if name else "no robot is selected"
+        why = f"{name} has no empty slot and none waits for it" if name else NOBODY
         app.tell(f"{why}; {app.keymap.spelled('create')} makes a virtual robot that could take it", "warning")
         return
     _offer(app, places, "" if any(one.parent == name for one in places) else name)
 
 
 def _offer(app: OperatorApp, places: list[Opening], child: str) -> None:
-    def answered(line: Line | None) -> None:
-        if line:
-            app.perform(line)
-
-    app.push_screen(EnslaveDialog(app.store, places, child), answered)
+    app.push_screen(EnslaveDialog(app.store, places, child), _performed(app))
 
 
 def _release(app: OperatorApp, place: Place) -> None:
+    if _is_group(app, place):
+        return
     name, slot = place.name, ""
     if place.slot and name:
         name, slot = place.parent, place.slot
@@ -160,7 +200,7 @@ def _release(app: OperatorApp, place: Place) -> None:
     elif bond:
         confirm_line(app, Line("release", {"PARENT.SLOT": f"{bond.parent.name}.{bond.slot}"}))
     else:
-        app.tell(f"{name} has no child" if name else "no robot is selected", "warning")
+        app.tell(f"{name} has no child" if name else NOBODY, "warning")
 
 
 def _delete(app: OperatorApp, place: Place) -> None:
@@ -173,7 +213,7 @@ def _delete(app: OperatorApp, place: Place) -> None:
         return
     robot = app.store.descriptions.get(name)
     if robot is None:
-        app.tell("no robot is selected", "warning")
+        app.tell(NOBODY, "warning")
     elif MADE not in robot.kinds:
         what = {"yes": "a simulated robot", "no": "a real robot"}.get(
             robot.attributes.get("simulated", ""), "a robot"
@@ -214,7 +254,7 @@ def _delete_marked(app: OperatorApp) -> None:
 def _cancel(app: OperatorApp, place: Place) -> None:
     names = sorted(app.marks) or [place.name]
     for name in names:
-        _about_robot("cancel")(app, Place(name))
+        plainly("cancel")(app, Place(name))
     main_page(app).unmark()
 
 
@@ -252,19 +292,22 @@ def _resume(app: OperatorApp, _place: Place) -> None:
         app.tell("no robot is in protective stop", "plain")
 
 
-def _about_robot(verb: str, blank: str = "NAME") -> Ask:
-    def ask(app: OperatorApp, place: Place) -> None:
-        if place.name:
-            app.do(verb, **{blank: place.name})
-        else:
-            app.tell("no robot is selected", "warning")
+class Danger(NamedTuple):
+    """What is asked back before a dangerous verb is carried out."""
 
-    return ask
+    consequence: Callable[[Store, Line], str]
+    """What will be, as sentences; it may be empty."""
+    outlived: Callable[[Store, Line], Callable[[], str]] | None = None
+    """Makes what finds out that the question is none any more: it is answered, or about another robot."""
+    question: str = "{line}?"
+    yes: str = ""
+    """The word on the button; empty: the verb."""
 
 
 def confirm_line(app: OperatorApp, line: Line) -> None:
     """Ask back, then carry out."""
-    written, outlived = grammar.form(line, shapes(Where.PROMPT)), _outlived(app.store, line)
+    danger = DANGERS.get(line.verb, Danger(_helps))
+    outlived = danger.outlived(app.store, line) if danger.outlived else str
 
     def answered(answer: bool | None) -> None:  # noqa: FBT001 # Textual gives the screen's result
         if answer and (why := outlived()):
@@ -272,27 +315,25 @@ def confirm_line(app: OperatorApp, line: Line) -> None:
         elif answer:
             app.perform(line)
 
-    question, yes = f"{written}?", line.verb.capitalize()
-    if line.verb == "control take":
-        question, yes = f"Take control of {line.text('NAME')}?", "Take control"
-    app.push_screen(Confirm(question, _consequence(app, line), yes, outlived), answered)
+    question = danger.question.format(line=grammar.form(line, shapes(Where.PROMPT)), name=line.text("NAME"))
+    consequence = danger.consequence(app.store, line)
+    app.push_screen(Confirm(question, consequence, danger.yes or line.verb.capitalize(), outlived), answered)
 
 
-def _outlived(store: Store, line: Line) -> Callable[[], str]:
-    """Return how to find out that a question is none any more: it is answered, or about another robot."""
-    match line.verb:
-        case "resume":
-            return _resumed(store, line.text("NAME"))
-        case "delete":
-            return _replaced(store, line.text("NAME"))
-        case "release":
-            return _changed_hands(store, *line.text("PARENT.SLOT").partition(".")[::2])
-        case _:
-            return lambda: ""
+def _helps(_store: Store, line: Line) -> str:
+    return BY_VERB[line.verb].help
 
 
-def _resumed(store: Store, name: str) -> Callable[[], str]:
-    asked = {one for one in store.stopped if name in {"", one}}
+def _ungroups(_store: Store, line: Line) -> str:
+    return f"{line.text('GROUP')} is a name no more; its robots stay as they are."
+
+
+def _resumes(store: Store, _line: Line) -> str:
+    return f"{', '.join(store.stopped) or 'All robots'} may move again when commanded. Is all clear?"
+
+
+def _resumed(store: Store, line: Line) -> Callable[[], str]:
+    asked = {one for one in store.stopped if line.text("NAME") in {"", one}}
 
     def outlived() -> str:
         if not asked or not asked.isdisjoint(store.stopped):
@@ -302,7 +343,18 @@ def _resumed(store: Store, name: str) -> Callable[[], str]:
     return outlived
 
 
-def _replaced(store: Store, name: str) -> Callable[[], str]:
+def _deletes(store: Store, line: Line) -> str:
+    name = line.text("NAME")
+    robot = store.descriptions.get(name)
+    children = [slot.child.name for slot in robot.slots if slot.child] if robot else []
+    condition = store.state(name) or robot  # a state is newer than a description
+    busy = f" It is carrying out {condition.busy}, which ends." if condition and condition.busy else ""
+    freed = f" {', '.join(children)} will be free again." if children else ""
+    return f"{name} ends for good.{busy}{freed}"
+
+
+def _replaced(store: Store, line: Line) -> Callable[[], str]:
+    name = line.text("NAME")
     before = store.descriptions.get(name)
 
     def outlived() -> str:
@@ -314,7 +366,14 @@ def _replaced(store: Store, name: str) -> Callable[[], str]:
     return outlived
 
 
-def _changed_hands(store: Store, parent: str, slot: str) -> Callable[[], str]:
+def _releases(store: Store, line: Line) -> str:
+    parent, _, slot = line.text("PARENT.SLOT").partition(".")
+    child = _child(store, parent, slot) or "The child"
+    return f"{child} stops what it does for {parent}, and can be commanded by others again."
+
+
+def _changed_hands(store: Store, line: Line) -> Callable[[], str]:
+    parent, _, slot = line.text("PARENT.SLOT").partition(".")
     before = _child(store, parent, slot)
 
     def outlived() -> str:
@@ -334,56 +393,38 @@ def _child(store: Store, parent: str, slot: str) -> str:
     return next((each.name for each in inhabitants if each), "")
 
 
-def _consequence(app: OperatorApp, line: Line) -> str:
-    store = app.store
-    match line.verb:
-        case "delete":
-            robot = store.descriptions.get(line.text("NAME"))
-            children = [slot.child.name for slot in robot.slots if slot.child] if robot else []
-            condition = store.state(line.text("NAME")) or robot  # a state is newer than a description
-            busy = (
-                f" It is carrying out {condition.busy}, which ends." if condition and condition.busy else ""
-            )
-            freed = f" {', '.join(children)} will be free again." if children else ""
-            return f"{line.text('NAME')} ends for good.{busy}{freed}"
-        case "release":
-            parent, _, slot = line.text("PARENT.SLOT").partition(".")
-            child = _child(store, parent, slot) or "The child"
-            return f"{child} stops what it does for {parent}, and can be commanded by others again."
-        case "group":
-            return f"{line.text('GROUP')} is a name no more; its robots stay as they are."
-        case "control take":
-            state = store.state(line.text("NAME"))
-            holder = state.operator if state else ""
-            return f"{holder} has control, and loses it; what {holder} has begun ends." if holder else ""
-        case "resume":
-            return f"{', '.join(store.stopped) or 'All robots'} may move again when commanded. Is all clear?"
-        case _:
-            return BY_VERB[line.verb].help
+def _takes_control(store: Store, line: Line) -> str:
+    state = store.state(line.text("NAME"))
+    holder = state.operator if state else ""
+    return f"{holder} has control, and loses it; what {holder} has begun ends." if holder else ""
+
+
+DANGERS: Mapping[str, Danger] = {
+    "resume": Danger(_resumes, _resumed),
+    "delete": Danger(_deletes, _replaced),
+    "release": Danger(_releases, _changed_hands),
+    "group": Danger(_ungroups),
+    "control take": Danger(_takes_control, question="Take control of {name}?", yes="Take control"),
+}
+"""By verb: what is asked back; of another dangerous verb, whether its help is meant."""
 
 
 def _take_control(app: OperatorApp, place: Place) -> None:
     if not place.name:
-        app.tell("no robot is selected", "warning")
+        app.tell(NOBODY, "warning")
         return
     robot = app.store.state(place.name) or app.store.descriptions.get(place.name)
     seen = {"--seen": str(robot.hands)} if robot else {}
     confirm_line(app, Line("control take", {"NAME": place.name, **seen}))
 
 
-def _orders(app: OperatorApp, _place: Place) -> None:
-    app.push_screen(OrdersPage())
-
-
-def _permits(app: OperatorApp, _place: Place) -> None:
-    app.push_screen(PermitsPage())
-
-
 def _restart(app: OperatorApp, place: Place) -> None:
     """Start the process of a robot that has gone again: its own, or that of its host."""
+    if _is_group(app, place):
+        return
     absent = app.store.absent.get(place.name)
     if not place.name:
-        app.tell("no robot is selected", "warning")
+        app.tell(NOBODY, "warning")
     elif absent is None:
         app.tell(f"{place.name} answers: only what has gone is started again", "warning")
     elif absent.hangs:
@@ -392,22 +433,18 @@ def _restart(app: OperatorApp, place: Place) -> None:
         app.do("restart", NAME=absent.host or place.name)
 
 
-def _messages(app: OperatorApp, place: Place) -> None:
-    if place.name:
-        app.push_screen(MessagesPage(place.name))
-    else:
-        app.tell("no robot is selected", "warning")
+def _page(make: Callable[[], Screen[None]]) -> Ask:
+    return lambda app, _place: app.push_screen(make())
 
 
-def _readings(app: OperatorApp, _place: Place) -> None:
-    app.push_screen(ReadingsPage())
+def _page_of_robot(make: Callable[[str], Screen[None]]) -> Ask:
+    def ask(app: OperatorApp, place: Place) -> None:
+        if not place.name:
+            app.tell(NOBODY, "warning")
+        elif not _is_group(app, place):
+            app.push_screen(make(place.name))
 
-
-def _where(app: OperatorApp, place: Place) -> None:
-    if place.name:
-        app.push_screen(WherePage(place.name))
-    else:
-        app.tell("no robot is selected", "warning")
+    return ask
 
 
 def _dismiss(app: OperatorApp, place: Place) -> None:
@@ -417,7 +454,7 @@ def _dismiss(app: OperatorApp, place: Place) -> None:
         app.tell(
             f"{place.name} answers: only a robot that hangs or has gone can be dismissed"
             if place.name
-            else "no robot is selected",
+            else NOBODY,
             "warning",
         )
 
@@ -433,34 +470,21 @@ def _role(app: OperatorApp, place: Place) -> None:
     each = [one.attributes.get("roles", "").split() if one else [] for one in members]
     known = [role for role in each[0] if all(role in other for other in each)] if each else []
     if not known:
-        app.tell(f"{place.name} plays no roles" if place.name else "no robot is selected", "warning")
+        app.tell(f"{place.name} plays no roles" if place.name else NOBODY, "warning")
         return
 
-    def answered(line: Line | None) -> None:
-        if line:
-            app.perform(line)
-
-    app.push_screen(
-        RoleDialog(place.name, known, robot.attributes.get("role", "") if robot else ""), answered
-    )
+    playing = robot.attributes.get("role", "") if robot else ""
+    app.push_screen(RoleDialog(place.name, known, playing), _performed(app))
 
 
-def _migrate(app: OperatorApp, place: Place) -> None:
-    robot = app.store.descriptions.get(place.name)
-    others = [name for name in app.store.hosts if robot is not None and name != robot.host]
-    if robot is None:
-        app.tell("no robot is selected", "warning")
-    elif not robot.host:
-        app.tell(f"{place.name} is a proxy, and stays where its controller is", "warning")
+def _migrate(app: OperatorApp, _place: Place, robot: RobotDescription) -> None:
+    others = [name for name in app.store.hosts if name != robot.host]
+    if not robot.host:
+        app.tell(f"{robot.name} is a proxy, and stays where its controller is", "warning")
     elif not others:
         app.tell("there is no other host; `robotree host NAME` starts one", "warning")
     else:
-
-        def answered(line: Line | None) -> None:
-            if line:
-                app.perform(line)
-
-        app.push_screen(HostDialog(place.name, robot.host, others), answered)
+        app.push_screen(HostDialog(robot.name, robot.host, others), _performed(app))
 
 
 def _point(app: OperatorApp) -> dict[str, float] | None:
@@ -468,11 +492,7 @@ def _point(app: OperatorApp) -> dict[str, float] | None:
     return main_page(app).point
 
 
-def _go(app: OperatorApp, place: Place) -> None:
-    robot = app.store.descriptions.get(place.name)
-    if robot is None:
-        app.tell("no robot is selected", "warning")
-        return
+def _go(app: OperatorApp, place: Place, robot: RobotDescription) -> None:
     front, readings = main_page(app), app.store.readings(place.name)
     point = _point(app) if app.screen is front else None
     frame = front.ground if point is not None else frame_of(robot)
@@ -497,11 +517,7 @@ def _go(app: OperatorApp, place: Place) -> None:
     app.push_screen(GoDialog(robot, trip, frame), answered)
 
 
-def _keep(app: OperatorApp, place: Place) -> None:
-    robot = app.store.descriptions.get(place.name)
-    if robot is None:
-        app.tell("no robot is selected", "warning")
-        return
+def _keep(app: OperatorApp, place: Place, robot: RobotDescription) -> None:
     front, readings = main_page(app), app.store.readings(place.name)
     point = _point(app) if app.screen is front else None
     if point is not None and front.ground != frame_of(robot):
@@ -521,24 +537,13 @@ def _keep(app: OperatorApp, place: Place) -> None:
     app.push_screen(NameDialog(place.name, point, frame_of(robot)), answered)
 
 
-def _place(app: OperatorApp, place: Place) -> None:
-    robot = app.store.descriptions.get(place.name)
-    if robot is None:
-        app.tell("no robot is selected", "warning")
-    elif not robot.host:
-        app.tell(f"{place.name} is a proxy, and stays where its controller is", "warning")
+def _place(app: OperatorApp, _place: Place, robot: RobotDescription) -> None:
+    if not robot.host:
+        app.tell(f"{robot.name} is a proxy, and stays where its controller is", "warning")
     else:
-
-        def answered(line: Line | None) -> None:
-            if line:
-                app.perform(line)
-
-        state = app.store.state(place.name)
-        app.push_screen(PlacementDialog(robot, state.advised if state else robot.advised), answered)
-
-
-def _say(app: OperatorApp, place: Place) -> None:
-    _line("verb", "say ")(app, place)
+        state = app.store.state(robot.name)
+        advised = state.advised if state else robot.advised
+        app.push_screen(PlacementDialog(robot, advised), _performed(app))
 
 
 def _line(kind: Kind, text: str = "") -> Ask:
@@ -555,40 +560,29 @@ def _line(kind: Kind, text: str = "") -> Ask:
 
 ASK: Mapping[str, Ask] = {
     "panel": _panel,
-    "compose": _compose,
-    "create": _create,
+    "compose": _page(ComposePage),
+    "create": _page(NewPage),
     "set": _set,
     "migrate": _of_robots(_migrate),
     "place": _of_robots(_place),
-    "reload": _of_robots(_about_robot("reload")),
-    "enslave": _of_robots(_enslave),
-    "release": _of_robots(_release),
+    "enslave": _enslave,
+    "release": _release,
     "delete": _delete,
     "go": _of_robots(_go),
     "places add": _of_robots(_keep),
     "show": _show,
-    "history": _of_robots(_about_robot("history")),
-    "why": _of_robots(_about_robot("why", "NAME|KEY")),
-    "where": _of_robots(_where),
-    "restart": _of_robots(_restart),
-    "readings": _readings,
-    "messages": _of_robots(_messages),
+    "where": _page_of_robot(WherePage),
+    "restart": _restart,
+    "readings": _page(ReadingsPage),
+    "messages": _page_of_robot(MessagesPage),
     "cancel": _cancel,
-    "pause": _about_robot("pause"),
-    "step": _of_robots(_about_robot("step")),
-    "continue": _about_robot("continue"),
     "stop": _stop,
     "resume": _resume,
     "role": _role,
-    "who": lambda app, _place: app.do("who"),
-    "say": _say,
-    "control get": _about_robot("control get"),
-    "control ask": _about_robot("control ask"),
-    "control offer": _about_robot("control offer"),
+    "say": _line("verb", "say "),
     "control take": _take_control,
-    "control leave": _about_robot("control leave"),
-    "orders": _orders,
-    "permits": _permits,
+    "orders": _page(OrdersPage),
+    "permits": _page(PermitsPage),
     "help": _help,
     "quit": _quit,
     "filter": _line("filter"),
@@ -615,4 +609,4 @@ ASK: Mapping[str, Ask] = {
     "language": lambda app, _place: app.change_look("language"),
     **{name: _pane(name) for name in PANES},
 }
-"""By verb: what each key of the registry does first (a test compares)."""
+"""By verb: what its key does first, where that is not to carry it out for what is selected (`plainly`)."""

@@ -88,7 +88,7 @@ class UserApp(Supervisor, inherit_bindings=False):
         elif verb == "quit":
             self._leave()
         elif verb in SHOWN:
-            asking.ASK[verb](self, place)
+            asking.ask_for(self, verb, place)
 
     def _leave(self) -> None:
         running = [each for each in self.errands if each.runs]

@@ -14,7 +14,7 @@ from robotree.tui.line.actions import ACTIONS
 from robotree.tui.line.keys import spell
 from robotree.tui.line.page_keys import PAGE_KEYS, page_keys
 from robotree.tui.screen.app import Supervisor
-from robotree.tui.screen.asking import ASK
+from robotree.tui.screen.asking import ASK, DANGERS
 from robotree.tui.screen.pages.compose import ComposePage
 from robotree.tui.screen.pages.dialogs import Confirm, Reading
 from robotree.tui.screen.pages.enslave import EnslaveDialog
@@ -43,7 +43,10 @@ def keys(holder: type[Supervisor | Page]) -> set[str]:
 def test_every_action_of_the_screen_knows_what_to_ask_and_nothing_else_does() -> None:
     shown = {action.verb for action in ACTIONS if action.where & Where.SCREEN}
     typed_alone = {action.verb for action in ACTIONS if action.where & Where.PROMPT and not action.run}
-    assert ASK.keys() == shown | typed_alone
+    assert ASK.keys() <= shown | typed_alone
+    assert not {action.verb for action in ACTIONS if action.verb in shown - ASK.keys() and not action.run}
+    assert typed_alone <= ASK.keys()
+    assert DANGERS.keys() >= {action.verb for action in ACTIONS if action.danger}
     assert PANES.keys() <= ASK.keys()
 
 

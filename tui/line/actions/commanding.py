@@ -20,6 +20,7 @@ VERBS = (
         " in which time it must begin, 2h or 18:00 (24h); --robot: which of several robots of this name that"
         " are away. --trace shows the way of a failure through the"
         " authors' pages.",
+        members="ROBOT.COMMAND",
         run="line.ordering:call_or_leave",
         right="command",
         examples=(
@@ -32,6 +33,7 @@ VERBS = (
     of_robot(
         "cancel NAME",
         "End the commands of a robot, running and waiting.",
+        members="NAME",
         run="line.verbs:cancel",
         right="command",
         key="c",
@@ -42,6 +44,7 @@ VERBS = (
         "pause NAME",
         "Have a virtual robot, and those below it, wait before each step; new commands wait, too."
         " What moves now ends by itself; deadlines go on.",
+        members="NAME",
         run="line.verbs:pause",
         right="command",
         key="b",
@@ -60,6 +63,7 @@ VERBS = (
     of_robot(
         "continue NAME",
         "End the pause of a robot and of those below it.",
+        members="NAME",
         run="line.verbs:continue_",
         right="command",
         key="B",
@@ -85,6 +89,7 @@ VERBS = (
     anywhere(
         "stop [NAME] [--everywhere]",
         "Protective stop of one robot, or of everything, now; --everywhere: in all your realms.",
+        members="NAME",
         run="line.verbs:stop",
         start="line.stopping:stop",
         shell_options=("--everywhere",),
@@ -98,6 +103,7 @@ VERBS = (
     anywhere(
         "resume [NAME]",
         "Resume after a protective stop; nothing moves by itself.",
+        members="NAME",
         run="line.verbs:resume",
         right="resume",
         key="R",

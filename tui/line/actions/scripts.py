@@ -15,6 +15,7 @@ VERBS = (
         group=SCRIPTS,
         where=ANYWHERE,
         about=About.ROBOT,
+        members="NAME",
         run="line.verbs:role",
         right="command",
         key="p",

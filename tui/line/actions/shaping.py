@@ -47,6 +47,7 @@ VERBS = (
     of_robot(
         "set NAME PARAMETER=VALUE …",
         "Change settings of a robot, also while it works; while a parent commands it, only that may.",
+        members="NAME",
         run="line.verbs:set_",
         right="command",
         key="s",
