@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import re
+from inspect import iscoroutinefunction, signature
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,9 +15,9 @@ from PIL import Image
 from robotree.tui.errors import SomeSilent, ValueRefused
 from robotree.tui.exit_codes import NOBODY, code_of
 from robotree.tui.line import grammar
-from robotree.tui.line.action import Where
+from robotree.tui.line.action import SCREEN, Where
 from robotree.tui.line.actions import ACTIONS, shapes
-from robotree.tui.line.carrying import function_of
+from robotree.tui.line.carrying import function_of, program_of
 from robotree.tui.line.sources import shipped
 from robotree.tui.line.verbs import Outcome
 from robotree.vr.base.address import Address
@@ -418,6 +419,15 @@ async def test_an_enslaved_robot_obeys_and_ends_through_its_parent_alone(realm: 
 def test_every_verb_of_a_script_has_a_function() -> None:
     for action in ACTIONS:
         assert not action.where & Where.SCRIPT or function_of(action.verb)
+
+
+def test_every_verb_leads_to_the_function_that_its_declaration_names() -> None:
+    for action in ACTIONS:
+        assert action.run or action.start or action.group == SCREEN, action.verb
+        if action.run:
+            assert iscoroutinefunction(function_of(action.verb)), action.verb
+            assert len(signature(function_of(action.verb)).parameters) == 3, action.verb
+        assert len(signature(program_of(action.verb)).parameters) == 2, action.verb
 
 
 async def test_an_empty_log_says_that_it_is_empty(realm: Realm, monkeypatch: pytest.MonkeyPatch) -> None:

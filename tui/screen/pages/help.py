@@ -10,25 +10,12 @@ from textual.binding import Binding
 from robotree.tui.line.action import Action, Scope
 from robotree.tui.line.actions import ACTIONS, BY_VERB
 from robotree.tui.line.keys import spell
-from robotree.tui.line.page_keys import page_keys
+from robotree.tui.line.page_keys import PAGES, page_keys
 from robotree.tui.screen.keymap import Keymap
 from robotree.tui.screen.operator_app import OperatorApp
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.widgets.marks import STATUSES, tint
-
-PAGES = {
-    "panel": "In the panel of a robot",
-    "teleop": "In the tele-operation of an arm",
-    "new": "On the page for new robots",
-    "plan": "On the plan of a place, and in a picture",
-    "question": "In a question",
-    "where": "Where a robot is",
-    "messages": "On the page of the messages of a wire",
-    "readings": "On the page of readings over time",
-    "text": "In a text",
-}
-"""Titles of the pages that have keys of their own, in their order."""
 
 ROOM = 11
 """Columns that the keys of a line take."""
@@ -47,7 +34,7 @@ def help_text(app: OperatorApp) -> Text:
         text.append("\n")
 
     _stop(app, text)
-    pages = {name: (title, page_rows(name, app.keymap)) for name, title in PAGES.items()}
+    pages = {one.name: (one.title, page_rows(one.name, app.keymap)) for one in PAGES if one.title}
     front = getattr(app.screen, "KEYS_OF", "")
     if front in pages:  # what works here and now comes first
         block(*pages.pop(front))
