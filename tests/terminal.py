@@ -44,6 +44,7 @@ class Terminal:
             stdout=inside,
             stderr=inside,
             start_new_session=True,
+            env=dict(os.environ),  # readline has put COLUMNS and LINES of another terminal into that of C
         )
         self.pid = self._leader.pid
         self._inside = os.ttyname(inside)
