@@ -87,7 +87,7 @@ class Kinematics:
         full = pin.buildModelFromMJCF(str(XML))
         reference = np.zeros(full.nq)
         reference[JOINTS:] = 0.03
-        fingers = [full.getJointId("finger_l"), full.getJointId("finger_r")]
+        fingers = [full.getJointId("slide_l"), full.getJointId("slide_r")]
         self._model = pin.buildReducedModel(full, fingers, reference)
         self._data = self._model.createData()
         self._tool = self._model.getFrameId("tcp")

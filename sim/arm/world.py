@@ -72,9 +72,9 @@ def build() -> ArmWorld:
     ports = arm_model.bind(model, data)
     lever = LEVER.bind(data)
     ports.q[:] = HOME
-    for finger in ("finger_l", "finger_r"):
+    for finger in ("slide_l", "slide_r"):
         data.qpos[model.joint(arm_model.PREFIX + finger).qposadr[0]] = FINGERS_AT_FIRST
-    ports.finger_target[:] = FINGERS_AT_FIRST
+    ports.hand.finger_target[:] = FINGERS_AT_FIRST
     lever[:] = LEVER_OPEN
     mujoco.mj_forward(model, data)
     arm = Arm(ports)

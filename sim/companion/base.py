@@ -15,7 +15,6 @@ import numpy as np
 
 from robotree.protocol.messages import Reason, Verb
 from robotree.sim.companion.guard import Objection, Person
-from robotree.sim.companion.part import Part
 from robotree.sim.companion.planner import Forbidden
 from robotree.sim.companion.routes import Blocked, Floor, Point
 from robotree.sim.companion.tuning import (
@@ -27,6 +26,7 @@ from robotree.sim.companion.tuning import (
 )
 from robotree.sim.errors import BadArgument
 from robotree.sim.firmware.device import Plan, Progress, Start, ended, or_now, require
+from robotree.sim.firmware.part import Part
 from robotree.sim.motion.follower import LEASH_SLACK, Follower
 from robotree.sim.motion.path import Limits, Line
 from robotree.sim.physics.vectors import Vector

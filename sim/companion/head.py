@@ -7,10 +7,10 @@ from typing import Final
 import numpy as np
 
 from robotree.protocol.messages import Reason, Speech, Verb
-from robotree.sim.companion.part import Part
 from robotree.sim.companion.tuning import HEAD_PARAMETERS, HeadTuning
 from robotree.sim.errors import BadArgument
 from robotree.sim.firmware.device import Plan, Progress, Start, ended, or_now, require
+from robotree.sim.firmware.part import Part
 from robotree.sim.motion.follower import Follower
 from robotree.sim.motion.path import Limits, Line
 from robotree.sim.physics.vectors import Vector

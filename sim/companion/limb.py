@@ -6,42 +6,29 @@ hangs on a spring whose far end is the hand of that posture, so the force that i
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Final, Protocol
 
 import numpy as np
 
-from robotree.protocol.messages import Reason, Verb
+from robotree.protocol.messages import Verb
 from robotree.sim.arm.compliance import Attractor, Gains, NaturalAdmittance
-from robotree.sim.arm.device import STILL_FOR, YIELDING
-from robotree.sim.arm.gripper import Grip, Gripper
+from robotree.sim.arm.hand import ArmState, Hand
 from robotree.sim.arm.kinematics import Dynamics
-from robotree.sim.arm.wrist import WristSensor
+from robotree.sim.arm.model import HandPorts
 from robotree.sim.companion.figure import ARM_JOINTS, Pose
-from robotree.sim.companion.model import HandPorts
-from robotree.sim.companion.part import Part
-from robotree.sim.companion.planner import Goal, Other
+from robotree.sim.companion.planner import Goal
 from robotree.sim.companion.tuning import HAND_ACCELERATION, LIMB_PARAMETERS, SLOWEST, LimbTuning
 from robotree.sim.companion.ways import Way
 from robotree.sim.errors import BadArgument
-from robotree.sim.firmware.device import (
-    WIDEST,
-    Plan,
-    Progress,
-    Start,
-    ended,
-    or_now,
-    require,
-)
+from robotree.sim.firmware.device import Plan, Start, ended, or_now, require
+from robotree.sim.firmware.part import Part
 from robotree.sim.motion.follower import LEASH_SLACK, Follower
 from robotree.sim.physics.vectors import Matrix, Vector
 
-REACHED: Final = 0.005
+REACHED: Final = 0.010
 """[m] between hand and goal that counts as reached."""
 SETTLED: Final = 0.02
 """[rad/s] of the fastest joint that counts as standing."""
-SETTLE_WITHIN: Final = 3.0
-"""[s] after the end of a way by which the hand must be there, or something holds it."""
 BRAKING: Final = 2.0
 """times the damping of the usual law while a hand is brought to a stand; at 2 ms, 5 times would shake."""
 BRAKED_FOR: Final = 0.3
@@ -83,33 +70,6 @@ class Thinking(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class LimbState:
-    """One reading of an arm.
-
-    Attributes:
-        q: (6,) joint angles [rad].
-        position: (3,) of the tool in B [m].
-        rotation: (3, 3) R_BT.
-        wrench: (6,) of the world on the tool, axes of B, as the wrist feels it [N, N m].
-        width: between the fingers [m].
-        width_commanded: asked for [m].
-        grip: what the fingers are doing.
-        grip_force: of each finger [N].
-        peak_force: largest net contact force on the hand since the start, from the physics [N].
-    """
-
-    q: Vector
-    position: Vector
-    rotation: Matrix
-    wrench: Vector
-    width: float
-    width_commanded: float
-    grip: Grip
-    grip_force: float
-    peak_force: float
-
-
 class Limb(Part):
     """One arm in the body.
 
@@ -122,18 +82,15 @@ class Limb(Part):
     """
 
     def __init__(self, side: int, ports: HandPorts, q: Vector, pose: Pose, body: Thinking) -> None:
-        self.side, self._ports, self._body = side, ports, body
+        self.side, self._body = side, body
         self.tuning = LimbTuning()
         self._law = NaturalAdmittance(GAINS)
-        self._sensor = WristSensor(ports.mass, ports.centre, SMOOTHING)
-        self._gripper = Gripper(2.0 * float(ports.finger[0]))
+        self._hand = Hand(ports, self._law, reached=REACHED, settled=SETTLED, smoothing=SMOOTHING)
         self._follower = Follower(q)
         self._way: Way | None = None
         self._q = np.array(q)
         self._pose = pose
-        self._wrench: Vector = np.zeros(6)
-        self._error: Vector = np.zeros(3)
-        self._load = self._waited = self._still = self._peak = self._brake_left = 0.0
+        self._brake_left = 0.0
         plans: Mapping[Verb, Plan] = {
             Verb.GO_TO: self._go_to,
             Verb.REACH: self._reach,
@@ -147,7 +104,7 @@ class Limb(Part):
         """Drop the movement, brake, and rest here; the fingers keep what they hold."""
         self._follower.rest(self._q)
         self._law.braking, self._brake_left = BRAKING, BRAKED_FOR
-        self._gripper.halt(2.0 * float(self._ports.finger[0]))
+        self._hand.halt_fingers()
         self._running, self._way = ended, None
 
     # -- for the body
@@ -176,8 +133,7 @@ class Limb(Part):
     def lead(self, dt: float) -> Vector:
         """(6,) lead on for `dt` [s], at the pace that the body allows and on the leash of the spring."""
         slow = 1.0 - (1.0 - LEASH_SLACK) * self._body.pace(self.side)
-        self._reference = self._follower.advance(dt, max(self._load, slow))
-        self._waited = 0.0 if self._follower.moving else self._waited + dt
+        self._reference = self._follower.advance(dt, max(self._hand.load, slow))
         return self._reference.pose
 
     def control(
@@ -194,44 +150,26 @@ class Limb(Part):
             moved: (6,) joint velocities to which it is led [rad/s].
             turned: (6, 6) Jacobian at that posture, or near to it.
         """
-        ports, tuning = self._ports, self.tuning
         self._q, self._pose = q, Pose(dynamics.position, dynamics.rotation)
         self._brake_left -= dt
         if self._brake_left <= 0.0:
             self._law.braking = 1.0
-        self._law.tune(self._law.stiffness, tuning.force_limit, dt)
-        ports.finger_limit[:] = -2.0 * tuning.grip_force, 2.0 * tuning.grip_force
-        self._wrench = self._sensor.update(ports.wrist_force, ports.wrist_torque, dynamics.rotation)
+        self._law.tune(self._law.stiffness, self.tuning.force_limit, dt)
         attractor = Attractor(goal.position, goal.rotation, turned @ moved, self._reference.pose)
-        effort = self._law.effort(dynamics, q, v, attractor, self._wrench, dt)
-        ports.torque[:] = effort.torque
-        self._load, self._error = effort.load, effort.error
-        speeds: list[float] = v.tolist()
-        at_rest = self._waited > 0.0 and max(*speeds, -min(speeds)) < SETTLED
-        self._still = self._still + dt if at_rest else 0.0
-        width, speed = 2.0 * float(ports.finger[0]), 2.0 * float(ports.finger_speed[0])
-        ports.finger_target[0] = 0.5 * self._gripper.advance(dt, width, speed)
-        self._peak = max(self._peak, math.hypot(*np.add.reduce(ports.contact).tolist()))
+        self._hand.control(
+            *(dt, dynamics, q, v, attractor),
+            moving=self._follower.moving,
+            grip_force=self.tuning.grip_force,
+        )
 
     @property
     def reference(self) -> tuple[Vector, Vector]:
         """Posture and joint velocities (6,) to which it is led."""
         return self._reference.pose, self._reference.velocity
 
-    def state(self) -> LimbState:
-        """One reading, not changed by later steps."""
-        ports = self._ports
-        return LimbState(
-            q=np.array(self._q),
-            position=np.array(self._pose.position),
-            rotation=np.array(self._pose.rotation),
-            wrench=np.array(self._wrench),
-            width=2.0 * float(ports.finger[0]),
-            width_commanded=self._gripper.commanded,
-            grip=self._gripper.state,
-            grip_force=0.5 * abs(float(ports.finger_force[0])),
-            peak_force=self._peak,
-        )
+    def state(self) -> ArmState:
+        """One reading, in B, not changed by later steps."""
+        return self._hand.state(self._q, self._pose.position, self._pose.rotation)
 
     # -- the verbs
 
@@ -267,49 +205,19 @@ class Limb(Part):
     def _beginning(self, way: Way) -> Start:
         def begin() -> None:
             self._follower.follow(way)
-            self._way, self._running = way, self._travelling
+            self._way, self._running = way, lambda: self._hand.travelling(self._follower)
             self._law.braking = 1.0
 
         return begin
 
     def _grip(self, args: tuple[float, ...]) -> Start:
-        width = or_now("width", args[0], 2.0 * float(self._ports.finger[0]))
-        require("width", width, 0.0, WIDEST, "m")
+        width = self._hand.width_asked(args)
 
         def begin() -> None:
             # The hand rests where it is led, not where the load has pulled it: it must not sink at each grip.
             self._follower.rest(self.led)
             self._way = None
-            self._gripper.move(width)
-            self._running = self._gripping
+            self._hand.gripper.move(width)
+            self._running = self._hand.gripping
 
         return begin
-
-    def _travelling(self) -> Progress:
-        fraction = self._follower.progress
-        if self._follower.blocked:
-            return Progress(fraction, done=True, reason=Reason.BLOCKED, text=self._held_up())
-        if self._follower.moving:
-            return Progress(fraction)
-        short = float(np.linalg.norm(self._error))
-        if self._still >= STILL_FOR:
-            unexplained = float(np.linalg.norm(self._error + self._wrench[:3] / self._law.stiffness))
-            if unexplained < 2 * REACHED and short < YIELDING:
-                return Progress(1.0, done=True, text=self._held_up() if short > YIELDING / 2 else "")
-        if self._waited > SETTLE_WITHIN:
-            if short < 2 * REACHED:
-                return Progress(1.0, done=True)
-            return Progress(fraction, done=True, reason=Reason.BLOCKED, text=self._held_up())
-        return Progress(min(fraction, 0.99))
-
-    def _gripping(self) -> Progress:
-        moving = self._gripper.state is Grip.MOVING
-        return Progress(0.5 if moving else 1.0, done=not moving)
-
-    def _held_up(self) -> str:
-        force = float(np.linalg.norm(self._wrench[:3]))
-        short = 1e3 * float(np.linalg.norm(self._error))
-        return f"Something holds the hand with {force:.0f} N, {short:.0f} mm short."
-
-
-__all__ = ["Limb", "LimbState", "Other", "Thinking"]

@@ -1,7 +1,7 @@
 """The rover as one robot: a jerk-limited set-point, a servo on its drive, and the verb MOVE."""
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -16,10 +16,10 @@ from robotree.sim.firmware.device import (
     Tunable,
     ended,
     or_now,
-    planned,
     pursuing,
     require,
 )
+from robotree.sim.firmware.part import Part
 from robotree.sim.firmware.previews import POINTS, WayAhead
 from robotree.sim.motion.follower import Follower
 from robotree.sim.motion.path import Limits, Line
@@ -80,7 +80,7 @@ class RoverState:
     velocity: Vector
 
 
-class Rover:
+class Rover(Part):
     """The rover in its cell.
 
     Args:
@@ -94,42 +94,17 @@ class Rover:
         self._pursuit: Pursuit | None = None
         self._follower = Follower(ports.position)
         self._load = self._waited = 0.0
-        self._running: Callable[[], Progress] = ended
-        self._plans: Mapping[Verb, Plan] = {
+        plans: Mapping[Verb, Plan] = {
             Verb.MOVE: self._move,
             Verb.GO_TO: self._go_to,
             Verb.HOLD: lambda _: self.hold,
         }
-
-    @property
-    def verbs(self) -> Collection[Verb]:
-        """The verbs that it carries out."""
-        return self._plans.keys()
+        super().__init__("a rover", PARAMETERS, plans)
 
     @property
     def setpoint_kinds(self) -> Collection[SetpointKind]:
         """The set-points that it can follow."""
         return (SetpointKind.BASE_VELOCITY,)
-
-    @property
-    def parameters(self) -> Collection[Tunable]:
-        """The parameters that can be tuned."""
-        return PARAMETERS
-
-    def prepare(self, verb: int, args: tuple[float, ...]) -> Start:
-        """Check and plan one movement; nothing moves yet.
-
-        Args:
-            verb: MOVE, GO_TO or HOLD.
-            args: (7,) as in robotree.xml.
-
-        Returns:
-            What begins the movement, in place of whatever runs.
-
-        Raises:
-            GoalRefused: with the reason; nothing has changed.
-        """
-        return planned(self._plans, verb, args)
 
     def follow(self, kind: int, args: tuple[float, ...]) -> Start:  # noqa: ARG002  there is one kind
         """Check one set-point; nothing changes yet.
@@ -149,10 +124,6 @@ class Rover:
         now = [0.0, 0.0] if self._pursuit is None else self._pursuit.rate.tolist()
         rate = np.array([or_now(*each) for each in zip(("vx", "vy"), args, now, strict=False)])
         return lambda: self._pursue().along(rate)
-
-    def progress(self) -> Progress:
-        """How far the movement is that was begun last."""
-        return self._running()
 
     def hold(self) -> None:
         """Drop the movement and rest here."""

@@ -277,7 +277,7 @@ def test_a_hand_presses_no_harder_than_its_limit(free: CompanionBench) -> None:
         strongest = max(strongest, float(np.linalg.norm(free.world.body.limbs[0].state().wrench[:3])))
     answer = free.left.status_of(key)
     assert (GoalState(answer.state), Reason(answer.reason)) == (GoalState.FAILED, Reason.BLOCKED)
-    assert "holds the hand" in answer.text
+    assert "holds the tool" in answer.text
     steady = float(np.linalg.norm(free.world.body.limbs[0].state().wrench[:3]))
     assert steady < FORCE_LIMIT + 4.0, "of the spring, and of the weak one of the posture"
     assert strongest < FORCE_LIMIT + 10.0, "with what braking it takes"

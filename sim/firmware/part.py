@@ -1,4 +1,4 @@
-"""The base of the companion's devices (base, arms, head): a table of verbs, and the movement that runs."""
+"""The base of all simulated devices: a table of verbs, and the movement that runs."""
 
 from collections.abc import Callable, Collection, Mapping
 from typing import Final
@@ -9,7 +9,7 @@ from robotree.sim.firmware.device import Plan, Progress, Start, Tunable, ended, 
 
 
 class Part:
-    """One part of the body as a device. It follows no set-points: each goal is judged as a whole.
+    """One robot of a cell, or one part of its body, as a device; without more it follows no set-points.
 
     Args:
         name: for what is refused, with its article.
@@ -30,7 +30,7 @@ class Part:
 
     @property
     def setpoint_kinds(self) -> Collection[SetpointKind]:
-        """None."""
+        """The set-points that it can follow."""
         return ()
 
     def prepare(self, verb: int, args: tuple[float, ...]) -> Start:
@@ -40,16 +40,26 @@ class Part:
             verb: one of `verbs`.
             args: (7,) as in robotree.xml.
 
+        Returns:
+            What begins the movement, in place of whatever runs.
+
         Raises:
             GoalRefused: with the reason; nothing has changed.
         """
         return planned(self._plans, verb, args)
 
     def follow(self, kind: int, args: tuple[float, ...]) -> Start:
-        """No set-point is followed.
+        """Check one set-point; nothing changes yet.
+
+        Args:
+            kind: one of `setpoint_kinds`.
+            args: (7,) as in robotree.xml.
+
+        Returns:
+            What follows it, within the limits of speed and place.
 
         Raises:
-            BadArgument: always.
+            GoalRefused: it cannot be followed; without `setpoint_kinds` always.
         """
         text = f"none with {len(args)} arguments: {self._name} follows no set-points"
         raise BadArgument("kind", kind, text)
