@@ -15,6 +15,7 @@ import socket
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from pathlib import Path
@@ -30,10 +31,11 @@ from robotree.vr.agents.place import Placeable
 from robotree.vr.agents.run import kept_by, kept_in, place_of
 from robotree.vr.base.address import mark
 from robotree.vr.base.envelope import Received
-from robotree.vr.base.errors import VrError
+from robotree.vr.base.errors import PermitRefused, VrError
 from robotree.vr.base.pattern import matches
 from robotree.vr.base.permissions import Isolation, Permissions
-from robotree.vr.base.policy import PolicyGate
+from robotree.vr.base.permit import PermittedCall, unfit
+from robotree.vr.base.policy import Person, PolicyGate
 from robotree.vr.base.policy_reading import read_policy
 from robotree.vr.base.presence import Held, Presence
 from robotree.vr.base.principal import ITSELF, Credentials, Principal
@@ -75,7 +77,7 @@ class PipeMesh:
         self._host = Credentials(begin.process, begin.user)
         self._held: list[Held] = []
         self.presence = Presence(held=lambda _: [], unheard=self._unheard)
-        self.gate = PolicyGate()
+        self.gate = GateInside()
         self._take_rules(begin.rules)
         self._servers: dict[str, TakeFrame] = {}
         self._asked: dict[int, OnReply] = {}
@@ -236,6 +238,19 @@ class PipeMesh:
             self._pipe.send(frame)
         except OSError:
             os._exit(0)  # the host has gone
+
+
+class GateInside(PolicyGate):
+    """The policy inside: the host brings it, and the permits of calls."""
+
+    apart = True
+
+    def expect_permit(self, asker: Person, call: PermittedCall) -> None:
+        reason = "there is none"
+        if call.vouched is not None:
+            reason = unfit(call.vouched, asker.assistant, call, time.time())
+        if reason:
+            raise PermitRefused(permit=call.permit or "none", reason=reason)
 
 
 class _System(OS):

@@ -358,6 +358,8 @@ class PolicyGate:
     owner: int | None = None
     """Number of the user to whom the realm's folder belongs, if several users share it; None: nobody else
     is in the realm."""
+    apart: bool = False
+    """Whether this is the process of a robot apart: its host puts permits into the calls for it."""
     due: float = float("inf")
     """[s] on the monotonic clock: when `refresh` has to look again."""
 

@@ -296,7 +296,7 @@ def _keep_to_policy(principal: Principal, request: AnyRequest, state: RobotState
         target = PolicyTarget(request.robot, "robot", () if robot is None else robot.kinds, "", gate.site)
     if isinstance(request, Call) and asker.assistant and not gate.may(asker, right, target).allowed:
         _expect(gate, asker, ASK, target)
-        gate.expect_permit(asker, _permitted(principal, request, state))
+        gate.expect_permit(asker, _permitted(principal, request, state, here))
         return
     _expect(gate, asker, right, target)
     if isinstance(request, Reload):
@@ -324,10 +324,11 @@ def _expect_to_list_its_own(principal: Principal, request: Register, owner: int)
             raise NotAllowed(who=principal.user, what="Register", reason=reason)
 
 
-def _permitted(principal: Principal, call: Call, state: RobotState | None) -> PermittedCall:
+def _permitted(principal: Principal, call: Call, state: RobotState | None, here: Here) -> PermittedCall:
     life = state.address.key if state is not None else ""
     stops = state.stop.generation if state is not None else -1
-    vouched = call.vouched if principal.site else None  # the gateway puts it in, and nobody else
+    believed = principal.site or here.gate.apart  # its gateway, or the host, puts it in, and nobody else
+    vouched = call.vouched if believed else None
     return PermittedCall(call.permit, life, stops, call.command, call.arguments, call.key, vouched)
 
 

@@ -26,12 +26,22 @@ from robotree.files import private_folder, replace, sync_folder
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import Listing
 from robotree.vr.base.envelope import read_envelope, resealed, seal
-from robotree.vr.base.errors import CannotMove, GivenUp, NoAnswer, NotItsChild, Unreachable, VrError
+from robotree.vr.base.errors import (
+    CannotMove,
+    GivenUp,
+    NoAnswer,
+    NoSuchPermit,
+    NotItsChild,
+    Unreachable,
+    VrError,
+)
 from robotree.vr.base.permissions import Isolation, Permissions
+from robotree.vr.base.permit import travelling
 from robotree.vr.base.presence import Held, Undo
 from robotree.vr.base.principal import ITSELF, Principal
 from robotree.vr.base.requests import (
     AskMove,
+    Call,
     Create,
     Described,
     Done,
@@ -54,6 +64,7 @@ from robotree.vr.isolation import pipe
 from robotree.vr.isolation.given_up import GivenUpRobot
 from robotree.vr.isolation.judge import Judge, Misbehaved
 from robotree.vr.isolation.nursery import BOX, Nursery
+from robotree.vr.network.permit_file import permits_beside
 
 APART = "apart"
 """Name of the folder of all robots apart, in the folder of their host's journal."""
@@ -152,6 +163,8 @@ class KeptApart(msgspec.Struct, frozen=True):
 
 
 _kept: msgspec.msgpack.Decoder[KeptApart] = msgspec.msgpack.Decoder(KeptApart)
+_PERMIT = b"permit"
+"""In the envelope of each call that has one."""
 _PAGE = ".page"
 """Suffix of the file of a `KeptApart`."""
 
@@ -698,7 +711,25 @@ class RobotApart:
         process, user = incoming.credentials
         if self._judge.note_asked(incoming.body):
             self._keep_children()
-        self._send(pipe.Come(number, bytes(incoming.body), process, user, urgent=False))
+        body = bytes(incoming.body)
+        if _PERMIT in body:
+            body = self._with_permit(body)
+        self._send(pipe.Come(number, body, process, user, urgent=False))
+
+    def _with_permit(self, body: bytes) -> bytes:
+        """Put into a call the permit that it names: the process of the robot cannot read it."""
+        try:
+            envelope = read_envelope(body)
+        except VrError:
+            return body
+        call = envelope.request
+        if not isinstance(call, Call) or envelope.proof:  # a gateway has put it in
+            return body
+        permit = None
+        with contextlib.suppress(NoSuchPermit):
+            permit = permits_beside(self._transport.gate).find(call.permit)
+        call = msgspec.structs.replace(call, vouched=None if permit is None else travelling(permit))
+        return msgspec.msgpack.encode(msgspec.structs.replace(envelope, request=call))
 
     # -- from the process -------------------------------------------------------------------------
 

@@ -78,6 +78,34 @@ async def nobody_is_unreachable_at_once(join: Join) -> None:
     await close_all(server, caller)
 
 
+async def who_has_moved_further_is_asked(join: Join) -> None:
+    """Of two that serve a key the higher rank answers, to a newcomer, too, and whoever came last."""
+    source, destination, caller = await join(), await join(), await join()
+
+    async def stale(_: bytes, respond: Respond) -> None:
+        respond(b"source")
+
+    async def moved(_: bytes, respond: Respond) -> None:
+        respond(b"destination")
+
+    first = await served(source, caller, stale)
+    later = await served(destination, caller, moved, rank=1)
+    await first.close()
+    await served(source, caller, stale)  # it hung, and wakes
+    newcomer = await join()
+    news = [await source.announce("news/s"), await destination.announce("news/d")]
+    await until_present(newcomer, "news/*", ["news/d", "news/s"])
+    for who in (caller, newcomer):
+        got = await replies_of(who.request("robot/a/1", b"", timeout=patience()))
+        promise(got == ([b"destination"], None), "who has moved further is asked")
+    await later.close()
+    await news[1].close()
+    await until_present(newcomer, "news/*", ["news/s"])
+    got = await replies_of(newcomer.request("robot/a/1", b"", timeout=patience()))
+    promise(got == ([b"source"], None), "and the other one when that has gone")
+    await close_all(source, destination, caller, newcomer)
+
+
 async def a_handler_that_raises_ends_the_reply(join: Join) -> None:
     """Nothing said is Unreachable; something said stands."""
     server, caller = await join(), await join()
@@ -357,6 +385,7 @@ TRANSPORT_CHECKS: tuple[Callable[[Join], Awaitable[None]], ...] = (
     replies_keep_their_order,
     replies_stream,
     nobody_is_unreachable_at_once,
+    who_has_moved_further_is_asked,
     a_handler_that_raises_ends_the_reply,
     silence_is_no_answer_in_time,
     requests_run_beside_each_other,

@@ -65,9 +65,11 @@ async def replies_of(asking: AsyncIterator[bytes]) -> tuple[list[bytes], VrError
     return bodies, None
 
 
-async def served(server: Transport, caller: Transport, handler: RequestHandler) -> Registration:
+async def served(
+    server: Transport, caller: Transport, handler: RequestHandler, rank: int = 0
+) -> Registration:
     """Serve, and wait until the caller can know of it."""
-    registration = await server.serve("robot/a/1", on_loop(handler))
+    registration = await server.serve("robot/a/1", on_loop(handler), rank=rank)
     token = await server.announce("served")
     await until_present(caller, "served", ["served"])
     await token.close()
