@@ -145,7 +145,7 @@ async def test_a_full_disk_is_told_while_the_robots_run_on(crew: Crew) -> None:
     assert "the robots of the last host are not back: the disk was full" in following.log
 
 
-@pytest.mark.parametrize("line", ["cancel square", "delete square", "call square.move_square", "stop square"])
+@pytest.mark.parametrize("line", ["cancel square", "stop square"])
 async def test_a_robot_whose_host_is_away_is_not_called_unknown(crew: Crew, line: str) -> None:
     folder = await killed(crew)
     before = newest(folder).read_bytes()

@@ -104,7 +104,7 @@ async def held(pid: int, robot: str = "greedy") -> AsyncIterator[None]:
         await caller.wait()
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 async def test_a_signal_ends_a_host_whose_page_holds_the_interpreter(
     crew: Crew, number: signal.Signals
 ) -> None:
