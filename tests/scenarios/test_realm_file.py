@@ -291,11 +291,12 @@ async def test_a_command_of_a_proxied_arm_goes_on_after_its_host_was_killed(cell
     assert code == exit_codes.DONE, complaints
     saved = cell.folder / "saved.yaml"
     await cell.line("save", str(saved))
-    words = ("call", "mover.wave", "rounds=6", "--within", "60 s", "--json")
+    words = ("call", "mover.wave", "rounds=6", "--within", "240 s", "--json")
     call = asyncio.ensure_future(cell.line(*words))
     async with joined(REALM) as realm_client:
         for _ in range(3):
-            while (await realm_client.describe("arm-1")).busy != "go_to":  # noqa: ASYNC110 # a table
+            while (await realm_client.describe("arm-1")).busy != "go_to":
+                assert not call.done(), call.result()
                 await asyncio.sleep(0.02)
             await killed(cell.process_of("host-1"))
             code, done, complaints = await cell.apply("saved.yaml")
