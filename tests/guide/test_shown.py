@@ -34,10 +34,13 @@ def test_the_realm_file_of_the_guide_is_one() -> None:
     assert [robot.name for robot in found.robots] == ["mover", "team"]
 
 
-@pytest.mark.parametrize("page", ["services-of-robots.md", "guide/after-a-crash.md"])
-def test_a_part_of_a_realm_file_is_one(page: str) -> None:
+@pytest.mark.parametrize(
+    ("page", "names"), [("services-of-robots.md", ["listener"]), ("guide/after-a-crash.md", ["h1", "h2"])]
+)
+def test_a_part_of_a_realm_file_is_one(page: str, names: list[str]) -> None:
     ((_, text),) = shown(page, "yaml")
-    read_file(text, "cell.yaml")
+    found = read_file(text, "cell.yaml")
+    assert [one.name for one in (*found.processes, *found.robots)] == names
 
 
 def test_the_keys_and_the_theme_of_the_guide_are_taken() -> None:
