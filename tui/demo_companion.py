@@ -33,6 +33,9 @@ COMPOSE = "compose"
 STORIES = ("", "cell", NAME, SITES, AWAY, TRAVEL, MCP, COMPOSE)
 """The demos by name; the cell needs none."""
 ROBOT, SCRIPT, VIEW, EYES = "companion", "evening", "flat", "recogniser"
+ERRAND, BUSY_CART = "errand", "cart-1"
+"""The script that chooses a robot itself, and the one that has something else to do then."""
+MOUTH, EARS = "mouth", "ears"
 PEOPLE = {11: "anna", 12: "bela", 13: "cleo"}
 """The names of people by their tags."""
 LONGEST = 900.0
@@ -45,8 +48,10 @@ DOOR, NEAR = (-1.55, -1.10), 0.5
 """[m] Where the companion receives visitors, and by how much it may stand beside that."""
 BY_EAR = 30.0
 """[s] after which somebody who has said a name counts as seen, also if no camera has recognised the tag."""
-WORD = "wait"
-"""A spoken word that interrupts."""
+WORD, OTHER_WORDS = "wait", ("good bye", "go on", "thank you")
+"""A spoken word that interrupts; what else the ears expect, the first of which tries them."""
+TRIES, HEARS = 3, 20.0
+"""How often a word is said until it is understood, and [s] that the ears may take: they load a model."""
 OBEYS = 10.0
 """[s] in which it has ended what it did then, at most."""
 ROLE = "child"
@@ -156,11 +161,16 @@ class Evening:
         self._pictures: list[str] = []
         self.trouble = ""
         self._counts = Counter[str]()
+        self._by_ear = False
+        """Whether there are a mouth and ears: else words go to the script as text."""
+        self._chosen = self._because = ""
+        """The robot that was chosen for the errand, and why."""
         self._began = time.monotonic()
 
     async def run(self) -> None:
         """From the first visitor to the charging place."""
         realm_client = self._realm_client
+        await self._open_mouth_and_ears()
         await self._call(ROBOT, "go_to", place="door")
         await realm_client.enslave(SCRIPT, "robot", ROBOT)
         await realm_client.tell(SCRIPT, "start", {}, deadline=LONGEST)
@@ -176,8 +186,10 @@ class Evening:
         await self._refused("too fast", ROBOT, "go_to", place="table", speed=0.7)
         await self._refused("out of reach", ROBOT, "reach", x=2.9, y=2.3, z=1.0)
         order = asyncio.create_task(self._leave_an_order())
+        errand = asyncio.create_task(self._run_an_errand())
         self._note(f"the battery holds {100 * await self._charge():.1f} %")
         await self._look("charging")
+        await errand
         await self._until_carried_out(await order)
 
     async def verdict(self) -> dict[str, Any]:
@@ -188,7 +200,7 @@ class Evening:
             peak = max(peak, (await self._realm_client.describe(hand)).readings.get("peak_force", 0.0))
         expected = counts["greeted"] == len(PEOPLE) and counts["cups"] >= 2 and counts["left"] == 1
         handled = counts["dropped"] == 1 and counts["stops"] == 1 and counts["role_changes"] >= 1
-        handled = handled and counts["interrupted"] == 1 and counts["orders"] == 1
+        handled = handled and counts["interrupted"] == 1 and counts["orders"] == 1 and counts["errands"] == 1
         return {
             "ok": not self.trouble and expected and handled and peak < FORCE,
             "greeted": counts["greeted"],
@@ -200,7 +212,11 @@ class Evening:
             "stops": counts["stops"],
             "refused": counts["refused"],
             "interrupted": counts["interrupted"],
+            "spoken": "by mouth and ears" if self._by_ear else "as text",
             "orders": counts["orders"],
+            "errands": counts["errands"],
+            "chosen": self._chosen,
+            "because": self._because,
             "peak_force_n": round(peak, 1),
             "trouble": self.trouble,
             "pictures": self._pictures,
@@ -294,21 +310,72 @@ class Evening:
 
     async def _interrupt(self) -> None:
         """Say a word while it leads a visitor to the sofa: it stands, and goes on after a while."""
-        realm_client = self._realm_client
-        while (await realm_client.describe(ROBOT)).busy != "go_to":  # noqa: ASYNC110 # it is asked
-            await asyncio.sleep(LISTEN)
+        realm_client, word = self._realm_client, ""
+        while not (await self._goes() and (word := await self._spoken(WORD)) and await self._goes()):  # noqa: ASYNC110
+            await asyncio.sleep(LISTEN)  # it arrived before the word was understood: on its next way
         began = time.monotonic()
-        await realm_client.call(SCRIPT, "spoken", {"word": WORD})
-        while (await realm_client.describe(ROBOT)).busy == "go_to" and time.monotonic() - began < OBEYS:  # noqa: ASYNC110 # it is asked
+        await realm_client.call(SCRIPT, "spoken", {"word": word})
+        while await self._goes() and time.monotonic() - began < OBEYS:  # noqa: ASYNC110 # it is asked
             await asyncio.sleep(LISTEN / 4)
         if (took := time.monotonic() - began) < OBEYS:
             self._counts["interrupted"] += 1
-        self._note(f"somebody says {WORD!r}: it has ended what it did after {took:.1f} s")
+        self._note(f"somebody says {word!r}: it has ended what it did after {took:.1f} s")
+
+    async def _goes(self) -> bool:
+        return (await self._realm_client.describe(ROBOT)).busy == "go_to"
+
+    async def _open_mouth_and_ears(self) -> None:
+        """Have two services join, and try them; without what they stand on, words go as text."""
+        realm_client = self._realm_client
+        try:
+            for name in (MOUTH, EARS):
+                await realm_client.create(EXAMPLES / "services" / f"{name}.py", name)
+            await realm_client.enslave(EARS, MOUTH, MOUTH)
+            await self._call(EARS, "expect", sentences=[WORD, *OTHER_WORDS])
+            await realm_client.tell(EARS, "listen", {}, deadline=LONGEST)
+            async with asyncio.timeout(HEARS):
+                while not (await realm_client.describe(MOUTH)).streams[0].listeners:  # noqa: ASYNC110 # asked
+                    await asyncio.sleep(LISTEN)
+            self._by_ear = True
+            await self._spoken(OTHER_WORDS[0])
+        except (VrError, TimeoutError) as error:
+            self._by_ear = False
+            self._note(f"words go as text, for there is no mouth with ears: {error or 'they do not listen'}")
+
+    async def _spoken(self, word: str) -> str:
+        """Have the mouth say a word, and return what the ears understand; without them the word itself."""
+        for _ in range(TRIES if self._by_ear else 0):
+            before = (await self._call(EARS, "latest"))["number"]
+            await self._call(MOUTH, "say", text=word)
+            understood = await self._call(EARS, "next", after=before, within=HEARS)
+            self._note(f"the mouth says {word!r}, the ears understand {understood['text']!r}")
+            if understood["text"]:
+                return str(understood["text"])
+        self._by_ear = False
+        return word
+
+    async def _run_an_errand(self) -> None:
+        """Have whoever is free do an errand while the companion is away: chosen by bids, held by a lease."""
+        realm_client = self._realm_client
+        await self._until_it_charges()
+        await realm_client.tell(BUSY_CART, "move", {"x": 0.5, "y": 0.0, "speed": 0.01}, deadline=120.0)
+        errand = asyncio.create_task(self._call(ERRAND, "start", deadline=120.0))
+        while not errand.done():
+            slot = (await realm_client.describe(ERRAND)).slot("robot")
+            if slot and slot.child and slot.why and not self._chosen:
+                self._chosen, self._because = slot.child.name, slot.why
+                self._note(f"an errand: {slot.why}")
+            await asyncio.sleep(LISTEN / 4)
+        self._note(f"the errand of {self._chosen}: {await errand}")
+        self._counts["errands"] += 1
+
+    async def _until_it_charges(self) -> None:
+        while (await self._realm_client.describe(ROBOT)).busy != "charge":  # noqa: ASYNC110 # it is asked
+            await asyncio.sleep(LISTEN)
 
     async def _leave_an_order(self) -> str:
         """Leave an order while it is away at its charging place; return its key."""
-        while (await self._realm_client.describe(ROBOT)).busy != "charge":  # noqa: ASYNC110 # it is asked
-            await asyncio.sleep(LISTEN)
+        await self._until_it_charges()
         left = await self._realm_client.orders.leave(ROBOT, "say", {"text": "I am back."}, may_take=60.0)
         self._note(f"order {left.order.ticket} is left for it while it charges")
         return left.order.key

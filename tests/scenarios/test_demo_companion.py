@@ -32,5 +32,8 @@ def test_an_evening_with_three_visitors_ends_well(tmp_path: Path) -> None:
     assert verdict["ok"]
     assert (verdict["greeted"], verdict["cups"], verdict["dropped"], verdict["left_early"]) == (3, 2, 1, 1)
     assert (verdict["role_changes"], verdict["stops"], verdict["refused"]) == (1, 1, 3)
-    assert (verdict["interrupted"], verdict["orders"]) == (1, 1)
+    assert (verdict["interrupted"], verdict["spoken"]) == (1, "by mouth and ears")
+    assert (verdict["orders"], verdict["errands"], verdict["chosen"]) == (1, 1, "cart-2")
+    assert verdict["because"].startswith("cart-2 is free"), verdict["because"]
+    assert "cart-1 carries out move" in verdict["because"], "it was asked for a bid, too"
     assert verdict["peak_force_n"] < 60
