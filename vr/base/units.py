@@ -1,8 +1,8 @@
 """Units and ranges of numbers, and how text such as `10 cm` becomes a number in the unit asked for.
 
-A number without a unit is meant in the declared one. `pint` knows all other units; it is imported only
-when a text really names another one. What a caller wrote is matched by a narrow grammar first, so that
-nothing that looks like a formula ever reaches a parser.
+A number without a unit is meant in the declared one. Usual units are converted by a table; `pint` knows all
+others, and is imported only when a text names one of them. What a caller wrote is matched by a narrow grammar
+first, so that nothing that looks like a formula ever reaches a parser.
 """
 
 from __future__ import annotations
@@ -59,6 +59,15 @@ _USUAL = {
     "bar", "%", "count",
 }  # fmt: skip
 """Known without `pint`, which takes 0.4 s to load."""
+SCALES: dict[str, tuple[str, float, float]] = {
+    "m": ("length", 1, 1), "cm": ("length", 1, 100), "mm": ("length", 1, 1000), "km": ("length", 1000, 1),
+    "in": ("length", 127, 5000), "s": ("time", 1, 1), "ms": ("time", 1, 1000), "min": ("time", 60, 1),
+    "h": ("time", 3600, 1), "rad": ("angle", 1, 1), "deg": ("angle", math.pi, 180),
+    "°": ("angle", math.pi, 180),
+    "m/s": ("speed", 1, 1), "cm/s": ("speed", 1, 100), "mm/s": ("speed", 1, 1000), "km/h": ("speed", 5, 18),
+}  # fmt: skip
+"""Converted without `pint`: the first call with `10 cm` would wait until it is loaded, on a busy machine for
+longer than its caller does. What each measures, and its parts of the SI unit: numerator and denominator."""
 _WORDS = {
     **dict.fromkeys(("metre", "metres", "meter", "meters"), "m"),
     **dict.fromkeys(("centimetres", "centimeters"), "cm"),
@@ -104,7 +113,7 @@ def read_quantity(text: str, unit: str) -> float:
 
 
 def takes_long(text: str, unit: str) -> bool:
-    """Whether `read_quantity` has to load `pint` first (0.4 s), for the text names another unit.
+    """Whether `read_quantity` has to load `pint` first (0.4 s), for the text names a unit that is not usual.
 
     Args:
         text: as it came.
@@ -113,7 +122,7 @@ def takes_long(text: str, unit: str) -> bool:
     if _registry.cache_info().currsize:
         return False
     found = _QUANTITY.fullmatch(text.strip()) if len(text) <= _LONGEST else None
-    return found is not None and found[2].strip() not in {"", unit}
+    return found is not None and found[2].strip() not in {"", unit} and not _scaled(found[2].strip(), unit)
 
 
 def convert(number: float, given: str, wanted: str) -> float:
@@ -172,7 +181,15 @@ def _expect_known(symbol: str) -> None:
     raise ValueError(f"the unit {symbol!r} is not known{nearest}")
 
 
+def _scaled(given: str, wanted: str) -> bool:
+    """Whether both units are usual ones of the same dimension."""
+    return given in SCALES and wanted in SCALES and SCALES[given][0] == SCALES[wanted][0]
+
+
 def _convert(number: float, given: str, wanted: str) -> float:
+    if _scaled(given, wanted):
+        (_, times, by), (_, per, of) = SCALES[given], SCALES[wanted]
+        return number * (times * of) / (by * per)
     import pint
 
     registry = _registry()

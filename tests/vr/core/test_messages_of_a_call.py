@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import subprocess
 import sys
 from typing import Annotated, Any
 
+import pint
 import pytest
 
 from robotree.vr import Robot, Unit, command
 from robotree.vr.agents.outside import ACCEPTED_WITHIN
 from robotree.vr.base.errors import CommandFailed, Unreachable
 from robotree.vr.base.requests import Call, decode_reply
+from robotree.vr.base.units import SCALES, convert
 from robotree.vr.exchange.client import RobotClient
 
 
@@ -98,15 +101,28 @@ async def test_a_number_that_comes_as_text_starts_no_thread(realm: Any) -> None:
         assert await realm.client(agent).call("move", {"x": text}) == 0.3
 
 
-def test_only_a_unit_that_is_not_the_declared_one_has_to_be_loaded() -> None:
+def test_only_a_unit_that_is_not_usual_has_to_be_loaded() -> None:
     code = (
         "import sys; from robotree.vr.base.units import takes_long, read_quantity as read; "
-        "assert not any(takes_long(text, 'm') for text in ('1', '1 m', 'red', '')); "
-        "assert takes_long('1 cm', 'm') and 'pint' not in sys.modules; "
-        "assert read('1 cm', 'm') == 0.01 and not takes_long('1 cm', 'm')"
+        "assert not any(takes_long(text, 'm') for text in ('1', '1 m', '1 cm', '1 in', 'red', '')); "
+        "assert read('1 cm', 'm') == 0.01 and takes_long('1 ft', 'm') and takes_long('1 s', 'm'); "
+        "assert 'pint' not in sys.modules; "
+        "assert abs(read('1 ft', 'm') - 0.3048) < 1e-9 and not takes_long('1 ft', 'm')"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(("given", "wanted"), list(itertools.product(SCALES, repeat=2)))
+def test_a_usual_unit_means_what_pint_says(given: str, wanted: str) -> None:
+    if SCALES[given][0] != SCALES[wanted][0]:
+        with pytest.raises(ValueError, match="cannot be turned into"):
+            convert(1.0, given, wanted)
+        return
+    quantity: Any = pint.Quantity
+    for number in (1.0, 0.37, 55.0, -12.5):
+        meant = quantity(number, given).to(wanted).magnitude
+        assert convert(number, given, wanted) == pytest.approx(meant, rel=1e-15)
 
 
 async def test_what_a_result_is_comes_with_it_to_a_caller_that_asks(realm: Any, replies: list[str]) -> None:
