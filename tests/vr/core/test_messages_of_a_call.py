@@ -113,15 +113,17 @@ def test_only_a_unit_that_is_not_usual_has_to_be_loaded() -> None:
     assert done.returncode == 0, done.stderr
 
 
+REGISTRY: Any = pint.UnitRegistry()
+
+
 @pytest.mark.parametrize(("given", "wanted"), list(itertools.product(SCALES, repeat=2)))
 def test_a_usual_unit_means_what_pint_says(given: str, wanted: str) -> None:
     if SCALES[given][0] != SCALES[wanted][0]:
         with pytest.raises(ValueError, match="cannot be turned into"):
             convert(1.0, given, wanted)
         return
-    quantity: Any = pint.Quantity
     for number in (1.0, 0.37, 55.0, -12.5):
-        meant = quantity(number, given).to(wanted).magnitude
+        meant = REGISTRY.Quantity(number, given).to(wanted).magnitude
         assert convert(number, given, wanted) == pytest.approx(meant, rel=1e-15)
 
 
