@@ -6,7 +6,7 @@ import asyncio
 import itertools
 import subprocess
 import sys
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import pint
 import pytest
@@ -113,7 +113,7 @@ def test_only_a_unit_that_is_not_usual_has_to_be_loaded() -> None:
     assert done.returncode == 0, done.stderr
 
 
-REGISTRY: Any = pint.UnitRegistry()
+REGISTRY = cast("Any", pint.UnitRegistry())
 
 
 @pytest.mark.parametrize(("given", "wanted"), list(itertools.product(SCALES, repeat=2)))
