@@ -42,6 +42,12 @@ def test_a_line_is_understood_or_refused_in_a_sentence(surface: Surface, given_w
         assert line.verb in surface.shapes
 
 
+@pytest.mark.parametrize("made", ["host hall:h", "directory hall:d", "space serve hall:jobs"])
+def test_what_is_made_here_is_called_without_a_site(made: str) -> None:
+    with pytest.raises(VrError, match="hall:"):
+        manual.shell().parse(made.split())
+
+
 @pytest.mark.parametrize("verb", VERBS)
 @pytest.mark.parametrize(
     "wrong", ["--nosuch", "--json=yes", "--realm", "--within=soon --nosuch", "a/b c d e f g h"]

@@ -70,7 +70,9 @@ CHECKS: Mapping[str, Callable[[str], None]] = {
 }
 """By name of the blank."""
 
-MAKES = frozenset({"create", "host", "lookup", "new", "proxy", "realm invite", "space", "view"})
+MAKES = frozenset(
+    {"create", "directory", "host", "lookup", "new", "proxy", "realm invite", "space serve", "view"}
+)
 """Verbs that make what NAME names: here, so without a site."""
 
 
