@@ -9,6 +9,7 @@
     replace(path, data)     a file that is the old one or the new one, whatever happens meanwhile
     sync_folder(path)       the names in a folder survive a loss of power, too
     overwrite(path, data)   a file of ours, or a new one; never through a link that another user made
+    named.NamedFiles        values that people name, each in a file of a folder
     forks                   what a forked child of this process must not keep open
 
 Everything that is wrong is an `OSError`, whose `strerror` is a clause such as "it is a FIFO, not a file".

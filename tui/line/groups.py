@@ -47,7 +47,7 @@ def meant(realm_client: RealmClient, line: Line) -> str:
     """
     blank = BY_VERB[line.verb].members
     name = line.text(blank).partition(".")[0] if blank else ""
-    if not name or not realm_client.groups.has(name) or realm_client.directory.present("robot", name):
+    if not name or name not in realm_client.groups.names() or realm_client.directory.present("robot", name):
         return ""
     return name
 

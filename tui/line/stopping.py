@@ -46,7 +46,7 @@ def stop(line: Line, realm: str) -> int:
     """
     console = Console(as_json=line.flag("--json"))
     everywhere, name = line.flag("--everywhere"), line.text("NAME") or None
-    if name is not None and not everywhere and GroupFiles(state_of(realm_folder(realm).name)).has(name):
+    if not everywhere and name in GroupFiles(state_of(realm_folder(realm).name)).names():
         return to_the_end(once(line, realm))
     folders = all_realms() if everywhere else [realm_folder(realm)]
     order, answers, held = line.order or token(), dict[Path, Answer](), dict[Path, HeldOrders]()

@@ -9,14 +9,13 @@ one controller share one, and a place is refused to a robot of another frame ins
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import msgspec
 
-from robotree.files import private_folder, read, replace
+from robotree.files.named import NamedFiles
 from robotree.tui.errors import ValueRefused
 from robotree.tui.seen.angles import IN_DEGREES
 
@@ -75,71 +74,26 @@ def coordinate_gap(name: str) -> str:
     return "" if COORDINATES[name] in IN_DEGREES else " "
 
 
-class PlaceFiles:
-    """The places of one realm. May be used in any thread."""
+class PlaceFiles(NamedFiles[NamedPlace]):
+    """The places of one realm. `ValueRefused`: there is none of a name, or it cannot be read or kept."""
 
     def __init__(self, folder: Path | None) -> None:
         """Take the folder in which the realm keeps its things; None: it keeps nothing, and has no places."""
-        self._folder = None if folder is None else folder / FOLDER
+        super().__init__(
+            folder,
+            FOLDER,
+            NamedPlace,
+            LARGEST,
+            check=checked,
+            unknown=_unknown,
+            unusable=lambda _, reason: ValueRefused("PLACE", reason),
+            refusal=ValueRefused,
+        )
 
-    def names(self) -> list[str]:
-        """Return the names of all places."""
-        if self._folder is None:
-            return []
-        try:
-            return sorted(path.stem for path in self._folder.iterdir() if path.suffix == ".json")
-        except OSError:
-            return []
 
-    def all(self) -> Mapping[str, NamedPlace]:
-        """Return all places that can be read, by name."""
-        found: dict[str, NamedPlace] = {}
-        for name in self.names():
-            with contextlib.suppress(ValueRefused):
-                found[name] = self.find(name)
-        return found
-
-    def find(self, name: str) -> NamedPlace:
-        """Return one place.
-
-        Raises:
-            ValueRefused: there is none of this name, or its file cannot be read.
-        """
-        if self._folder is None or name not in self.names():
-            known = ", ".join(f"@{each}" for each in self.names()) or "none"
-            raise ValueRefused("PLACE", f"there is no place @{name}; known: {known}")
-        path = self._folder / f"{name}.json"
-        try:
-            place = msgspec.json.decode(read(path, LARGEST), type=NamedPlace)
-        except (OSError, msgspec.MsgspecError) as error:
-            raise ValueRefused("PLACE", f"{path} cannot be read: {error}") from None
-        return checked(msgspec.structs.replace(place, name=name))
-
-    def write(self, place: NamedPlace) -> None:
-        """Keep a place, instead of the one that had its name.
-
-        Raises:
-            ValueRefused: it cannot be one, or cannot be kept.
-        """
-        checked(place)
-        if self._folder is None:
-            raise ValueRefused("PLACE", "this realm keeps nothing, so it has no places")
-        try:
-            private_folder(self._folder)
-            replace(self._folder / f"{place.name}.json", msgspec.json.encode(place))
-        except OSError as error:
-            raise ValueRefused("PLACE", f"{error.filename}: {error.strerror}") from None
-
-    def delete(self, name: str) -> None:
-        """Forget a place.
-
-        Raises:
-            ValueRefused: there is none of this name.
-        """
-        self.find(name)
-        assert self._folder is not None  # noqa: S101 # else it was not found
-        with contextlib.suppress(FileNotFoundError):
-            (self._folder / f"{name}.json").unlink()
+def _unknown(name: str, known: list[str]) -> ValueRefused:
+    names = ", ".join(f"@{each}" for each in known) or "none"
+    return ValueRefused("PLACE", f"there is no place @{name}; known: {names}")
 
 
 def checked(place: NamedPlace) -> NamedPlace:
