@@ -15,7 +15,7 @@ import re
 import tomllib
 from collections.abc import Collection, Sequence
 from importlib.metadata import PackageNotFoundError, version
-from typing import Literal, get_args
+from typing import Literal
 
 import msgspec
 from packaging.requirements import InvalidRequirement, Requirement
@@ -29,7 +29,6 @@ RequirementPolicy = Literal["refuse", "allowlist", "locked"]
 """What a host does with a page of somebody else that needs packages. refuse: it does not run. allowlist: it
 runs if they are installed and their names are on the host's list. locked: it runs if each is named with one
 version (`numpy==2.1.0`) and that one is installed."""
-POLICIES: tuple[RequirementPolicy, ...] = get_args(RequirementPolicy)
 
 _BLOCK = re.compile(r"(?m)^# /// script$\s(?P<content>(^#(| .*)$\s)+)^# ///$")
 """PEP 723's own pattern, for the one type of block that is meant."""

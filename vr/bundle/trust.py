@@ -97,10 +97,6 @@ class Signers(NamedTuple):
         """Return the line of a key; None: there is none."""
         return next((one for one in self.known if one.key == key and not one.authority), None)
 
-    def authorities(self, key: PublicKey) -> Iterable[Signer]:
-        """Return the lines of a realm's authority."""
-        return (one for one in self.known if one.key == key and one.authority)
-
 
 def read_signers(text: str, path: str) -> tuple[Signer, ...]:
     """Read a file of trust.

@@ -60,14 +60,3 @@ def members_among(
         for name in present - robots.keys() - found.keys():
             found[name] = GroupMember(name, None, "does not answer", sure=False)
     return [found[name] for name in sorted(found)]
-
-
-async def groups_of(realm_client: RealmClient, robots: Sequence[RobotDescription]) -> dict[str, list[str]]:
-    """Return the names of the groups of each robot, as far as they can be read."""
-    found: dict[str, list[str]] = {}
-    for name, group in realm_client.groups.all().items():
-        rule = member_rule(group, realm_client.groups.find)
-        for robot in robots:
-            if rule.holds(KnownRobot.described(robot)):
-                found.setdefault(robot.name, []).append(name)
-    return found
