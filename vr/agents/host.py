@@ -74,8 +74,8 @@ from robotree.vr.base.transport import Registration, Transport
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.admission import Clearance, Gate, is_own
 from robotree.vr.bundle.bundle import bundle_of, is_script, request_of
+from robotree.vr.bundle.child_calls import choosing
 from robotree.vr.bundle.loader import LIMIT
-from robotree.vr.bundle.needs import choosing
 from robotree.vr.core.bonds import DEFAULT_TERM
 from robotree.vr.core.machine import LONGEST_DEADLINE, RobotState
 from robotree.vr.exchange.authority import Here, RobotThere

@@ -12,9 +12,9 @@ from robotree.files import read
 from robotree.vr.base.errors import BadBundle, BrokenSource, NoSigningKey
 from robotree.vr.base.permissions import ALL, Permissions, SignedManifest
 from robotree.vr.bundle.bundle import Bundle, is_script
+from robotree.vr.bundle.child_calls import needs
 from robotree.vr.bundle.file import BundleFile
 from robotree.vr.bundle.manifest import PANEL, PROGRAM, Manifest, expect_inside
-from robotree.vr.bundle.needs import needs
 from robotree.vr.bundle.requirements import declared
 from robotree.vr.bundle.trust import NAMESPACE
 from robotree.vr.sites.ssh import PrivateKey, private_key, public_text, signature_of
