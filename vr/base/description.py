@@ -327,7 +327,7 @@ class RobotDescription(_Agent, frozen=True, kw_only=True, omit_defaults=True):
     in_doubt: bool = False
     """Whether it is not known at the moment if it has arrived there."""
     placement: Placement = "manual"
-    """How it is moved: see `hosting.Placement`."""
+    """How it is moved: see `Placement`."""
     placed: str = ""
     """Why it has moved to where it is, as a sentence; empty: people have put it there."""
     advice: str = ""

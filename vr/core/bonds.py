@@ -111,7 +111,7 @@ class Lease(msgspec.Struct, frozen=True, kw_only=True):
     life: int = 0
     """How often its holder was started with its journal; 0: it keeps none."""
     heir: str = ""
-    """Its parent may go on in another process, which shows what has this hash (`heirs.seal_of`); empty: it
+    """Its parent may go on in another process, which shows what has this hash (`seal_of`); empty: it
     does not."""
     before: int = -1
     """Epoch that the present process of the parent has named first; -1: it is the one that asked for it."""

@@ -244,7 +244,7 @@ class Prolong(_Event, frozen=True, kw_only=True):
     heir: str = ""
     """See `bonds.Lease.heir`."""
     proof: str = ""
-    """Shown by the process in which the parent goes on after a move: see `heirs.proof_of`."""
+    """Shown by the process in which the parent goes on after a move: see `bonds.proof_of`."""
     is_there: bool = True
     """Whether it is present; else its process has ended since it asked, and its next one is its heir."""
     unix: float = 0.0
