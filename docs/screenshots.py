@@ -1,6 +1,6 @@
 """Takes the pictures of the full screen: the real supervisor over the real demo, as SVG.
 
-    python docs/screenshots.py [SCENE …] [--out FOLDER] [--png]
+    python docs/screenshots.py [SCENE …] [--size SIZE] [--out FOLDER] [--png]
 
 Without a name all scenes are taken, into `docs/screens/NAME-SIZE.svg`, and the one for the README into
 `docs/supervisor.svg`. `--png` writes a PNG beside each with `rsvg-convert`, to be looked at. It starts the
@@ -44,22 +44,16 @@ from robotree.vr.supervision.realm_client import RealmClient
 HERE = Path(__file__).parent
 EXAMPLES = HERE.parent / "examples"
 REALM = "demo"
-BIG, USUAL, SMALL, COLOURS, SIXTEEN = "160x48", "80x24", "50x15", "256-colours", "16-colours"
-TINY = "40x20"
-SIZES = {
-    BIG: (160, 48),
-    USUAL: (80, 24),
-    SMALL: (50, 15),
-    COLOURS: (120, 32),
-    SIXTEEN: (80, 24),
-    TINY: (40, 20),
-}
-REDUCED = {COLOURS: 256, SIXTEEN: 16}
+SIZES = {"200x60": (200, 60), "120x34": (120, 34), "80x24": (80, 24), "40x20": (40, 20)}
+"""Of which each page has a picture."""
+SIXTEEN = "16-colours"
+OF_COLOURS = {SIXTEEN: (80, 24)}
+REDUCED = {SIXTEEN: 16}
 """Number of colours, where they are not all."""
 TERMINAL = "tty3"
 """At which the person sits who presses the keys."""
-LOOKING = "looking through"
-"""Instead of a picture that has not come yet."""
+LOOKING = re.compile("looking through|is listened to")
+"""Instead of a picture, or of messages, that have not come yet."""
 SETTLED = 1.5
 """[s] for what was asked for to be drawn, and for what moves to be on its way."""
 README = ("lever", (120, 30))
@@ -92,24 +86,24 @@ Scene = Callable[[Stage], Awaitable[None]]
 SCENES: dict[str, tuple[Scene, tuple[str, ...]]] = {}
 
 
-def scene(*sizes: str) -> Callable[[Scene], Scene]:
-    """Enter a scene, under the name of its function, at these sizes."""
+def scene(*more: str) -> Callable[[Scene], Scene]:
+    """Enter a scene, under the name of its function, at each size and at these."""
 
     def keep(play: Scene) -> Scene:
-        SCENES[play.__name__.replace("_", "-")] = (play, sizes)
+        SCENES[play.__name__.replace("_", "-")] = (play, (*SIZES, *more))
         return play
 
     return keep
 
 
-@scene(BIG, USUAL, SMALL, COLOURS, SIXTEEN)
+@scene(SIXTEEN)
 async def lever(stage: Stage) -> None:
     """The lever closes: three robots work together."""
     stage.app.run_typed("call lever.close")
     await stage.settle()
 
 
-@scene(BIG, USUAL, SMALL, COLOURS, SIXTEEN)
+@scene(SIXTEEN)
 async def stopped(stage: Stage) -> None:
     """Everything was stopped while the lever opened."""
     stage.app.run_typed("call lever.open")
@@ -118,13 +112,13 @@ async def stopped(stage: Stage) -> None:
     await stage.settle()
 
 
-@scene(BIG, USUAL, SMALL, SIXTEEN)
+@scene()
 async def panel(stage: Stage) -> None:
     """The form of a command."""
     await stage.open("panel", "mover")
 
 
-@scene(BIG, USUAL, SMALL, COLOURS)
+@scene()
 async def teleoperation(stage: Stage) -> None:
     """The arm is driven by hand."""
     await stage.realm_client.release("mover", "arm")
@@ -135,19 +129,47 @@ async def teleoperation(stage: Stage) -> None:
     await stage.settle()
 
 
-@scene(BIG, USUAL, SMALL)
+@scene()
 async def create(stage: Stage) -> None:
     """A virtual robot is about to be made."""
     await stage.open("create")
 
 
-@scene(USUAL, SMALL)
+@scene()
+async def compose(stage: Stage) -> None:
+    """A virtual robot is put together without code."""
+    await stage.open("compose")
+
+
+@scene()
+async def enslave(stage: Stage) -> None:
+    """A robot is about to get a child."""
+    with contextlib.suppress(VrError):
+        await stage.realm_client.release("mover", "arm")
+    await stage.settle()
+    await stage.open("enslave", "mover")
+
+
+@scene()
+async def messages(stage: Stage) -> None:
+    """What crosses the wire of the arm."""
+    await stage.open("messages", "arm-1")
+    await stage.pilot.pause(3.0)
+
+
+@scene()
+async def orders(stage: Stage) -> None:
+    """What robots that are away will find."""
+    await stage.open("orders")
+
+
+@scene()
 async def confirm(stage: Stage) -> None:
     """A question before something is taken away."""
     await stage.open("delete", "square")
 
 
-@scene(USUAL, SMALL)
+@scene()
 async def prompt(stage: Stage) -> None:
     """A verb is being typed."""
     await stage.key("prompt")
@@ -155,7 +177,7 @@ async def prompt(stage: Stage) -> None:
     await stage.settle()
 
 
-@scene(USUAL, SMALL)
+@scene()
 async def log(stage: Stage) -> None:
     """All that happened."""
     for line in (
@@ -171,7 +193,7 @@ async def log(stage: Stage) -> None:
     await stage.open("log")
 
 
-@scene(BIG, USUAL, SMALL, SIXTEEN)
+@scene(SIXTEEN)
 async def readings(stage: Stage) -> None:
     """Readings over time, with an alarm, while the arm moves."""
     for name in ("x", "z", "fz"):
@@ -183,7 +205,7 @@ async def readings(stage: Stage) -> None:
     await stage.pilot.pause(6.0)
 
 
-@scene(BIG, USUAL, SMALL, SIXTEEN)
+@scene()
 async def where(stage: Stage) -> None:
     """Where the lever is in its page."""
     stage.app.run_typed("call lever.close")
@@ -192,7 +214,7 @@ async def where(stage: Stage) -> None:
     await stage.pilot.pause(2.0)
 
 
-@scene(BIG, USUAL, SMALL, SIXTEEN)
+@scene()
 async def parts(stage: Stage) -> None:
     """The list in parts by state, while the lever closes."""
     stage.app.run_typed("call lever.close")
@@ -201,19 +223,19 @@ async def parts(stage: Stage) -> None:
     await stage.settle()
 
 
-@scene(BIG, USUAL)
+@scene()
 async def views(stage: Stage) -> None:
     """The pictures of the workspace."""
     await stage.open("views")
 
 
-@scene(BIG, USUAL, SMALL, SIXTEEN)
+@scene(SIXTEEN)
 async def plan(stage: Stage) -> None:
     """The place of the arm from above, with two named places and the way to the cursor."""
     await at_the_plan(stage)
 
 
-@scene(BIG, USUAL, SMALL, SIXTEEN)
+@scene()
 async def going(stage: Stage) -> None:
     """The arm is about to be sent somewhere, and says which way it would take."""
     await at_the_plan(stage)
@@ -234,7 +256,7 @@ async def at_the_plan(stage: Stage) -> None:
     await stage.settle()
 
 
-@scene(BIG, USUAL, SMALL, SIXTEEN)
+@scene()
 async def together(stage: Stage) -> None:
     """All cameras side by side, and a point in one of them."""
     with contextlib.suppress(VrError):
@@ -247,20 +269,20 @@ async def together(stage: Stage) -> None:
     await stage.settle()
 
 
-@scene(BIG, USUAL)
+@scene()
 async def help(stage: Stage) -> None:  # noqa: A001 # the scene is named after the verb
     """All keys."""
     await stage.open("help")
 
 
-@scene(TINY)
+@scene()
 async def user(stage: Stage) -> None:
     """What people see who do not operate robots."""
     stage.app.perform(stage.app.prompt.parse(["call", "lever.close"]))
     await stage.settle()
 
 
-@scene(TINY)
+@scene()
 async def doing(stage: Stage) -> None:
     """The form of something that can be done."""
     await stage.pilot.press("down", "enter")
@@ -317,7 +339,7 @@ async def take(
         await stage.settle()
         await SCENES[name][0](stage)
         for _ in range(100):
-            if not any(LOOKING in strip.text for strip in strips(app)):
+            if not any(LOOKING.search(strip.text) for strip in strips(app)):
                 break
             await pilot.pause(0.1)
         text = svg(strips(app), f"robotree: {name}", colours=colours)
@@ -346,27 +368,30 @@ def _without_folder(line: Strip) -> Strip:
     return Strip([Segment(path.sub(short, text), style, control) for text, style, control in line])
 
 
-async def shoot(names: list[str], folder: Path) -> list[Path]:
-    """Take the pictures of these scenes; return where they are."""
+async def shoot(names: list[str], size: str, folder: Path) -> list[Path]:
+    """Take the pictures of these scenes at a size, or at all; return where they are."""
     await asyncio.to_thread(folder.mkdir, parents=True, exist_ok=True)
     async with Crew(REALM, key=str(realm_key(REALM))) as crew:
         await cast(crew)
         async with joined(REALM) as realm_client:
             with sitting_at(TERMINAL):
-                return await play(realm_client, names, folder)
+                return await play(realm_client, names, size, folder)
 
 
-async def play(realm_client: RealmClient, names: list[str], folder: Path) -> list[Path]:
+async def play(realm_client: RealmClient, names: list[str], only: str, folder: Path) -> list[Path]:
     """Play the scenes of these names; return where their pictures are."""
     taken: list[Path] = []
     await prepare(realm_client)
     for name in names:
         for label in SCENES[name][1]:
+            if only not in {"", label}:
+                continue
             path = folder / f"{name}-{label}.svg"
-            await take(realm_client, name, SIZES[label], path, colours=REDUCED.get(label, 0))
+            size = (SIZES | OF_COLOURS)[label]
+            await take(realm_client, name, size, path, colours=REDUCED.get(label, 0))
             await tidy(realm_client)
             taken.append(path)
-    if README[0] in names:
+    if README[0] in names and not only:
         await take(realm_client, *README, folder.parent / "supervisor.svg")
         taken.append(folder.parent / "supervisor.svg")
     return taken
@@ -376,12 +401,13 @@ def main() -> None:
     """Take the pictures that the command line names."""
     reader = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     reader.add_argument("scene", nargs="*", choices=[*SCENES, []], help="all, if none is named")
+    reader.add_argument("--size", default="", choices=[*SIZES, *OF_COLOURS], help="only this one")
     reader.add_argument("--out", type=Path, default=HERE / "screens", help="folder of the pictures")
     reader.add_argument("--png", action="store_true", help="a PNG beside each, made by rsvg-convert")
     given = reader.parse_args()
     with tempfile.TemporaryDirectory(prefix="rt-") as apart:  # no realm and no state of the user's
         os.environ.update(XDG_RUNTIME_DIR=apart, XDG_STATE_HOME=apart)
-        for path in asyncio.run(shoot(given.scene or list(SCENES), given.out)):
+        for path in asyncio.run(shoot(given.scene or list(SCENES), given.size, given.out)):
             sys.stdout.write(f"{path}\n")
             if given.png:
                 picture = str(path.with_suffix(".png"))

@@ -132,11 +132,32 @@ class Lines:
             self.say("Not done.")
         elif typed in LEAVE:
             self._left.set()
-        elif typed in {"help", "?"}:
-            self.say("\n".join(f"{one.usage}: {one.help}" for one in self.surface.actions if one.run))
-            self.say("quit: Leave; the robots stay as they are.")
+        elif typed == "?" or typed.split()[:1] == ["help"]:
+            self._help(typed.partition(" ")[2].strip().lower())
         elif typed:
             self._understand(typed)
+
+    def _help(self, about: str) -> None:
+        """Say which verbs there are, by topic; or all of one topic; or one verb with its examples."""
+        groups = {
+            topic: verbs
+            for topic, actions in self.surface.groups.items()
+            if (verbs := [one for one in actions if one.run])
+        }
+        found = next((one for verbs in groups.values() for one in verbs if one.verb == about), None)
+        topics = [topic for topic in groups if about and topic.lower().startswith(about)]
+        if found is not None:
+            examples = (f"Example: {one}" for one in found.examples)
+            self.say("\n".join([f"{found.usage}: {found.help}", *examples]))
+        elif topics:
+            self.say("\n".join(f"{one.usage}: {one.help}" for topic in topics for one in groups[topic]))
+        elif about:
+            self.say(f"Error: {about!r} is no verb and no topic; type help for all topics")
+        else:
+            for topic, verbs in groups.items():
+                self.say(f"{topic}: {', '.join(one.verb for one in verbs)}")
+            self.say("Type help and the first word of a topic, or a verb, for more.")
+            self.say("quit: Leave; the robots stay as they are.")
 
     def _understand(self, typed: str) -> None:
         from robotree.vr.base.errors import VrError

@@ -94,8 +94,19 @@ async def test_mistakes_get_a_sentence_and_help_names_every_verb(lines: tuple[Li
         plain.take(typed)
         await until(lambda before=before, sentence=sentence: sentence in said()[before:], typed)
     plain.take("help")
-    assert "stop [NAME] [--everywhere]: Protective stop" in said()
     assert "quit: Leave" in said()
+    topics = dict(line.split(": ", 1) for line in said().splitlines() if ": " in line)
+    for topic, actions in plain.surface.groups.items():
+        if verbs := [one.verb for one in actions if one.run]:
+            assert topics[topic] == ", ".join(verbs)
+    assert len(said().splitlines()) < 40, "a person hears it all"
+    for about, sentence in (
+        ("command", "stop [NAME] [--everywhere]: Protective stop"),
+        ("resume", "Example: resume"),
+        ("dance", "'dance' is no verb and no topic"),
+    ):
+        plain.take(f"help {about}")
+        assert sentence in said()
 
 
 def test_what_is_only_drawn_is_left_out_and_the_tree_keeps_its_indent() -> None:

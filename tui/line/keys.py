@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 _SPELLED = {
+    "left_parenthesis": "(", "right_parenthesis": ")",
     "question_mark": "?", "slash": "/", "colon": ":", "comma": ",", "full_stop": ".",
     "escape": "esc", "enter": "⏎", "up": "↑", "down": "↓", "left": "←", "right": "→",
     "greater_than_sign": ">", "pageup": "pgup", "pagedown": "pgdn",

@@ -28,6 +28,7 @@ async def who(realm_client: RealmClient, _line: Line, _teller: Teller) -> Outcom
             {"person": each.person, "page": each.page, "robot": each.robot, "since": each.since}
             for each in here
         ],
+        "silent_sites": list(realm_client.operators.silent),
         "control": [
             {
                 "robot": robot.name,
@@ -44,6 +45,8 @@ async def who(realm_client: RealmClient, _line: Line, _teller: Teller) -> Outcom
     robots = [("ROBOT", "CONTROL", "SINCE", "")]
     robots += [(robot.name, robot.operator, _clock(robot.operator_since), _wish(robot)) for robot in held]
     first = wording.columns(rows) if here else "nobody has the full screen open"
+    if silent := realm_client.operators.silent:
+        first += f"\nnot heard, so who sits there is not known: {', '.join(silent)}"
     second = wording.columns(robots) if held else "nobody has control of a robot: all may command it"
     return Outcome(data, f"{first}\n\n{second}")
 

@@ -42,6 +42,8 @@ class Layout(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forb
     """Of the log: good, warning, error."""
     share: int = 40
     """[%] of the page below the list."""
+    picture: int = 50
+    """[%] of that which the picture has."""
     filters: dict[str, str] = {}
     """Saved filters by name."""
     ticked: dict[str, list[str]] = {}
@@ -56,7 +58,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
 }
 """The words that a part may have."""
 LEAST, MOST = 20, 80
-"""[%] of the page below the list."""
+"""[%] of the page below the list, and of that which the picture has."""
 
 
 class LayoutFile:
@@ -132,8 +134,9 @@ def _understood(text: bytes) -> Layout:
     for part, choices in CHOICES.items():
         if (word := getattr(layout, part)) not in choices:
             raise ValueError(f"{part}: {word!r} is none of {', '.join(filter(None, choices))}")
-    if not LEAST <= layout.share <= MOST:
-        raise ValueError(f"share: {layout.share} is not from {LEAST} to {MOST}")
+    for part in ("share", "picture"):
+        if not LEAST <= (percent := getattr(layout, part)) <= MOST:
+            raise ValueError(f"{part}: {percent} is not from {LEAST} to {MOST}")
     return layout
 
 

@@ -120,6 +120,7 @@ class Supervisor(OperatorApp):
         await self.push_screen(first)
         self.order_letters()
         await self.feed.open()
+        self.hear_streams()
         self.store.me = self.realm_client.operators.person
         self.realm_client.operators.on_said.append(self._hear)
         await self.realm_client.operators.open()
@@ -142,6 +143,7 @@ class Supervisor(OperatorApp):
     async def on_unmount(self) -> None:
         """Stop to listen."""
         await self.close_wires()
+        await self.streams.follow(())
         self.order_letters(ends=True)
         await self.feed.close()
 

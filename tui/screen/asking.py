@@ -46,7 +46,7 @@ Ask = Callable[[OperatorApp, Place], object]
 """Takes the supervisor, and what is selected: a robot, an empty slot, or nothing."""
 
 SHARE = 10
-"""[%] of the page by which a key makes the part below the list larger."""
+"""[%] by which a key makes the part below the list, or the picture in it, larger."""
 
 HELP = "help"
 """Title of the help."""
@@ -593,6 +593,8 @@ ASK: Mapping[str, Ask] = {
     "divide": lambda app, _place: in_front(app).divide(),
     "larger": lambda app, _place: in_front(app).share(SHARE),
     "smaller": lambda app, _place: in_front(app).share(-SHARE),
+    "broader": lambda app, _place: in_front(app).share_picture(SHARE),
+    "narrower": lambda app, _place: in_front(app).share_picture(-SHARE),
     "view next": lambda app, _place: in_front(app).next_filter(),
     "view use": lambda app, place: in_front(app).use_filter(place.name),
     "view save": lambda app, place: in_front(app).save_filter(place.name),

@@ -10,9 +10,11 @@ from __future__ import annotations
 from typing import IO, Any, cast
 
 from textual.driver import Driver
+from textual.drivers import linux_driver
 from textual.drivers.linux_driver import LinuxDriver
 from textual.message import Message
 
+from robotree.tui.screen.bounded_paste import BoundedPaste
 from robotree.tui.screen.keys_in_order import KeysInOrder
 from robotree.tui.terminal import forget_the_reader
 
@@ -52,6 +54,11 @@ class OutlivingDriver(LinuxDriver):
 
     stays = False
     """Whether the alternate screen is not left at the end, because another program is drawn over this one."""
+
+    def run_input_thread(self) -> None:
+        """Read the terminal, with pastes that have a largest size."""
+        setattr(linux_driver, "XTermParser", BoundedPaste)  # noqa: B010 # Textual makes the one of its module
+        super().run_input_thread()
 
     def send_message(self, message: Message) -> None:
         """Send what came from the terminal, unless too much waits (`KeysInOrder.admits`)."""

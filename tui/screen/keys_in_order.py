@@ -174,7 +174,9 @@ class KeysInOrder(App[ReturnType]):
             await self._next(taken)
 
     def _give_up(self, taken: _UnderWay) -> None:
-        log.warning("%r has not been dealt with for %g s; the keys after it are taken", taken.event, LIMIT)
+        if not self._exit:  # what ends takes its time, and nobody waits for its keys
+            what = f"the key {taken.event.key}" if isinstance(taken.event, Key) else "a click or a paste"
+            log.warning("%s has not been dealt with for %g s; the keys after it are taken", what, LIMIT)
         self.call_later(self._next, taken)
 
     async def _next(self, taken: _UnderWay) -> None:

@@ -45,6 +45,7 @@ from robotree.tui.seen.feeding import Feed
 from robotree.tui.seen.selection import Selection
 from robotree.tui.seen.series import Reading, named, reading_of
 from robotree.tui.seen.store import Store, Weight
+from robotree.tui.seen.streams import HeardStreams
 from robotree.tui.words import say
 from robotree.vr.base.errors import ChildCancelled, CommandCancelled, NotConfirmed, VrError
 from robotree.vr.exchange.attendance import Attendance
@@ -147,6 +148,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
             self.layout.keep_nothing()
             self.steps.keep_nothing()
         self.wires: dict[str, WireWatch] = {}  # by robot: wires that are watched
+        self.streams = HeardStreams(realm_client, self._heard_stream)
         self._tick_again()
         self._rung = self.store.watched.rung
         self.errors: list[Exception] = []  # those that the fence held back
@@ -289,6 +291,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         for robot in [one for one in self.wires if not self._has_ticked_fields(one)]:
             if not any(getattr(page, "robot", "") == robot for page in self.screen_stack):
                 self.leave_wire(robot)
+        self.hear_streams()
         names = [named(one) for one in ticked.series if "." not in one[1]]  # wires are not watched unasked
         kept = {**self.layout.layout.ticked, self.realm: names}
         self.layout.change(ticked={realm: names for realm, names in kept.items() if names})
@@ -298,6 +301,14 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         for name in self.layout.layout.ticked.get(self.realm, ()):
             if reading := reading_of(name):
                 self.store.watched.ticked.tick(reading)
+
+    def hear_streams(self) -> None:
+        """Listen to the streams that are ticked, and to no other."""
+        following = self.streams.follow(list(self.store.watched.ticked.series))
+        self.run_worker(following, exit_on_error=False, group="streams")
+
+    def _heard_stream(self, robot: str, numbers: Mapping[str, float]) -> None:
+        self.store.watched.take(robot, numbers, self.now())
 
     # -- the wires of proxies ----------------------------------------------------------------------
 

@@ -19,6 +19,9 @@ SITE: Final = "site"
 SILENT: Final = "silent"
 AT: Final = "at"
 
+CALLER: Final = "caller/"
+"""Begin of the keys of programs that ask for a person."""
+
 OWN: Final = ("site/", "silent/", "at/", "gateway/")
 """Begins of keys that a gateway uses itself: they never leave its machine."""
 

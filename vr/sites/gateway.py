@@ -26,7 +26,7 @@ from robotree.vr.base.chance import token
 from robotree.vr.base.envelope import Received
 from robotree.vr.base.errors import NoAnswer, NoSuchPermit, NotAMember, SiteSilent, VrError
 from robotree.vr.base.permit import Permit, on_clock, travelling
-from robotree.vr.base.places import OWN
+from robotree.vr.base.places import CALLER, OWN
 from robotree.vr.base.principal import Credentials, Voucher, user_name
 from robotree.vr.base.requests import (
     Accepted,
@@ -352,11 +352,11 @@ class Gateway:
     def _hear(self, site: Site, key: str, body: bytes) -> None:
         if site.stream is None or _agent(key) not in self._standing.local:
             return
-        if not self._showing.sees_sample(site, key, body):
+        if (shown := self._showing.shown(site, key, body)) is None:
             return
         if not is_state(key):
-            site.stream.publish(key, encode_frame(SiteSample(key, body)))
-        elif (state := site.summaries.take(key, body, self.now())) is not None:
+            site.stream.publish(key, encode_frame(SiteSample(key, shown)))
+        elif (state := site.summaries.take(key, shown, self.now())) is not None:
             site.stream.publish(key, encode_frame(state))
         self._flush_soon()
 
@@ -858,5 +858,6 @@ class Gateway:
 
 
 def _agent(key: str) -> str:
-    """Return the key of the agent that publishes under a key."""
-    return "/".join(key.split("/", 3)[:3])
+    """Return the key of the agent, or of the person's program, that publishes under a key."""
+    parts = 2 if key.startswith(CALLER) else 3
+    return "/".join(key.split("/", parts)[:parts])

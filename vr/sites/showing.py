@@ -13,10 +13,22 @@ import asyncio
 import logging
 from typing import NamedTuple, Protocol
 
+import msgspec
+
 from robotree.vr.base.address import Address
 from robotree.vr.base.errors import VrError
+from robotree.vr.base.places import CALLER
 from robotree.vr.base.policy import BY_NAME, Policy, PolicyTarget
-from robotree.vr.base.requests import ANSWER_WITHIN, Describe, Described, Listed, SiteSeen, decode_event
+from robotree.vr.base.requests import (
+    ANSWER_WITHIN,
+    Describe,
+    Described,
+    Listed,
+    OperatorHere,
+    SiteSeen,
+    decode_event,
+    encode,
+)
 from robotree.vr.base.transport import Transport
 from robotree.vr.exchange.asking import ask
 from robotree.vr.sites.certificates import MemberKind
@@ -112,20 +124,27 @@ class Showing:
             if sender not in site.told:
                 self._announce(site, sender, there=True)
 
-    def sees_sample(self, site: Site, key: str, body: bytes) -> bool:
-        """Whether a site may hear what is published under a key."""
+    def shown(self, site: Site, key: str, body: bytes) -> bytes | None:
+        """Return what a site may hear of what is published under a key; None: nothing."""
         if self._policy is None:
-            return True
+            return body
         address = Address.parse("/".join(key.split("/", 3)[:3]))
-        if address is None or address.role != "lookup":
-            return address is None or self._sees(site, address.key)
+        if key.startswith(CALLER) or (address is not None and address.role == "lookup"):
+            return self._shown_event(site, key, body)
+        return body if address is None or self._sees(site, address.key) else None
+
+    def _shown_event(self, site: Site, key: str, body: bytes) -> bytes | None:
+        """Return what a site may hear of an operator, or of what a lookup service lists."""
         try:
             news = decode_event(body, key=key)
         except VrError:
-            return False
+            return None
+        if isinstance(news, OperatorHere):  # the page, not of which robot
+            page = news.page.partition(" of ")[0]
+            return encode(msgspec.structs.replace(news, page=page, robot=""))
         if not isinstance(news, Listed):
-            return True
-        return self._allowed(site, news.listing.address, tuple(news.listing.kinds))
+            return body
+        return body if self._allowed(site, news.listing.address, tuple(news.listing.kinds)) else None
 
     def _announce(self, site: Site, key: str, *, there: bool) -> None:
         rank = self._gateway.rank(key) if there else 0

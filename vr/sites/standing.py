@@ -16,7 +16,7 @@ from collections.abc import Callable
 
 from robotree.vr.base.address import Address
 from robotree.vr.base.errors import TooManyKeys
-from robotree.vr.base.places import OWN, place_key, silent_key, site_key
+from robotree.vr.base.places import CALLER, OWN, place_key, silent_key, site_key
 from robotree.vr.network.mesh import TakeFrame
 from robotree.vr.sites.ground import Ground
 from robotree.vr.sites.site import Site
@@ -144,7 +144,7 @@ class Standing:
         self._ranks.pop(key, None)
 
     def _place(self, site: Site, key: str, *, there: bool) -> None:
-        if Address.parse(key) is not None:
+        if Address.parse(key) is not None or key.startswith(CALLER):
             self._say(place_key(site.name, key), there=there)
 
     def _begin(self, site: Site, key: str) -> None:

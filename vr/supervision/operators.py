@@ -4,6 +4,9 @@ Each program says under its own key who sits there, at each change and every `RO
 others to say so at once. Nothing is kept anywhere: who vanishes is gone from all lists when the program is.
 What a program says of the person it answers for itself; what counts, who has control of a robot, the robot
 knows.
+
+What is said crosses to the other sites of the realm by their gateways. A person at another site is named as
+robots name them, `anna@hall`; whether a site is heard at all, `silent` says.
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ from robotree.vr.base.address import user_of
 from robotree.vr.base.envelope import this_terminal
 from robotree.vr.base.errors import TransportError, VrError
 from robotree.vr.base.foreign import bounded
+from robotree.vr.base.places import Places
 from robotree.vr.base.principal import user_name
 from robotree.vr.base.requests import OperatorHere, OperatorSays, decode_event, encode
 from robotree.vr.base.transport import Registration, Transport
@@ -33,6 +37,8 @@ LONGEST: Final = 200
 """[characters] of a line that operators say."""
 ANSWER: Final = 0.4
 """[s] in which all who are awake have answered who asks who is here."""
+ANSWER_OF_SITES: Final = 1.5
+"""[s] in which those at other sites have: their gateways must hear first that somebody asks."""
 _HERE, _SAYS = "caller/*/here", "caller/*/says"
 
 
@@ -64,6 +70,7 @@ class Operators:
             caller: returns the key under which this program is present.
         """
         self._transport, self._caller = transport, caller
+        self._places = Places(transport.presence)
         self._me = OperatorHere(person=this_person(), since=time.time())
         self._heard: dict[str, tuple[OperatorHere, float]] = {}
         self._key = ""
@@ -76,6 +83,11 @@ class Operators:
     def person(self) -> str:
         """The person who sits here."""
         return self._me.person
+
+    @property
+    def silent(self) -> tuple[str, ...]:
+        """The other sites of which nothing is heard: who sits there is not known."""
+        return tuple(filter(self._places.silent, self._places.sites()))
 
     def here(self) -> list[OperatorSeen]:
         """Return who is here, this person included, those who came first in front."""
@@ -107,7 +119,8 @@ class Operators:
     async def ask(self) -> list[OperatorSeen]:
         """Ask all who is here, and return who has answered."""
         await self.listen()
-        until = asyncio.get_running_loop().time() + ANSWER
+        afar = len(self.silent) < len(self._places.sites())
+        until = asyncio.get_running_loop().time() + (ANSWER_OF_SITES if afar else ANSWER)
         while (now := asyncio.get_running_loop().time()) < until:
             self._publish("here", msgspec.structs.replace(self._me, asks=True, leaves=self._task is None))
             await asyncio.sleep(min(ANSWER / 4, until - now))
@@ -163,10 +176,13 @@ class Operators:
             event = decode_event(body, key=key)
         except VrError:  # a program of another version
             return "", None
-        user, person = user_of(key), getattr(event, "person", "")
-        if key == self._key or (user is not None and person.partition("@")[0] != user_name(user)):
+        if key == self._key or not isinstance(event, OperatorHere | OperatorSays):
             return "", None
-        return key, event
+        name = event.person.partition("@")[0]
+        if site := self._places.site_of(key):  # which answers for its users
+            return key, msgspec.structs.replace(event, person=f"{name}@{site}")
+        user = user_of(key)
+        return ("", None) if user is not None and name != user_name(user) else (key, event)
 
     def _take_here(self, topic: str, body: bytes) -> None:
         key, event = self._event(topic, body)

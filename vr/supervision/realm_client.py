@@ -53,6 +53,7 @@ from robotree.vr.base.requests import (
     Remembered,
     SpaceDescribed,
     State,
+    StreamSample,
     VerifyEvents,
     ViewDescribed,
     decode_event,
@@ -104,7 +105,7 @@ PAUSE = 0.004
 _REMEMBERING: tuple[Role, ...] = ("lookup", "host")
 OnState = Callable[[str, State], None]
 _R = TypeVar("_R")
-_E = TypeVar("_E", State, LogLines)
+_E = TypeVar("_E", State, LogLines, StreamSample)
 _K = TypeVar("_K", EventsRead, EventsVerified)
 
 
@@ -423,13 +424,28 @@ class RealmClient:
             lambda address, heard: callback(self.places.shown(address).name, heard.lines),
         )
 
+    async def watch_stream(self, name: str, stream: str, callback: Callable[[Any], None]) -> Registration:
+        """Receive what one robot sends in a stream, whenever it runs: while nobody does, nothing is sent.
+
+        Args:
+            name: of the robot.
+            stream: its name.
+            callback: takes each value, as plain data.
+
+        Raises:
+            BadName: that cannot be a name.
+        """
+        return await self._subscribe(
+            name, f"stream/{stream}", StreamSample, lambda _, sample: callback(sample.value)
+        )
+
     async def _subscribe(
         self, name: str | None, what: str, kind: type[_E], take: Callable[[Address, _E], None]
     ) -> Registration:
         """Take what one robot, or all, publish under their key + `/what`."""
 
         def hear(key: str, body: bytes) -> None:
-            address = Address.parse(key.rpartition("/")[0])
+            address = Address.parse("/".join(key.split("/", 3)[:3]))
             try:
                 event = decode_event(body, key=key)
             except VrError:

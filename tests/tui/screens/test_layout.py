@@ -58,6 +58,13 @@ async def test_parts_sizes_and_filters_are_so_after_a_restart(
         await operator.press("plus")
         await operator.settled()
         assert operator.app.screen.query_one("#below").region.height > high
+        broad = places(operator)["#picture-box"].width
+        await operator.press("right_parenthesis")
+        await operator.settled()
+        assert places(operator)["#picture-box"].width > broad > 0
+        broad = places(operator)["#picture-box"].width
+        await operator.press("N")
+        await operator.sees("no filter is saved yet")
         await operator.obey("view save night")
         await operator.sees("nothing is filtered")
         await operator.press("slash")
@@ -70,6 +77,7 @@ async def test_parts_sizes_and_filters_are_so_after_a_restart(
         await operator.sees("views")
         await operator.press("l")
         await operator.sees("in parts by kind", "Rover: 1 robot")
+        assert places(operator)["#picture-box"].width == broad
         await operator.obey("view night")
         await operator.sees("night /~am1", "1 of 2")
         await operator.press("N")

@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 from robotree.tui.processes.layout import LayoutFile
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.readings import ReadingsPage
 from robotree.tui.screen.widgets.plot import Plot
+from robotree.vr import Robot, Stream, Unit
 
 if TYPE_CHECKING:
     import pytest
     from screens.conftest import Operate, Operator
     from tui.conftest import Realm
+
+
+class Press(Robot):
+    """Presses, and says how hard to who listens."""
+
+    force = Stream(Annotated[float, Unit("N")])
+    words = Stream(str)
 
 
 async def on_readings(operator: Operator) -> ReadingsPage:
@@ -92,3 +100,30 @@ async def test_a_threshold_rings_is_in_row_log_and_header_and_a_person_acknowled
         await operator.until(lambda: not operator.app.store.watched.alarms, "it is taken away")
         await operator.obey("alarm clear arm-1.fz")
         await operator.sees("arm-1.fz has no alarm")
+
+
+async def test_a_number_in_a_stream_is_ticked_heard_while_it_is_and_again_after_a_restart(
+    realm: Realm, operate: Operate, tmp_path: Path
+) -> None:
+    file, press = tmp_path / "screen.yaml", Press("press-1")
+    await realm.robot(press)
+    for ticked in (False, True):
+        async with operate(realm.realm_client, size=(140, 40), layout=LayoutFile(file)) as operator:
+            await operator.until(lambda: "press-1" in operator.app.store.descriptions)
+            operator.app.choose("press-1")
+            await operator.press("U")
+            await operator.at(ReadingsPage)
+            await operator.sees(f"{'■' if ticked else '□'} press-1.stream/force")
+            assert "words" not in operator.text, "words are no numbers"
+            if not ticked:
+                assert not press.force.wanted, "nobody listens to what is not ticked"
+                await operator.press("enter")
+            await operator.until(lambda: press.force.wanted, "somebody listens")
+            press.force.send(12.5)
+            await operator.sees("press-1.stream/force  12.5 N")
+            await operator.press("j")
+            await operator.sees("a stream is heard only while it is ticked")
+    async with operate(realm.realm_client, size=(140, 40), layout=LayoutFile(file)) as operator:
+        await operator.until(lambda: press.force.wanted, "somebody listens, whatever page is in front")
+        operator.app.tick(("press-1", "stream/force"))
+        await operator.until(lambda: not press.force.wanted, "nobody listens any more")

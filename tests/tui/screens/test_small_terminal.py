@@ -5,11 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from textual.widgets import Input
+from textual.containers import Vertical
+from textual.widgets import Button, Input
 
 from robotree.tui.line.actions import ACTIONS
 from robotree.tui.screen.pages import page
 from robotree.tui.screen.pages.dialogs import Confirm
+from robotree.tui.screen.pages.enslave import EnslaveDialog
 from robotree.tui.screen.pages.main import EMPTY
 from robotree.tui.screen.pages.new import NewPage
 from robotree.tui.screen.pages.panel import PanelPage
@@ -19,6 +21,7 @@ from robotree.tui.screen.widgets.flash import FlashLine
 from robotree.tui.screen.widgets.key_line import fitting
 from robotree.tui.screen.widgets.picture import PictureView
 from robotree.tui.screen.widgets.readings import Readings
+from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.tui.seen.alarms import Alarm
 
 if TYPE_CHECKING:
@@ -180,3 +183,38 @@ async def test_ctrl_c_says_what_leaves_and_covers_nothing(realm: Realm, operate:
         await operator.press("ctrl+c")
         await operator.sees("ctrl+q leaves; ctrl+s stops every robot")
         assert "Do you want to quit" not in operator.text
+
+
+async def test_how_to_resume_and_which_page_is_in_front_are_read_in_40_columns(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.realm_client, size=(40, 20)) as operator:
+        await operator.sees("realm test  robots")
+        await operator.press("space")
+        await operator.sees("PROTECTIVE STOP", "R resumes")
+        operator.app.ask_for("panel", Place("arm-1"))
+        await operator.sees("arm-1 / panel")
+
+
+async def test_a_state_beside_a_scrollbar_is_cut_with_a_sign(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.realm_client, size=(40, 20)) as operator:
+        await operator.sees("arm-1")
+        for name in ("mover", "mover-2", "mover-3"):  # the list has room for four robots
+            await realm.create("move_to.py", name)
+        table = operator.one(RobotTable)
+        await operator.until(lambda: "mover" in table.names and table.show_vertical_scrollbar, "a scrollbar")
+        await operator.until(lambda: table.room == table.scrollable_content_region.width, "its columns")
+
+
+@pytest.mark.parametrize("size", [(80, 24), (40, 20), (40, 12)])
+async def test_a_question_about_a_slot_has_its_answers_in_sight(
+    realm: Realm, operate: Operate, size: tuple[int, int]
+) -> None:
+    await realm.create("move_to.py", "mover")
+    async with operate(realm.realm_client, size=size) as operator:
+        await operator.until(lambda: "mover" in operator.app.store.descriptions)
+        operator.app.ask_for("enslave", Place("mover"))
+        await operator.until(lambda: isinstance(operator.app.screen, EnslaveDialog), "the question")
+        await operator.sees("arm-1", "Cancel", "Enslave")
+        answers = operator.one(Button, "#yes").region
+        assert operator.one(Vertical, ".dialog").content_region.contains_region(answers), operator.text

@@ -31,6 +31,8 @@ VERBS = (
     shown("divide", "Divide the list of robots into parts: by site, kind or state, or not at all.", key="I"),
     shown("larger", "Give more of the page to what is below the list.", key="plus"),
     shown("smaller", "Give less of the page to what is below the list.", key="minus"),
+    shown("broader", "Give more of what is below the list to the picture.", key="right_parenthesis"),
+    shown("narrower", "Give less of what is below the list to the picture.", key="left_parenthesis"),
     shown("view next", "Use the next saved filter; after the last one show all robots.", key="N"),
     typed("view use NAME", "Filter the list by what was saved under a NAME; `:view NAME` does the same."),
     typed(

@@ -20,7 +20,7 @@ from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.key_line import KeyLine
 from robotree.tui.words import say
 
-LOW = [(0, "-tight"), (20, "-roomy")]
+LOW = [(0, "-tight"), (20, "-low"), (32, "-roomy")]
 """Lines below which a question leaves its margins out, so that its answers can be read."""
 
 LOOK = 0.25

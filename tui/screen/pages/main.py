@@ -154,6 +154,7 @@ class MainPage(Page):
         self.division = cast("Division", layout.divide)
         self.query_one(Details).folded = not layout.joints
         self.share(0)
+        self.share_picture(0)
         if layout.wide:
             self.widen()
         if layout.page in PANES:
@@ -288,6 +289,16 @@ class MainPage(Page):
         if by:
             self.draw()
 
+    def share_picture(self, by: int) -> None:
+        """Give the picture so many percent more of what is below the list."""
+        wanted = min(max(self.app.layout.layout.picture + by, LEAST), MOST)
+        if by:
+            self.app.layout.change(picture=wanted)
+        self.query_one("#picture-box").styles.width = f"{wanted}fr"
+        self.query_one("#details-box").styles.width = f"{100 - wanted}fr"
+        if by:
+            self.draw()
+
     # -- saved filters -----------------------------------------------------------------------------
 
     def save_filter(self, name: str) -> None:
@@ -306,8 +317,8 @@ class MainPage(Page):
         """Filter the list of robots by what was saved under a name."""
         saved = self.app.layout.layout.filters
         if name not in saved:
-            known = f"there are {', '.join(saved)}" if saved else "none is saved yet: `view save NAME`"
-            self.app.tell(f"no saved filter {name!r}; {known}", "warning")
+            known = f"there are {', '.join(saved)}" if saved else "no filter is saved yet: `view save NAME`"
+            self.app.tell(f"no saved filter {name!r}; {known}" if name else known, "warning")
             return
         self.viewed, self.filters[FIRST] = name, saved[name]
         self.show_pane(FIRST)

@@ -25,6 +25,7 @@ from robotree.tui.seen import instruments
 from robotree.tui.seen.alarms import Alarm
 from robotree.tui.seen.cells import seen
 from robotree.tui.seen.series import Reading, named, sparkline
+from robotree.tui.seen.streams import STREAM, numbers_of
 
 PLOTS = 4
 """Plots at a time."""
@@ -94,7 +95,9 @@ class ReadingsPage(Page):
         ticked = tuple(store.watched.ticked.series)
         own = ((store.source_of(selected, name), name) for name in store.readings(selected))
         ordered = sorted(own, key=lambda one: (one[1] == AGE, one))
-        return (*ticked, *(one for one in ordered if one[0] and one not in ticked))
+        described = store.described(selected)
+        sent = ((selected, name) for name in (numbers_of(described) if described else ()))
+        return (*ticked, *(one for one in (*ordered, *sent) if one[0] and one not in ticked))
 
     # -- keys --------------------------------------------------------------------------------------
 
@@ -149,6 +152,10 @@ class ReadingsPage(Page):
         """Begin to type the threshold."""
         if (reading := self.chosen) is None:
             self.app.tell("no reading is here", "warning")
+        elif reading[1].startswith(STREAM):
+            self.app.tell(
+                "an alarm judges readings of a robot; a stream is heard only while it is ticked", "warning"
+            )
         else:
             self.open_line("verb", f"alarm above {named(reading)} ")
 
@@ -224,6 +231,8 @@ class ReadingsPage(Page):
 
     def _unit(self, reading: Reading) -> str:
         robot = self.app.store.described(reading[0])
+        if robot and reading[1].startswith(STREAM):
+            return numbers_of(robot).get(reading[1], "")
         return instruments.unit_of(reading[1], robot.units if robot else {})
 
     def _plot(self) -> None:

@@ -76,6 +76,8 @@ class RobotTable(Part, ScrollView, can_focus=True):
         self._turn = 0
         """The last line that was drawn in its turn on a slow line."""
         self._columns: tuple[Column, ...] = ()
+        self.room = 0
+        """Cells that they share."""
         self._theme = ""
         self._rest: Timer | None = None
         """Will draw the lines below those that were drawn last."""
@@ -109,6 +111,8 @@ class RobotTable(Part, ScrollView, can_focus=True):
         if placements is not self._placements and placements != self._placements:
             self._placements = placements
             self.virtual_size = Size(self.size.width, len(placements) + HEADER)
+            self._lay_out()
+        elif self.room != self.scrollable_content_region.width:  # a scrollbar has come or gone
             self._lay_out()
         at = _position(placements, selected)
         if at != self._at:
@@ -153,7 +157,8 @@ class RobotTable(Part, ScrollView, can_focus=True):
             }
             for title, cells in words.items():
                 longest[title] = max(longest.get(title, 0), cells)
-        self._columns = columns(self.scrollable_content_region.width, longest, wide=self.wide)
+        self.room = self.scrollable_content_region.width
+        self._columns = columns(self.room, longest, wide=self.wide)
         self._drawn.clear()
         self.refresh()
 

@@ -22,6 +22,10 @@ GAP = 3
 """Cells between what stands on the left and on the right, at least."""
 
 
+NAMES = 12
+"""Cells for the names of robots in a banner, before anything else is said there."""
+
+
 class TopBar(CachedText):
     """Name of the program, realm, page; on the right the counts, and how to stop."""
 
@@ -41,7 +45,9 @@ class TopBar(CachedText):
             rings = f" ▲ {alarms} alarm{'' if alarms == 1 else 's'}: {self.app.keymap.spelled('readings')}  "
             stop = Text.assemble((rings, tint_on_panel(self.app, "error", bold=True)), stop)
         robots, others = self._robots(store), self._others(store)
-        width = max(self.size.width, 1)
+        width = max(self.size.width or self.app.size.width, 1)  # the first time it has no size yet
+        if left.cell_len >= width - stop.cell_len:  # the page says more than the name of the program
+            left = Text.assemble(" ", heading, ("  ", muted), page)
         room = width - left.cell_len - stop.cell_len - GAP
         wanted = (Text.assemble(robots, (" · ", muted), others), robots, Text())
         right = next(text for text in wanted if text.cell_len <= room or not text)
@@ -97,8 +103,10 @@ class Banner(CachedText):
             stopped = f"■ {say('PROTECTIVE STOP')}: "
             took = f"  after {stop.longest:.2f} s" if stop and stop.confirmed else ""
             resumes = say("{key} resumes", key=self.app.keymap.spelled("resume"))
-            tail = f"{took} — {resumes}"
+            tail = f" — {resumes}"
             room = (self.size.width or self.app.size.width - 2) - cell_len(stopped) - cell_len(tail)
+            if room - cell_len(took) >= NAMES:  # how to resume is read however little room there is
+                tail, room = took + tail, room - cell_len(took)
             names = clip(", ".join(seen(name) for name in store.stopped), max(room, 1))
             lines.append(Text(f"{stopped}{names}{tail}", ground))
         if store.orphaned:
