@@ -11,6 +11,8 @@
         expect arm.get_info.holding is true else "nothing is there"
       repeat 3
         arm.go_to x=0.3 y=$from_y+0.05 z=0.15 twist=0
+      repeat 20 until rover.get_info.x above 1
+        rover.move x=0.1 y=0
       if arm.get_info.z above 0.1
         wait 1
       else
@@ -27,6 +29,8 @@ from __future__ import annotations
 import shlex
 from collections.abc import Iterable, Sequence
 from typing import Any, Final, NamedTuple, cast
+
+import msgspec
 
 from robotree.tui.composing.steps import (
     LONGEST_TEXT,
@@ -101,18 +105,19 @@ def line_of(step: ComposedStep) -> str:  # noqa: PLR0911 # one for each step
         case ComposedWait(seconds):
             return f"wait {_value(seconds)}"
         case ComposedExpectation(that, otherwise):
-            return f"expect {_comparison(that)} else {_quoted(otherwise)}"
+            return f"expect {comparison_text(that)} else {_quoted(otherwise)}"
         case ComposedPart(name):
             return f"part {name}"
-        case ComposedRepeat(times):
-            return f"repeat {_value(times)}"
+        case ComposedRepeat(times, _, until):
+            return f"repeat {_value(times)}" + (f" until {comparison_text(until)}" if until else "")
         case ComposedBranch(that):
-            return f"if {_comparison(that)}"
+            return f"if {comparison_text(that)}"
         case ComposedTogether():
             return "together"
 
 
-def _comparison(that: Comparison) -> str:
+def comparison_text(that: Comparison) -> str:
+    """Return a comparison as people write it."""
     return f"{that.path} {that.relation} {_value(that.value)}"
 
 
@@ -181,6 +186,8 @@ def read_line(text: str) -> ComposedStep | None:  # noqa: PLR0911 # one for each
             return ComposedPart(name)
         case ["repeat", times]:
             return ComposedRepeat(_read_value(times))
+        case ["repeat", times, "until", *rest]:
+            return ComposedRepeat(_read_value(times), until=_read_comparison(rest, text))
         case ["together"]:
             return ComposedTogether()
         case ["wait", seconds]:
@@ -194,8 +201,8 @@ def read_line(text: str) -> ComposedStep | None:  # noqa: PLR0911 # one for each
         case _:
             raise BadComposition(
                 f"`{text.strip()[:LONGEST_TEXT]}` is no step; a step is SLOT.COMMAND NAME=VALUE …, part NAME,"
-                " repeat N, if SLOT.COMMAND.VALUE is VALUE, else, together, wait SECONDS, or"
-                ' expect … else "TEXT"'
+                " repeat N, repeat N until SLOT.COMMAND.VALUE is VALUE, if SLOT.COMMAND.VALUE is VALUE, else,"
+                ' together, wait SECONDS, or expect … else "TEXT"'
             )
 
 
@@ -266,12 +273,8 @@ def _block(rows: list[StepLine], depth: int) -> tuple[tuple[ComposedStep, ...], 
                 if rows and rows[0].depth == depth and _words(rows[0].text) == ["else"]:
                     otherwise, rows = _block(rows[1:], depth + 1)
                 step = ComposedBranch(step.that, inside, otherwise)
-            elif isinstance(step, ComposedPart):
-                step = ComposedPart(step.name, inside)
-            elif isinstance(step, ComposedRepeat):
-                step = ComposedRepeat(step.times, inside)
-            else:
-                step = ComposedTogether(inside)
+            elif isinstance(step, ComposedPart | ComposedRepeat | ComposedTogether):
+                step = msgspec.structs.replace(step, steps=inside)
         steps.append(step)
     return tuple(steps), rows
 

@@ -63,14 +63,16 @@ def _comparisons(robot: str, spec: CommandSpec) -> Iterator[Offer]:
             case "bool":
                 why = "expect that it is so, or fail"
                 yield Offer(f"expect {robot}.{path}", why, f"expect SLOT.{path} is true else 'it is not so'")
-                yield Offer(f"if {robot}.{path}", about, f"if SLOT.{path} is true")
+                so = "is true"
             case "float" | "int":
-                yield Offer(f"if {robot}.{path}", about, f"if SLOT.{path} above 0")
+                so = "above 0"
             case "str" | "choice":
-                value = literal_of(part.choices[0] if part.choices else "text")
-                yield Offer(f"if {robot}.{path}", about, f"if SLOT.{path} is {value}")
+                so = f"is {literal_of(part.choices[0] if part.choices else 'text')}"
             case _:
-                pass
+                continue
+        yield Offer(f"if {robot}.{path}", about, f"if SLOT.{path} {so}")
+        until = "what is in it, until it reads so; fails when it never does"
+        yield Offer(f"repeat until {robot}.{path}", until, f"repeat 20 until SLOT.{path} {so}")
 
 
 def of_blocks() -> Iterator[Offer]:
@@ -133,8 +135,8 @@ def with_parameter(line: str, argument: str, name: str) -> str:
         case ComposedCall(slot, command, arguments):
             values = ((key, Variable(name) if key == argument else value) for key, value in arguments)
             return line_of(ComposedCall(slot, command, tuple(values)))
-        case ComposedRepeat():
-            return line_of(ComposedRepeat(Variable(name)))
+        case ComposedRepeat(_, _, until):
+            return line_of(ComposedRepeat(Variable(name), until=until))
         case ComposedWait():
             return line_of(ComposedWait(Variable(name)))
         case _:

@@ -13,6 +13,7 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
+from robotree.tui.composing.lines import comparison_text
 from robotree.tui.composing.play import Order, Played, play
 from robotree.tui.composing.steps import (
     Checked,
@@ -28,6 +29,7 @@ from robotree.tui.composing.steps import (
     Kinds,
     Value,
     Variable,
+    compared_in,
     variables,
     walk,
 )
@@ -123,7 +125,8 @@ class _PageMaker:
         rows += [f"from robotree.kinds import {', '.join(self._imported)}"] if self._imported else []
         names = {"Child", "VirtualRobot", "command"}
         names |= {name for text in self._aliases for name in ("Range", "Unit") if f"{name}(" in text}
-        if any(isinstance(step, ComposedExpectation) for _, step in walk(self._made.steps)):
+        steps = [step for _, step in walk(self._made.steps)]
+        if any(compared_in(step) and not isinstance(step, ComposedBranch) for step in steps):
             names.add("Failed")
         ordered = sorted(names, key=lambda name: (name.islower(), name))
         return [*rows, *_call("from robotree.vr import ", ordered, "", "")]
@@ -161,8 +164,13 @@ class _PageMaker:
                 ]
             case ComposedPart(name, inside):
                 return _call(f"{pad}self._{name}", variables(inside), "(", ")")
-            case ComposedRepeat(times, inside):
-                return [f"{pad}for _ in range({_expression(times)}):", *self._block(inside, depth + 1)]
+            case ComposedRepeat(times, inside, until):
+                rows = [f"{pad}for _ in range({_expression(times)}):", *self._block(inside, depth + 1)]
+                if until is None:
+                    return rows
+                never = [literal(f"it was never so: {comparison_text(until)}")]
+                rows += [*_if(f"{pad}    ", _comparison(until)), f"{pad}        break", f"{pad}else:"]
+                return [*rows, *_call(f"{pad}    raise Failed", never, "(", ")")]
             case ComposedBranch(that, then, otherwise):
                 rows = [*_if(pad, _comparison(that)), *self._block(then, depth + 1)]
                 return rows + ([f"{pad}else:", *self._block(otherwise, depth + 1)] if otherwise else [])

@@ -39,7 +39,7 @@ class Played(msgspec.Struct):
     """What is commanded, in its order; what only reads is left out."""
     reads: dict[tuple[str, str], list[dict[str, Any]]] = {}
     """The results of the commands that only read, one after the other: those with which all that is expected
-    holds, and each `if`; empty where nothing is compared."""
+    holds, and each `if`, and each `until` at the second time; empty where nothing is compared."""
     seconds: float = 0.0
     """Of fakes, whose commands take a second."""
     unordered: bool = False
@@ -88,9 +88,13 @@ class _StepPlayer:
                 self._read(that)
             case ComposedPart(_, inside):
                 self.steps(inside)
-            case ComposedRepeat(times, inside):
-                for _ in range(int(self._value(times))):
+            case ComposedRepeat(times, inside, until):
+                count = int(self._value(times))
+                rounds = count if until is None else min(count, 2)
+                for number in range(1, rounds + 1):
                     self.steps(inside)
+                    if until is not None:
+                        self._read(until, holds=number == rounds)
             case ComposedBranch(that, then, _):
                 self._read(that)
                 self.steps(then)
@@ -115,17 +119,17 @@ class _StepPlayer:
             return moved if self.played.unordered else round(moved, 9)
         return value
 
-    def _read(self, that: Comparison) -> None:
-        """Have the reading be one with which the comparison holds."""
+    def _read(self, that: Comparison, *, holds: bool = True) -> None:
+        """Have the reading be one with which the comparison holds, or does not."""
         value = self._value(that.value)
-        match that.relation:
-            case "is":
+        match that.relation, holds:
+            case ("is", True) | ("is not", False):
                 found = value
-            case "above":
+            case ("above", True) | ("below", False):
                 found = value + 1
-            case "below":
+            case ("below", True) | ("above", False):
                 found = value - 1
-            case "is not":
+            case _:
                 found = not value if isinstance(value, bool) else self._other(that, value)
         result = {that.field: found}
         self.played.reads.setdefault((that.slot, that.command), []).append(result)

@@ -101,10 +101,13 @@ class ComposedPart(msgspec.Struct, frozen=True):
 
 
 class ComposedRepeat(msgspec.Struct, frozen=True):
-    """Steps that are carried out several times."""
+    """Steps that are carried out several times, or until a reading is so."""
 
     times: Value
+    """How often, or how often at most."""
     steps: tuple[ComposedStep, ...] = ()
+    until: Comparison | None = None
+    """Looked at after each time; when it never holds, the page fails. None: all times are carried out."""
 
 
 class ComposedBranch(msgspec.Struct, frozen=True):
@@ -168,10 +171,17 @@ def values_of(step: ComposedStep) -> Iterator[Value]:
             yield from (value for _, value in step.arguments)
         case ComposedWait(value) | ComposedRepeat(value):
             yield value
-        case ComposedExpectation(that) | ComposedBranch(that):
-            yield that.value
         case _:
             pass
+    if (that := compared_in(step)) is not None:
+        yield that.value
+
+
+def compared_in(step: ComposedStep) -> Comparison | None:
+    """Return the comparison on which a step depends; None: it depends on none."""
+    if isinstance(step, ComposedRepeat):
+        return step.until
+    return step.that if isinstance(step, ComposedExpectation | ComposedBranch) else None
 
 
 def variables(steps: Iterable[ComposedStep]) -> list[str]:
@@ -184,13 +194,10 @@ def slots_of(steps: Iterable[ComposedStep]) -> set[str]:
     """Return the slots that steps use."""
     found: set[str] = set()
     for _, step in walk(steps):
-        match step:
-            case ComposedCall(slot):
-                found.add(slot)
-            case ComposedExpectation(that) | ComposedBranch(that):
-                found.add(that.slot)
-            case _:
-                pass
+        if isinstance(step, ComposedCall):
+            found.add(step.slot)
+        elif (that := compared_in(step)) is not None:
+            found.add(that.slot)
     return found
 
 
@@ -316,7 +323,8 @@ class _Meaning:
                 return ComposedPart(step.name, self.block(step.steps, depth + 1))
             case ComposedRepeat():
                 times = self._value(TIMES, step.times, "repeat")
-                return ComposedRepeat(times, self.block(step.steps, depth + 1))
+                until = None if step.until is None else self._comparison(step.until)
+                return ComposedRepeat(times, self.block(step.steps, depth + 1), until)
             case ComposedBranch():
                 then = self.block(step.steps, depth + 1)
                 return ComposedBranch(

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import types
 from collections.abc import Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,8 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
+from robotree.kinds import Arm
+from robotree.testing import Fake, in_turn, rehearse
 from robotree.testing.team import unended
 from robotree.tui.composing.lines import read_lines, written
 from robotree.tui.composing.page import literal, prose, texts
@@ -37,6 +40,7 @@ from robotree.tui.composing.steps import (
 )
 from robotree.tui.composing.writing import KnownRobots, prepared
 from robotree.tui.errors import BadComposition
+from robotree.vr import Failed
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import CommandSpec, FieldSpec, RobotDescription
 
@@ -128,7 +132,8 @@ def step(draw: st.DrawFn, slots: tuple[str, ...], depth: int) -> ComposedStep:  
         case "part":
             return ComposedPart(f"part{draw(st.integers(0, 10**6))}", draw(steps(slots, depth + 1)))
         case "repeat":
-            return ComposedRepeat(draw(st.integers(1, 2)), draw(steps(slots, depth + 1)))
+            until = draw(st.none() | comparisons(slots))
+            return ComposedRepeat(draw(st.integers(1, 3)), draw(steps(slots, depth + 1)), until)
         case "if":
             other = draw(st.just(()) | steps(slots, depth + 1))
             return ComposedBranch(draw(comparisons(slots)), draw(steps(slots, depth + 1)), other)
@@ -347,6 +352,9 @@ HEAD = "robot cup\nslot arm Arm\nparameter x = 0.3\ndo\n"
         (HEAD + "  together\n    arm.hold\n    arm.hold\n", "two things at the same time"),
         (HEAD + f"  repeat {OFTEN + 1}\n    arm.hold\n", "out of range"),
         (HEAD + "".join(f"{'  ' * n}part p{n}\n" for n in range(1, 6)) + "            arm.hold\n", "4 deep"),
+        (HEAD + "  repeat 3 until arm.get_info.z is 1\n    arm.hold\n", "compare it with `above` or `below`"),
+        (HEAD + "  repeat 3 until arm.hold\n    arm.hold\n", "a comparison is SLOT.COMMAND.VALUE"),
+        (HEAD + f"  repeat {OFTEN + 1} until arm.get_info.z above 1\n    arm.hold\n", "out of range"),
         (HEAD + "  arm.hold\n" * 300, "more than 200 steps"),
         ("robot " + "x" * 200_000, "more than 100000 characters"),
     ],
@@ -355,6 +363,27 @@ def test_what_cannot_be_meant_is_refused_in_one_sentence(text: str, told: str) -
     with pytest.raises(BadComposition, match=r"^[^\n]+$") as refused:
         checked(read_lines(text), KINDS)
     assert told in str(refused.value)
+
+
+UNTIL = """\
+robot feel
+slot arm Arm
+parameter force = 5
+do
+  repeat 4 until arm.get_info.fz above $force
+    arm.hold
+"""
+
+
+def test_a_loop_ends_when_the_reading_is_so_and_fails_when_it_never_is() -> None:
+    names = modules(prepared(read_lines(UNTIL), ROBOTS, "Drawn by a test.").checked)
+    for forces, times in (([9.0], 1), ([0.0, 4.9, 5.1], 3), ([4.0], 4)):
+        never = pytest.raises(Failed, match=r"never so: arm\.get_info\.fz above \$force")
+        fake = Fake(Arm, get_info=in_turn(*({"fz": force} for force in forces)))
+        with rehearse(names["Feel"], arm=fake) as team:
+            with never if times == 4 else nullcontext():
+                team.call("work", force=5.0)
+            assert len(team.commanded) == times
 
 
 def test_one_call_takes_no_more_steps_than_a_test_can_play() -> None:
