@@ -216,7 +216,8 @@ def _by_hand(
             steps += [*(_move(slot, point) for point in arriving), *acts]
             continue
         centre = stretch.way[-1]
-        place = _place(parameters, centre)
+        place = _place(parameters, centre)  # which keeps its height when it is visited again at another one
+        centre = (*centre[:2], parameters.get(f"{place}_z", centre[2]), centre[3])
         far = len(arriving) - _beside(arriving[::-1], centre)
         inside = [_move(slot, point) for point in arriving[:far]]
         inside += [_move(slot, point, centre, place) for point in arriving[far:]]
@@ -336,11 +337,10 @@ def _leaving(stretches: Sequence[_Stretch], ways: Sequence[Sequence[Pose]], numb
 def _place(parameters: dict[str, float], centre: Pose) -> str:
     """Return the name of a place; one that was visited before keeps its own."""
     for name in PLACES:
-        x, y = parameters.get(f"{name}_x"), parameters.get(f"{name}_y")
-        if x is None or y is None:
-            parameters[f"{name}_x"], parameters[f"{name}_y"] = _rounded(centre[0]), _rounded(centre[1])
-            return name
-        if math.dist((x, y), centre[:2]) <= STANDS:
+        x, y = (parameters.get(f"{name}_{axis}") for axis in "xy")
+        if x is None or y is None or math.dist((x, y), centre[:2]) <= STANDS:
+            for axis, value in zip("xyz", centre, strict=False):
+                parameters.setdefault(f"{name}_{axis}", _rounded(value))
             return name
     return ""
 
@@ -353,9 +353,9 @@ def _move(slot: str, point: Pose, centre: Pose | None = None, place: str = "") -
     """Return the step to a point: relative to a place, if that has a name."""
     values: list[Value] = [_rounded(each) for each in point]
     if centre is not None and place:
-        for index, axis in enumerate("xy"):
+        for index, (axis, stands) in enumerate((("x", STANDS), ("y", STANDS), ("z", 0.0))):
             plus = point[index] - centre[index]
-            values[index] = Variable(f"{place}_{axis}", 0.0 if abs(plus) < STANDS else _rounded(plus))
+            values[index] = Variable(f"{place}_{axis}", 0.0 if abs(plus) < stands else _rounded(plus))
     return ComposedCall(slot, GO_TO, tuple(zip(AXES, values, strict=True)))
 
 

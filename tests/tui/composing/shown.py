@@ -37,22 +37,24 @@ robot cup 'What was shown once, in steps with names.'
 slot arm Arm
 parameter from_x = 0.3
 parameter from_y = -0.2
+parameter from_z = 0.03
 parameter to_x = 0.3
 parameter to_y = -0.3
+parameter to_z = 0.03
 command carry_out 'Do what was shown.'
 do
   part take
     arm.go_to x=0.3 y=0.0 z=0.5 twist=0.0
-    arm.go_to x=$from_x y=$from_y z=0.5 twist=0.0
-    arm.go_to x=$from_x y=$from_y z=0.03 twist=0.0
+    arm.go_to x=$from_x y=$from_y z=$from_z+0.47 twist=0.0
+    arm.go_to x=$from_x y=$from_y z=$from_z twist=0.0
     arm.grip action=close
     expect arm.get_info.holding is true else 'nothing is there'
-    arm.go_to x=$from_x y=$from_y z=0.15 twist=0.0
+    arm.go_to x=$from_x y=$from_y z=$from_z+0.12 twist=0.0
   part put
-    arm.go_to x=$to_x y=$to_y z=0.15 twist=0.0
-    arm.go_to x=$to_x y=$to_y z=0.03 twist=0.0
+    arm.go_to x=$to_x y=$to_y z=$to_z+0.12 twist=0.0
+    arm.go_to x=$to_x y=$to_y z=$to_z twist=0.0
     arm.grip action=open
-    arm.go_to x=$to_x y=$to_y z=0.2 twist=0.0
+    arm.go_to x=$to_x y=$to_y z=$to_z+0.17 twist=0.0
 """
 
 

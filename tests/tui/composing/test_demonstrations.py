@@ -42,6 +42,21 @@ def test_a_cup_that_has_moved_is_carried_with_one_parameter_changed() -> None:
     assert moved == [(-0.2, -0.25)] * 3
 
 
+def test_a_cup_that_stands_higher_is_taken_higher_and_put_down_where_it_was() -> None:
+    good = checked(composed("cup", [ARM], CARRIED, starts={"arm-1": HOME}), KINDS)
+    before, after = (play(good, KINDS, given).orders for given in ({}, {"from_z": 0.08}))
+    heights = [(a["z"], b["z"]) for (_, command, a), (_, _, b) in zip(before, after, strict=True)
+               if command == "go_to" and a != b]  # fmt: skip
+    assert heights == [(0.5, 0.55), (0.03, 0.08), (0.15, 0.2)]
+
+
+def test_a_place_that_is_visited_again_at_another_height_is_the_same_place() -> None:
+    shown = [go(0.3, 0, 0.03), grip("close"), go(0.3, 0, 0.08), grip("open")]
+    made = composed("cup", [ARM], shown)
+    assert dict(made.parameters) == {"from_x": 0.3, "from_y": 0.0, "from_z": 0.03}
+    assert "arm.go_to x=$from_x y=$from_y z=$from_z+0.05" in written(made)
+
+
 def test_where_nothing_was_gripped_is_no_place() -> None:
     shown = [go(0.3, 0, 0.1), Shown("arm-1", "hold", {}), go(0.3, 0.05, 0.1)]
     made = composed("cup", [ARM], shown)
@@ -52,13 +67,15 @@ def test_where_nothing_was_gripped_is_no_place() -> None:
 def test_what_was_left_beside_a_place_goes_along_with_it() -> None:
     shown = [go(0.25, -0.2, 0.1), go(0.3, -0.2, 0.03), grip("close")]
     made = composed("cup", [ARM], shown)
-    assert "arm.go_to x=$from_x-0.05 y=$from_y z=0.1" in written(made)
+    assert "arm.go_to x=$from_x-0.05 y=$from_y z=$from_z+0.07" in written(made)
 
 
 def test_a_place_that_is_visited_again_keeps_its_name_and_parts_get_numbers() -> None:
     shown = [*CARRIED, go(0.3, -0.2, 0.03), grip("close"), go(0.3, -0.3, 0.03), grip("open")]
     made = composed("cup", [ARM], shown)
-    assert [name for name, _ in made.parameters] == ["from_x", "from_y", "to_x", "to_y"]
+    assert [name for name, _ in made.parameters] == [
+        f"{place}_{axis}" for place in ("from", "to") for axis in "xyz"
+    ]
     assert "part take2" in written(made)
     checked(made, KINDS)
 
@@ -71,7 +88,7 @@ def test_a_hand_that_closed_on_nothing_expects_nothing() -> None:
 def test_more_places_than_names_stay_numbers() -> None:
     shown = [one for n in range(12) for one in (go(0.3, 0.05 * n - 0.3, 0.1), grip("close"), grip("open"))]
     good = checked(composed("cup", [ARM], shown), KINDS)
-    assert len(good.composition.parameters) == 16
+    assert len(good.composition.parameters) == 24
 
 
 def test_robots_that_take_turns_have_slots_of_their_own() -> None:

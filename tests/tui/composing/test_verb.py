@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from tui.conftest import Realm
 
 
+PLACES = [f"{place}_{axis}" for place in ("from", "to") for axis in "xyz"]
+
+
 @pytest.fixture(autouse=True)
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
@@ -40,7 +43,7 @@ def test_a_recording_becomes_a_page_its_panel_its_test_and_its_steps(
     told = json.loads(capsys.readouterr().out)
     assert told["files"] == ["cup.py", "cup.panel.yaml", "test_cup.py", "cup.steps"]
     assert told["lines"] <= 40
-    assert told["parameters"] == {"from_x": 0.3, "from_y": -0.2, "to_x": 0.3, "to_y": -0.3}
+    assert told["parameters"] == dict(zip(PLACES, (0.3, -0.2, 0.03, 0.3, -0.3, 0.03), strict=True))
     assert (here / "cup.steps").read_text() == STEPS
     assert main(["check", "cup.py"]) == 0
     assert "nothing was found" in capsys.readouterr().out
