@@ -37,6 +37,7 @@ from robotree.tui.composing.steps import (
     walk,
 )
 from robotree.tui.errors import BadComposition
+from robotree.tui.seen.angles import typed
 from robotree.vr.base.description import CommandSpec
 
 AXES: Final = ("x", "y", "z", "twist")
@@ -132,7 +133,7 @@ def composed(
             steps += _by_hand(slots[robot], known[robot], _stretches(run, start), tolerance, parameters)
             begun.add(robot)
         else:
-            steps += [ComposedCall(slots[robot], one.command, tuple(one.arguments.items())) for one in run]
+            steps += [_act(slots[robot], known[robot], one) for one in run]
     kinds = dict(old.slots) | {slots[robot]: known[robot].kind for robot in slots if robot in known}
     return msgspec.structs.replace(
         old,
@@ -211,23 +212,25 @@ def _by_hand(
     steps: list[ComposedStep] = []
     full = False
     for number, (stretch, way) in enumerate(zip(stretches, ways, strict=True)):
-        arriving, acts = way[leaving[number] :], [_act(slot, act) for act in stretch.acts]
+        arriving, acts = way[leaving[number] :], [_act(slot, robot, act) for act in stretch.acts]
         if not _is_place(stretch):
-            steps += [*(_move(slot, point) for point in arriving), *acts]
+            steps += [*(_move(slot, robot, point) for point in arriving), *acts]
             continue
         centre = stretch.way[-1]
         place = _place(parameters, centre)  # which keeps its height when it is visited again at another one
         centre = (*centre[:2], parameters.get(f"{place}_z", centre[2]), centre[3])
         far = len(arriving) - _beside(arriving[::-1], centre)
-        inside = [_move(slot, point) for point in arriving[:far]]
-        inside += [_move(slot, point, centre, place) for point in arriving[far:]]
+        inside = [_move(slot, robot, point) for point in arriving[:far]]
+        inside += [_move(slot, robot, point, centre, place) for point in arriving[far:]]
         inside += acts
         took = stretch.acts[-1].arguments.get("action") == "close"
         if took and feels and stretch.acts[-1].holding is not False:
             that = Comparison(slot, GET_INFO, "holding", "is", value=True)
             inside.append(ComposedExpectation(that, "nothing is there"))
         if number + 1 < len(ways):
-            inside += [_move(slot, point, centre, place) for point in ways[number + 1][: leaving[number + 1]]]
+            inside += [
+                _move(slot, robot, point, centre, place) for point in ways[number + 1][: leaving[number + 1]]
+            ]
         word = "take" if took else "put" if full else "visit"
         full = took
         steps.append(ComposedPart(word, tuple(inside)))
@@ -349,18 +352,28 @@ def _rounded(value: float) -> float:
     return round(value, 4) + 0.0  # no -0.0
 
 
-def _move(slot: str, point: Pose, centre: Pose | None = None, place: str = "") -> ComposedStep:
+def _move(
+    slot: str, robot: ShownRobot, point: Pose, centre: Pose | None = None, place: str = ""
+) -> ComposedStep:
     """Return the step to a point: relative to a place, if that has a name."""
     values: list[Value] = [_rounded(each) for each in point]
     if centre is not None and place:
         for index, (axis, stands) in enumerate((("x", STANDS), ("y", STANDS), ("z", 0.0))):
             plus = point[index] - centre[index]
             values[index] = Variable(f"{place}_{axis}", 0.0 if abs(plus) < stands else _rounded(plus))
-    return ComposedCall(slot, GO_TO, tuple(zip(AXES, values, strict=True)))
+    return _call(slot, robot, GO_TO, dict(zip(AXES, values, strict=True)))
 
 
-def _act(slot: str, act: Shown) -> ComposedStep:
-    return ComposedCall(slot, act.command, tuple(act.arguments.items()))
+def _act(slot: str, robot: ShownRobot, act: Shown) -> ComposedStep:
+    return _call(slot, robot, act.command, act.arguments)
+
+
+def _call(slot: str, robot: ShownRobot, command: str, arguments: Mapping[str, Any]) -> ComposedStep:
+    """Return the step of a call, its angles in degrees."""
+    fields = robot.commands[command].by_name
+    return ComposedCall(
+        slot, command, tuple((name, typed(fields[name], value)) for name, value in arguments.items())
+    )
 
 
 def _named(steps: Iterable[ComposedStep], taken: set[str]) -> Iterable[ComposedStep]:

@@ -15,6 +15,7 @@ from robotree.tui.composing.steps import (
     Variable,
 )
 from robotree.tui.errors import BadComposition
+from robotree.tui.seen.angles import typed
 from robotree.vr.base.description import CommandSpec, FieldSpec, RobotDescription
 
 
@@ -97,7 +98,7 @@ def _example(field: FieldSpec, readings: Mapping[str, float]) -> str:
         case "int":
             value = int(min(max(1, low), high))
         case "float":
-            value = round(min(max(readings.get(field.name, 0.0), low), high), 4) + 0.0
+            value = typed(field, round(min(max(readings.get(field.name, 0.0), low), high), 4) + 0.0)
         case _:
             value = "text"
     return literal_of(value)

@@ -109,7 +109,7 @@ def prepared(composition: Composition, robots: KnownRobots, origin: str) -> Prep
     good = checked(composition, robots.kinds)
     made = texts(good, robots.kinds, robots.shipped, origin)
     name = good.composition.name
-    files = {**made.files, f"{name}{STEPS}": written(good.composition)}
+    files = {**made.files, f"{name}{STEPS}": written(composition)}
     for slot, kind in good.composition.slots:
         if kind in robots.described:
             files[described_in(name, slot)] = _description(robots.described[kind])

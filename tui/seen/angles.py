@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from math import degrees, radians
+from math import degrees, inf, radians
 from typing import TYPE_CHECKING, Any, cast
 
 if TYPE_CHECKING:  # help must not wait for the agents
@@ -59,6 +59,17 @@ def in_degrees(field: FieldSpec, value: Any) -> Any:
         value: in the declared units.
     """
     return _each(field, value, lambda _, angle: round(degrees(angle), ROUNDING))
+
+
+def typed(field: FieldSpec, value: Any) -> Any:
+    """Return an angle as people type it, `45deg`, to a tenth; what is none, or lies at a bound, as it is."""
+    if not is_angle(field) or not isinstance(value, int | float):
+        return value
+    shown = round(degrees(value), 1) + 0.0  # no -0.0
+    lower, upper = (
+        infinite if end is None else end for end, infinite in ((field.lower, -inf), (field.upper, inf))
+    )
+    return with_unit(f"{shown:g}", field.unit) if lower <= radians(shown) <= upper else value
 
 
 def in_radians(field: FieldSpec, value: Any) -> Any:

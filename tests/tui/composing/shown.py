@@ -44,17 +44,17 @@ parameter to_z = 0.03
 command carry_out 'Do what was shown.'
 do
   part take
-    arm.go_to x=0.3 y=0.0 z=0.5 twist=0.0
-    arm.go_to x=$from_x y=$from_y z=$from_z+0.47 twist=0.0
-    arm.go_to x=$from_x y=$from_y z=$from_z twist=0.0
+    arm.go_to x=0.3 y=0.0 z=0.5 twist=0deg
+    arm.go_to x=$from_x y=$from_y z=$from_z+0.47 twist=0deg
+    arm.go_to x=$from_x y=$from_y z=$from_z twist=0deg
     arm.grip action=close
     expect arm.get_info.holding is true else 'nothing is there'
-    arm.go_to x=$from_x y=$from_y z=$from_z+0.12 twist=0.0
+    arm.go_to x=$from_x y=$from_y z=$from_z+0.12 twist=0deg
   part put
-    arm.go_to x=$to_x y=$to_y z=$to_z+0.12 twist=0.0
-    arm.go_to x=$to_x y=$to_y z=$to_z twist=0.0
+    arm.go_to x=$to_x y=$to_y z=$to_z+0.12 twist=0deg
+    arm.go_to x=$to_x y=$to_y z=$to_z twist=0deg
     arm.grip action=open
-    arm.go_to x=$to_x y=$to_y z=$to_z+0.17 twist=0.0
+    arm.go_to x=$to_x y=$to_y z=$to_z+0.17 twist=0deg
 """
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from math import pi, radians
 
 import pytest
 from hypothesis import given
@@ -55,6 +56,14 @@ def test_a_place_that_is_visited_again_at_another_height_is_the_same_place() -> 
     made = composed("cup", [ARM], shown)
     assert dict(made.parameters) == {"from_x": 0.3, "from_y": 0.0, "from_z": 0.03}
     assert "arm.go_to x=$from_x y=$from_y z=$from_z+0.05" in written(made)
+
+
+def test_angles_are_degrees_in_the_steps_and_radians_in_the_page() -> None:
+    made = composed("cup", [ARM], [go(0.3, 0, 0.1, radians(45)), go(0.3, 0, 0.1, 3.1415)])
+    ready = prepared(made, ROBOTS, "Shown.")
+    for text, angle in (("twist=45deg", radians(45)), ("twist=180deg", pi)):
+        assert text in ready.files["cup.steps"]
+        assert f"twist={angle!r})" in ready.files["cup.py"]
 
 
 def test_where_nothing_was_gripped_is_no_place() -> None:

@@ -63,14 +63,14 @@ async def test_steps_are_chosen_nested_given_parameters_and_made(
         await add(operator, "arm-1.grip")
         await operator.until(lambda: len(page.rows) == 3, "three steps")
         assert lines(page) == [
-            "arm.go_to x=0.35 y=0.0 z=0.4 twist=0.0", "repeat 3", "  arm.grip action=open",
+            "arm.go_to x=0.35 y=0.0 z=0.4 twist=0deg", "repeat 3", "  arm.grip action=open",
         ]  # fmt: skip
         await operator.sees("✓ 3 steps, which can be tried and made", "arm: Arm (arm-1)")
         await operator.press("home", "dollar_sign")
         await operator.at(Choosing)
         await operator.press("down", "enter")
         await operator.at(ComposePage)
-        assert lines(page)[0] == "arm.go_to x=0.35 y=$y z=0.4 twist=0.0"
+        assert lines(page)[0] == "arm.go_to x=0.35 y=$y z=0.4 twist=0deg"
         assert page.parameters == {"y": "0.0"}
         await operator.press("ctrl+r")
         await operator.sees("✓ made mine.py")
