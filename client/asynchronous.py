@@ -34,6 +34,7 @@ from robotree.vr.base.arguments import named_arguments
 from robotree.vr.base.errors import BadArgument, CommandCancelled, EmptyRealm, NotThisKind, VrError
 from robotree.vr.base.extras import explained
 from robotree.vr.base.units import seconds
+from robotree.vr.exchange.attendance import Attendance
 from robotree.vr.exchange.calling import OnProgress
 from robotree.vr.exchange.client import DEFAULT_DEADLINE
 from robotree.vr.network.realms import all_realms, robots_in
@@ -52,6 +53,9 @@ WITHIN = "within"
 
 SHOWN = 5
 """Robots of another realm that are named."""
+
+LOOKS = 0.1
+"""[s] between two looks whether a key is held."""
 
 SILENCE = 3.0
 """[s] without a published state, after which a robot is asked whether it lives; it publishes each second."""
@@ -317,10 +321,43 @@ class AsyncCommand:
 
     async def start(self, *values: Any, **arguments: Any) -> AsyncCall:
         """Start the command and return at once; see `__call__`."""
+        return await self._start(values, arguments)
+
+    @contextlib.asynccontextmanager
+    async def attended(
+        self, held: Callable[[], bool], *values: Any, **arguments: Any
+    ) -> AsyncGenerator[AsyncCall]:
+        """Start a command that goes on only while somebody holds a key, and end it with the block.
+
+        Args:
+            held: whether the person holds a key, a pedal or a button; asked ten times a second. The robot
+                ends the command 2 s after the last yes, also when this program hangs or is cut off.
+            *values: of the command's parameters.
+            **arguments: the same by name, and `within`.
+
+        Raises:
+            VrError: it was refused.
+            Exception: what `held` has raised; the command has ended then.
+        """
+        keys = Attendance()
+        call = await self._start(values, arguments, keys)
+        pressing = asyncio.ensure_future(_press(keys, held))
+        try:
+            yield call
+        finally:
+            failed = pressing.done()
+            pressing.cancel()
+            await call.cancel()
+            if failed:
+                pressing.result()
+
+    async def _start(
+        self, values: tuple[Any, ...], arguments: dict[str, Any], keys: Attendance | None = None
+    ) -> AsyncCall:
         await self.learn(values, arguments)
         deadline, named = self.prepared(values, arguments)
         call = AsyncCall(self.robot, self.name)
-        call.begin(self._carry_out(named, deadline, call.note_progress))
+        call.begin(self._carry_out(named, deadline, call.note_progress, keys))
         self._realm.keep(call)
         return call
 
@@ -330,11 +367,13 @@ class AsyncCommand:
         deadline, named = self.prepared(values, arguments)
         await self._realm.realm_client.tell(self.robot, self.name, named, deadline=deadline)
 
-    async def _carry_out(self, named: dict[str, Any], deadline: float, on_progress: OnProgress) -> Any:
+    async def _carry_out(
+        self, named: dict[str, Any], deadline: float, on_progress: OnProgress, keys: Attendance | None
+    ) -> Any:
         realm_client = self._realm.realm_client
         try:
             return await realm_client.call(
-                self.robot, self.name, named, deadline=deadline, on_progress=on_progress
+                self.robot, self.name, named, deadline=deadline, on_progress=on_progress, attendance=keys
             )
         except BadArgument:
             self.forget()
@@ -376,6 +415,14 @@ class AsyncCommand:
             return seconds(named.pop(WITHIN))
         except (TypeError, ValueError) as error:
             raise BadArgument(command=label, parameter=WITHIN, reason=str(error)) from None
+
+
+async def _press(keys: Attendance, held: Callable[[], bool]) -> None:
+    """Pass a key on as long as it is held."""
+    while True:
+        if held():
+            keys.press()
+        await asyncio.sleep(LOOKS)
 
 
 class AsyncCall:

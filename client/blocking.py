@@ -20,8 +20,9 @@ import asyncio
 import contextlib
 import threading
 import weakref
-from collections.abc import AsyncGenerator, Coroutine, Generator, Iterator, Sequence
+from collections.abc import AsyncGenerator, Callable, Coroutine, Generator, Iterator, Sequence
 from concurrent.futures import Future
+from contextlib import AbstractAsyncContextManager
 from typing import TYPE_CHECKING, Any, Self, TypeVar, cast, overload
 
 from robotree.client.asynchronous import AsyncCall, AsyncCommand, AsyncReadings, AsyncRealm, connect_async
@@ -339,6 +340,19 @@ class Command:
         """Start the command and return at once; it ends with the realm's block at the latest."""
         return Call(self._realm, self._realm.wait_for(self._command.start(*values, **arguments)))
 
+    @contextlib.contextmanager
+    def attended(self, held: Callable[[], bool], *values: Any, **arguments: Any) -> Generator[Call]:
+        """Start a command that goes on only while somebody holds a key, and end it with the block.
+
+        `held` is asked on the thread behind the realm, so it may not wait; else as `AsyncCommand.attended`.
+        """
+        block = self._command.attended(held, *values, **arguments)
+        call = self._realm.wait_for(_entered(block))
+        try:
+            yield Call(self._realm, call)
+        finally:
+            self._realm.wait_for(_left(block))
+
     def tell(self, *values: Any, **arguments: Any) -> None:
         """Send the command and wait only until the robot has accepted it; it may outlive the program."""
         self._realm.wait_for(self._command.tell(*values, **arguments))
@@ -419,6 +433,14 @@ async def _result(call: AsyncCall, timeout: float | None) -> Any:
     async with asyncio.timeout(timeout):
         await call.ended()
     return await call
+
+
+async def _entered(block: AbstractAsyncContextManager[_T]) -> _T:
+    return await block.__aenter__()
+
+
+async def _left(block: AbstractAsyncContextManager[Any]) -> None:
+    await block.__aexit__(None, None, None)
 
 
 async def _next(items: AsyncGenerator[_T]) -> _T:

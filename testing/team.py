@@ -7,11 +7,12 @@ between them take a millisecond of virtual time. A call runs the World until it 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import math
 import re
 import traceback
 from collections import Counter
-from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Coroutine, Generator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -36,7 +37,9 @@ from robotree.vr.base.errors import VrError
 from robotree.vr.base.requests import AnyRequest
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.loader import built
+from robotree.vr.core.machine import ATTENTION
 from robotree.vr.exchange.asking import ask, fresh_key
+from robotree.vr.exchange.attendance import RATE
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.running.process import Journal as EventJournal
 from robotree.vr.running.process import Process
@@ -127,6 +130,8 @@ class Team:
         """The latest error of each robot's code, by its name."""
         self._calls: list[Going] = []
         self._space: TeamSpace | None = None
+        self._key: object | None = None
+        """What the operator holds down; each time is another one."""
         self.journal = Journal(self._paths, self.world.runner.now)
         self.journal.on_step = self._on_step
         self.world.__enter__()
@@ -229,16 +234,24 @@ class Team:
     def _start(self, path: str, command: str, within: float, arguments: Mapping[str, Any]) -> Going:
         going = Going(self, command, fresh_key())
         self._calls.append(going)
+        client, key = self._client(path), self._key
+        attended = ATTENTION if key is not None else 0.0
+
+        async def press() -> None:
+            while not going.done and key is self._key:
+                client.press(going.key)
+                await asyncio.sleep(1 / RATE)
 
         async def call() -> None:
             try:
-                value = await self._client(path).call(
+                value = await client.call(
                     command,
                     arguments,
                     deadline=within,
                     caller=OPERATOR,
                     key=going.key,
                     on_progress=lambda share, text: going.progress.append((share, text)),
+                    attended=attended,
                 )
             except Exception as error:  # noqa: BLE001 # raised again where it is waited for
                 going.settle(None, error)
@@ -246,7 +259,21 @@ class Team:
                 going.settle(value, None)
 
         self._on_operator(call)
+        if key is not None:
+            self._on_operator(press)
         return going
+
+    @contextlib.contextmanager
+    def holding(self) -> Generator[None]:
+        """Have the operator hold a key for the time of a block, for commands with `attended=True`.
+
+        Those that are called within it go on while it lasts, and 2 s longer.
+        """
+        self._key = object()
+        try:
+            yield
+        finally:
+            self._key = None
 
     def wait(self, seconds: float) -> None:
         """Let virtual time pass [s]."""

@@ -31,13 +31,16 @@ from robotree.vr import (
 from robotree.vr.base.errors import (
     BadName,
     EmptyRealm,
+    NobodyAttends,
     NoSuchRobot,
     NotInControl,
     NotPaused,
     NotThisKind,
     TransportClosed,
 )
+from robotree.vr.core.machine import ATTENTION
 from tests.command_line import ROBOTREE
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.e2e
 
@@ -66,6 +69,12 @@ class Walker(VirtualRobot):
     @command
     def where(self) -> dict[str, float]:
         return {"x": self.at, "stride": self.stride}
+
+    @command(attended=True)
+    def march(self) -> None:
+        while True:
+            self.at += 1.0
+            self.sleep(0.05)
 
     @command
     def stumble(self) -> None:
@@ -218,6 +227,34 @@ def test_errors_have_the_classes_and_the_words_that_a_page_gets(realm: Realm) ->
         realm["bob"].walk(x=1)
     with pytest.raises(BadName):
         realm["no name"]
+
+
+def test_a_program_attends_a_command_as_long_as_its_key_is_held(realm: Realm) -> None:
+    ann, held = realm["ann"], True
+    with pytest.raises(NobodyAttends):
+        ann.march()
+    with ann.march.attended(lambda: held) as march:
+        wait_until(lambda: ann.readings.x > 1.5 * ATTENTION / 0.05 or march.done, "it goes on")
+        assert not march.done
+        held = False
+        with pytest.raises(CommandCancelled):
+            march.result(SOON)
+
+
+def test_a_command_that_is_attended_ends_with_its_block_and_with_a_key_that_cannot_be_read(
+    realm: Realm,
+) -> None:
+    ann = realm["ann"]
+    with ann.march.attended(lambda: True) as march:
+        wait_until(lambda: ann.readings.x > 0, "it has begun")
+    assert march.done
+    unplugged = pytest.raises(OSError, match="unplugged")
+    with unplugged, ann.march.attended(_unplugged) as march, pytest.raises(CommandCancelled):
+        march.result(SOON)
+
+
+def _unplugged() -> bool:
+    raise OSError("unplugged")
 
 
 def test_a_command_runs_while_the_program_does_something_else(realm: Realm) -> None:

@@ -12,11 +12,13 @@ import pytest
 from robotree import kinds
 from robotree.examples.move_to import MoveTo
 from robotree.examples.open_close_lever import OpenCloseLever
+from robotree.examples.swing_held import HeldMove
 from robotree.proxy.arm import Arm
 from robotree.proxy.rover import Rover
 from robotree.testing import Fake, Page, in_turn, rehearse, watch
 from robotree.vr import BadArgument, CommandCancelled, CommandFailed, DeadlineExceeded, SlotEmpty, VrError
-from robotree.vr.base.errors import DoesNotFit, NoSuchCommand, NotInControl, Stopped, WrongKind
+from robotree.vr.base.errors import DoesNotFit, NobodyAttends, NoSuchCommand, NotInControl, Stopped, WrongKind
+from robotree.vr.core.machine import ATTENTION
 from robotree.vr.world.virtual_runner import VirtualRunner
 from tests.testing.pages import Crowd, Half, Hidden, Hoist, Lift, Spinning, Swallowing, Typed
 
@@ -29,6 +31,20 @@ def test_what_was_commanded_can_be_asserted_on() -> None:
         ("arm", "go_to", {"x": 0, "y": 0, "z": 0.42, "twist": 0}),
     ]
     assert team.progress == [(0.0, "gripping"), (0.5, "lifting"), (1.0, "lifted")]
+
+
+def test_what_wants_a_key_goes_on_while_the_operator_holds_it_and_two_seconds_longer() -> None:
+    with rehearse(HeldMove, arm=Fake(Arm)) as team:
+        with pytest.raises(NobodyAttends):
+            team.call("swing")
+        with team.holding():
+            going = team.start("swing")
+            team.wait(5 * ATTENTION)
+            assert not going.done
+        let_go = team.now
+        with pytest.raises(CommandCancelled):
+            going.result()
+        assert team.now - let_go == pytest.approx(ATTENTION, abs=0.3)
 
 
 @pytest.mark.speed

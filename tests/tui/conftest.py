@@ -22,9 +22,12 @@ from robotree.vr.agents.view import ViewAgent
 from robotree.vr.base import envelope
 from robotree.vr.base.requests import CameraLens, Shot
 from robotree.vr.exchange import claim
+from robotree.vr.history.writer import HistoryWriter
 from robotree.vr.lookup import registrar
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
+from robotree.vr.running.process import Process
+from robotree.vr.running.runner import runner_of
 from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
 from robotree.vr.world.testing import until
@@ -234,9 +237,21 @@ class Realm:
         self._stack.push_async_callback(host.close)
         return host
 
-    async def robot(self, robot: Robot) -> RobotAgent:
-        transport = self._join(robot.name)
-        agent = RobotAgent(robot, transport, registrar=self._registrar(transport), term=PATIENT)
+    async def robot(self, robot: Robot, keep: Path | None = None) -> RobotAgent:
+        """Start a robot; what it does is kept in a folder, as a proxy does."""
+        transport, process, history = self._join(robot.name), None, None
+        if keep is not None:
+            await asyncio.to_thread(keep.mkdir, parents=True)
+            runner = runner_of(asyncio.get_running_loop())
+            history = HistoryWriter(keep, runner.now, runner.unix)
+            process = Process(runner, None, history.machine_of)
+            history.start()
+            self._stack.callback(history.close)
+            self._stack.callback(process.close)
+        registrar = self._registrar(transport)
+        agent = RobotAgent(
+            robot, transport, registrar=registrar, term=PATIENT, process=process, history=history
+        )
         await agent.start()
         self._stack.push_async_callback(agent.close)
         return agent

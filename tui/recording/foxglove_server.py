@@ -9,7 +9,6 @@ same leases and the same policy as on the command line, and end when the client 
 from __future__ import annotations
 
 import asyncio
-import base64
 import contextlib
 import hmac
 import json
@@ -27,10 +26,10 @@ from robotree.assistants.tools import field_schema
 from robotree.tui.errors import ValueRefused
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import Outcome, Teller, plain
+from robotree.tui.recording import foxglove_messages as messages
 from robotree.tui.recording import foxglove_protocol as protocol
 from robotree.tui.recording.foxglove_protocol import BadMessage, Channel, CommandService, ServiceCall
 from robotree.tui.recording.recorder import LOOK, PAUSE, PICTURES, SIZE, rate_of
-from robotree.tui.recording.tape import LEVELS, SCHEMAS
 from robotree.tui.wire.lasting import lasting
 from robotree.vr.base.errors import VrError
 
@@ -60,37 +59,6 @@ ping waits for what is written before it, so this is also how long a client may 
 
 CLOSE = 1.0
 """[s] in which a client agrees that its connection ends."""
-
-WORLD = "world"
-"""The frame in which robots say where they are."""
-
-TRANSFORMS = json.dumps(
-    {
-        "type": "object",
-        "properties": {
-            "transforms": {
-                "type": "array",
-                "items": {
-                    "type": "object",
-                    "properties": {
-                        "timestamp": SCHEMAS["foxglove.Log"]["properties"]["timestamp"],
-                        "parent_frame_id": {"type": "string"},
-                        "child_frame_id": {"type": "string"},
-                        "translation": {
-                            "type": "object",
-                            "properties": {axis: {"type": "number"} for axis in "xyz"},
-                        },
-                        "rotation": {
-                            "type": "object",
-                            "properties": {axis: {"type": "number"} for axis in "xyzw"},
-                        },
-                    },
-                },
-            }
-        },
-    }
-)
-"""`foxglove.FrameTransforms`."""
 
 
 class Client:
@@ -147,6 +115,7 @@ class FoxgloveServer:
         self._clients = set[Client]()
         self._channels = dict[str, Channel]()
         self._services = dict[str, CommandService]()
+        self._robots: Mapping[str, RobotDescription] = {}
         self._count = 0
         self._changed = asyncio.Event()
 
@@ -225,6 +194,10 @@ class FoxgloveServer:
                 client.send(protocol.advertise([channel]))
         return self._channels[topic]
 
+    def _of_foxglove(self, topic: str, name: str) -> Channel:
+        name = f"foxglove.{name}"
+        return self._channel(topic, name, json.dumps(messages.SCHEMAS[name]))
+
     def _publish(self, channel: Channel, unix: float, payload: bytes) -> None:
         for client in self._clients:
             for subscription, number in client.subscriptions.items():
@@ -242,31 +215,24 @@ class FoxgloveServer:
         self._publish(readings, now, msgspec.json.encode(finite))
         whole = self._channel(f"/robots/{name}/state", "robotree.State", '{"type": "object"}')
         self._publish(whole, now, msgspec.json.encode(msgspec.structs.replace(state, readings=finite)))
-        if (transform := transform_of(name, finite, now)) is not None:
-            channel = self._channel("/tf", "foxglove.FrameTransforms", TRANSFORMS)
-            self._publish(channel, now, json.dumps({"transforms": [transform]}).encode())
+        if where := messages.transforms(name, finite, self._robots.get(name), now):
+            self._publish(self._of_foxglove(messages.TRANSFORMS, "FrameTransforms"), now, _json(where))
 
     def take_lines(self, name: str, lines: Sequence[LoggedLine]) -> None:
         """Publish lines of a robot's log."""
-        channel = self._channel("/log", "foxglove.Log", json.dumps(SCHEMAS["foxglove.Log"]))
+        channel = self._of_foxglove("/log", "Log")
         for line in lines:
-            said = {
-                "timestamp": stamp(line.unix),
-                "level": LEVELS.get(line.level, 2),
-                "message": line.text,
-                "name": name,
-                "file": "",
-                "line": 0,
-            }
-            self._publish(channel, line.unix, json.dumps(said).encode())
+            self._publish(channel, line.unix, _json(messages.log(name, line)))
 
     async def look(self) -> None:
-        """Look which commands there are, and say so where that is another list."""
+        """Look who is there, and which commands there are; say so where that is another list."""
+        robots = await self._realm_client.tree()
+        self._robots = {robot.name: robot for robot in robots}
         if not self._with_services:
             return
         there = {
             f"/robots/{robot.name}/{command.name}": (robot, command)
-            for robot in await self._realm_client.tree()
+            for robot in robots
             for command in robot.commands
             if command.available
         }
@@ -298,22 +264,14 @@ class FoxgloveServer:
     async def _pictures(self) -> None:
         """Fetch a picture of each camera that somebody looks at."""
         width, height = SIZE
-        schema = json.dumps(SCHEMAS["foxglove.CompressedImage"])
         for view in self._realm_client.views():
             for camera in (await self._realm_client.describe_view(view.name)).cameras:
-                topic = f"/views/{view.name}/{camera}"
-                channel = self._channel(topic, "foxglove.CompressedImage", schema)
+                channel = self._of_foxglove(f"/views/{view.name}/{camera}", "CompressedImage")
                 if not self._looked_at(channel):
                     continue
                 picture = await self._realm_client.look(view.name, camera=camera, width=width, height=height)
                 now = time.time()
-                said = {
-                    "timestamp": stamp(now),
-                    "frame_id": camera,
-                    "data": base64.b64encode(picture.jpeg).decode(),
-                    "format": "jpeg",
-                }
-                self._publish(channel, now, json.dumps(said).encode())
+                self._publish(channel, now, _json(messages.image(now, picture)))
 
     async def follow(self) -> None:
         """Follow the realm until it is cancelled."""
@@ -347,27 +305,8 @@ class FoxgloveServer:
             await asyncio.sleep(pause)
 
 
-def stamp(unix: float) -> dict[str, int]:
-    """Return a time as Foxglove's schemas have it."""
-    nanoseconds = round(unix * 1e9)
-    return {"sec": nanoseconds // 1_000_000_000, "nsec": nanoseconds % 1_000_000_000}
-
-
-def transform_of(name: str, readings: Mapping[str, float], unix: float) -> dict[str, Any] | None:
-    """Return where a robot is in the frame of the world; None: it says nothing of that.
-
-    Its readings `x`, `y`, `z` [m] are its place, and `heading` or `twist` [rad] its turn about the vertical.
-    """
-    if not {"x", "y"} <= readings.keys():
-        return None
-    half = readings.get("heading", readings.get("twist", 0.0)) / 2.0
-    return {
-        "timestamp": stamp(unix),
-        "parent_frame_id": WORLD,
-        "child_frame_id": name,
-        "translation": {"x": readings["x"], "y": readings["y"], "z": readings.get("z", 0.0)},
-        "rotation": {"x": 0.0, "y": 0.0, "z": math.sin(half), "w": math.cos(half)},
-    }
+def _json(said: Mapping[str, Any]) -> bytes:
+    return json.dumps(said).encode()
 
 
 @contextlib.asynccontextmanager

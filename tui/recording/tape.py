@@ -10,6 +10,7 @@ It is MCAP (https://mcap.dev/spec), with JSON messages, times in ns since 1970 o
     /log                      the same for Foxglove (`foxglove.Log`)
     /events                   an event of a history (`HistoryEvent`), at the time when it happened
     /views/NAME/CAMERA        a picture (`foxglove.CompressedImage`)
+    /tf                       where robots are (`foxglove.FrameTransforms`), from their readings
 
 A file whose writer was killed has everything up to its last `flush`.
 """
@@ -28,6 +29,7 @@ import msgspec
 
 from robotree.protocol.tools.capture.mcap import LARGEST_RECORD, inflated
 from robotree.tui.errors import BadRecordedRealm
+from robotree.tui.recording import foxglove_messages as messages
 from robotree.vr.base.address import parted
 from robotree.vr.base.description import RobotDescription
 from robotree.vr.base.history_event import HistoryEvent
@@ -48,34 +50,6 @@ CHUNK: Final = 256 * 1024
 """[bytes] that are compressed together, and the most that a damaged place takes along."""
 
 _NUMBER: Final = {"type": "number"}
-_TEXT: Final = {"type": "string"}
-_TIME: Final = {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
-SCHEMAS: Final[Mapping[str, Mapping[str, Any]]] = {
-    "foxglove.Log": {
-        "type": "object",
-        "properties": {
-            "timestamp": _TIME,
-            "level": {"type": "integer"},
-            "message": _TEXT,
-            "name": _TEXT,
-            "file": _TEXT,
-            "line": {"type": "integer"},
-        },
-    },
-    "foxglove.CompressedImage": {
-        "type": "object",
-        "properties": {
-            "timestamp": _TIME,
-            "frame_id": _TEXT,
-            "data": {"type": "string", "contentEncoding": "base64"},
-            "format": _TEXT,
-        },
-    },
-}
-"""Foxglove's own, as https://docs.foxglove.dev/docs/visualization/message-schemas has them."""
-
-LEVELS: Final = {"debug": 1, "warning": 3, "cancelled": 3, "error": 4, "failed": 4}
-"""Levels of `foxglove.Log`; all others are INFO, 2."""
 
 _ROBOT = re.compile(r"/robots/(.+)/(state|description|log|gone)")
 _VIEW = re.compile(r"/views/(.+)/([^/]+)")
@@ -143,6 +117,9 @@ class TapeWriter:
         if finite:
             schema = _readings_schema(name, finite)
             self._add(f"/robots/{name}/readings", unix, msgspec.json.encode(finite), schema, counts=False)
+        if where := messages.transforms(name, finite, self._descriptions.get(name), unix):
+            schema = _foxglove("foxglove.FrameTransforms")
+            self._add(messages.TRANSFORMS, unix, _encoded(where), schema, counts=False)
 
     def description(self, unix: float, description: RobotDescription) -> None:
         """Append the description of a robot, if it is not the one that is there already."""
@@ -161,15 +138,9 @@ class TapeWriter:
     def line(self, name: str, line: LoggedLine) -> None:
         """Append a line of an agent's log."""
         self._add(f"/robots/{name}/log", line.unix, msgspec.json.encode(line), _schema_of(LoggedLine))
-        said = {
-            "timestamp": _time(line.unix),
-            "level": LEVELS.get(line.level, 2),
-            "message": line.text,
-            "name": name,
-            "file": "",
-            "line": 0,
-        }
-        self._add("/log", line.unix, _encoded(said), _foxglove("foxglove.Log"), counts=False)
+        self._add(
+            "/log", line.unix, _encoded(messages.log(name, line)), _foxglove("foxglove.Log"), counts=False
+        )
 
     def event(self, event: HistoryEvent) -> None:
         """Append an event of a history."""
@@ -177,14 +148,8 @@ class TapeWriter:
 
     def picture(self, unix: float, view: str, picture: Picture) -> None:
         """Append a picture of a view."""
-        said = {
-            "timestamp": _time(unix),
-            "frame_id": picture.camera,
-            "data": base64.b64encode(picture.jpeg).decode(),
-            "format": "jpeg",
-        }
         topic = f"/views/{view}/{picture.camera.replace('/', '-')}"
-        self._add(topic, unix, _encoded(said), _foxglove("foxglove.CompressedImage"))
+        self._add(topic, unix, _encoded(messages.image(unix, picture)), _foxglove("foxglove.CompressedImage"))
 
     def flush(self) -> None:
         """End the chunk: all that was written can be read from now on, also after this process is killed."""
@@ -369,17 +334,12 @@ def _lasting(description: RobotDescription) -> RobotDescription:
     )  # fmt: skip
 
 
-def _time(unix: float) -> dict[str, int]:
-    nanoseconds = round(unix * 1e9)
-    return {"sec": nanoseconds // 1_000_000_000, "nsec": nanoseconds % 1_000_000_000}
-
-
 def _encoded(said: Mapping[str, Any]) -> bytes:
     return json.dumps(said).encode()
 
 
 def _foxglove(name: str) -> tuple[str, bytes]:
-    return name, _encoded(SCHEMAS[name])
+    return name, _encoded(messages.SCHEMAS[name])
 
 
 _made: dict[type, tuple[str, bytes]] = {}

@@ -102,7 +102,7 @@ class RobotClient:
 
     # -- commands ---------------------------------------------------------------------------------
 
-    async def call(
+    async def call(  # noqa: PLR0913 # a call has so many sides
         self,
         command: str,
         arguments: Arguments,
@@ -113,6 +113,7 @@ class RobotClient:
         sender: str = "",
         key: str | None = None,
         on_progress: OnProgress | None = None,
+        attended: float = 0.0,
     ) -> Any:
         """Have a command carried out and return its result. Ends the command if this is cancelled.
 
@@ -126,6 +127,7 @@ class RobotClient:
                 Empty: that of the client, if it has one; else it goes on if this process is killed.
             key: of the call; None: a fresh one. The same key again asks for the same result.
             on_progress: takes how far it is.
+            attended: [s] for which somebody at a key attends it, longer by `press`; 0: nobody does.
 
         Raises:
             CommandError: it was refused or did not succeed.
@@ -139,6 +141,7 @@ class RobotClient:
             epoch=epoch,
             caller=caller,
             deadline=deadline,
+            attended=attended,
         )
         return await self.carry_out(call, sender=sender, on_progress=on_progress)
 

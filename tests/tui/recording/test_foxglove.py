@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import os
 import signal
 import sys
@@ -18,12 +19,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
+from robotree.tui.recording import foxglove_messages as messages
 from robotree.tui.recording import foxglove_protocol as protocol
 from robotree.tui.recording import foxglove_server
 from robotree.tui.recording.foxglove_protocol import BadMessage, ServiceCall
-from robotree.tui.recording.foxglove_server import FoxgloveServer, listening, transform_of
+from robotree.tui.recording.foxglove_server import FoxgloveServer, listening
 from robotree.tui.session.playing import Player
 from robotree.tui.session.script import read
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import RobotDescription
 from tests.tui.recording.foxglove_client import connected
 from tests.waiting import until
 
@@ -112,6 +116,8 @@ async def idle(realm: Realm) -> None:
 
 HANGS = """
 import asyncio, sys
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import RobotDescription
 from tests.tui.recording.foxglove_client import connected
 async def main():
     async with connected(sys.argv[1]) as client:
@@ -202,9 +208,39 @@ def test_bytes_of_anybody_are_a_call_or_refused(message: bytes) -> None:
         assert not new or not over
 
 
+def robot(name: str, **attributes: str) -> RobotDescription:
+    return RobotDescription(address=Address("robot", name, "a"), kinds=("Any",), attributes=attributes)
+
+
 def test_a_robot_without_a_place_has_no_transform() -> None:
-    assert transform_of("lamp", {"brightness": 1.0}, 0.0) is None
-    turned = transform_of("rover-1", {"x": 1.0, "y": 2.0, "heading": 3.141592653589793}, 1.5)
-    assert turned is not None
+    assert messages.transforms("lamp", {"brightness": 1.0}, None, 0.0) is None
+    found = messages.transforms("rover-1", {"x": 1.0, "y": 2.0, "heading": math.pi}, None, 1.5)
+    assert found is not None
+    (turned,) = found["transforms"]
     assert turned["timestamp"] == {"sec": 1, "nsec": 500_000_000}
+    assert turned["parent_frame_id"] == "world"
     assert turned["rotation"]["z"] == pytest.approx(1.0)
+
+
+def test_robots_of_two_controllers_are_in_two_frames_and_a_limb_goes_with_its_body() -> None:
+    base = {"x": 1.0, "y": 2.0, "heading": 0.5}
+    there = [
+        messages.transforms(name, readings, robot(name, **attributes), 0.0)
+        for name, readings, attributes in (
+            ("arm-1", {"x": 0.3, "y": 0.0}, {"controller": "tcp://cell:1"}),
+            ("legs", base, {"controller": "tcp://her:1"}),
+            ("hand", {"x": 0.1, "y": 0.2}, {"controller": "tcp://her:1", "frame": "tcp://her:1/body"}),
+        )
+    ]
+    links = [
+        (one["parent_frame_id"], one["child_frame_id"])
+        for each in there
+        if each
+        for one in each["transforms"]
+    ]
+    assert links == [
+        ("tcp://cell:1", "arm-1"),
+        ("tcp://her:1", "legs"),
+        ("tcp://her:1", "tcp://her:1/body"),
+        ("tcp://her:1/body", "hand"),
+    ]

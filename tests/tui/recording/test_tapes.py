@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import io
+import json
 from pathlib import Path
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mcap.reader import make_reader
 
 from robotree.protocol import encode
 from robotree.protocol.messages import NamedValueFloat
@@ -68,6 +71,28 @@ def test_what_was_written_is_read() -> None:
     assert found.entries[0].content == ARM
     assert found.entries[4].content == RecordedLine("arm-1", LINE)
     assert found.entries[6] == Entry(NOON + 4, RecordedPicture("cell", "wrist", b"\xff\xd8\xff"))
+
+
+def test_a_recording_says_where_robots_are_in_the_frames_that_they_name() -> None:
+    stream = io.BytesIO()
+    writer = TapeWriter(stream, {})
+    framed = msgspec.structs.replace(ARM, attributes={"controller": "tcp://cell:1"})
+    writer.state(NOON, "arm-1", State(readings={"x": 0.3, "y": 0.1, "z": 0.2}))
+    writer.description(NOON + 1, framed)
+    writer.state(NOON + 2, "arm-1", State(readings={"x": 0.4, "y": 0.1, "z": 0.2}))
+    writer.state(NOON + 3, "arm-1", State(readings={"z": 0.2}))
+    writer.close()
+    stream.seek(0)
+    heard = [
+        (schema.name, json.loads(message.data)["transforms"][0])
+        for schema, channel, message in make_reader(stream).iter_messages(topics=["/tf"])
+        if schema is not None and channel.message_encoding == "json"
+    ]
+    assert [name for name, _ in heard] == ["foxglove.FrameTransforms"] * 2
+    assert [(one["parent_frame_id"], one["translation"]["x"]) for _, one in heard] == [
+        ("world", 0.3), ("tcp://cell:1", 0.4),
+    ]  # fmt: skip
+    assert len(read(stream.getvalue()).entries) == 4, "the states say it as well"
 
 
 def test_a_description_is_written_when_it_has_changed() -> None:

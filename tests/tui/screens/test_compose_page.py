@@ -14,7 +14,9 @@ from robotree.tui.screen.pages.dialogs import Confirm
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.vr import command
+from robotree.vr.network.realms import state_home
 from tests.tui.conftest import Arm
+from tests.tui.screens.test_teleop_page import moved
 
 if TYPE_CHECKING:
     from screens.conftest import Operate, Operator
@@ -178,6 +180,50 @@ async def test_a_robot_is_led_by_hand_and_what_it_did_not_keep_is_told(
         await operator.press("escape")
         await operator.at(ComposePage)
         await operator.sees("nothing was shown")
+
+
+SHOWN = """\
+part take
+  arm.go_to x=$from_x-0.05 y=$from_y z=$from_z+0.05 twist=30deg
+  arm.go_to x=$from_x y=$from_y z=$from_z+0.05 twist=30deg
+  arm.go_to x=$from_x y=$from_y z=$from_z twist=30deg
+  arm.grip action=close
+  arm.go_to x=$from_x y=$from_y z=$from_z+0.05 twist=30deg
+part put
+  arm.go_to x=$to_x y=$to_y z=$to_z+0.05 twist=30deg
+  arm.go_to x=$to_x y=$to_y z=$to_z twist=30deg
+  arm.grip action=open
+  arm.go_to x=$to_x y=$to_y z=$to_z+0.05 twist=30deg
+"""
+
+
+async def test_a_robot_that_is_led_by_keys_once_becomes_named_steps_and_a_page(
+    realm: Realm, operate: Operate, here: Path
+) -> None:
+    arm, realm.realm_client.realm = Arm("arm-2"), "hall"  # whose robots keep what they did
+    await realm.robot(arm, state_home() / "hall" / "robots" / arm.name)
+    async with operate(realm.realm_client) as operator:
+        await operator.until(lambda: "x" in operator.app.store.readings("arm-2"), "the arm is read")
+        await operator.press("C")
+        page = await operator.at(ComposePage)
+        await operator.press("T")
+        await operator.at(Choosing)
+        await operator.press("down", "enter")
+        led = await operator.at(TeleopPage)
+        await operator.press("plus", "plus")  # steps of 50 mm and 30 degrees
+        for key in ("comma", "up", "pagedown", "O", "pageup", "left", "pagedown", "o", "pageup"):
+            calls = len(arm.calls) + len(led.felt)
+            await operator.press(key)
+            await operator.until(lambda calls=calls: len(arm.calls) + len(led.felt) > calls, key)
+            await moved(operator, led)
+        await operator.press("escape")
+        await operator.at(ComposePage)
+        await operator.until(lambda: len(page.rows) > 0, "steps")
+        assert "\n".join(lines(page)) + "\n" == SHOWN
+        assert list(page.parameters.values()) == [0.4, 0.0, 0.35, 0.4, 0.05, 0.35]
+        await operator.press("ctrl+r")
+        await operator.sees("✓ made mine.py")
+        assert "def carry_out(" in (here / "mine.py").read_text()
 
 
 class Felt(msgspec.Struct, frozen=True):
