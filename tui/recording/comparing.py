@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 from robotree.tui.recording.tape import RecordedLine, RecordedState, Tape
 from robotree.tui.seen import wording
+from robotree.tui.seen.cells import seen
 from robotree.vr.base.history_event import HistoryEvent
 from robotree.vr.base.principal import is_person
 
@@ -158,28 +159,38 @@ def _differences(one: Ran, other: Ran, spans: Mapping[tuple[str, str], float]) -
         less, more = sorted((one.took, other.took))
         if more - less > max(SLOWER, less * 0.1):
             yield f"{one.took:.2f} s → {other.took:.2f} s"
-    for name in sorted({*one.readings} & {*other.readings} - {"age", "progress"}):
-        before, after = one.readings[name], other.readings[name]
-        if abs(after - before) > NEAR * spans.get((one.robot, name), 0.0):
-            unit = one.units.get(name, "")
-            yield f"{name} {wording.quantity(before, unit)} → {wording.quantity(after, unit)}"
+    for name, said in _unequal(one.robot, one.readings, other.readings, one.units, spans):
+        yield f"{name} {said}"
+
+
+def _unequal(
+    robot: str,
+    ones: Mapping[str, float],
+    others: Mapping[str, float],
+    units: Mapping[str, str],
+    spans: Mapping[tuple[str, str], float],
+) -> Iterator[tuple[str, str]]:
+    """Yield the readings of a robot that differ, by name: what they are in both."""
+    for name in sorted({*ones} & {*others} - {"age", "progress"}):
+        before, after = ones[name], others[name]
+        if abs(after - before) > NEAR * spans.get((robot, name), 0.0):
+            unit = units.get(name, "")
+            yield name, f"{wording.quantity(before, unit)} → {wording.quantity(after, unit)}"
 
 
 def text(first: Tape, second: Tape) -> str:
     """Return the comparison, for people."""
     pairs = compared(first, second)
-    rows = [
-        (
-            "=" if not pair.differs else "≠",
-            (pair.first or pair.second or _NONE).words,
-            "; ".join(pair.differs),
-        )
-        for pair in pairs
-    ]
+    rows = [*map(_row, pairs)]
     unequal = sum(bool(pair.differs) for pair in pairs)
     head = f"{first.name} → {second.name}: {len(pairs)} commands, {unequal} differ"
     lengths = f"{first.ended - first.began:.1f} s → {second.ended - second.began:.1f} s"
     return "\n".join([f"{head}; {lengths}", wording.columns(rows)])
+
+
+def _row(pair: Pair) -> tuple[str, str, str]:
+    words = seen((pair.first or pair.second or _NONE).words)
+    return "≠" if pair.differs else "=", words, "; ".join(pair.differs)
 
 
 _NONE = Ran("", "", 0.0, None, "", {}, {})
@@ -212,15 +223,19 @@ def _plain(one: Ran | None) -> dict[str, Any] | None:
 
 
 class Beside:
-    """Another recording, beside one that is replayed: what differs at the command that was ended last."""
+    """Another recording, beside one that is replayed: what differs at a time after both beginnings."""
 
     def __init__(self, first: Tape, second: Tape) -> None:
         """Compare both; the first is replayed."""
+        self.title = f"{first.name} → {second.name}"
+        self._pairs = compared(first, second)
         self._ended = sorted(
-            ((pair.first.ended or pair.first.began, pair) for pair in compared(first, second) if pair.first),
+            ((pair.first.ended or pair.first.began, pair) for pair in self._pairs if pair.first),
             key=lambda each: each[0],
         )
         self._times = [ended for ended, _ in self._ended]
+        self._tapes = [(tape.began, _moments(tape)) for tape in (first, second)]
+        self._spans, self._units = ranges(first, second), _units(first)
 
     def words(self, seconds: float) -> str:
         """Return what differs at the last command that had ended by then, [s] after the beginning."""
@@ -230,3 +245,31 @@ class Beside:
         pair = self._ended[position - 1][1]
         assert pair.first is not None  # noqa: S101 # chosen above
         return f"{pair.first.words}: {'; '.join(pair.differs) or 'as in the other'}"
+
+    def text(self, seconds: float) -> str:
+        """Return the readings that differ so long [s] after both beginnings, and the commands of both.
+
+        A `▸` in the first column stands for a command that goes on then in the first recording, in the second
+        column in the second one.
+        """
+        (_, ones), (_, others) = self._tapes
+        readings = [
+            (seen(f"{robot}.{name}"), said)
+            for robot in sorted({*ones} & {*others})
+            for name, said in self._other_readings(robot, seconds)
+        ]
+        rows = [
+            (f"{_mark(pair.first, seconds)}{_mark(pair.second, seconds)}", *row)
+            for pair, row in zip(self._pairs, map(_row, self._pairs), strict=True)
+        ]
+        said = wording.columns(readings) if readings else "all readings are as in the other"
+        return f"{said}\n\n{wording.columns(rows)}"
+
+    def _other_readings(self, robot: str, seconds: float) -> Iterator[tuple[str, str]]:
+        ones, others = (_at(moments[robot], began + seconds) for began, moments in self._tapes)
+        return _unequal(robot, ones, others, self._units.get(robot, {}), self._spans)
+
+
+def _mark(one: Ran | None, seconds: float) -> str:
+    goes_on = one is not None and one.began <= seconds and (one.ended is None or seconds < one.ended)
+    return "▸" if goes_on else " "

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from functools import partial
+from pathlib import Path
 from typing import Any, ClassVar
 
+from rich.text import Text
+from textual import work
 from textual.binding import Binding, BindingType
 
 from robotree.tui import exit_codes
-from robotree.tui.errors import NeedsTerminal, ValueRefused
+from robotree.tui.errors import BadRecordedRealm, NeedsTerminal, ValueRefused
 from robotree.tui.line.grammar import Line
 from robotree.tui.processes.to_the_end import to_the_end
 from robotree.tui.recording.comparing import Beside
@@ -19,6 +23,7 @@ from robotree.tui.recording.tape import Tape
 from robotree.tui.recording.transport import RecordedTransport
 from robotree.tui.screen.app import Supervisor
 from robotree.tui.screen.driver import LEAVE, OutlivingDriver
+from robotree.tui.screen.pages.dialogs import Broken, Choosing, Reading
 from robotree.tui.screen.place import NOWHERE, Place
 from robotree.tui.screen.supervise import supervise
 from robotree.tui.seen.cells import seen
@@ -27,6 +32,9 @@ from robotree.vr.supervision.realm_client import RealmClient
 
 TICK = 0.1
 """[s] between two steps of a recording that is played."""
+
+LOOK = 0.5
+"""[s] between two looks at what differs from the other recording."""
 
 LEAP, LONG_LEAP = 5.0, 30.0
 """[s] that a key goes forward or back."""
@@ -49,6 +57,7 @@ class Replay(Supervisor):
         Binding("shift+right", f"leap({LONG_LEAP})", show=False, priority=True),
         Binding("left_square_bracket", "pace(0.5)", "Slower", priority=True),
         Binding("right_square_bracket", "pace(2.0)", "Faster", priority=True),
+        Binding("equals_sign", "compare", "Compare", priority=True),
     ]
 
     def __init__(self, player: Player, *args: Any, **options: Any) -> None:
@@ -94,7 +103,7 @@ class Replay(Supervisor):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Give keys to the field in which somebody types."""
-        if action in {"leap", "pace"} and self.typing:
+        if action in {"leap", "pace", "compare"} and self.typing:
             return False
         return super().check_action(action, parameters)
 
@@ -112,9 +121,51 @@ class Replay(Supervisor):
         if isinstance(self._driver, OutlivingDriver):
             self._driver.stays = True
 
+    def action_compare(self) -> None:
+        """Show what differs from a second recording at this moment; the first time it is chosen."""
+        if isinstance(self.screen, BesideReading):
+            self.screen.dismiss()
+        elif self.player.beside is not None:
+            self.push_screen(BesideReading(self.player, self.player.beside))
+        elif files := self.player.files_beside():
+
+            def chosen(name: str | None) -> None:
+                if name is not None:
+                    self._open_beside(name)
+
+            self.push_screen(Choosing("which recording is beside this one?", files), chosen)
+        else:
+            self.tell("no other recording lies in the folder of this one; --beside OTHER names one elsewhere")
+
+    @work(exit_on_error=False)
+    async def _open_beside(self, name: str) -> None:
+        try:
+            await asyncio.to_thread(self.player.open_beside, name)
+        except BadRecordedRealm as error:
+            self.tell(str(error), "error")
+        else:
+            self.action_compare()
+
     def action_pace(self, factor: float) -> None:
         """Play faster or slower."""
         self.player.speed = min(max(self.player.speed * factor, SLOWEST), FASTEST)
+
+
+class BesideReading(Reading):
+    """Two recordings at the same time after their beginnings; it goes along with the one that is replayed."""
+
+    def __init__(self, player: Player, beside: Beside) -> None:
+        """Begin with the present moment."""
+        self._player, self._beside = player, beside
+        super().__init__(beside.title, self._present())
+
+    def on_mount(self) -> None:
+        """Go along."""
+        super().on_mount()
+        self.set_interval(LOOK, self.guarded(lambda: self.query_one(Broken).replace(Text(self._present()))))
+
+    def _present(self) -> str:
+        return self._beside.text(self._player.playback.position - self._player.tape.began)
 
 
 class Player:
@@ -123,7 +174,7 @@ class Player:
     def __init__(self, tape: Tape, speed: float, beside: Tape | None = None) -> None:
         """Begin at the beginning, at a multiple of the recording's own speed, beside another recording."""
         self.tape, self.speed = tape, speed
-        self._beside = None if beside is None else Beside(tape, beside)
+        self.beside = None if beside is None else Beside(tape, beside)
         self.begin_at = tape.began
         """[s] since 1970: where it is opened next."""
         self.held = False
@@ -152,6 +203,20 @@ class Player:
         if self.transport is not None:
             self.transport.deliver(self.playback.advance(unix))
 
+    def files_beside(self) -> list[tuple[str, str]]:
+        """Return the other recordings in the folder of this one, and when each was written."""
+        own = Path(self.tape.name)
+        found = (path for path in sorted(own.parent.glob(f"*{own.suffix}")) if path.name != own.name)
+        return [(str(path), time.strftime("%c", time.localtime(path.stat().st_mtime))) for path in found]
+
+    def open_beside(self, name: str) -> None:
+        """Have a second recording beside this one.
+
+        Raises:
+            BadRecordedRealm: it cannot be read.
+        """
+        self.beside = Beside(self.tape, opened(name))
+
     def hold_or_go_on(self) -> None:
         """Hold the recording, or let it go on."""
         self.held = not self.held
@@ -162,7 +227,7 @@ class Player:
         at, length = self.playback.position - self.tape.began, self.tape.ended - self.tape.began
         state = "held" if self.held else "ended" if self.playback.over else f"x{self.speed:g}"
         cut = "" if self.tape.whole else ", being written" if self.tape.growing else ", cut off"
-        other = self._beside.words(at) if self._beside is not None else ""
+        other = self.beside.words(at) if self.beside is not None else ""
         differs = f"  ≠ {seen(other)}" if other else ""
         return f"REPLAY {_clock(at)} of {_clock(length)}{cut}  {state}{differs}"
 

@@ -93,6 +93,16 @@ def test_the_replay_says_what_was_otherwise_in_the_other_one() -> None:
     assert Beside(tape_of(*MONDAY), second).words(0.5) == ""
 
 
+def test_beside_each_other_two_recordings_show_what_goes_on_in_both_and_which_readings_differ() -> None:
+    beside = Beside(tape_of(*MONDAY), tape_of(*MONDAY[:2], ("go_to z=1", 7, 9, "done", 0.5)))
+    early, late, over = (beside.text(seconds) for seconds in (6.5, 7.5, 9.5))
+    assert early.startswith("all readings are as in the other\n")
+    assert "▸   ≠  arm-1.go_to z=1" in early
+    assert "▸▸  ≠  arm-1.go_to z=1" in late
+    assert over.startswith("arm-1.z  1 m → 0.5 m\n")
+    assert "▸" not in over
+
+
 def test_two_files_are_compared_on_the_command_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

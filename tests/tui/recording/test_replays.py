@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robotree.tui.recording.exports import opened
 from robotree.tui.recording.playback import Playback
-from robotree.tui.recording.replaying import AGAIN, Player, Replay
+from robotree.tui.recording.replaying import AGAIN, BesideReading, Player, Replay
 from robotree.tui.recording.tape import (
     Entry,
     RecordedEnd,
@@ -18,6 +19,7 @@ from robotree.tui.recording.tape import (
     RecordedPicture,
     RecordedState,
     Tape,
+    TapeWriter,
 )
 from robotree.tui.recording.transport import RecordedTransport
 from robotree.vr.base.address import Address
@@ -106,6 +108,36 @@ async def test_who_listens_hears_what_comes_and_who_goes() -> None:
     assert [one.name for one in realm_client.robots()] == ["mover"]
     transport.deliver(playback.advance(NOON + 9))
     assert [one.name for one in realm_client.robots()] == ["arm-1"], "free again, and the mover has gone"
+    await realm_client.close()
+
+
+async def test_a_second_recording_is_chosen_by_a_key_and_shown_at_the_same_moment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    states = {"monday": 0.25, "tuesday": 0.75}
+    for name, height in states.items():
+        with (tmp_path / f"{name}.mcap").open("wb") as file:
+            writer = TapeWriter(file, {"realm": "hall"})
+            writer.description(NOON, FREE)
+            for second in range(60):
+                writer.state(NOON + second, "arm-1", State(readings={"z": height if second > 20 else 0.0}))
+            writer.close()
+    player = Player(opened(str(tmp_path / "monday.mcap")), 1.0)
+    player.held = True
+    realm_client = RealmClient(player.open())
+    await realm_client.start()
+    app = partial(Replay, player)(realm_client, realm="", readonly=True)
+    async with app.run_test(size=(120, 40)) as pilot:
+        await press(pilot, "equals_sign")
+        await until(lambda: "tuesday.mcap" in text_of(app), "the others are offered")
+        assert f"{tmp_path}/monday.mcap  " not in text_of(app)
+        await press(pilot, "enter")
+        await until(lambda: "all readings are as in the other" in text_of(app), "nothing differs yet")
+        await press(pilot, "shift+right")
+        await until(lambda: "arm-1.z  0.25 m → 0.75 m" in text_of(app), "it goes along")
+        await press(pilot, "equals_sign")
+        await until(lambda: not isinstance(app.screen, BesideReading), "it is closed")
     await realm_client.close()
 
 

@@ -38,8 +38,8 @@ VERBS = (
     shell(
         "replay FILE [--from TIME] [--speed SPEED] [--beside OTHER]",
         "Show a recording in the full screen: space holds it, left and right go back and forward by 5 s,"
-        " with shift by 30 s, `[` and `]` make it slower and faster. Nothing in it can be commanded."
-        " --beside: on top stands what was otherwise in OTHER at the command that ended last.",
+        " with shift by 30 s, `[` and `]` make it slower and faster, `=` compares. Nothing in it can be"
+        " commanded. --beside: on top stands what was otherwise in OTHER at the command that ended last.",
         start="recording.replaying:replay",
         needs=("wire", "tui"),
         examples=("replay monday.mcap --from 2min --speed 4",),

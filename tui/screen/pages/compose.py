@@ -13,7 +13,7 @@ from rich.text import Text
 from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import BindingType
-from textual.containers import Horizontal, Vertical
+from textual.containers import Horizontal
 from textual.widgets import Input, OptionList, Static
 from textual.widgets.option_list import Option
 
@@ -30,7 +30,7 @@ from robotree.tui.composing.writing import KnownRobots, Prepared, prepared, trie
 from robotree.tui.errors import BadComposition
 from robotree.tui.line.past import settled_events
 from robotree.tui.screen.bindings import bindings
-from robotree.tui.screen.pages.dialogs import Confirm, Modal
+from robotree.tui.screen.pages.dialogs import Choosing, Confirm
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.teleoperable import bounds
@@ -44,33 +44,6 @@ FIRST = "mine"
 """Name of the page, until the person writes another one."""
 ORIGIN = "Made with the composer of robotree."
 EMPTY = "no step yet: a adds one, T shows them by hand"
-
-
-class Choosing(Modal[str | None]):
-    """Choose one of several."""
-
-    def __init__(self, question: str, choices: Sequence[tuple[str, str]]) -> None:
-        """Offer pairs of what is chosen and what is said of it."""
-        super().__init__()
-        self._question, self._choices = question, list(choices)
-
-    def box(self) -> ComposeResult:
-        """A list."""
-        with Vertical(classes="dialog reading") as box:
-            box.border_title = Text(self._question)
-            yield OptionList(
-                *(Option(Text.assemble((word, "bold"), f"  {about}")) for word, about in self._choices),
-                markup=False,
-                id="choosing",
-            )
-
-    def on_mount(self) -> None:
-        """Let the arrows choose."""
-        self.query_one(OptionList).focus()
-
-    @on(OptionList.OptionSelected)
-    def _chosen(self, event: OptionList.OptionSelected) -> None:
-        self.dismiss(self._choices[event.option_index][0])
 
 
 class ComposePage(Page):

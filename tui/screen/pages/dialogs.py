@@ -1,8 +1,8 @@
-"""Small dialogs over a page: to confirm, to read."""
+"""Small dialogs over a page: to confirm, to read, to choose."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import ClassVar
 
 from rich.text import Text
@@ -11,7 +11,8 @@ from textual.app import ComposeResult
 from textual.binding import BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.screen import ModalScreen, ScreenResultType
-from textual.widgets import Button, Input, Static
+from textual.widgets import Button, Input, OptionList, Static
+from textual.widgets.option_list import Option
 
 from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.hanging import containing, hanging
@@ -107,6 +108,12 @@ class Broken(Part, Static):
         super().__init__(text, markup=False)
         self._text, self._shown = text, text
 
+    def replace(self, text: Text) -> None:
+        """Show another text."""
+        if text != self._text:
+            self._text = self._shown = text
+            self.on_resize()
+
     def search(self, letters: str) -> None:
         """Show only the parts of the text that contain these letters; none: all of it."""
         self._shown = containing(self._text, letters) if letters.strip() else self._text
@@ -163,3 +170,30 @@ class Reading(Modal[None]):
     def _found(self) -> None:
         """Scroll in what was found."""
         self.query_one(VerticalScroll).focus()
+
+
+class Choosing(Modal[str | None]):
+    """Choose one of several."""
+
+    def __init__(self, question: str, choices: Sequence[tuple[str, str]]) -> None:
+        """Offer pairs of what is chosen and what is said of it."""
+        super().__init__()
+        self._question, self._choices = question, list(choices)
+
+    def box(self) -> ComposeResult:
+        """A list."""
+        with Vertical(classes="dialog reading") as box:
+            box.border_title = Text(self._question)
+            yield OptionList(
+                *(Option(Text.assemble((word, "bold"), f"  {about}")) for word, about in self._choices),
+                markup=False,
+                id="choosing",
+            )
+
+    def on_mount(self) -> None:
+        """Let the arrows choose."""
+        self.query_one(OptionList).focus()
+
+    @on(OptionList.OptionSelected)
+    def _chosen(self, event: OptionList.OptionSelected) -> None:
+        self.dismiss(self._choices[event.option_index][0])
