@@ -125,7 +125,7 @@ CHANGES = {
     *("order cancel", "order confirm", "order settle"),
     *("go", "places add", "places remove"),
     *("mcp", "assistant invite", "assistant revoke", "permit allow", "permit deny"),
-    *("compose", "alarm above", "alarm below", "alarm ack", "alarm clear"),
+    *("compose", "alarm above", "alarm below", "alarm ack", "alarm clear", "alarms watch"),
     *("realm create", "realm invite", "realm join", "realm revoke", "realm renew"),
 }
 """Verbs of the shell that change robots, or who commands them."""

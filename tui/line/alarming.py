@@ -15,10 +15,14 @@ from robotree.tui.processes.alarm_file import AlarmFile, alarms_of
 from robotree.tui.seen import instruments
 from robotree.tui.seen.alarms import Alarm, Sign, acknowledged, judged
 from robotree.tui.seen.angles import IN_DEGREES
+from robotree.tui.seen.watched import WatchedReadings, judging
 
 if TYPE_CHECKING:  # help must not wait for the agents
+    from robotree.vr.base.requests import State
     from robotree.vr.supervision.realm_client import RealmClient
 
+PAUSE = 0.2
+"""[s] between two looks whether a reading has passed a threshold."""
 WORDS = {">": "above", "<": "below"}
 
 
@@ -97,6 +101,38 @@ async def alarms(realm_client: RealmClient, _line: Line, _teller: Teller) -> Out
     found = file.all()
     rows = [{**plain(one), "name": one.name, "state": one.state} for one in found]
     return Outcome(rows, "\n".join(map(row, found)) or "no alarm is set: `alarm above ROBOT.READING LIMIT`")
+
+
+async def watch(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
+    """Judge the alarms as readings come, until it is interrupted or the time is over, without a screen."""
+    import asyncio
+
+    file, watched = alarms_of(realm_client.realm), WatchedReadings()
+
+    def take(name: str, state: State) -> None:
+        watched.take(name, state.readings, time.time())
+
+    def judge() -> None:
+        passed, before = watched.passed, dict(watched.alarms)
+        after = file.change(judging(passed, 0.0)) if passed else file.all()
+        passed.clear()
+        watched.take_alarms(after)
+        for alarm in after:
+            if alarm.state != "calm" and alarm != before.get(alarm.name):
+                teller.outcome(Outcome({**plain(alarm), "state": alarm.state}, row(alarm)))
+
+    limit = values.duration(line.text("--for")) if line.text("--for") else None
+    watching = await realm_client.watch_state(None, take)
+    try:
+        async with asyncio.timeout(limit):
+            while True:
+                judge()
+                await asyncio.sleep(PAUSE)
+    except TimeoutError:
+        pass
+    finally:
+        await watching.close()
+    return Outcome(None)
 
 
 async def _look(realm_client: RealmClient, file: AlarmFile) -> None:

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Protocol
 
 from robotree.tui.errors import SupervisorError
 from robotree.tui.seen import absence, unlisted
-from robotree.tui.seen.alarms import Alarm, judged
+from robotree.tui.seen.alarms import Alarm
 from robotree.tui.seen.store import Away, SeenGroup, Store
-from robotree.tui.seen.watched import Passed
+from robotree.tui.seen.watched import judging
 from robotree.vr.base.address import Address, Role, shown_address
 from robotree.vr.base.errors import NoSuchPermit, TransportClosed, VrError
 from robotree.vr.network.permit_file import permits_beside
@@ -189,7 +189,7 @@ class Feed:
         if keeper is None:
             return
         try:
-            after = keeper.change(self._judging(passed)) if passed else keeper.all()
+            after = keeper.change(judging(passed, time.time() - self.clock())) if passed else keeper.all()
         except SupervisorError as error:
             if str(error) != self._alarming:
                 self._alarming = str(error)
@@ -199,16 +199,6 @@ class Feed:
         if after is not self._alarms:
             self._alarms = after
             store.take_alarms(after, self.clock(), ALARMS)
-
-    def _judging(self, passed: Sequence[Passed]) -> Callable[[dict[str, Alarm]], None]:
-        since = time.time() - self.clock()
-
-        def change(alarms: dict[str, Alarm]) -> None:
-            for name, value, at in passed:
-                if name in alarms:
-                    alarms[name] = judged(alarms[name], value, at + since)
-
-        return change
 
     async def _keep_asking_where(self) -> None:
         """Show where robots of other sites are, and how old that is. Without a gateway nobody is asked."""

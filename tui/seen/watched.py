@@ -5,12 +5,12 @@ The store gives it each state that comes. Only robots that are watched cost anyt
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from math import isfinite
 from typing import NamedTuple
 
-from robotree.tui.seen.alarms import Alarm, beyond
+from robotree.tui.seen.alarms import Alarm, beyond, judged
 from robotree.tui.seen.series import Ticked
 
 
@@ -76,6 +76,22 @@ class WatchedReadings:
     def open(self, robot: str = "") -> list[Alarm]:
         """Return the alarms at which a person must look, of a robot or of all."""
         return [one for one in (self._of.get(robot, ()) if robot else self.alarms.values()) if one.open]
+
+
+def judging(passed: Iterable[Passed], since: float) -> Callable[[dict[str, Alarm]], None]:
+    """Return what changes kept alarms as readings have passed them.
+
+    Args:
+        passed: which, the oldest first.
+        since: [s] since 1970 when the clock of `passed` was 0.
+    """
+
+    def change(alarms: dict[str, Alarm]) -> None:
+        for name, value, at in passed:
+            if name in alarms:
+                alarms[name] = judged(alarms[name], value, at + since)
+
+    return change
 
 
 def _same(before: Alarm | None, now: Alarm, moment: str) -> bool:

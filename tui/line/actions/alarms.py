@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from robotree.tui.line.action import LOOK, Action
+from robotree.tui.line.action import LOOK, Action, Where
 
 line = partial(Action, group=LOOK)
 
@@ -14,6 +14,16 @@ VERBS = (
         "List the alarms, after a look at the readings: how each is, since when, who acknowledged it.",
         run="line.alarming:alarms",
         examples=("alarms", "alarms --json"),
+    ),
+    line(
+        "alarms watch [--for TIME]",
+        "Judge the alarms until Ctrl-C, where no screen runs: those that are raised meanwhile are kept,"
+        " and wait until you acknowledge them. It prints each that changes.",
+        run="line.alarming:watch",
+        right="see",
+        where=Where.SHELL,
+        alters=True,
+        examples=("alarms watch", "alarms watch --for 8h --json"),
     ),
     line(
         "alarm above ROBOT.READING LIMIT",
