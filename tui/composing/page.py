@@ -266,8 +266,8 @@ def literal(value: Any) -> str:
         return repr(value)
     plain = value.replace("\\", "\\\\")
     plain = "".join(each if each.isprintable() else _escaped(each) for each in plain)
-    if '"' in plain and "'" not in plain:
-        return f"'{plain}'"
+    if plain.count('"') > plain.count("'"):
+        return "'" + plain.replace("'", "\\'") + "'"
     return '"' + plain.replace('"', '\\"') + '"'
 
 
