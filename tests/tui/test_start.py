@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from robotree.tui.exit_codes import DONE, USAGE
+from robotree.tui.line import actions
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.network.local import join
 
@@ -18,6 +19,9 @@ HELP = {
     "robotree.tui": ["cli", "errors", "exit_codes", "terminal"],
     "robotree.tui.line": [
         "action", "actions", "checking", "grammar", "keys", "manual", "page_keys", "surface", "values",
+    ],
+    "robotree.tui.line.actions": [
+        file.stem for file in Path(actions.__file__).parent.glob("*.py") if file.stem != "__init__"
     ],
     "robotree.tui.processes": ["realm"],
 }  # fmt: skip
@@ -29,6 +33,7 @@ LIST = {
     "robotree.files",
     "robotree.tui",
     "robotree.tui.line",
+    "robotree.tui.line.actions",
     "robotree.tui.processes",
     "robotree.tui.seen",
     "robotree.vr",
