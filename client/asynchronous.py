@@ -31,7 +31,14 @@ from robotree.vr.author.kind import Kind, promises_of
 from robotree.vr.author.readings import Record
 from robotree.vr.base.address import parted
 from robotree.vr.base.arguments import named_arguments
-from robotree.vr.base.errors import BadArgument, CommandCancelled, EmptyRealm, NotThisKind, VrError
+from robotree.vr.base.errors import (
+    BadArgument,
+    CommandCancelled,
+    EmptyRealm,
+    NotAttended,
+    NotThisKind,
+    VrError,
+)
 from robotree.vr.base.extras import explained
 from robotree.vr.base.units import seconds
 from robotree.vr.exchange.attendance import Attendance
@@ -336,9 +343,13 @@ class AsyncCommand:
             **arguments: the same by name, and `within`.
 
         Raises:
+            NotAttended: the command does not end without a key.
             VrError: it was refused.
             Exception: what `held` has raised; the command has ended then.
         """
+        self._spec = (await self._realm.describe(self.robot)).command(self.name)
+        if not self._spec.attended:
+            raise NotAttended(robot=self.robot, command=self.name)
         keys = Attendance()
         call = await self._start(values, arguments, keys)
         pressing = asyncio.ensure_future(_press(keys, held))

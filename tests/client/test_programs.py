@@ -33,6 +33,7 @@ from robotree.vr.base.errors import (
     EmptyRealm,
     NobodyAttends,
     NoSuchRobot,
+    NotAttended,
     NotInControl,
     NotPaused,
     NotThisKind,
@@ -251,6 +252,13 @@ def test_a_command_that_is_attended_ends_with_its_block_and_with_a_key_that_cann
     unplugged = pytest.raises(OSError, match="unplugged")
     with unplugged, ann.march.attended(_unplugged) as march, pytest.raises(CommandCancelled):
         march.result(SOON)
+
+
+def test_a_command_that_would_go_on_without_a_key_is_not_attended(realm: Realm) -> None:
+    ann = realm["ann"]
+    with pytest.raises(NotAttended, match="would go on without a key"), ann.walk.attended(lambda: True, 1):
+        pass
+    assert ann.readings.x == 0
 
 
 def _unplugged() -> bool:

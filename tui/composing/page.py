@@ -391,8 +391,10 @@ def _comparison(that: Comparison, *, holds: bool = True) -> str:
         when_true = that.value is (that.relation == "is")
         return reading if when_true is holds else f"not {reading}"
     signs = {"is": "==", "is not": "!=", "above": ">", "below": "<"}
-    inverse = {"==": "!=", "!=": "==", ">": "<=", "<": ">="}
+    inverse = {"==": "!=", "!=": "=="}
     sign = signs[that.relation]
+    if not holds and sign not in inverse:  # the inverse sign would let a reading pass that is not a number
+        return f"not ({reading} {sign} {_expression(that.value)})"
     return f"{reading} {sign if holds else inverse[sign]} {_expression(that.value)}"
 
 

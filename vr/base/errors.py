@@ -514,6 +514,15 @@ class NobodyAttends(CommandError):
     )
 
 
+class NotAttended(CommandError):
+    """A program wants to attend a command that does not end when nobody attends it."""
+
+    sentence = (
+        "{robot}.{command} would go on without a key: its page does not say `@command(attended=True)`; call"
+        " it as other commands"
+    )
+
+
 class Stopped(CommandError):
     """A protective stop holds the robot."""
 

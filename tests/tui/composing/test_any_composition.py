@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import math
 import subprocess
 import sys
 import types
@@ -385,6 +386,26 @@ def test_a_loop_ends_when_the_reading_is_so_and_fails_when_it_never_is() -> None
             with never if times == 4 else nullcontext():
                 team.call("work", force=5.0)
             assert len(team.commanded) == times
+
+
+EXPECTS = """\
+robot feel
+slot arm Arm
+do
+  expect arm.get_info.fz {relation} 5 else 'it is not so'
+  arm.hold
+"""
+
+
+@pytest.mark.parametrize("relation", ["above", "below"])
+def test_a_reading_that_is_not_a_number_fulfils_no_expectation(relation: str) -> None:
+    composition = read_lines(EXPECTS.format(relation=relation))
+    names = modules(prepared(composition, ROBOTS, "Drawn by a test.").checked)
+    fake = Fake(Arm, get_info={"fz": math.nan})
+    with rehearse(names["Feel"], arm=fake) as team:
+        with pytest.raises(Failed, match="it is not so"):
+            team.call("work")
+        assert not team.commanded
 
 
 def test_one_call_takes_no_more_steps_than_a_test_can_play() -> None:
