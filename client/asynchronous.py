@@ -348,7 +348,7 @@ class AsyncCommand:
             Exception: what `held` has raised; the command has ended then.
         """
         self._spec = (await self._realm.describe(self.robot)).command(self.name)
-        if not self._spec.attended:
+        if self._spec is not None and not self._spec.attended:
             raise NotAttended(robot=self.robot, command=self.name)
         keys = Attendance()
         call = await self._start(values, arguments, keys)
