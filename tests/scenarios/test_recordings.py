@@ -38,6 +38,11 @@ class Team(VirtualRobot):
     def fetch(self, word: str) -> None:
         "Fetch."
         self.arm.grip(force=1.5)
+
+    @command
+    def linger(self) -> None:
+        "Wait long."
+        self.sleep(60.0)
 """
 
 
@@ -75,6 +80,12 @@ async def test_a_recorded_session_is_played_again_and_holds(place: Path) -> None
             await line("create", str(place / f"{name}.py"), "as", name)
         await line("enslave", "team.arm", "arm")
         await line("call", "team.fetch", "word=it's a #1")
+        lingering = asyncio.create_task(line("call", "team.linger", code=1))
+        while "linger" not in await line("ls"):
+            assert not lingering.done()
+        await line("stop")
+        await lingering
+        await line("resume")
         await line("delete", "team")
         await line("stop", "arm")
         await line("resume", "arm")
@@ -86,14 +97,17 @@ async def test_a_recorded_session_is_played_again_and_holds(place: Path) -> None
         asked = [
             row for row in session.read_text().splitlines() if row and not row.startswith(("#", "sleep"))
         ]
-        assert asked[:4] == [
+        assert asked[:7] == [
             f"create {place}/arm.py as arm",
             f"create {place}/team.py as team",
             "enslave team.arm arm",
             r"call team.fetch word='it'\''s a #1'",
+            "call team.linger --detach",
+            "stop",
+            "expect team idle within 30s",
         ]
         assert asked[-3:] == ["try call arm.grip force=9", "expect refused CommandFailed", "delete arm"]
-        assert {"try release team.arm", "try delete team", "stop arm", "try resume arm"} <= set(asked[4:-3])
+        assert {"try release team.arm", "try delete team", "stop arm", "try resume arm"} <= set(asked[7:-3])
 
         await line("delete", "arm")
         for _ in range(2):  # it leaves nothing behind

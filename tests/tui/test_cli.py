@@ -34,6 +34,7 @@ def alone(monkeypatch: pytest.MonkeyPatch) -> None:
         (["enslav", "a.b", "c"], USAGE, "did you mean enslave"),
         (["create", "a.py"], USAGE, "'as' is missing; usage: create FILE as NAME [on HOST]"),
         (["ls", "--colour"], USAGE, "unknown option --colour"),
+        (["alarms", "ack"], USAGE, "'ack' is more than it takes (did you mean alarm ack?)"),
         (["help", "fly"], USAGE, "no verb 'fly'"),
         (["run", "/nowhere.session"], REFUSED, "cannot read the session /nowhere.session"),
         (["ls", "--realm", "../x"], REFUSED, "cannot be a name"),
@@ -76,6 +77,16 @@ def test_every_mistake_is_one_json_value_with_the_same_exit_code(
     said = capsys.readouterr()
     assert json.loads(said.out) == {"error": error, "message": sentence}
     assert json.loads(said.err) == json.loads(said.out)
+
+
+def test_a_verb_with_which_others_begin_shows_itself_and_them(capsys: pytest.CaptureFixture[str]) -> None:
+    for verb, other in (("recording FILE", "recording compare"), ("alarms", "alarms watch")):
+        assert main(["help", verb.split()[0]]) == 0
+        said = capsys.readouterr().out
+        assert f"usage: robotree {verb}" in said
+        assert f"  {other} " in said
+        assert main(["help", verb.split()[0], "--json"]) == 0
+        assert [one["verb"] for one in json.loads(capsys.readouterr().out)] == [verb.split()[0], other]
 
 
 @pytest.mark.parametrize(

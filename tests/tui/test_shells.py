@@ -48,6 +48,8 @@ def test_bash_completes_verbs_options_and_words() -> None:
 
     assert complete("robotree ens") == ["enslave"]
     assert complete("robotree wire mon") == ["monitor"]
+    assert complete("robotree recording comp") == ["compare"]
+    assert complete("robotree recording ") == [], "it may be a file, too"
     assert complete("robotree ls --vi") == ["--views"]
     assert complete("robotree create page.py a") == ["as"]
     assert complete("robotree create pag") == [], "bash offers files then"

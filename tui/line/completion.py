@@ -144,7 +144,8 @@ def _known(given: Sequence[str], words: Words) -> Sequence[str]:
         begun = [verb for verb in words.verbs if not typed or verb.startswith(f"{typed} ")]
         position = len(given)
         return [verb.split()[position] if typed else verb.split()[0] for verb in begun]
-    found: list[str] = []
+    behind = [verb.partition(" ")[2] for verb in words.verbs if verb.startswith(f"{' '.join(given)} ")]
+    found = [verb.partition(" ")[0] for verb in behind]
     option = _open_option(given, {**words.everywhere, **shape.options})
     for part in [Blank(option)] if option else expected(given, words):
         if isinstance(part, Word):

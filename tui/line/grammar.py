@@ -150,6 +150,9 @@ def _parts(tokens: list[str], options: dict[str, str]) -> tuple[tuple[Part, ...]
     return tuple(parts), tokens
 
 
+_NEXT_TO = 0.9
+"""How much like another verb of two words must be what is no line of this one: `alarms ack`, `alarm ack`."""
+
 _SAID = re.compile(r"say\s+(?!-)(.*\w'\w.*)")
 """A line to other operators, with an apostrophe in a word."""
 
@@ -217,7 +220,11 @@ def parse(
             raise BadLine(f"{wanted.verb}: {_either(choice)} is missing", wanted.usage)
     found = _match(wanted.parts, tuple(plain))
     if found is None:
-        raise BadLine(_complaint(wanted, plain), wanted.usage)
+        import difflib
+
+        near = difflib.get_close_matches(f"{verb} {' '.join(plain[:1])}", set(shapes) - {verb}, 2, _NEXT_TO)
+        hint = f" (did you mean {' or '.join(near)}?)" if near else ""
+        raise BadLine(_complaint(wanted, plain) + hint, wanted.usage)
     return Line(verb, {**values, **found})
 
 

@@ -71,9 +71,12 @@ def _row(action: Action) -> str:
 
 
 def family(word: str, surface: Surface) -> str:
-    """Return the help of all verbs of two words that begin with this one; empty: there are none."""
+    """Return the help of a verb and of those of two words that begin with it; empty: none does."""
     rows = [_row(action) for action in surface.actions if action.verb.startswith(f"{word} ")]
-    return "\n".join([*rows, "", f"robotree help {word} VERB explains one of them."]) if rows else ""
+    if not rows:
+        return ""
+    alone = [page(word), ""] if word in surface.shapes else []
+    return "\n".join([*alone, *rows, "", f"robotree help {word} VERB explains one of them."])
 
 
 def structure(action: Action) -> dict[str, Any]:

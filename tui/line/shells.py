@@ -132,6 +132,8 @@ def offered(words: Sequence[str], surface: Surface, realm: str) -> list[tuple[st
     if blanks & completion.OF_THE_REALM:
         known = asyncio.run(_named(known, _realm_in(typed) or realm))
     found = completion.following(given, last, known)
+    if not last and "FILE" in blanks:  # else no file would be offered beside the second words of verbs
+        found = ()
     if not last.startswith("-"):  # options come when they are asked for, so that files are offered otherwise
         found = tuple(word for word in found if not word.startswith("-"))
     return [(word, _about(" ".join([*given, word]))) for word in found]

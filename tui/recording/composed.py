@@ -127,7 +127,11 @@ def _composition(
     if source.endswith(".mcap"):
         tape = opened(source)
         described = {robot.name: robot for robot in living} | _described(tape)
-        shown = shown_in(tape, described, line.many("--of"))
+        wanted = [name for name in line.text("--of").split(",") if name]
+        if unknown := [name for name in wanted if name not in described]:
+            there = ", ".join(sorted(described)) or "no robot"
+            raise ValueRefused("--of", f"{unknown[0]} is not in {source}; there is {there}")
+        shown = shown_in(tape, described, wanted)
     elif source.endswith(".session"):
         described = {robot.name: robot for robot in living}
         shown = _asked_in(source, described)

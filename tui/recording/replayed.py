@@ -4,13 +4,14 @@
     robotree run demo.session --junit demo.xml
 
 The robots that were there at the beginning must be there again; those that were made later are made from
-their pages. A command that failed is tried, and must fail in the same way.
+their pages. A command that failed is tried, and must fail in the same way. A command during which something
+else was asked for, such as a stop, goes on beside the next lines; how it ends is not judged there.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple, cast
 
 from robotree.tui.recording.tape import RecordedEnd, RecordedLine, RecordedState, Tape
@@ -24,6 +25,18 @@ PAUSE = 1.0
 
 COMES = 30.0
 """[s] that the script waits for a robot without a page that came later: its process must be started again."""
+
+SHORT_PAUSE = 0.1
+"""[s] the same, while a command goes on beside the lines: where it was interrupted counts."""
+
+LATE = 1.0
+"""[s] after the end of a command until which what ended it may be heard."""
+
+SKEW = 0.05
+"""[s] by which the clocks of robots may differ before what followed seems to overlap."""
+
+CANCELLED = "CommandCancelled"
+"""The error of a command that a stop, or somebody, has ended."""
 
 ANY_ERROR = "?"
 """Stands for an error whose class is not known."""
@@ -39,6 +52,10 @@ class _Asked(NamedTuple):
     lines: tuple[str, ...]
     ended: float
     """[s] since 1970 when it was over."""
+    robot: str = ""
+    """Whose command it is; empty: it is none."""
+    error: str = ""
+    """Class of the error with which the command ended."""
 
 
 def session_of(tape: Tape, mine: Callable[[str], bool]) -> str:
@@ -49,25 +66,56 @@ def session_of(tape: Tape, mine: Callable[[str], bool]) -> str:
         mine: whether a page, as a description names it, is of who will run the script; robots of other pages
             are expected, for to make them would run somebody else's code as one's own.
     """
-    asked = sorted([*_shaped(tape, mine), *_called(tape), *_stopped(tape)])
+    others = [*_shaped(tape, mine), *_stopped(tape)]
+    asked = sorted([*others, *_called(tape, sorted(each.unix for each in others))])
     day = time.strftime("%Y-%m-%d %H:%M", time.localtime(tape.began))
     lines = [f"# From the recording {tape.name} of {day}, realm {tape.about.get('realm') or 'default'}."]
     if there := _there(tape):
         lines += ["# These robots must be there:"]
         lines += [f"expect {name} {_bound(robot) or 'listed'}" for name, robot in sorted(there.items())]
         lines += [""]
-    before = 0.0
-    for request in asked:
-        if before and (pause := request.unix - before) >= PAUSE:
-            lines.append(f"sleep {min(pause, LONGEST_PAUSE):.1f}s")
-        printable = all(part.isprintable() for part in request.lines)
-        lines += request.lines if printable else ["# What was asked here has no place in a script."]
-        before = max(before, request.ended)
+    lines += _lines(asked)
     if left := _left(lines):
         lines += ["", "# So that it can be played again:", *(f"delete {name}" for name in left)]
     if not asked:
         lines.append("# Nobody asked for anything while it was recorded.")
     return "\n".join(line if line.isprintable() else f"# {line!a}" for line in lines) + "\n"
+
+
+def _lines(asked: Sequence[_Asked]) -> Iterable[str]:
+    """Return the lines of all requests, with pauses; what overlapped does so again."""
+    before, beside = 0.0, list[_Asked]()
+    for request, following in zip(asked, [*asked[1:], None], strict=True):
+        over = [each for each in beside if each.ended <= request.unix]
+        beside = [each for each in beside if each.ended > request.unix]
+        yield from _idle(over, beside)
+        before = max([before, *(each.ended for each in over)])
+        pause = request.unix - before
+        if before and pause >= (SHORT_PAUSE if beside else PAUSE):
+            yield f"sleep {min(pause, LONGEST_PAUSE):.1f}s"
+        if not all(part.isprintable() for part in request.lines):
+            yield "# What was asked here has no place in a script."
+        elif request.robot and (
+            request.error == CANCELLED or (following and following.unix < request.ended - SKEW)
+        ):
+            how = f" It ended with {request.error}." if request.error.isidentifier() else ""
+            yield f"# Something else was asked for meanwhile: it goes on beside the next lines.{how}"
+            yield f"{request.lines[0].removeprefix('try ')} --detach"
+            beside.append(request)
+            before = max(before, request.unix)
+            continue
+        else:
+            yield from request.lines
+        beside = [each for each in beside if request.lines != (f"try delete {each.robot}",)]
+        before = max(before, request.ended)
+    yield from _idle(beside, ())
+
+
+def _idle(over: Iterable[_Asked], beside: Iterable[_Asked]) -> Iterable[str]:
+    """Wait for the robots of commands that are over, unless others of theirs go on."""
+    for name in dict.fromkeys(each.robot for each in over):
+        if name not in {each.robot for each in beside}:
+            yield f"expect {name} idle within {COMES:.0f}s"
 
 
 def _left(lines: Iterable[str]) -> list[str]:
@@ -154,8 +202,13 @@ def _slot(robot: RobotDescription) -> str:
     return "" if robot.bond is None else f"{robot.bond.parent.name}.{robot.bond.slot}"
 
 
-def _called(tape: Tape) -> Iterable[_Asked]:
-    """Return the commands that persons asked for, as they ended: by histories, else by logs."""
+def _called(tape: Tape, others: Sequence[float]) -> Iterable[_Asked]:
+    """Return the commands that persons asked for, as they ended: by histories, else by logs.
+
+    Args:
+        tape: the recording.
+        others: [s] since 1970 when something else was asked for, in order: it may have ended a command.
+    """
     begun, ended = dict[tuple[str, str], tuple[float, str]](), dict[tuple[str, str], tuple[float, str]]()
     for unix, content in tape.entries:
         match content:
@@ -169,29 +222,51 @@ def _called(tape: Tape) -> Iterable[_Asked]:
                 call = f"call {robot}.{line.command} {line.arguments}".rstrip()
                 begun.setdefault((robot, line.key), (unix, call))
             case RecordedLine(robot, line) if line.level in {"done", "failed", "cancelled"}:
-                ended.setdefault((robot, line.key), (unix, "" if line.level == "done" else ANY_ERROR))
+                error = {"done": "", "cancelled": CANCELLED}.get(line.level, ANY_ERROR)
+                ended.setdefault((robot, line.key), (unix, error))
             case _:
                 pass
     for key, (unix, call) in begun.items():
         end, error = ended.get(key, (unix, ""))
+        if error == CANCELLED:
+            why = next((at for at in others if unix <= at <= end + LATE), None)
+            if why is None:
+                why = end
+                yield _Asked(end, (f"try cancel {key[0]}",), end)
+            end = max(end, why + SKEW)  # what ended it comes before its end
         refused = f"try {call}", f"expect refused {error.removeprefix(ANY_ERROR)}".rstrip()
-        yield _Asked(unix, refused if error else (call,), end)
+        yield _Asked(unix, refused if error else (call,), end, key[0], error)
 
 
 def _stopped(tape: Tape) -> Iterable[_Asked]:
-    """Return the protective stops that persons asked for, and when each robot was resumed."""
-    stopped = set[str]()
+    """Return the protective stops that persons asked for, and the resumes: of all robots as one line each."""
+    there, stopped = set[str](), set[str]()
+    changes: list[tuple[float, str, set[str], int, int]] = []
     for unix, content in tape.entries:
         match content:
-            case RecordedState(name, state) if state.stopped and name not in stopped:
-                stopped.add(name)
-                if is_person(state.stop_reason.partition("'")[0]):
-                    yield _Asked(unix, (f"stop {name}",), unix)
-            case RecordedState(name, state) if name in stopped and not state.stopped:
+            case RecordedState(name, state):
+                there.add(name)
+                if state.stopped == (name in stopped):
+                    continue
+                stopped ^= {name}
+                verb = "stop" if state.stopped else "try resume"
+                if state.stopped and not is_person(state.stop_reason.partition("'")[0]):
+                    continue
+                if changes and changes[-1][1] == verb and unix - changes[-1][0] < LATE:
+                    began, _, names, *_ = changes.pop()
+                else:
+                    began, names = unix, set[str]()
+                changes.append((began, verb, {*names, name}, len(stopped), len(there)))
+            case RecordedEnd(name):
+                there.discard(name)
                 stopped.discard(name)
-                yield _Asked(unix, (f"try resume {name}",), unix)
             case _:
                 pass
+    for unix, verb, names, still, present in changes:
+        if len(names) > 1 and still == (present if verb == "stop" else 0):
+            yield _Asked(unix, (verb,), unix)
+        else:
+            yield from (_Asked(unix, (f"{verb} {name}",), unix) for name in sorted(names))
 
 
 def _written(arguments: Any) -> str:

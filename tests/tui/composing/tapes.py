@@ -12,12 +12,13 @@ from robotree.vr.base.requests import State
 from tests.tui.composing.shown import DESCRIBED, HOME, NOON
 
 
-def recording(shown: Sequence[Shown], width: float | None = None) -> bytes:
+def recording(shown: Sequence[Shown], width: float | None = None, caller: str = "anna@pts/1") -> bytes:
     """Return the bytes of a recording in which a person has shown something.
 
     Args:
         shown: it.
         width: [m] that is read half a second after each command; None: nothing is.
+        caller: who asked.
     """
     file = io.BytesIO()
     writer = TapeWriter(file, {"realm": "hall", "began": repr(NOON)})
@@ -28,9 +29,7 @@ def recording(shown: Sequence[Shown], width: float | None = None) -> bytes:
         key, at = f"k{number}", NOON + 1 + 2 * number
         about = {"robot": one.robot, "key": key, "command": one.command}
         writer.event(
-            HistoryEvent(
-                kind="accepted", unix=at, arguments=dict(one.arguments), caller="anna@pts/1", **about
-            )
+            HistoryEvent(kind="accepted", unix=at, arguments=dict(one.arguments), caller=caller, **about)
         )
         writer.event(HistoryEvent(kind="ended", unix=at + 1, **about))
         if width is not None:

@@ -56,6 +56,18 @@ def test_a_hand_that_was_recorded_empty_expects_nothing(here: Path) -> None:
         assert ("nothing is there" in (here / f"{name}.steps").read_text()) is expects
 
 
+def test_what_a_robot_did_for_another_one_is_composed_when_it_is_named(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (here / "cup.mcap").write_bytes(recording(CARRIED, caller="greeter"))
+    words = ["compose", "cup", "--from", "cup.mcap", "--untried"]
+    assert main(words) != 0, "no person asked for anything"
+    assert main([*words, "--of", "arm-9"]) != 0
+    assert "arm-9 is not in cup.mcap; there is arm-1" in capsys.readouterr().err
+    assert main([*words, "--of", "arm-1"]) == 0
+    assert (here / "cup.steps").read_text() == STEPS
+
+
 def test_what_was_written_is_replaced_only_when_that_is_asked_for(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

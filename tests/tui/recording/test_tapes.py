@@ -234,3 +234,40 @@ def test_a_chunk_that_grows_beyond_the_limit_is_not_read() -> None:
     writer.close()
     assert len(stream.getvalue()) < 100_000
     assert len(read(stream.getvalue()).entries) == 1
+
+
+def test_what_overlapped_in_a_recording_overlaps_in_its_script() -> None:
+    stream = io.BytesIO()
+    writer = TapeWriter(stream, {"began": repr(NOON)})
+
+    def called(robot: str, key: str, begin: float, end: float, error: str = "") -> None:
+        asked = HistoryEvent(
+            kind="accepted", unix=NOON + begin, robot=robot, key=key, command="go", caller="anna@pts/1"
+        )
+        writer.event(asked)
+        writer.event(HistoryEvent(kind="ended", unix=NOON + end, robot=robot, key=key, error=error))
+
+    def all_are(at: float, state: State) -> None:
+        for number, name in enumerate(("arm-1", "square")):
+            writer.state(NOON + at + number / 10, name, state)
+
+    all_are(1, State())
+    called("square", "1", 2, 2.7, "CommandCancelled")
+    all_are(2.75, State(stopped=True, stop_reason="anna@pts/1's protective stop"))  # is heard after the end
+    all_are(5, State())
+    called("arm-1", "2", 6, 8)
+    called("square", "3", 7, 7.5)
+    called("arm-1", "4", 9, 9.5)
+    writer.state(NOON + 9.6, "arm-1", State(stopped=True, stop_reason="anna@pts/1's protective stop"))
+    called("square", "5", 11, 12.5, "CommandCancelled")  # nobody stopped it
+    writer.close()
+    script = replayed.session_of(read(stream.getvalue()), lambda _: True).splitlines()
+    assert [line for line in script if not line.startswith("#")] == [
+        "expect arm-1 listed within 30s", "expect square listed within 30s",
+        "call square.go --detach", "sleep 0.8s", "stop", "expect square idle within 30s",
+        "sleep 2.2s", "try resume", "sleep 1.0s",
+        "call arm-1.go --detach", "sleep 1.0s", "call square.go", "expect arm-1 idle within 30s",
+        "sleep 1.0s", "call arm-1.go", "stop arm-1",
+        "sleep 1.4s", "call square.go --detach", "sleep 1.5s", "try cancel square",
+        "expect square idle within 30s",
+    ]  # fmt: skip

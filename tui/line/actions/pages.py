@@ -18,12 +18,13 @@ VERBS = (
         examples=("new", "new team --over arm", "new night --from patrol"),
     ),
     Action(
-        "compose [NAME] [--from FILE] [--of ROBOT …] [--tolerance LENGTH] [--untried] [--force]",
+        "compose [NAME] [--from FILE] [--of ROBOT] [--tolerance LENGTH] [--untried] [--force]",
         "Make a virtual robot without writing code: a page NAME.py, its panel and its test. FILE: what"
-        " was shown once and recorded (`record`, FILE.mcap; --of: what these robots did, else what persons"
-        " asked), a FILE.session, or steps as text. Ways are simplified within LENGTH (10 mm). It is tried in"
-        " a twin of the cell before anything is written, unless --untried; nothing is overwritten without"
-        " --force. Without FILE: the page of the full screen, where one chooses steps or shows them by hand.",
+        " was shown once and recorded (`record`, FILE.mcap; --of: what these robots did, `arm-1,arm-2`, else"
+        " what persons asked), a FILE.session, or steps as text. Ways are simplified within LENGTH (10 mm)."
+        " It is tried in a twin of the cell before anything is written, unless --untried; nothing is"
+        " overwritten without --force. Without FILE: the page of the full screen, where one chooses steps or"
+        " shows them by hand.",
         group=AUTHOR,
         where=ANYWHERE,
         run="recording.composed:compose",
