@@ -38,6 +38,7 @@ from robotree.tui.realm_file.verbs import read_realm_file
 from robotree.tui.terminal import aside, complain, note, put
 from robotree.tui.wire.security import NOTHING, REALM, key_file
 from robotree.vr.base.written import Word
+from robotree.vr.network.realms import inhabited, realm_folder
 
 if TYPE_CHECKING:
     from robotree.tui.seen.store import Weight
@@ -133,6 +134,17 @@ def to_its_end(course: Callable[Given, Awaitable[int]]) -> Callable[Given, Corou
 def own_realm(*, headless: bool) -> str:
     """Return the realm of a demo that names none: a person has to find it, and nobody shares a script's."""
     return f"demo-{os.getpid()}" if headless else chosen("")
+
+
+@contextmanager
+def leaving_nothing(realm: str) -> Generator[None]:
+    """Remove the realm of a script's demo behind it, with its key: nobody else has been told its name."""
+    try:
+        yield
+    finally:
+        folder = realm_folder(realm)
+        if realm == own_realm(headless=True) and not inhabited(folder):
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def said(verdict: object) -> int:
@@ -254,8 +266,8 @@ async def demo(  # noqa: PLR0913 # one for each option of the line
         await asyncio.to_thread(own_folder, folder)
     wanted = await asyncio.to_thread(read_realm_file, str(story.file))
     await _alone(realm, wanted)
-    file = await asyncio.to_thread(key_file, key, realm)
-    with kept_apart(realm) if apart else nullcontext() as state:
+    with leaving_nothing(realm), kept_apart(realm) if apart else nullcontext() as state:
+        file = await asyncio.to_thread(key_file, key, realm)
         async with Crew(realm, key=str(file or NOTHING), state=state, restarts=True) as crew:
             note(f"starting the demo in realm {realm!r}: {len(wanted.processes)} programs …")
             await cast(crew, wire=wire, speedup=speedup, file=story.file, goals=story.goals)

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from robotree.client.joining import joined
-from robotree.tui.demo import beside_the_screen, kept_apart, own_realm, said, to_its_end
+from robotree.tui.demo import beside_the_screen, kept_apart, leaving_nothing, own_realm, said, to_its_end
 from robotree.tui.demo_crash import begun_in
 from robotree.tui.errors import MemberFailed
 from robotree.tui.processes.crew import Crew, Member
@@ -127,8 +127,12 @@ async def away(*, headless: bool, realm: str = "", readonly: bool = False, key: 
         The exit code.
     """
     realm = realm or own_realm(headless=headless)
-    file = await asyncio.to_thread(key_file, key, realm)
-    with kept_apart(realm) as state, tempfile.TemporaryDirectory(prefix="robotree-demo-") as folder:
+    with (
+        leaving_nothing(realm),
+        kept_apart(realm) as state,
+        tempfile.TemporaryDirectory(prefix="robotree-demo-") as folder,
+    ):
+        file = await asyncio.to_thread(key_file, key, realm)
         key = str(file or NOTHING)
         async with Crew(realm, key=key, state=state, restarts=True) as crew:
             note(f"starting the demo in realm {realm!r}: a rover, its proxy, two directories …")

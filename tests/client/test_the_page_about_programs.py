@@ -63,6 +63,9 @@ def test_a_program_of_the_page_runs(arm: Path, number: int) -> None:
         [sys.executable, *words, str(program)], cwd=arm, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
+    if "could not" in text:  # each branch of the example is taken
+        assert "refused before anything moved: " in done.stdout
+        assert "the robot could not: " in done.stdout
 
 
 def test_the_page_has_programs() -> None:

@@ -9,6 +9,8 @@ import pytest
 from robotree.tui import demo
 from robotree.tui.errors import MemberFailed
 from robotree.tui.exit_codes import REFUSED
+from robotree.tui.wire.security import REALM_KEY
+from robotree.vr.network.realms import realm_folder
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -43,3 +45,18 @@ async def test_a_demo_for_a_person_is_in_the_realm_of_the_environment(
     monkeypatch.setattr(demo, "cast", story.cast)
     assert await demo.demo(story, headless=False, realm=given, key="none") == REFUSED
     assert story.realm == wanted
+
+
+async def test_a_demo_of_a_script_leaves_neither_its_realm_nor_its_key(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    story, own = Unlucky(), realm_folder(demo.own_realm(headless=True))
+
+    async def cast(crew: Crew, **options: object) -> None:
+        assert (own / REALM_KEY).exists()
+        await story.cast(crew, **options)
+
+    monkeypatch.setattr(demo, "cast", cast)
+    assert await demo.demo(story, headless=True, pictures=str(tmp_path)) == REFUSED
+    assert story.realm == own.name
+    assert not own.exists()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from robotree.tui.seen.forest import Branch, drawing, forest, structure
 from robotree.vr.base.address import Address
@@ -34,6 +35,14 @@ def test_free_robots_are_roots_and_empty_slots_are_shown() -> None:
 
 def test_a_child_that_does_not_answer_keeps_its_place() -> None:
     assert "arm: ghost (does not answer)" in drawing(forest([robot("mover", arm="ghost")]))
+
+
+def test_a_robot_that_was_lost_and_is_free_again_is_not_called_away() -> None:
+    slot = SlotSpec(name="arm", kind="Arm", lost="a has ended or cannot be reached", was="a")
+    greeter = replace(robot("greeter"), slots=(slot,))
+    away = "greeter (Thing)\n└─ arm: empty (takes Arm; a has ended or cannot be reached)"
+    assert drawing(forest([greeter])) == away
+    assert "arm: empty (takes Arm; a was lost, and is free again)" in drawing(forest([greeter, robot("a")]))
 
 
 def test_a_cycle_that_should_not_be_ends_the_drawing_not_the_program() -> None:

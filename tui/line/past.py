@@ -11,6 +11,7 @@ from robotree.tui.errors import ValueRefused
 from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import Outcome, Teller, plain
+from robotree.tui.seen import wording
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.history_event import HistoryEvent
@@ -274,7 +275,7 @@ def _said(event: HistoryEvent) -> str:
         case "ended" | "answered":
             return f"{event.command}: {_outcome(event)}  [{event.key}]"
         case "observed":
-            return f"{event.arguments} = {event.value}  [{event.key}]"
+            return f"{event.arguments} = {wording.value(event.value)}  [{event.key}]"
         case "lease":
             return f"{event.text}, epoch {event.epoch}"
         case _:
@@ -284,7 +285,12 @@ def _said(event: HistoryEvent) -> str:
 def _call(event: HistoryEvent) -> str:
     kept: Any = event.arguments
     given = cast("dict[str, Any]", kept) if isinstance(kept, dict) else {}
-    return " ".join([f"{event.robot}.{event.command}", *(f"{name}={value}" for name, value in given.items())])
+    return " ".join(
+        [
+            f"{event.robot}.{event.command}",
+            *(f"{name}={wording.value(value)}" for name, value in given.items()),
+        ]
+    )
 
 
 def _outcome(event: HistoryEvent) -> str:
@@ -326,7 +332,9 @@ def _link_lines(link: Link, over: Link | None) -> list[str]:
     lease = f"  under epoch {call.epoch} of {call.caller}" if call.epoch else "  under no lease"
     lines.append(f"{lease}{page}")
     lines += [f"  {_at(one.unix)}: {one.text}" for one in link.back]
-    lines += [f"  observed {_at(one.unix)}: {one.arguments} = {one.value}" for one in link.observed]
+    lines += [
+        f"  observed {_at(one.unix)}: {one.arguments} = {wording.value(one.value)}" for one in link.observed
+    ]
     if over is not None:
         line = f", line {call.line} of its page {over.call.page[:12]}" if call.line else ""
         lines.append(f"step {link.step} of {over.call.robot}.{over.call.command}{line}:")

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from contextlib import suppress
+from functools import partial
+from typing import TYPE_CHECKING, TypeAlias
 
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.past import kept_events
@@ -13,8 +15,12 @@ from robotree.tui.seen import wording
 from robotree.tui.seen.standing import ChildStep, Standing, standing, times
 
 if TYPE_CHECKING:  # help must not wait for the agents
+    from robotree.vr.base.description import CommandSpec, RobotDescription
     from robotree.vr.base.history_event import HistoryEvent
     from robotree.vr.supervision.realm_client import RealmClient
+
+Known: TypeAlias = "Mapping[str, CommandSpec]"
+"""Commands by `robot.command`: what is not in it is written without units."""
 
 FAMILY = 16
 """Robots below one whose events are asked for, at most."""
@@ -29,34 +35,36 @@ async def where(realm_client: RealmClient, line: Line, teller: Teller) -> Outcom
     from robotree.vr.base.errors import NoHistory
 
     name = line.text("NAME")
-    found, notes = await find(realm_client, name)
+    found, notes, known = await find(realm_client, name)
     for note in notes:
         teller.warn(note)
     if found is None:
         raise NoHistory(name=name, detail="; it has carried nothing out, or only what reads")
     source = await page_of(realm_client, name)
     now = time.time()
-    data = {**plain(found), "runs": found.runs, "times": [
+    data = {**plain(found), "times": [
         {"call": call, "count": count, "seconds": seconds} for call, count, seconds in times(found, now)
     ]}  # fmt: skip
-    return Outcome(data, "\n".join(lines(found, source, now)))
+    return Outcome(data, "\n".join(lines(found, source, now, known)))
 
 
-async def find(realm_client: RealmClient, name: str) -> tuple[Standing | None, tuple[str, ...]]:
-    """Return where a robot is, and what may be missing, as sentences.
+async def find(realm_client: RealmClient, name: str) -> tuple[Standing | None, tuple[str, ...], Known]:
+    """Return where a robot is, what may be missing, as sentences, and the commands of all who take part.
 
     Raises:
         VrError: it does not answer.
     """
     from robotree.vr.base.address import parted
+    from robotree.vr.base.errors import VrError
     from robotree.vr.base.requests import ReadEvents
 
+    robot = await realm_client.describe(name)  # first: a command that has just ended has its end in the past
     own = await kept_events(realm_client, ReadEvents(robot=name, most=EVENTS))
     events: list[HistoryEvent] = [event for _, event in own.events()]
-    robot = await realm_client.describe(name)
-    first = standing(parted(name)[1], events)
+    place = partial(standing, parted(name)[1], held=robot.held, busy=robot.busy, waiting=robot.waiting)
+    first, known = place(events), _commands(robot)
     if first is None:
-        return None, own.notes
+        return None, own.notes, known
     seen, ahead = {name}, [slot.child.name for slot in robot.slots if slot.child]
     while ahead and len(seen) <= FAMILY:
         child = ahead.pop(0)
@@ -65,18 +73,17 @@ async def find(realm_client: RealmClient, name: str) -> tuple[Standing | None, t
         seen.add(child)
         kept = await kept_events(realm_client, ReadEvents(robot=child, since=first.began - 1.0, most=EVENTS))
         events += [event for _, event in kept.events()]
-        ahead += await _children(realm_client, child)
-    return standing(parted(name)[1], events, held=robot.held), own.notes
+        with suppress(VrError):
+            described = await realm_client.describe(child)
+            known |= _commands(described)
+            ahead += [slot.child.name for slot in described.slots if slot.child]
+    return place(events), own.notes, known
 
 
-async def _children(realm_client: RealmClient, name: str) -> Sequence[str]:
-    from robotree.vr.base.errors import VrError
+def _commands(robot: RobotDescription) -> dict[str, CommandSpec]:
+    from robotree.vr.base.address import parted
 
-    try:
-        robot = await realm_client.describe(name)
-    except VrError:
-        return ()
-    return [slot.child.name for slot in robot.slots if slot.child]
+    return {f"{parted(robot.name)[1]}.{command.name}": command for command in robot.commands}
 
 
 async def page_of(realm_client: RealmClient, name: str) -> Sequence[str]:
@@ -92,39 +99,44 @@ async def page_of(realm_client: RealmClient, name: str) -> Sequence[str]:
 # -- in words --------------------------------------------------------------------------------------
 
 
-def call_words(robot: str, command: str, arguments: Mapping[str, Any]) -> str:
-    """Write a call: `arm-1.go_to x=0.3`."""
-    return " ".join(
-        [f"{robot}.{command}", *(f"{key}={wording.value(one)}" for key, one in arguments.items())]
-    )
+def call_words(call: Standing | ChildStep, known: Known) -> str:
+    """Write a call: `arm-1.go_to x=0.3 m`."""
+    name = f"{call.robot}.{call.command}"
+    spec = known.get(name)
+    fields = {field.name: field for field in spec.parameters} if spec else {}
+    given = (f"{key}={wording.given(fields.get(key), one)}" for key, one in call.arguments.items())
+    return " ".join([name, *given])
 
 
-def ended_words(took: float | None, error: str, value: Any) -> str:
-    """Write how a call ended: `1.24 s  done`, `0.31 s  x 0.3`."""
-    if took is None:
-        return "goes on"
-    result = error or ("done" if value is None else wording.value(value))
-    return f"{took:.2f} s  {result}"
+def ended_words(call: Standing | ChildStep, known: Known) -> str:
+    """Write how a call ended: `1.24 s  done`, `0.31 s  x 0.3 m`, `14.30 s  result 2`."""
+    if call.took is None:
+        return "its end is not known: it was interrupted"
+    if call.error or call.value is None:
+        return f"{call.took:.2f} s  {call.error or 'done'}"
+    spec = known.get(f"{call.robot}.{call.command}")
+    rows = wording.result(spec.result if spec else (), call.value)
+    result = ", ".join(f"{name or 'result'} {text}" for name, text in rows)
+    return f"{call.took:.2f} s  {result or 'done'}"
 
 
-def head(found: Standing, now: float) -> str:
+def head(found: Standing, now: float, known: Known) -> str:
     """Write the command, who asked for it and for how long it has run."""
-    call = call_words(found.robot, found.command, found.arguments)
+    call = call_words(found, known)
     asked = f", asked for by {found.asked}" if found.asked else ""
     if found.held:
         return f"{call} is paused before {found.held}{asked}"
     if found.runs:
         return f"{call} has run for {now - found.began:.1f} s{asked}"
-    return f"nothing runs; the last was {call}: {ended_words(found.took, found.error, found.value)}{asked}"
+    return f"nothing runs; the last was {call}: {ended_words(found, known)}{asked}"
 
 
-def step_words(step: ChildStep, now: float) -> str:
+def step_words(step: ChildStep, now: float, known: Known) -> str:
     """Write a call of a child, indented below the one that made it."""
     lead, line = "  " * step.depth, f"line {step.line}" if step.line else ""
-    took = f"{now - step.began:.1f} s so far" if step.open else ended_words(step.took, step.error, step.value)
-    sign = "▸" if step.open else "✗" if step.error else "✓"
-    call = call_words(step.robot, step.command, step.arguments)
-    return f"{lead}{sign} {step.step:<5} {call}  {took}  {line}".rstrip()
+    took = f"{now - step.began:.1f} s so far" if step.open else ended_words(step, known)
+    sign = "▸" if step.open else "?" if step.took is None else "✗" if step.error else "✓"
+    return f"{lead}{sign} {step.step:<5} {call_words(step, known)}  {took}  {line}".rstrip()
 
 
 def excerpt(found: Standing, source: Sequence[str], around: int = AROUND) -> list[tuple[int, str]]:
@@ -135,11 +147,11 @@ def excerpt(found: Standing, source: Sequence[str], around: int = AROUND) -> lis
     return list(enumerate(source[first - 1 : found.line + around], first))
 
 
-def lines(found: Standing, source: Sequence[str], now: float) -> list[str]:
+def lines(found: Standing, source: Sequence[str], now: float, known: Known) -> list[str]:
     """Write all that is known."""
-    text = [head(found, now)]
+    text = [head(found, now, known)]
     text += [f"{'→' if at == found.line else ' '} {at:>4}  {line}" for at, line in excerpt(found, source)]
-    text += [step_words(step, now) for step in found.steps] or ["it has called no child yet"]
+    text += [step_words(step, now, known) for step in found.steps] or ["it has called no child yet"]
     if totals := times(found, now):
         text.append("time: " + ", ".join(f"{name} {count}x {took:.2f} s" for name, count, took in totals))
     return text

@@ -41,6 +41,8 @@ class Branch:
     place: Elsewhere | None = None
     """Where it is, of a robot of another site."""
     branches: tuple[Branch, ...] = ()
+    back: str = ""
+    """How the robot is now that was lost in this empty slot, if it is there again."""
 
     @property
     def name(self) -> str:
@@ -89,7 +91,7 @@ def _grow(
         child = slot.child.name if slot and slot.child else ""
         lost = f"{slot.was} hangs" if slot and slot.was in seen.hanging else ""
         state = seen.unheard.get(child, "does not answer") if child else lost
-        return Branch(slot, None, state, place=seen.elsewhere.get(child))
+        return Branch(slot, None, state, place=seen.elsewhere.get(child), back=_back(slot, seen))
     state, place = status.text(robot, hanging=seen.hanging), seen.elsewhere.get(robot.name)
     if robot.address.key in planted:
         return Branch(slot, robot, state, place=place)
@@ -98,6 +100,15 @@ def _grow(
         _grow(one, seen.known.get(one.child.key) if one.child else None, seen, planted) for one in robot.slots
     ]
     return Branch(slot, robot, state, place, tuple(inner))
+
+
+def _back(slot: SlotSpec | None, seen: _Seen) -> str:
+    """Return how a robot is that was lost in a slot and is there again, as a clause; empty: none is."""
+    was = slot.was if slot and not slot.child and slot.was not in seen.hanging else ""
+    robot = next((robot for robot in seen.known.values() if was and robot.name == was), None)
+    if robot is None:
+        return ""
+    return f"{was} was lost, and is {f'now in {robot.bond.parent.name}' if robot.bond else 'free again'}"
 
 
 def drawing(roots: Iterable[Branch]) -> str:
@@ -130,8 +141,8 @@ def label(branch: Branch) -> str:
     if branch.state:
         return f"{place}{branch.state}"
     wants = f"takes {branch.slot.kind}{', optional' if branch.slot.optional else ''}" if branch.slot else ""
-    lost = f"; {branch.slot.lost}" if branch.slot and branch.slot.lost else ""
-    return f"{place}empty ({wants}{lost})"
+    lost = branch.back or (branch.slot.lost if branch.slot else "")
+    return f"{place}empty ({wants}{lost and '; '}{lost})"
 
 
 def _at(branch: Branch) -> str:

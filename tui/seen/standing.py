@@ -32,7 +32,9 @@ class ChildStep(msgspec.Struct, frozen=True, kw_only=True):
     began: float
     """[s] since 1970 when it was accepted."""
     took: float | None = None
-    """[s]; None: it goes on."""
+    """[s]; None: it goes on, or its end is not known."""
+    open: bool = False
+    """Whether it goes on."""
     error: str = ""
     """Class of the error with which it ended."""
     value: Any = None
@@ -42,11 +44,6 @@ class ChildStep(msgspec.Struct, frozen=True, kw_only=True):
     def depth(self) -> int:
         """How many calls are above it, without the command itself."""
         return self.step.count("/")
-
-    @property
-    def open(self) -> bool:
-        """Whether it goes on."""
-        return self.took is None
 
 
 class Standing(msgspec.Struct, frozen=True, kw_only=True):
@@ -61,7 +58,9 @@ class Standing(msgspec.Struct, frozen=True, kw_only=True):
     began: float
     """[s] since 1970 when it was accepted."""
     took: float | None = None
-    """[s]; None: it runs."""
+    """[s]; None: it runs, or its end is not known."""
+    runs: bool = False
+    """Whether it goes on; else it is the last one that did."""
     error: str = ""
     value: Any = None
     held: str = ""
@@ -73,19 +72,24 @@ class Standing(msgspec.Struct, frozen=True, kw_only=True):
     steps: tuple[ChildStep, ...] = ()
     """The calls so far, the oldest first, each below the one that made it."""
 
-    @property
-    def runs(self) -> bool:
-        """Whether it goes on; else it is the last one that did."""
-        return self.took is None
 
-
-def standing(robot: str, events: Iterable[HistoryEvent], *, held: str = "") -> Standing | None:
+def standing(
+    robot: str,
+    events: Iterable[HistoryEvent],
+    *,
+    held: str = "",
+    busy: str | None = None,
+    waiting: int = 0,
+) -> Standing | None:
     """Return where a robot is.
 
     Args:
         robot: its name, without a site.
         events: of it and of those below it, in any order; several may have kept the same one.
         held: the step before which it waits, as its state says; empty: none.
+        busy: the command that runs, as its state says; empty: none does, so that a call without an end was
+            interrupted; None: its state is not known.
+        waiting: how many commands wait for that one.
 
     Returns:
         The command that runs; where none does, the last one; None: nothing is kept of any.
@@ -100,11 +104,15 @@ def standing(robot: str, events: Iterable[HistoryEvent], *, held: str = "") -> S
     own = [event for event in accepted.values() if event.robot == robot]
     if not own:
         return None
-    call = max(own, key=lambda event: (event.key not in ended, event.unix))
+    own.sort(key=lambda event: event.unix)
+    running = [event for event in own if event.key not in ended][-1 - waiting :]
+    if busy is not None:  # the latest without an end are those that the robot has: earlier ones it has lost
+        running = [event for event in running if event.command == busy]
+    call, runs = [*running, own[-1]][0], bool(running)
     end = ended.get(call.key)
     below = [event for key, event in accepted.items() if key.startswith(f"{call.key}/")]
     steps = tuple(
-        _step(event, ended.get(event.key), event.key[len(call.key) + 1 :])
+        _step(event, ended.get(event.key), event.key[len(call.key) + 1 :], runs=runs)
         for event in sorted(below, key=lambda event: (_numbers(event.key), event.unix))
     )
     return Standing(
@@ -117,14 +125,15 @@ def standing(robot: str, events: Iterable[HistoryEvent], *, held: str = "") -> S
         took=None if end is None else max(end.unix - call.unix, 0.0),
         error="" if end is None else end.error,
         value=None if end is None else end.value,
-        held=held if end is None else "",
-        line=0 if end is not None else _line(held, steps),
+        runs=runs,
+        held=held if runs else "",
+        line=_line(held, steps) if runs else 0,
         page=call.page,
         steps=steps,
     )
 
 
-def _step(call: HistoryEvent, end: HistoryEvent | None, step: str) -> ChildStep:
+def _step(call: HistoryEvent, end: HistoryEvent | None, step: str, *, runs: bool) -> ChildStep:
     return ChildStep(
         step=step,
         robot=call.robot,
@@ -133,6 +142,7 @@ def _step(call: HistoryEvent, end: HistoryEvent | None, step: str) -> ChildStep:
         line=call.line,
         began=call.unix,
         took=None if end is None else max(end.unix - call.unix, 0.0),
+        open=runs and end is None,
         error="" if end is None else end.error,
         value=None if end is None else end.value,
     )
@@ -170,9 +180,7 @@ def times(found: Standing, now: float) -> list[tuple[str, int, float]]:
             continue
         name = f"{step.robot}.{step.command}"
         count, seconds = total.get(name, (0, 0.0))
-        total[name] = (
-            count + 1,
-            seconds + (step.took if step.took is not None else max(now - step.began, 0.0)),
-        )
+        took = max(now - step.began, 0.0) if step.open else step.took or 0.0
+        total[name] = (count + 1, seconds + took)
     ordered = sorted(total.items(), key=lambda one: -one[1][1])
     return [(name, count, seconds) for name, (count, seconds) in ordered]

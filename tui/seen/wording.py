@@ -165,6 +165,19 @@ def measured(spec: FieldSpec | None, thing: Any) -> str:
     return f"{value(thing)} {unit}".rstrip()
 
 
+def given(spec: FieldSpec | None, thing: Any) -> str:
+    """Write an argument, also one that came as text, `30 cm`, in its declared unit, angles in degrees."""
+    from robotree.vr.base.arguments import check_argument  # help must not wait for the agents
+    from robotree.vr.base.errors import BadArgument
+
+    if spec is None:
+        return value(thing)
+    try:
+        return measured(as_shown(spec), in_degrees(spec, check_argument(spec, thing, command="")))
+    except BadArgument:  # the command has changed since
+        return value(thing)
+
+
 def _part(spec: FieldSpec, name: str) -> FieldSpec | None:
     """Return the description of a value by name in a record or a dictionary."""
     if spec.type == "dict":

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager
 from typing import Any
 
-from robotree.vr.base.literal import write
+from robotree.vr.base.literal import rounded, write
 from robotree.vr.base.principal import is_person
 from robotree.vr.base.requests import Level, LoggedLine, Returned
 from robotree.vr.core.events import Ended
@@ -177,22 +177,22 @@ def _said(level: Level, text: str, number: int, unix: float) -> LoggedLine:
 
 def _asked(call: AcceptedCall, words: str, number: int, unix: float) -> LoggedLine:
     given = _given(call.sent)
-    text = f"{_by(call.command, call.caller)} {words}{_within(given)}"
+    text = f"{_by(call.command, call.caller)} {words}{_within(call.sent)}"
     return LoggedLine(number, unix, "asked", _short(text), call.command, call.key, call.caller, given)
 
 
 def _settled(call: Ended, number: int, unix: float) -> LoggedLine:
-    given, began = _given(call.sent), call.began
+    given, shown, began = _given(call.sent), _within(call.sent), call.began
     turned = began >= 0.0
     waited, ran = (began if turned else call.ended) - call.came, call.ended - began if turned else 0.0
     times = [f"waited {waited:.1f} s"] if waited >= NOTICED else []
     times += [f"ran {ran:.1f} s"] if turned else ["never began"]
     level: Level
     if isinstance(call.reply, Returned):
-        level, text = "done", f"{_by(call.command, call.caller)} is done: {', '.join(times)}{_within(given)}"
+        level, text = "done", f"{_by(call.command, call.caller)} is done: {', '.join(times)}{shown}"
     else:
         level = "cancelled" if call.reply.error in _CANCELS else "failed"
-        text = f"{call.reply.revive()} ({_by('', call.caller)}{', '.join(times)}){_within(given)}"
+        text = f"{call.reply.revive()} ({_by('', call.caller)}{', '.join(times)}){shown}"
     return LoggedLine(
         number, unix, level, _short(text), call.command, call.key, call.caller, given, waited, ran
     )
@@ -205,7 +205,8 @@ def _by(command: str, caller: str) -> str:
     return f"{command} by {caller}" if caller else command
 
 
-def _within(given: str) -> str:
+def _within(arguments: Mapping[str, Any]) -> str:
+    given = _given(rounded(arguments))
     return f"  ({given})" if given else ""
 
 

@@ -6,6 +6,8 @@ import asyncio
 import time
 from typing import TYPE_CHECKING
 
+from msgspec.structs import replace
+
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.where import WherePage
 from robotree.vr.base.history_event import HistoryEvent, NumberedEvent
@@ -15,6 +17,8 @@ if TYPE_CHECKING:
     import pytest
     from screens.conftest import Operate
     from tui.conftest import Realm
+
+    from robotree.vr.base.description import RobotDescription
 
 GOAL = {"x": 0.3, "y": 0.0, "z": 0.3, "twist": 0.0}
 
@@ -33,7 +37,13 @@ async def test_the_page_shows_line_and_calls_and_pauses_steps_and_continues(
         found = [one for one in kept if one.robot == request.robot]
         return {"host h1": EventsRead(events=tuple(NumberedEvent(*one) for one in enumerate(found, 1)))}
 
+    describe = realm.realm_client.describe
+
+    async def describe_busy(name: str) -> RobotDescription:
+        return replace(await describe(name), busy="move" if name == "mover" else "")
+
     monkeypatch.setattr(realm.realm_client, "read_events", read_events)
+    monkeypatch.setattr(realm.realm_client, "describe", describe_busy)
     async with operate(realm.realm_client, size=(160, 45)) as operator:
         await operator.until(lambda: "mover" in operator.app.store.descriptions)
         operator.app.choose("mover")

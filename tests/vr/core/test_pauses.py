@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Any
+import math
+from typing import Annotated, Any
 
 import pytest
 
-from robotree.vr import Child, CommandCancelled, DeadlineExceeded, Robot, VirtualRobot, command
+from robotree.vr import Child, CommandCancelled, DeadlineExceeded, Robot, Unit, VirtualRobot, command
 from robotree.vr.base.errors import NothingHeld, NotInControl, NotPaused, NotVirtual
 from robotree.vr.core import events as on
 
@@ -23,6 +24,10 @@ class Arm(Robot):
     def go_to(self, x: float) -> None:
         self.moves.append(x)
         self.sleep(1)
+
+    @command
+    def turn(self, y: float, twist: Annotated[float, Unit("rad")]) -> None:
+        """Stay where it is."""
 
 
 class Painter(VirtualRobot):
@@ -40,6 +45,10 @@ class Painter(VirtualRobot):
     def waits(self) -> None:
         self.sleep(5)
         self.arm.go_to(x=1 / 3)
+
+    @command
+    def turns(self) -> None:
+        self.arm.turn(y=-3.4e-12, twist=math.pi / 4)
 
     @command
     def both(self) -> None:
@@ -220,6 +229,16 @@ async def test_a_sleep_is_a_step(homes: Any, painter: Any) -> None:
     await homes.until(lambda: held(painter).startswith("step 1: sleep"))
     await homes.client(painter).step()
     await until_held(homes, painter, "step 2: arm.go_to(x=0.3333)")
+    await homes.client(painter).go_on()
+    await task
+
+
+async def test_the_step_before_which_it_waits_has_angles_in_degrees_and_no_noise(
+    homes: Any, painter: Any
+) -> None:
+    await homes.client(painter).pause()
+    task = begin(homes, painter, "turns")
+    await until_held(homes, painter, "step 1: arm.turn(y=0.0, twist=45 °)")
     await homes.client(painter).go_on()
     await task
 

@@ -14,8 +14,9 @@ import pytest
 
 from robotree.vr.agents.host import Host
 from robotree.vr.base.errors import BundleError, CommandCancelled, CommandFailed
-from robotree.vr.base.requests import LoggedLine, LogLines, decode_event
+from robotree.vr.base.requests import LoggedLine, LogLines, Returned, decode_event
 from robotree.vr.bundle import Bundle
+from robotree.vr.core.events import Ended
 from robotree.vr.exchange.client import HostClient, RobotClient
 from robotree.vr.running.heard import listening
 from robotree.vr.running.log import BURST, KEPT, Log
@@ -239,6 +240,15 @@ def test_a_log_takes_some_lines_at_once_and_then_a_few_a_second() -> None:
     now = 1.0
     log.say("info", "again")
     assert log.since(lines[-1].number)[0].text == "again"
+
+
+def test_a_line_shows_four_digits_of_an_argument_and_keeps_all_of_them() -> None:
+    log = Log(lambda: 0.0, lambda: 1000.0, threading.Lock())
+    sent = {"y": -3.355169440888428e-12, "z": 0.30000000000000004, "twist": -0.0}
+    log.settle(Ended("k", "go_to", sent, Returned(key="k"), "", 1, "mover", False, 0.0, 0.0, 1.0))
+    (line,) = log.since(0)
+    assert line.text == "go_to by mover is done: ran 1.0 s  (y=0.0 z=0.3 twist=0.0)"
+    assert line.arguments == "y=-3.355169440888428e-12 z=0.30000000000000004 twist=-0.0"
 
 
 def test_what_nobody_says_goes_where_it_went(capsys: pytest.CaptureFixture[str]) -> None:

@@ -40,6 +40,7 @@ class WherePage(Page):
         self.robot = robot
         self.found: Standing | None = None
         self.source: Sequence[str] = ()
+        self._known: words.Known = {}
         self._page = ""
         """Hash of the page whose source is shown."""
         self._note = "its host is asked …"
@@ -96,7 +97,7 @@ class WherePage(Page):
     @work(exclusive=True, exit_on_error=False, group="where")
     async def _ask(self) -> None:
         try:
-            found, notes = await words.find(self.app.realm_client, self.robot)
+            found, notes, self._known = await words.find(self.app.realm_client, self.robot)
             if found is not None and (found.page != self._page or not self.source):
                 self.source = await words.page_of(self.app.realm_client, self.robot)
                 self._page = found.page
@@ -115,7 +116,7 @@ class WherePage(Page):
         head = Text(no_wrap=True, overflow="ellipsis")
         if found is not None:
             style = tint(self.app, "warning" if found.held else "accent" if found.runs else "muted")
-            head.append(f" {seen(words.head(found, wall))}", style)
+            head.append(f" {seen(words.head(found, wall, self._known))}", style)
         if self._note:
             head.append(
                 f"\n {seen(self._note)}" if head else f" {seen(self._note)}", tint(self.app, "warning")
@@ -157,7 +158,7 @@ class WherePage(Page):
 
     def _step(self, step: ChildStep, wall: float) -> Text:
         colour = "accent" if step.open else "error" if step.error else "success"
-        written = seen_indented(words.step_words(step, wall))
+        written = seen_indented(words.step_words(step, wall, self._known))
         return Text(written, tint(self.app, colour) if step.open or step.error else "")
 
 
