@@ -11,7 +11,7 @@ import asyncio
 import contextlib
 import logging
 import math
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Sequence
 from contextvars import Context
 from functools import partial
 from typing import Any
@@ -60,6 +60,7 @@ from robotree.vr.base.requests import (
     Accepted,
     AnyRequest,
     Call,
+    Cancel,
     Continue,
     Decide,
     Delete,
@@ -384,6 +385,21 @@ class RobotAgent:
         self.runtime.changed()
         self.runtime.log.say("warning", f"{STOPPED}{reason}")
 
+    def obey(self, orders: Iterable[SafeStop | Cancel]) -> None:
+        """Carry out what was ordered while a restored robot was given up; before it goes on.
+
+        None of the code runs of what ends so: it may be what has ended the process.
+        """
+        for order in orders:
+            reason = order.reason or "on request"
+            if isinstance(order, SafeStop):
+                self.stop(order.reason or "protective stop", order.order)
+            elif order.key:
+                self.runtime.cancel(order.key, reason, final=True)
+            else:
+                self._end_calls(reason)
+            self._abandon(reason, order.key if isinstance(order, Cancel) else "")
+
     async def meet_callers(self) -> None:
         """Wait for the news that those who have called a restored robot are there, if it is to come."""
         presence, until = self.transport.presence, self._loop.time() + ARRIVAL
@@ -396,14 +412,23 @@ class RobotAgent:
         if self._taker is not None:
             await self._taker.begin()
 
-    def _abandon(self, reason: str) -> None:
-        """End the commands of a restored robot that ran when its process ended: none of their code runs."""
+    def _abandon(self, reason: str, only: str = "") -> None:
+        """End the commands of a restored robot that ran when its process ended: none of their code runs.
+
+        Args:
+            reason: for those that do not end already.
+            only: key of the one that is meant; empty: all.
+        """
         running = self.runtime.look(
-            lambda state: [(call.key, call.command) for call in state.calls.live.values() if call.running]
+            lambda state: [
+                (call.key, call.command, call.cause)
+                for call in state.calls.live.values()
+                if call.running and only in ("", call.key)
+            ]
         )
-        for key, command in running:
+        for key, command, cause in running:
             error = CommandFailed(robot=self.robot.name, command=command, detail=reason)
-            self.runtime.post(on.Finish(key=key, reply=Raised.of(error)))
+            self.runtime.post(on.Finish(key=key, reply=cause or Raised.of(error)))
 
     def go_on(self, abandon: str = "") -> None:
         """Have a restored robot go on: its parent and callers are looked for, its commands begin again.

@@ -11,7 +11,7 @@ import contextlib
 import logging
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -49,6 +49,7 @@ from robotree.vr.base.permissions import LEVELS, Isolation, Permissions
 from robotree.vr.base.principal import ITSELF, Principal
 from robotree.vr.base.requests import (
     AskMove,
+    Cancel,
     Create,
     Described,
     DescribeHost,
@@ -67,6 +68,7 @@ from robotree.vr.base.requests import (
     Reloaded,
     Remembered,
     Reply,
+    SafeStop,
     TakeRobot,
     VerifyEvents,
 )
@@ -291,7 +293,7 @@ class Host:
         """Return the names of the robots that are to come back: nobody else gets them before."""
         return set() if self._journal is None else {kept.name for kept in self._journal.found.robots}
 
-    async def restore(self, *, abandon: str = "") -> None:
+    async def restore(self, *, abandon: str = "", left: Sequence[SafeStop | Cancel] = ()) -> None:
         """Have the robots of the journal go on where they were when this host ended.
 
         One whose page cannot be loaded any more, or whose name somebody else has now, is left out, and its
@@ -299,6 +301,7 @@ class Host:
 
         Args:
             abandon: why their open commands end before they go on; empty: they go on.
+            left: what they obey before they go on.
 
         Raises:
             JournalUnusable: the journal cannot be written.
@@ -323,8 +326,11 @@ class Host:
         if reason:
             for agent in back:
                 agent.stop(f"{reason}, while its host was away")
-        if self.log_folder is not None:
+        for agent in back:
+            agent.obey(left)
+        if self.log_folder is not None or left:
             journal.barrier()
+        if self.log_folder is not None:
             take_stop_back(self.log_folder)
         await self._go_on(back, abandon)
 

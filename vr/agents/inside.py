@@ -401,7 +401,7 @@ def _host(mesh: PipeMesh, begin: pipe.BeginFrame, stack: contextlib.AsyncExitSta
 
 
 async def _made(host: Host, begin: pipe.BeginFrame) -> RobotAgent:
-    await host.restore(abandon=begin.abandon)
+    await host.restore(abandon=begin.abandon, left=begin.left)
     if begin.create is not None:
         return await host.make(begin.create, begin.asker)
     if begin.name not in host.agents:
@@ -413,7 +413,7 @@ async def _arrived(
     host: Host, begin: pipe.BeginFrame, way: RobotPipe, parcel: asyncio.Future[pipe.Parcel]
 ) -> RobotAgent:
     """Load the page of a robot that comes from another host, and have it go on when it is here."""
-    await host.restore(abandon=begin.abandon)
+    await host.restore(abandon=begin.abandon, left=begin.left)
     if begin.name in host.agents:  # the process before had taken it in already
         return host.agents[begin.name]
     assert begin.create is not None  # noqa: S101 # it comes with one

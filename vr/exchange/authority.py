@@ -328,7 +328,7 @@ def _permitted(principal: Principal, call: Call, state: RobotState | None, here:
     life = state.address.key if state is not None else ""
     stops = state.stop.generation if state is not None else -1
     believed = principal.site or here.gate.apart  # its gateway, or the host, puts it in, and nobody else
-    vouched = call.vouched if believed else None
+    vouched = call.vouched if believed and call.permit else None
     return PermittedCall(call.permit, life, stops, call.command, call.arguments, call.key, vouched)
 
 

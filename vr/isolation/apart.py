@@ -31,6 +31,7 @@ from robotree.vr.base.errors import (
     GivenUp,
     NoAnswer,
     NoSuchPermit,
+    NotAllowed,
     NotItsChild,
     Unreachable,
     VrError,
@@ -42,6 +43,7 @@ from robotree.vr.base.principal import ITSELF, Principal
 from robotree.vr.base.requests import (
     AskMove,
     Call,
+    Cancel,
     Create,
     Described,
     Done,
@@ -160,11 +162,13 @@ class KeptApart(msgspec.Struct, frozen=True):
     """Names of the robots that have been put under it."""
     parcel: pipe.Parcel | None = None
     """The robot itself, which has come from another host; None: it is in its folder."""
+    left: tuple[SafeStop | Cancel, ...] = ()
+    """What was ordered while it was given up: its next process obeys before anything of it goes on."""
 
 
 _kept: msgspec.msgpack.Decoder[KeptApart] = msgspec.msgpack.Decoder(KeptApart)
-_PERMIT = b"permit"
-"""In the envelope of each call that has one."""
+_OF_PERMITS = (b"permit", b"vouched")
+"""In the envelope of each call that names a permit, or brings what might be taken for one."""
 _PAGE = ".page"
 """Suffix of the file of a `KeptApart`."""
 
@@ -391,22 +395,30 @@ class RobotApart:
             if now - began > RECOVERS:
                 self._crashes = in_a_row = 0
             self._crashes, in_a_row = self._crashes + 1, in_a_row + 1
-            if self._crashes >= GIVES_UP:
-                await self._be_given_up(_how(code))
-                break
             abandon, self._held = self._held, ""
             if not abandon and in_a_row >= CRASHES:
                 abandon = f"its process has ended in it twice ({_how(code)})"
+            if self._crashes >= GIVES_UP:
+                await self._be_given_up(_how(code), abandon)
+                break
             in_a_row = 0 if abandon else in_a_row
             _log.warning("the process of %s has ended (%s); it is started again", self.name, _how(code))
         await self._finish()
 
-    async def _be_given_up(self, how: str) -> None:
-        """Answer for the robot, which has no process any more, until it is deleted or the host ends."""
+    async def _be_given_up(self, how: str, abandon: str) -> None:
+        """Answer for the robot, which has no process any more, until it is deleted or the host ends.
+
+        Args:
+            how: its last process has ended.
+            abandon: why its open commands end; empty: they go on when the host is started again.
+        """
+        if abandon:
+            with contextlib.suppress(OSError):  # then they end when they have ended two more processes
+                self._leave_order(Cancel(reason=abandon))
         error = GivenUp(robot=self.name, times=GIVES_UP, how=how, host=self._setting.host)
         _log.error("%s", error)
         robot = (await self._up).robot
-        self.given_up = given_up = GivenUpRobot(robot, error, self._transport.gate)
+        self.given_up = given_up = GivenUpRobot(robot, error, self._transport.gate, self._leave_order)
         waiting, self._waiting = self._waiting, []
         for _, incoming in waiting:
             given_up.take(incoming)
@@ -421,6 +433,19 @@ class RobotApart:
         if given_up.deleted.is_set():
             self.over, self._for_good = DELETED, True
             self.on_lost(robot.identity)
+
+    def _leave_order(self, order: SafeStop | Cancel) -> None:
+        """Keep an order, on the disk, for the next process; one stop stands for all later ones.
+
+        Raises:
+            OSError: it cannot be kept.
+        """
+        left = self.kept.left
+        if order in left or any(isinstance(one, SafeStop) for one in left if isinstance(order, SafeStop)):
+            return
+        kept = msgspec.structs.replace(self.kept, left=(*left, order))
+        replace(self._page_file, msgspec.msgpack.encode(kept))
+        self.kept = kept
 
     @property
     def _has_begun(self) -> bool:
@@ -479,6 +504,7 @@ class RobotApart:
             permissions=self._permissions,
             abandon=abandon,
             note=self._note,
+            left=list(self.kept.left),
             rules=self._rules(),
             writable=[folder] if folder else [],
         )
@@ -523,6 +549,7 @@ class RobotApart:
             self._writer.close()
             self._writer = None
         opened, self._open = self._open, {}
+        self._judge.resumes.clear()
         for incoming in opened.values():
             self._end_without(incoming)
         for control in self._controls.values():
@@ -709,10 +736,10 @@ class RobotApart:
     def _pass(self, number: int, incoming: Incoming) -> None:
         self._open[number] = incoming
         process, user = incoming.credentials
-        if self._judge.note_asked(incoming.body):
+        if self._judge.note_asked(incoming.body, number):
             self._keep_children()
         body = bytes(incoming.body)
-        if _PERMIT in body:
+        if any(name in body for name in _OF_PERMITS):
             body = self._with_permit(body)
         self._send(pipe.Come(number, body, process, user, urgent=False))
 
@@ -726,7 +753,7 @@ class RobotApart:
         if not isinstance(call, Call) or envelope.proof:  # a gateway has put it in
             return body
         permit = None
-        with contextlib.suppress(NoSuchPermit):
+        with contextlib.suppress(NoSuchPermit):  # also where it names none
             permit = permits_beside(self._transport.gate).find(call.permit)
         call = msgspec.structs.replace(call, vouched=None if permit is None else travelling(permit))
         return msgspec.msgpack.encode(msgspec.structs.replace(envelope, request=call))
@@ -796,7 +823,7 @@ class RobotApart:
         try:
             if self._judge.expect_child(frame.key, frame.body):
                 self._keep_children()
-        except NotItsChild as error:
+        except (NotItsChild, NotAllowed) as error:
             _log.warning("%s", error)
             self._replied(frame.number, encode(Raised.of(error)))
             on_reply(None)
@@ -858,6 +885,7 @@ class RobotApart:
             incoming.reply(frame.body)
 
     def _end(self, frame: pipe.EndBack) -> None:
+        self._judge.note_answered(frame.number)
         if (incoming := self._open.pop(frame.number, None)) is None:
             return
         if frame.body == ELSEWHERE:
@@ -933,8 +961,8 @@ class RobotApart:
         for number, incoming in waiting:
             self._pass(number, incoming)
         self._last_sign = self._loop.time()
-        if self.kept.parcel is not None:  # it is in its folder now
-            self.kept = msgspec.structs.replace(self.kept, parcel=None)
+        if self.kept.parcel is not None or self.kept.left:  # it is in its folder now
+            self.kept = msgspec.structs.replace(self.kept, parcel=None, left=())
             self._write_page()
         if not self._up.done():
             self._for_good = False

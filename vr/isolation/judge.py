@@ -15,7 +15,7 @@ from types import MappingProxyType
 
 from robotree.vr.base.address import Address
 from robotree.vr.base.envelope import read_envelope
-from robotree.vr.base.errors import NotItsChild, VrError
+from robotree.vr.base.errors import NotAllowed, NotItsChild, VrError
 from robotree.vr.base.order import ORDER_NEWS
 from robotree.vr.base.permissions import Permissions
 from robotree.vr.base.requests import (
@@ -44,6 +44,7 @@ from robotree.vr.base.requests import (
     Renew,
     RenewEntry,
     RenewFence,
+    Resume,
     Retract,
     RobotDeleted,
     RollBack,
@@ -59,7 +60,7 @@ from robotree.vr.base.requests import (
 ALLOWED: dict[str, tuple[type[AnyRequest], ...]] = {
     "robot": (
         *(Describe, Call, Attend, Detach, Cancel, Petition, Retract, Renew, Release, SafeStop),
-        *(Pause, TakeStep, Continue),
+        *(Resume, Pause, TakeStep, Continue),
     ),
     "lookup": (Register, Query),
     "directory": (Register, Query, RobotDeleted, FetchOrders, TakeOrder, TellOrders),
@@ -72,7 +73,7 @@ ALLOWED: dict[str, tuple[type[AnyRequest], ...]] = {
 """What a robot may ask, by the role of whom it asks."""
 
 OF_PARENTS = (Petition, Retract, Renew, Release)
-OF_CHILDREN = (Call, Attend, Detach, Cancel, Pause, TakeStep, Continue)
+OF_CHILDREN = (Call, Attend, Detach, Cancel, Pause, TakeStep, Continue, Resume)
 """Requests to whom the robot commands."""
 OF_MOVES = (PrepareMove, TakeRobot, AskMove)
 """Requests by which it moves to another host: its own host makes them anew."""
@@ -80,7 +81,7 @@ NAMELESS = (Describe, Register, Query)
 """Requests that may come without a sender."""
 
 
-_ENSLAVE = Enslave.__name__.encode()
+_NOTED = (Enslave.__name__.encode(), Resume.__name__.encode())
 
 
 class Misbehaved(Exception):
@@ -113,6 +114,8 @@ class Judge:
         """Kinds of the slots for which its page chooses children, by name; None: of any."""
         self.chosen: set[str] = set()
         """Slots for which somebody has asked it to choose a child."""
+        self.resumes: dict[int, Resume] = {}
+        """Those that it was asked for and has not answered yet, by their numbers: these it may hand down."""
         self.permissions: tuple[Permissions | None, ...] = (permissions,)
         """Those of its page; while that is being changed, those of both."""
         self.identity = ""
@@ -133,27 +136,34 @@ class Judge:
             raise Misbehaved(f"it wanted to be {_shown(key)} beside itself")
         self.key = key
 
-    def note_asked(self, body: bytes) -> bool:
+    def note_asked(self, body: bytes, number: int = 0) -> bool:
         """Take note of a request to the robot: whom it is to enslave it may command.
 
         Args:
             body: an envelope.
+            number: of the request, for `note_answered`.
 
         Returns:
             Whether there is one more whom it may command.
         """
-        if _ENSLAVE not in body:  # nearly all are something else
+        if not any(name in body for name in _NOTED):  # nearly all are something else
             return False
         try:
             request = read_envelope(body).request
         except VrError:
             return False
+        if isinstance(request, Resume):
+            self.resumes[number] = request
         if not isinstance(request, Enslave):
             return False
         if request.child is None:
             self.chosen.add(request.slot)
             return False
         return self._take(request.child.name)
+
+    def note_answered(self, number: int) -> None:
+        """Take note that the robot has answered a request."""
+        self.resumes.pop(number, None)
 
     def _take(self, name: str) -> bool:
         new = name not in self.children
@@ -172,16 +182,30 @@ class Judge:
 
         Raises:
             NotItsChild: it may not.
+            NotAllowed: it would end a stop, and nobody has asked it to.
         """
         request, address = read_envelope(body).request, Address.parse(key)
-        if address is None or address.role != "robot" or address.name in self.children:
+        if address is None or address.role != "robot":
+            return False
+        own = address.name in self.children
+        if isinstance(request, Resume) and own:
+            self._expect_handed_down(request)
+        if own:
             return False
         if isinstance(request, Petition):
             if self._may_choose(request):
                 return self._take(address.name)
-        elif not isinstance(request, OF_CHILDREN) or any(one is not None for one in self.permissions):
+        elif not isinstance(request, OF_CHILDREN):
+            return False
+        elif not isinstance(request, Resume) and any(one is not None for one in self.permissions):
             return False  # of whom has permissions, the robot that is asked looks at them
         raise NotItsChild(robot=self.name, child=address.name, what=type(request).__name__)
+
+    def _expect_handed_down(self, request: Resume) -> None:
+        """Refuse a resume that is no part of what the robot was asked for: people end stops, not pages."""
+        asked = (request.seen, request.given, request.clock)
+        if not any((one.seen, one.given, one.clock) == asked for one in self.resumes.values()):
+            raise NotAllowed(who=self.name, what=Resume.__name__, reason="nobody has asked it to resume")
 
     def _may_choose(self, petition: Petition) -> bool:
         if self.chooses is None:
@@ -205,7 +229,8 @@ class Judge:
             raise Misbehaved(f"it asked {_shown(key)} in a way that cannot be read: {error}") from None
         request, what = envelope.request, type(envelope.request).__name__
         role = key.partition("/")[0]
-        if not isinstance(request, ALLOWED.get(role, ())):
+        operators = isinstance(request, Resume) and request.epoch is None
+        if operators or not isinstance(request, ALLOWED.get(role, ())):
             raise Misbehaved(f"it asked {_shown(key)} for {what}, which no robot does")
         if isinstance(request, OF_MOVES):
             if envelope.terminal or envelope.proof or request.robot.key != self.key:

@@ -16,7 +16,16 @@ import msgspec
 from robotree.vr.base.permissions import Isolation, Permissions
 from robotree.vr.base.presence import Held
 from robotree.vr.base.principal import Principal
-from robotree.vr.base.requests import Create, Migrate, ReadEvents, Reload, TakeRobot, VerifyEvents
+from robotree.vr.base.requests import (
+    Cancel,
+    Create,
+    Migrate,
+    ReadEvents,
+    Reload,
+    SafeStop,
+    TakeRobot,
+    VerifyEvents,
+)
 from robotree.vr.core.placement import PlaceAdvice, PlacedRobot
 
 LARGEST = 16 * 1024 * 1024
@@ -84,6 +93,8 @@ class BeginFrame(PipeFrame, frozen=True):
     """Why its open commands end before it goes on; empty: they go on."""
     note: str
     """What is written into its log first; empty: nothing."""
+    left: list[SafeStop | Cancel]
+    """What it obeys before anything of it goes on: see `KeptApart.left`."""
     rules: Rules
     writable: list[str]
     """Folders in which it may write."""

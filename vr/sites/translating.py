@@ -87,7 +87,7 @@ def arrived(
         given = asked - max(envelope.asked - request.given, 0.0) if request.clock == envelope.clock else asked
         request = msgspec.structs.replace(request, given=given, clock=this_clock())
     if isinstance(request, Call) and (permit is not None or request.vouched is not None):
-        request = msgspec.structs.replace(request, vouched=permit)
+        request = msgspec.structs.replace(request, vouched=permit if request.permit else None)
     sender = envelope.sender if known else ""
     body = _encode(
         msgspec.structs.replace(

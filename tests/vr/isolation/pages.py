@@ -48,6 +48,16 @@ class Guest(VirtualRobot):
         ctypes.PyDLL(None).sleep(seconds)
 
     @command
+    def crash_and_go_on(self, mark: str) -> None:
+        """Crash the first time, and leave a mark after the next step."""
+        file = Path(mark)
+        if not file.exists():
+            file.write_text("begun")
+            self._die(signal.SIGKILL)
+        self.sleep(0.01)
+        file.write_text("went on")
+
+    @command
     def defy(self, mark: str) -> None:
         """Swallow every exception in an endless loop."""
         Path(mark).write_text("begun")

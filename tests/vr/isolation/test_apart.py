@@ -17,7 +17,15 @@ import pytest
 
 from robotree.vr.agents.host import Host
 from robotree.vr.agents.run import kept_by
-from robotree.vr.base.errors import CommandFailed, DuplicateName, GivenUp, NotApart, NotIsolated, VrError
+from robotree.vr.base.errors import (
+    CommandFailed,
+    DuplicateName,
+    GivenUp,
+    NotApart,
+    NotConfirmed,
+    NotIsolated,
+    VrError,
+)
 from robotree.vr.base.permissions import Isolation
 from robotree.vr.base.principal import Principal
 from robotree.vr.base.requests import ReadEvents
@@ -77,6 +85,15 @@ class Place:
     def pid(self, name: str = "guest") -> int:
         assert self.host.apart is not None
         return self.host.apart.robots[name].pid
+
+    def is_given_up(self, name: str = "guest") -> bool:
+        assert self.host.apart is not None
+        return self.host.apart.robots[name].given_up is not None
+
+    async def crash_now(self) -> None:
+        """End its process for the last time; returns when it is given up."""
+        os.kill(self.pid(), signal.SIGKILL)
+        await until(self.is_given_up)
 
     async def crash(self, guest: RobotClient) -> None:
         """End its process once it answers; returns when the host has seen that."""
@@ -163,6 +180,17 @@ async def test_it_commands_whom_somebody_has_put_under_it(place: Place) -> None:
         await guest.call("add_by_helper", {"a": 1, "b": 2})
 
 
+async def test_a_stop_and_a_resume_go_down_to_its_child(place: Place) -> None:
+    guest, helper = await place.create(), await place.create("helper")
+    await guest.enslave("helper", helper.address)
+    for _ in range(2):
+        await guest.safe_stop("a person says so")
+        assert (await helper.describe()).stopped
+        assert set(await guest.resume()) == {"guest", "helper"}
+        assert not (await helper.describe()).stopped
+    assert await guest.call("add_by_helper", {"a": 1, "b": 2}) == 3
+
+
 LIMITED = """# /// script
 # [tool.robotree.permissions]
 # commands = ["Guest.add"]
@@ -212,6 +240,7 @@ async def test_one_that_is_given_up_says_why_until_it_is_deleted_and_can_be_made
     # its host goes on with it when it is started again
     await place.end()
     await place.start()
+    assert "guest" in await guest.resume()
     for _ in range(2):
         await place.crash(guest)
     with pytest.raises(GivenUp):
@@ -219,6 +248,66 @@ async def test_one_that_is_given_up_says_why_until_it_is_deleted_and_can_be_made
     await guest.delete()
     await until(lambda: not place.host.description().robots)
     assert await (await place.create()).call("add", {"a": 2, "b": 2}) == 4
+
+
+@pytest.mark.parametrize("order", ["", "stop", "cancel"])
+async def test_what_is_ordered_while_it_is_given_up_holds_when_its_host_is_back(
+    place: Place, monkeypatch: pytest.MonkeyPatch, order: str
+) -> None:
+    monkeypatch.setattr(apart, "GIVES_UP", 1)
+    guest, mark = await place.create(), place.folder / "h1" / "apart" / "guest" / "mark"
+    await guest.tell("crash_and_go_on", {"mark": str(mark)}, deadline=3600.0)
+    await until(place.is_given_up)
+    if order == "stop":
+        await guest.safe_stop("a person says so")
+        assert (await guest.describe()).stop_reason == "a person says so"
+    elif order == "cancel":
+        await guest.cancel()
+    await place.end()
+    await place.start()
+    if not order:
+        await until(lambda: mark.read_text() == "went on")  # as it is said: it goes on from there
+        return
+    assert (await guest.describe()).stopped == (order == "stop")
+    if order == "stop":
+        with pytest.raises(VrError, match="a person says so"):
+            await guest.call("add", {"a": 1, "b": 2})
+        await guest.resume()
+    assert await guest.call("add", {"a": 1, "b": 2}) == 3, "nothing else goes on"
+    assert mark.read_text() == "begun"
+    await place.end()  # and what was resumed is not stopped again
+    await place.start()
+    assert await guest.call("add", {"a": 1, "b": 2}) == 3
+
+
+async def test_a_stop_that_cannot_be_kept_is_not_confirmed(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(apart, "GIVES_UP", 1)
+    guest = await place.create()
+    await place.crash_now()
+    monkeypatch.setattr(apart, "replace", refuse)
+    for asking in (guest.safe_stop("a person says so"), guest.cancel()):
+        with pytest.raises(NotConfirmed, match="it goes on when h1 is started again: No space left"):
+            await asking
+
+
+async def test_a_command_that_had_it_given_up_has_ended_when_its_host_is_back(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(apart, "GIVES_UP", 2)
+    guest = await place.create()
+    with pytest.raises(VrError):
+        await guest.call("crash", {})
+    await until(place.is_given_up)
+    await place.end()
+    await place.start()
+    pid = place.pid()
+    assert await guest.call("add", {"a": 1, "b": 2}) == 3
+    assert place.pid() == pid
 
 
 async def test_who_holds_the_interpreter_harms_itself_alone(

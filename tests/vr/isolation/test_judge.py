@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import ast
+from pathlib import Path
+
+import msgspec
 import pytest
 
+import robotree.vr
+from robotree.vr.base import requests
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import Listing
 from robotree.vr.base.envelope import seal, sitting_at
-from robotree.vr.base.errors import NotItsChild
+from robotree.vr.base.errors import NotAllowed, NotItsChild
 from robotree.vr.base.permissions import Permissions
 from robotree.vr.base.requests import (
     AnyRequest,
@@ -25,7 +31,7 @@ from robotree.vr.base.requests import (
     RobotDeleted,
     SafeStop,
 )
-from robotree.vr.isolation.judge import Judge, Misbehaved
+from robotree.vr.isolation.judge import ALLOWED, Judge, Misbehaved
 
 OWN = Address("robot", "guest", "1")
 OTHER = Address("robot", "arm", "2")
@@ -163,6 +169,63 @@ def test_it_commands_its_children_alone(judge: Judge) -> None:
         judge.expect_child(OTHER.key, body(request))
     judge.expect_child(Address("robot", "arm", "3").key, body(CALL))  # its next incarnation
     assert judge.children == {"arm"}
+
+
+def test_it_hands_a_resume_down_to_its_children_and_ends_no_stop_by_itself() -> None:
+    for judge in (Judge("guest"), Judge("guest", Permissions(commands=("Arm.move",)))):
+        judge.expect_own(OWN.key)
+        asked = Resume(seen={OTHER.key: 1}, given=7.0, clock="c")
+        down = body(msgspec.structs.replace(asked, epoch=3, within=0.5))
+        judge.note_asked(body(asked), 1)
+        judge.expect_asked(OTHER.key, down)
+        with pytest.raises(NotItsChild):
+            judge.expect_child(OTHER.key, down)
+        judge.note_asked(body(Enslave(slot="arm", child=OTHER)))
+        judge.expect_child(OTHER.key, down)
+        for other in (Resume(epoch=3), Resume(epoch=3, seen={OTHER.key: 2}, given=7.0, clock="c")):
+            with pytest.raises(NotAllowed, match="nobody has asked it to resume"):
+                judge.expect_child(OTHER.key, body(other))
+        judge.note_answered(1)
+        with pytest.raises(NotAllowed):
+            judge.expect_child(OTHER.key, down)
+
+
+HOSTS_ONLY = {
+    *("bundles", "host", "moving", "place", "placing", "run", "shared", "standby", "unfit", "view", "ways"),
+    *("inside", "zygote"),
+}
+"""Modules of `vr/agents` that ask as a host, or ask nobody."""
+
+
+def test_the_judge_knows_each_request_that_the_code_of_robots_sends() -> None:
+    """Read from the sources: requests that are made there, and methods of `RobotClient` that are called."""
+    known = {name for name, each in vars(requests).items() if each in getattr(AnyRequest, "__args__", ())}
+    vr = Path(next(iter(robotree.vr.__path__)))
+
+    def calls(tree: ast.AST) -> list[ast.expr]:
+        return [node.func for node in ast.walk(tree) if isinstance(node, ast.Call)]
+
+    def made(tree: ast.AST) -> set[str]:
+        return {func.id for func in calls(tree) if isinstance(func, ast.Name)} & known
+
+    client = ast.parse((vr / "exchange" / "client.py").read_text(encoding="utf-8"))
+    methods = {
+        method.name: made(method)
+        for each in client.body
+        if isinstance(each, ast.ClassDef) and each.name == "RobotClient"
+        for method in each.body
+        if isinstance(method, ast.AsyncFunctionDef | ast.FunctionDef)
+    }
+    sent: set[str] = set()
+    modules = [each for each in (vr / "agents").glob("*.py") if each.stem not in HOSTS_ONLY]
+    for module in (*modules, *(vr / "running").glob("*.py")):
+        tree = ast.parse(module.read_text(encoding="utf-8"))
+        sent |= made(tree)
+        for func in calls(tree):
+            if isinstance(func, ast.Attribute) and "client" in ast.unparse(func.value).lower():
+                sent |= methods.get(func.attr, set())
+    assert {"Call", "Cancel", "Resume", "SafeStop", "TakeStep", "Renew", "Release", "TakeOrder"} <= sent
+    assert sent <= {each.__name__ for allowed in ALLOWED.values() for each in allowed}
 
 
 def test_a_slot_that_chooses_takes_its_kind_and_no_other(judge: Judge) -> None:

@@ -15,12 +15,14 @@ import pytest
 from msgspec.structs import replace
 
 from robotree.vr import Robot, command
-from robotree.vr.base.envelope import asking_for_assistant
+from robotree.vr.base.envelope import asking_for_assistant, read_envelope, seal
 from robotree.vr.base.errors import Denied, NoSuchPermit, PermitRefused, VrError
 from robotree.vr.base.permit import GOOD, WAITS, Permit, PermittedCall
 from robotree.vr.base.policy import Person, PolicyGate
+from robotree.vr.base.principal import Voucher
 from robotree.vr.base.requests import Call, Resume
 from robotree.vr.network.permit_file import MOST_WAITING, PermitFiles
+from robotree.vr.sites.translating import arrived
 from robotree.vr.world.network import MemoryNetwork
 from tests.vr.policy.conftest import ME, PoliticalRealm
 
@@ -156,7 +158,7 @@ async def test_what_differs_from_the_call_that_was_allowed_is_refused(realm: Any
 
 
 @pytest.mark.parametrize(
-    "attack", ["", "arguments", "assistant", "stop", "expiry", "life", "no", "key", "id"]
+    "attack", ["", "arguments", "assistant", "stop", "expiry", "life", "no", "key", "id", "none"]
 )
 async def test_a_yes_that_was_given_at_another_site_is_checked_by_the_robot(realm: Any, attack: str) -> None:
     """As the gateway brings it: `test_over_sites.py` has the whole way."""
@@ -167,6 +169,8 @@ async def test_a_yes_that_was_given_at_another_site_is_checked_by_the_robot(real
     changes = {"life": {"life": "robot/rover-1/earlier"}, "no": {"state": "denied"}, "key": {"key": "other"},
                "id": {"id": "aaaaaaaa"}}.get(attack, {})  # fmt: skip
     begun = asked(agent, **{"state": "begun", "key": call.key, "answered": 1e6, **changes})
+    if attack == "none":  # nobody looks at the state of the robot for a call that names no permit
+        call, begun = replace(call, permit=""), replace(begun, id="", life="", stops=-1)
     if attack == "stop":
         await realm.client(agent).safe_stop("a hand")
         await realm.until(lambda: agent.description().stopped)
@@ -183,6 +187,18 @@ async def test_a_yes_that_was_given_at_another_site_is_checked_by_the_robot(real
     else:
         await asking
         await realm.until(lambda: rover.moved == [1.0])
+
+
+def test_a_gateway_takes_no_permit_for_a_call_that_names_none() -> None:
+    forged = Permit(id="", assistant="claude", robot="r", life="", stops=-1, command="move", asked=1e6)
+    for named, put_in in (("", None), ("abcdefgh", forged)):
+        call = Call(key="k", command="move", deadline=5.0, permit=named, vouched=replace(forged, robot="x"))
+        body = seal(call, now=1.0, within=1.0).body
+        found = arrived(body, 0.0, Voucher("lab", "anna", 1), 2.0, known=False, permit=forged)
+        assert found is not None
+        request = read_envelope(found.body).request
+        assert isinstance(request, Call)
+        assert request.vouched == put_in
 
 
 async def test_an_assistant_may_what_the_policy_says_and_never_resumes(realm: Any) -> None:
