@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robotree.tui.seen.frames import ground_of
 from robotree.tui.seen.plan import (
     CURSOR,
     GOAL,
@@ -23,6 +24,8 @@ from robotree.tui.seen.plan import (
     fitting,
 )
 from robotree.tui.seen.plan import heading_sign as sign
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import RobotDescription, SlotSpec
 
 metres = st.floats(-50.0, 50.0)
 
@@ -69,6 +72,14 @@ def test_the_points_of_the_grid_are_equally_far_apart(rows: int) -> None:
     assert len({after - before for before, after in pairwise(marked)}) <= 1, lines
 
 
+@pytest.mark.parametrize("rows", range(16, 44))
+def test_the_distances_of_both_edges_never_cover_each_other(rows: int) -> None:
+    for columns in range(60, 100):
+        last = text(PlanScene(), Window(0.0, 0.0, 0.05, columns, rows))[-1]
+        across = [float(label) for label in re.findall(r"-?\d[\d.]*", last)]
+        assert all(abs(before - after - 0.2) < 1e-6 for before, after in pairwise(across)), last
+
+
 def test_the_way_leads_to_its_goal_and_a_refused_goal_looks_different() -> None:
     window = Window(0.0, 0.0, 0.1, 40, 20)
     scene = PlanScene((Mark(0.0, 0.0, "●", "success", "arm-1"),), ((0.0, 0.0), (0.5, 0.5)), (0.5, 0.5))
@@ -86,6 +97,17 @@ def test_names_never_cover_signs_or_each_other() -> None:
     line = text(PlanScene(marks), window)[window.cell((0.0, 0.0))[1]]
     assert line.count("●") == 4
     assert line.count("robot") == 2, "one to the left of the first, one to the right of the last"
+
+
+def test_a_virtual_robot_is_on_the_plan_of_those_that_it_commands() -> None:
+    arm, square = Address("robot", "arm-1", "1"), Address("robot", "square", "2")
+    robots = {
+        "arm-1": RobotDescription(address=arm, kinds=("Arm",), attributes={"controller": "tcp://cell:1"}),
+        "square": RobotDescription(
+            address=square, kinds=("Square",), slots=(SlotSpec(name="arm", kind="Arm", child=arm),)
+        ),
+    }
+    assert ground_of(robots["square"], robots) == "tcp://cell:1"
 
 
 def test_what_a_body_carries_turns_with_it() -> None:

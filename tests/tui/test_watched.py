@@ -89,6 +89,16 @@ def test_a_store_tells_of_an_alarm_once_and_of_its_acknowledgement() -> None:
     assert (store.watched.rung, store.watched.open()) == (1, [])
 
 
+def test_an_alarm_says_how_far_its_threshold_was_passed_and_your_own_acknowledgement_is_no_news() -> None:
+    store = Store()
+    store.me = "anna@pts/3"
+    slight = judged(FORCE, 20.0004, 1001.0)
+    store.take_alarms([slight], 1.0, "press a")
+    assert store.entries[-1].text == "ALARM: arm-1.fz was 20.0004 N, > 20 N; press a"
+    store.take_alarms([acknowledged(slight, "anna@pts/3", 1002.0)], 2.0, "press a")
+    assert len(store.entries) == 1
+
+
 def test_alarms_outlive_who_watches_them_and_two_may_change_them(tmp_path: Path) -> None:
     path = tmp_path / "realm" / "alarms.json"
     one, other = AlarmFile(path), AlarmFile(path)

@@ -45,9 +45,14 @@ class Spot(NamedTuple):
     """[rad] counterclockwise from x; None: it does not tell any."""
 
 
-def ground_of(robot: RobotDescription | None) -> str:
-    """Return the frame of the plan on which a robot is shown: of a limb that of the floor below it."""
-    return "" if robot is None else frame_of(robot).removesuffix(BODY)
+def ground_of(robot: RobotDescription | None, robots: Mapping[str, RobotDescription] | None = None) -> str:
+    """Return the frame of the plan on which a robot is shown: of a limb that of the floor below it.
+
+    A robot that names none is where those of `robots` are that it commands.
+    """
+    if robot is None:
+        return ""
+    return (frame_of(robot) or min(frames_below(robot, robots or {}), default="")).removesuffix(BODY)
 
 
 def spots(store: Store, ground: str) -> list[Spot]:

@@ -78,6 +78,17 @@ def figure(value: float, unit: str) -> tuple[str, str]:
     return text, "" if unit == "count" else IN_DEGREES.get(unit, unit)
 
 
+def apart(value: float, limit: float, unit: str) -> tuple[str, str]:
+    """Write a reading and the limit that it has passed, with as many digits as tell them apart."""
+    texts = [" ".join(figure(each, unit)).strip() for each in (value, limit)]
+    if texts[0] == texts[1] and value != limit:
+        shown = figure(value, unit)[1]
+        both = [degrees(each) if unit in IN_DEGREES else each for each in (value, limit)]
+        digits = next(n for n in range(1, 18) if f"{both[0]:.{n}g}" != f"{both[1]:.{n}g}" or n == 17)
+        texts = [f"{each:.{digits}g} {shown}".strip() for each in both]
+    return texts[0], texts[1]
+
+
 def size(readings: Mapping[str, float], names: Iterable[str] = FORCE) -> float | None:
     """Return the length of a vector among the readings; None: it is not there."""
     parts = [readings[name] for name in names if name in readings]

@@ -152,7 +152,9 @@ def _grid(field: _Field, window: Window) -> None:
         for y in across:
             field.put(*window.cell((x, y)), "+" if not (x or y) else "·", "muted")
     for x in along:
-        field.text(0, window.cell((x, window.y))[1], f"{x:g}", "muted")
+        row = window.cell((x, window.y))[1]
+        if row < window.rows - 1:  # there the distances across stand
+            field.text(0, row, f"{x:g}", "muted")
     for y in across:
         column = window.cell((window.x, y))[0]
         field.text(column, window.rows - 1, f"{y:g}", "muted")

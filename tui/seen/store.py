@@ -507,11 +507,12 @@ class Store:
         """Take the alarms as they are kept, and tell what is new; `how` one is acknowledged."""
         raised, acknowledged = self.watched.take_alarms(alarms)
         for alarm in raised:
-            value = " ".join(instruments.figure(alarm.value, alarm.unit)).strip()
-            limit = " ".join(instruments.figure(alarm.limit, alarm.unit)).strip()
+            value, limit = instruments.apart(alarm.value, alarm.limit, alarm.unit)
             text = f"ALARM: {alarm.name} was {value}, {alarm.sign} {limit}; {how}"
             self.tell(text, "error", now, alarm.robot, operators=True)
         for alarm in acknowledged:
+            if alarm.acknowledged_by == self.me:  # the answer to the verb has said it
+                continue
             text = f"the alarm of {alarm.name} was acknowledged by {alarm.acknowledged_by}"
             self.tell(text, "good", now, alarm.robot, operators=True)
         self.revision += 1

@@ -13,7 +13,10 @@ from robotree.tui.screen.pages.compose import Choosing, ComposePage
 from robotree.tui.screen.pages.dialogs import Confirm
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.teleop import TeleopPage
+from robotree.tui.seen.store import Store
 from robotree.vr import command
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import BondSpec
 from robotree.vr.network.realms import state_home
 from tests.tui.conftest import Arm
 from tests.tui.screens.test_teleop_page import moved
@@ -180,6 +183,20 @@ async def test_a_robot_is_led_by_hand_and_what_it_did_not_keep_is_told(
         await operator.press("escape")
         await operator.at(ComposePage)
         await operator.sees("nothing was shown")
+
+
+async def test_a_robot_that_another_one_commands_is_not_led_and_that_is_said_at_once(
+    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with operate(realm.realm_client) as operator:
+        await composer(operator)
+        arm = operator.app.store.descriptions["arm-1"]
+        bond = BondSpec(parent=Address("robot", "greeter", "9"), slot="arm", epoch=1, remaining=1.0)
+        held = msgspec.structs.replace(arm, bond=bond)
+        monkeypatch.setattr(Store, "described", lambda _self, _name: held)
+        await operator.press("T")
+        await operator.sees("arm-1 is commanded by greeter")
+        assert isinstance(operator.app.screen, ComposePage)
 
 
 SHOWN = """\

@@ -351,6 +351,14 @@ class ComposePage(Page):
         found = bounds(robot)
         if found is None or self.app.withheld("compose"):
             return
+        now = self.app.store.described(robot.name) or robot
+        if now.bond is not None:
+            holder, slot = now.bond.parent.name, now.bond.slot
+            self.app.tell(
+                f"{robot.name} is commanded by {holder}: `release {holder}.{slot}` before it is led",
+                "warning",
+            )
+            return
         since, readings = time.time(), self._read(robot)
         self.app.tell(f"lead {robot.name}; esc ends it, and makes steps of what it did")
 

@@ -68,7 +68,7 @@ class PlanPane(Part, Horizontal):
         app, store, plan = self.app, self.app.store, self.query_one(PlanView)
         selected = app.selection.name
         robot = store.described(selected)
-        ground = ground_of(robot) if robot is not None else self._ground
+        ground = ground_of(robot, store.descriptions) if robot is not None else self._ground
         if ground != self._ground:
             self._ground = ground
             plan.forget_window()
