@@ -33,7 +33,9 @@ class Surface(NamedTuple):
     """The same, for programs: they are not shown to people."""
     shell: str = "robotree"
     """How a line begins in a shell that reaches the same robots."""
-    why_readonly: str = "this is read-only (--readonly or $ROBOTREE_READONLY)"
+    why_readonly: str = "no verb {verb!r}: this is read-only (--readonly or $ROBOTREE_READONLY)"
+    absent: Mapping[str, str] = MappingProxyType({})
+    """Verbs that are not here either, and why."""
 
     def has(self, action: Action) -> bool:
         """Whether an action can be asked for here."""
@@ -41,11 +43,13 @@ class Surface(NamedTuple):
 
     def withholds(self, action: Action) -> bool:
         """Whether an action is absent as one may only look: the one rule for verbs, keys and pages."""
-        return self.readonly and (action.alters or (action.writes and self.where is not Where.SHELL))
+        alters = action.alters or (action.writes and self.where is not Where.SHELL)
+        return action.verb in self.absent or (self.readonly and alters)
 
     def refusal(self, verb: str) -> str:
         """Return why one may not do here what a verb does, whatever asks for it; empty: one may."""
-        return f"no verb {verb!r}: {self.why_readonly}" if self.withholds(BY_VERB[verb]) else ""
+        why = self.absent.get(verb, self.why_readonly)
+        return why.format(verb=verb) if self.withholds(BY_VERB[verb]) else ""
 
     @property
     def actions(self) -> tuple[Action, ...]:
@@ -108,7 +112,7 @@ class Surface(NamedTuple):
         found = known[0]
         verb = found.verb if len(known) == 1 else words[0]
         if self.readonly and self.where in found.where:
-            return NotHere(verb, self.refusal(found.verb) or f"no verb {verb!r}: {self.why_readonly}")
+            return NotHere(verb, self.refusal(found.verb) or self.why_readonly.format(verb=verb))
         if self.where is not Where.SHELL and Where.SHELL in found.where:
             import shlex
 

@@ -175,7 +175,9 @@ def _unequal(
         before, after = ones[name], others[name]
         if abs(after - before) > NEAR * spans.get((robot, name), 0.0):
             unit = units.get(name, "")
-            yield name, f"{wording.quantity(before, unit)} → {wording.quantity(after, unit)}"
+            one, other = wording.quantity(before, unit), wording.quantity(after, unit)
+            if one != other:  # as a person reads them
+                yield name, f"{one} → {other}"
 
 
 def text(first: Tape, second: Tape) -> str:
@@ -235,16 +237,21 @@ class Beside:
         )
         self._times = [ended for ended, _ in self._ended]
         self._tapes = [(tape.began, _moments(tape)) for tape in (first, second)]
+        self._lengths = [(seen(tape.name), tape.ended - tape.began) for tape in (first, second)]
         self._spans, self._units = ranges(first, second), _units(first)
 
     def words(self, seconds: float) -> str:
-        """Return what differs at the last command that had ended by then, [s] after the beginning."""
+        """Return how the last command that had ended by then went in the other one, [s] after the beginning.
+
+        It begins with `≠`, or `=`; empty: none had ended.
+        """
         position = bisect_right(self._times, seconds)
         if not position:
             return ""
         pair = self._ended[position - 1][1]
         assert pair.first is not None  # noqa: S101 # chosen above
-        return f"{pair.first.words}: {'; '.join(pair.differs) or 'as in the other'}"
+        sign, words, differs = _row(pair)
+        return f"{sign} {words}: {differs or 'as in the other'}"
 
     def text(self, seconds: float) -> str:
         """Return the readings that differ so long [s] after both beginnings, and the commands of both.
@@ -263,7 +270,12 @@ class Beside:
             for pair, row in zip(self._pairs, map(_row, self._pairs), strict=True)
         ]
         said = wording.columns(readings) if readings else "all readings are as in the other"
-        return f"{said}\n\n{wording.columns(rows)}"
+        return f"{self._moment(seconds)}\n\n{said}\n\n{wording.columns(rows)}"
+
+    def _moment(self, seconds: float) -> str:
+        """Say which moments are beside each other; behind its end a recording is as it was then."""
+        over = [f"{name} is over after {length:.1f} s" for name, length in self._lengths if length < seconds]
+        return "; ".join([f"{seconds:.1f} s after the beginning of both", *over])
 
     def _other_readings(self, robot: str, seconds: float) -> Iterator[tuple[str, str]]:
         ones, others = (_at(moments[robot], began + seconds) for began, moments in self._tapes)

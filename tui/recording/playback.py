@@ -22,7 +22,7 @@ from robotree.vr.base.description import Listing, RobotDescription
 from robotree.vr.base.requests import LoggedLine, State, ViewDescribed
 
 RECORDED = "recorded"
-"""The incarnation of a recorded view: a recording has only its name."""
+"""The incarnation of a recorded view, or host: a recording has only its name."""
 
 LINES = 200
 """Lines of logs that somebody hears who begins to listen."""
@@ -107,11 +107,14 @@ class Playback:
         """Return how a view would describe itself."""
         return ViewDescribed(address=view_address(name), cameras=tuple(sorted(self.views[name])))
 
+    def robots_of(self, host: str) -> tuple[Address, ...]:
+        """Return the robots of a host."""
+        return tuple(robot.address for robot in self.robots.values() if robot.host == host)
+
     def listings(self) -> tuple[Listing, ...]:
         """Return what a lookup service would list: free robots, and views."""
         robots = (self.listing(robot) for robot in self.robots.values() if robot.bond is None)
-        views = (Listing(address=view_address(name), kinds=("View",)) for name in self.views)
-        return (*robots, *views)
+        return (*robots, *map(view_listing, self.views))
 
     def listing(self, robot: RobotDescription) -> Listing:
         """Return what a lookup service would list of a free robot."""
@@ -129,3 +132,8 @@ class Playback:
 def view_address(name: str) -> Address:
     """Return the address of a recorded view."""
     return Address("view", name, RECORDED)
+
+
+def view_listing(name: str) -> Listing:
+    """Return what a lookup service would list of a view; whoever reads lists leaves out revision 0."""
+    return Listing(address=view_address(name), kinds=("View",), revision=1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
@@ -14,7 +15,9 @@ from textual.binding import Binding, BindingType
 
 from robotree.tui import exit_codes
 from robotree.tui.errors import BadRecordedRealm, NeedsTerminal, ValueRefused
+from robotree.tui.line.actions import BY_VERB
 from robotree.tui.line.grammar import Line
+from robotree.tui.line.keys import spell
 from robotree.tui.processes.to_the_end import to_the_end
 from robotree.tui.recording.comparing import Beside
 from robotree.tui.recording.exports import opened, within
@@ -46,10 +49,34 @@ AGAIN = -1
 """The code with which the screen ends when it shall be opened at an earlier moment."""
 
 
+ONLY_SEEN = "nothing in a recording can be commanded"
+
+_HOLD = spell(BY_VERB["stop"].key)
+
+NOT_RECORDED = {
+    **dict.fromkeys(("history", "why"), "a recording keeps no history: its log says who asked for what"),
+    "where": "a recording does not hold where robots are in their pages",
+    **dict.fromkeys(("orders", "order show", "inbox"), "a recording holds no orders and no results of them"),
+    **dict.fromkeys(("who", "say"), "nobody else is in a recording"),
+    "permits": "a recording holds no permits",
+    "messages": "a recording holds no messages of wires; `robotree wire record` records them",
+    "questions": "a recording holds no questions",
+    "space ls": "a recording holds no spaces",
+    "dismiss": "who is in the list of a recording was there then",
+}
+"""Verbs that make no sense over a recording, and why."""
+
+
 class Replay(Supervisor):
     """One recording at one moment, which moves while it is played."""
 
     STOP_WORD: ClassVar[str] = "PAUSE"
+    OWN_KEYS: ClassVar[Sequence[tuple[str, str]]] = (
+        (_HOLD, "Hold the recording, or let it go on; no robot hears it."),
+        ("← →", f"Go {LEAP:g} s back, forward; with shift {LONG_LEAP:g} s."),
+        ("[ ]", "Play slower, faster."),
+        ("=", "Show what differs from another recording at this moment, and close that."),
+    )
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("left", f"leap({-LEAP})", "Back", priority=True),
         Binding("right", f"leap({LEAP})", "Forward", priority=True),
@@ -66,13 +93,14 @@ class Replay(Supervisor):
         self._zero = time.monotonic() - player.playback.position
         super().__init__(*args, **options)
         self.feed.moment_of = lambda line: self._zero + line.unix
-        why = "nothing in a recording can be commanded"
-        self.prompt = self.prompt._replace(why_readonly=why)
-        self.keyboard = self.keyboard._replace(why_readonly=why)
+        self.keyboard = self.keyboard._replace(why_readonly=ONLY_SEEN, absent=NOT_RECORDED)
+        self.prompt = self.prompt._replace(
+            why_readonly=ONLY_SEEN,
+            absent={**NOT_RECORDED, "stop": f"{ONLY_SEEN}; {_HOLD} holds the recording"},
+        )
 
-    async def on_mount(self) -> None:
+    def opened(self) -> None:
         """Begin to play."""
-        await super().on_mount()
         self.player.repeat()
         self.set_interval(TICK, self.player.tick)
 
@@ -106,6 +134,10 @@ class Replay(Supervisor):
         if action in {"leap", "pace", "compare"} and self.typing:
             return False
         return super().check_action(action, parameters)
+
+    def action_help_quit(self) -> None:
+        """Say at ctrl+c what leaves."""
+        self.tell(f"ctrl+q leaves; {_HOLD} holds the recording, or lets it go on")
 
     def action_leap(self, seconds: float) -> None:
         """Go forward, or back: then the screen is opened anew at that moment."""
@@ -160,8 +192,7 @@ class BesideReading(Reading):
         super().__init__(beside.title, self._present())
 
     def on_mount(self) -> None:
-        """Go along."""
-        super().on_mount()
+        """Go along; Textual calls that of `Reading`, too."""
         self.set_interval(LOOK, self.guarded(lambda: self.query_one(Broken).replace(Text(self._present()))))
 
     def _present(self) -> str:
@@ -228,7 +259,7 @@ class Player:
         state = "held" if self.held else "ended" if self.playback.over else f"x{self.speed:g}"
         cut = "" if self.tape.whole else ", being written" if self.tape.growing else ", cut off"
         other = self.beside.words(at) if self.beside is not None else ""
-        differs = f"  ≠ {seen(other)}" if other else ""
+        differs = f"  {seen(other)}" if other else ""
         return f"REPLAY {_clock(at)} of {_clock(length)}{cut}  {state}{differs}"
 
 

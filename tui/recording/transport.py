@@ -10,7 +10,7 @@ import os
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from functools import partial
 
-from robotree.tui.recording.playback import Playback, view_address
+from robotree.tui.recording.playback import RECORDED, Playback, view_address, view_listing
 from robotree.tui.recording.tape import Content, RecordedEnd, RecordedLine, RecordedPicture, RecordedState
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import Listing, RobotDescription
@@ -24,9 +24,11 @@ from robotree.vr.base.requests import (
     AnyRequest,
     Describe,
     Described,
+    DescribeHost,
     DescribeView,
     Found,
     History,
+    HostDescribed,
     Listed,
     Logged,
     LogLines,
@@ -73,6 +75,8 @@ class RecordedTransport:
         """Those who are there for the listeners, who hear one thing after the other."""
         for address in (*self._robots.values(), *map(view_address, playback.views)):
             self.presence.count(address.key, there=True)
+        for robot in playback.robots.values():
+            self._see_host(robot)
 
     def deliver(self, said: Sequence[Content]) -> None:
         """Have those who listen hear what was said."""
@@ -88,7 +92,7 @@ class RecordedTransport:
                     self._leave(name)
                 case RecordedPicture(view, _, _) if not self.presence.there(view_address(view).key):
                     self.presence.count(view_address(view).key, there=True)
-                    self._list(Listing(address=view_address(view), kinds=("View",)))
+                    self._list(view_listing(view))
                 case _:
                     pass
 
@@ -97,11 +101,18 @@ class RecordedTransport:
             self._leave(robot.name)  # an earlier life of it
             self._robots[robot.name] = robot.address
             self.presence.count(robot.address.key, there=True)
+        self._see_host(robot)
         listing = self._playback.listing(robot)
         if robot.bond is None:
             self._list(listing)
         else:
             self._unlist(robot.address, listing.revision)
+
+    def _see_host(self, robot: RobotDescription) -> None:
+        """Have the host of a robot there from now on: a recording has no end of a host."""
+        address = Address("host", robot.host, RECORDED)
+        if robot.host and not self.presence.there(address.key):
+            self.presence.count(address.key, there=True)
 
     def _leave(self, name: str) -> None:
         if address := self._robots.pop(name, None):
@@ -150,7 +161,7 @@ class RecordedTransport:
         except VrError as error:
             return encode(Raised.of(error))
 
-    def _reply(self, address: Address, request: AnyRequest) -> Reply:
+    def _reply(self, address: Address, request: AnyRequest) -> Reply:  # noqa: PLR0911 # a table of requests
         playback, name = self._playback, address.name
         match request:
             case Query():
@@ -161,6 +172,8 @@ class RecordedTransport:
                 return Described(robot=robot)
             case ReadLog():
                 return Logged(lines=playback.log(name))
+            case DescribeHost():
+                return HostDescribed(address=address, robots=playback.robots_of(name))
             case DescribeView():
                 return playback.view(name)
             case Look():

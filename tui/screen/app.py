@@ -126,6 +126,13 @@ class Supervisor(OperatorApp):
         await self.realm_client.operators.open()
         self.set_interval(SHOWN_EVERY, self.guarded(self._show_where))
         first.draw()
+        self.opened()
+
+    def opened(self) -> None:
+        """Begin what a screen does beside that.
+
+        It is no `on_mount` of a subclass: Textual calls those of all classes, so `super` would open it twice.
+        """
 
     def _hear(self, person: str, text: str) -> None:
         """Show what another operator says."""
@@ -323,7 +330,6 @@ class Supervisor(OperatorApp):
 class Composer(Supervisor):
     """The full screen that begins with the composer."""
 
-    async def on_mount(self) -> None:
+    def opened(self) -> None:
         """Open the composer over the main page."""
-        await super().on_mount()
         self.ask_for("compose")

@@ -93,6 +93,8 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
 
     STOP_WORD: ClassVar[str] = "STOP"
     """What the key of the stop does, in the line on top."""
+    OWN_KEYS: ClassVar[Sequence[tuple[str, str]]] = ()
+    """Keys of this screen and what they do, in the help instead of the stop; none: it stops robots."""
 
     def __init__(  # noqa: PLR0913 # what a person has kept, beside the options of the command line
         self,

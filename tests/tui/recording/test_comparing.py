@@ -87,20 +87,29 @@ def test_the_replay_says_what_was_otherwise_in_the_other_one() -> None:
     player.open()
     assert "≠" not in player.words
     player.go_to(NOON + 3.5)
-    assert player.words.endswith("≠ arm-1.go_to z=0.3: as in the other")
+    assert player.words.endswith("  = arm-1.go_to z=0.3: as in the other")
     player.go_to(NOON + 9)
-    assert player.words.endswith("≠ arm-1.go_to z=1: z 1 m → 0.5 m")
+    assert player.words.endswith("  ≠ arm-1.go_to z=1: z 1 m → 0.5 m")
     assert Beside(tape_of(*MONDAY), second).words(0.5) == ""
 
 
 def test_beside_each_other_two_recordings_show_what_goes_on_in_both_and_which_readings_differ() -> None:
     beside = Beside(tape_of(*MONDAY), tape_of(*MONDAY[:2], ("go_to z=1", 7, 9, "done", 0.5)))
     early, late, over = (beside.text(seconds) for seconds in (6.5, 7.5, 9.5))
-    assert early.startswith("all readings are as in the other\n")
+    assert early.startswith("6.5 s after the beginning of both\n\nall readings are as in the other\n")
     assert "▸   ≠  arm-1.go_to z=1" in early
     assert "▸▸  ≠  arm-1.go_to z=1" in late
-    assert over.startswith("arm-1.z  1 m → 0.5 m\n")
+    moments = "9.5 s after the beginning of both; a.mcap is over after 8.0 s; a.mcap is over after 9.0 s"
+    assert over.startswith(f"{moments}\n\narm-1.z  1 m → 0.5 m\n")
     assert "▸" not in over
+
+
+def test_readings_that_a_person_reads_as_the_same_do_not_differ() -> None:
+    """Their range is that of noise alone, of which two parts in a hundred are less than what is shown."""
+    first, second = (tape_of(("hold", 1, 2, "done", height)) for height in (4e-13, 0.0))
+    assert comparing.ranges(first, second)["arm-1", "z"] > 0.0
+    assert Beside(first, second).words(3.0) == "= arm-1.hold: as in the other"
+    assert "→" not in Beside(first, second).text(3.0)
 
 
 def test_two_files_are_compared_on_the_command_line(

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import io
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image
+from textual.pilot import Pilot
 
 from robotree.tui.recording.exports import opened
 from robotree.tui.recording.playback import Playback
@@ -22,10 +27,12 @@ from robotree.tui.recording.tape import (
     TapeWriter,
 )
 from robotree.tui.recording.transport import RecordedTransport
+from robotree.tui.screen.pages.main import main_page
+from robotree.tui.screen.widgets.picture import PictureView
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import BondSpec, CommandSpec, RobotDescription
 from robotree.vr.base.errors import VrError
-from robotree.vr.base.requests import LoggedLine, State
+from robotree.vr.base.requests import LoggedLine, Picture, State
 from robotree.vr.supervision.realm_client import RealmClient
 from tests.screen import press, text_of
 from tests.waiting import until
@@ -50,6 +57,39 @@ ENTRIES = [
     Entry(NOON + 60, RecordedState("arm-1", State(readings={"z": 0.75}))),
 ]
 TAPE = Tape({"realm": "hall"}, ENTRIES, whole=True, name="it.mcap")
+
+
+def file_of_a_day(folder: Path) -> str:
+    """Write a recording of an arm on a host, which is stopped at its end, with a picture and two lines."""
+    stream, name = io.BytesIO(), folder / "day.mcap"
+    Image.new("RGB", (48, 27), (255, 0, 0)).save(stream, "JPEG")
+    arm = RobotDescription(address=ARM, kinds=("Arm",), commands=(GO,), units={"z": "m"}, host="host-1")
+    with name.open("wb") as file:
+        writer = TapeWriter(file, {"realm": "hall"})
+        writer.description(NOON, arm)
+        writer.line("arm-1", LoggedLine(1, NOON + 1, "info", "the first line"))
+        writer.picture(NOON + 2, "cell", Picture(jpeg=stream.getvalue(), width=48, height=27, camera="top"))
+        writer.line("arm-1", LoggedLine(2, NOON + 8, "info", "the second line"))
+        writer.state(NOON + 9, "arm-1", State(readings={"z": 0.5}))
+        writer.state(NOON + 20, "arm-1", State(readings={"z": 0.5}, stopped=True))
+        writer.close()
+    return str(name)
+
+
+@asynccontextmanager
+async def replayed(folder: Path, at: float) -> AsyncGenerator[tuple[Replay, Pilot[int]]]:
+    """Replay that file, held at a time [s], with what this person has kept in the folder."""
+    player = Player(opened(file_of_a_day(folder)), 1.0)
+    player.held = True
+    player.begin_at = NOON + at
+    realm_client = RealmClient(player.open())
+    await realm_client.start()
+    app = partial(Replay, player)(realm_client, realm="", readonly=True)
+    async with app.run_test(size=(120, 40)) as pilot:
+        await until(lambda: "REPLAY" in text_of(app) and "arm-1" in text_of(app), "the list is there")
+        yield app, pilot
+    assert app.errors == []
+    await realm_client.close()
 
 
 async def looking(at: float) -> RealmClient:
@@ -166,3 +206,73 @@ async def test_the_screen_shows_the_banner_holds_and_leaps(
     assert app.return_value == AGAIN
     assert player.begin_at >= NOON
     await realm_client.close()
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    return tmp_path
+
+
+async def test_each_line_of_a_log_is_shown_once(folder: Path) -> None:
+    async with replayed(folder, at=5.0) as (app, pilot):
+        await press(pilot, "g")
+        await press(pilot, "right")
+        await until(lambda: "the second line" in text_of(app), "it was said meanwhile")
+        said = [entry.text for entry in app.store.entries]
+        assert [text for text in said if "line" in text] == [
+            "arm-1: the first line",
+            "arm-1: the second line",
+        ]
+
+
+@pytest.mark.parametrize("at", [0.0, 5.0])
+async def test_the_pictures_of_a_recording_are_beside_the_list(folder: Path, at: float) -> None:
+    async with replayed(folder, at=at) as (app, pilot):
+        await press(pilot, "right")
+        await until(lambda: "1 free · 1 view · 1 host" in text_of(app), "both are counted")
+        picture = main_page(app).query_one("#picture-box").query_one(PictureView)
+        await until(lambda: picture.frames > 0 and "▀" in text_of(app), "it is drawn")
+        await press(pilot, "v")
+        await until(lambda: "cell / top" in text_of(app), "the page of the pictures has it, too")
+
+
+async def test_the_keys_of_pages_open_them_in_a_replay_or_say_why_not(folder: Path) -> None:
+    async with replayed(folder, at=5.0) as (app, pilot):
+        for key, pane in (("v", "views"), ("g", "log"), ("l", "robots"), ("F", "plan")):
+            await press(pilot, key)
+            assert main_page(app).pane == pane
+            assert app.screen is main_page(app)
+        app.run_typed("views")
+        assert main_page(app).pane == "views"
+        await press(pilot, "l")
+        for key, why in (
+            ("A", "a recording holds no orders"),
+            ("P", "a recording holds no permits"),
+            ("Q", "a recording holds no messages of wires"),
+            ("z", "a recording does not hold where robots are in their pages"),
+            ("H", "a recording keeps no history"),
+        ):
+            await press(pilot, key)
+            await until(lambda why=why: why in text_of(app), why)
+            assert app.screen is main_page(app)
+        await press(pilot, "q")
+        await until(lambda: not app.is_running, "the first key leaves")
+
+
+async def test_the_words_of_a_replay_are_about_the_recording_not_about_robots(folder: Path) -> None:
+    async with replayed(folder, at=5.0) as (app, pilot):
+        app.run_typed("stop")
+        await until(lambda: "nothing in a recording can be commanded; space holds" in text_of(app), "why")
+        for key in ("R", "n"):
+            await press(pilot, key)
+        assert [entry.text for entry in app.store.entries][-2:] == [
+            "nothing in a recording can be commanded"
+        ] * 2
+        app.player.go_to(NOON + 20)
+        await until(lambda: "PROTECTIVE STOP: arm-1" in text_of(app), "it was stopped then")
+        assert "resumes" not in text_of(app)
+        await press(pilot, "question_mark")
+        await until(lambda: "Hold the recording, or let it go on" in text_of(app), "the help of a replay")
+        assert "stops every robot" not in text_of(app)
+        assert "resumes" not in text_of(app)

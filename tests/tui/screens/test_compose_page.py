@@ -9,6 +9,7 @@ import msgspec
 import pytest
 from textual.widgets import Button, Input, OptionList
 
+from robotree.tui.screen.app import Composer
 from robotree.tui.screen.pages.compose import Choosing, ComposePage
 from robotree.tui.screen.pages.dialogs import Confirm
 from robotree.tui.screen.pages.main import MainPage
@@ -55,6 +56,14 @@ async def add(operator: Operator, word: str, line: str = "") -> None:
 
 def lines(page: ComposePage) -> list[str]:
     return [f"{'  ' * row.depth}{row.text}" for row in page.rows]
+
+
+async def test_robotree_compose_begins_in_the_composer_over_one_main_page(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.realm_client, kind=Composer) as operator:
+        await operator.at(ComposePage)
+        assert [type(page) for page in operator.app.screen_stack[1:]] == [MainPage, ComposePage]
 
 
 async def test_steps_are_chosen_nested_given_parameters_and_made(

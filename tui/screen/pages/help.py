@@ -33,7 +33,10 @@ def help_text(app: OperatorApp) -> Text:
             text.append(f"{meaning}\n")
         text.append("\n")
 
-    _stop(app, text)
+    if app.OWN_KEYS:
+        block("In a recording", app.OWN_KEYS)
+    else:
+        _stop(app, text)
     pages = {one.name: (one.title, page_rows(one.name, app.keymap)) for one in PAGES if one.title}
     front = getattr(app.screen, "KEYS_OF", "")
     if front in pages:  # what works here and now comes first
@@ -78,8 +81,8 @@ def _stop(app: OperatorApp, text: Text) -> None:
     text.append(f"  {spell(stop.key):<{ROOM}}", strong)
     text.append("stops every robot at once, on every page. In a field that you type in it is a space:\n")
     text.append(f"  {spell(stop.typing_key):<{ROOM}}", strong)
-    resume = app.keymap.spelled("resume")
-    text.append(f"stops every robot even then. {resume} resumes; nothing moves by itself.\n\n")
+    resume = f"{app.keymap.spelled('resume')} resumes; " if app.keyboard.has(BY_VERB["resume"]) else ""
+    text.append(f"stops every robot even then. {resume}nothing moves by itself.\n\n")
 
 
 def _actions(app: OperatorApp, scope: Scope) -> Iterable[tuple[str, str]]:

@@ -103,7 +103,7 @@ class Banner(CachedText):
             stopped = f"■ {say('PROTECTIVE STOP')}: "
             took = f"  after {stop.longest:.2f} s" if stop and stop.confirmed else ""
             resumes = say("{key} resumes", key=self.app.keymap.spelled("resume"))
-            tail = f" — {resumes}"
+            tail = f" — {resumes}" if self.app.keyboard.has(BY_VERB["resume"]) else ""
             room = (self.size.width or self.app.size.width - 2) - cell_len(stopped) - cell_len(tail)
             if room - cell_len(took) >= NAMES:  # how to resume is read however little room there is
                 tail, room = took + tail, room - cell_len(took)
