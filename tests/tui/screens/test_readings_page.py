@@ -88,7 +88,7 @@ async def test_a_threshold_rings_is_in_row_log_and_header_and_a_person_acknowled
         await operator.press("U")
         page = await operator.at(ReadingsPage)
         await operator.press("k")
-        await operator.sees("acknowledged by", "acknowledged")
+        await operator.sees("acknowledged: arm-1.fz", "acknowledged")
         await operator.until(lambda: "1 alarm: U" not in operator.text, "the header is calm")
         await operator.press("k")
         await operator.sees("no alarm waits to be acknowledged")
