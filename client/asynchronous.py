@@ -41,7 +41,6 @@ from robotree.vr.base.errors import (
 )
 from robotree.vr.base.extras import explained
 from robotree.vr.base.units import seconds
-from robotree.vr.exchange.attendance import Attendance
 from robotree.vr.exchange.calling import OnProgress
 from robotree.vr.exchange.client import DEFAULT_DEADLINE
 from robotree.vr.network.realms import all_realms, robots_in
@@ -53,6 +52,7 @@ if TYPE_CHECKING:
 
     from robotree.vr.base.description import CommandSpec, Listing, RobotDescription
     from robotree.vr.base.requests import LoggedLine, Reloaded, State
+    from robotree.vr.exchange.attendance import Attendance
     from robotree.vr.supervision.realm_client import RealmClient
 
 WITHIN = "within"
@@ -347,6 +347,8 @@ class AsyncCommand:
             VrError: it was refused.
             Exception: what `held` has raised; the command has ended then.
         """
+        from robotree.vr.exchange.attendance import Attendance  # it brings the core, which few programs need
+
         self._spec = (await self._realm.describe(self.robot)).command(self.name)
         if self._spec is not None and not self._spec.attended:
             raise NotAttended(robot=self.robot, command=self.name)
