@@ -118,7 +118,7 @@ def _help(words: Sequence[str], surface: Surface) -> int:
         answer(manual.page(verb), lambda: manual.structure(BY_VERB[verb]))
     else:
         begins = f"{words[0]} " if words else ""
-        found = [one for one in surface.actions if f"{one.verb} ".startswith(begins)]
+        found = [action for action in surface.actions if f"{action.verb} ".startswith(begins)]
         answer(family or manual.overview(surface), lambda: [manual.structure(one) for one in found])
     return exit_codes.DONE
 

@@ -167,14 +167,14 @@ class Course(ABC):
 
     @abstractmethod
     async def course(self, realm_client: RealmClient, tell: Tell, *, alone: bool) -> Any:
-        """Let it happen, and return the verdict; `alone`: nobody is at a screen."""
+        """Play the story, and return the verdict; `alone`: nobody is at a screen."""
 
     @abstractmethod
     def summary(self, verdict: Any) -> str:
         """Say what came of it, in a sentence for the log of the screen."""
 
     async def accompany(self, realm_client: RealmClient, tell: Tell) -> None:
-        """Let it happen beside the screen, and say what came of it."""
+        """Play the story beside the screen, and say how it ended."""
         await asyncio.sleep(OPENING)
         verdict = await self.course(realm_client, tell, alone=False)
         tell(self.summary(verdict), "good" if verdict.ok else "error")

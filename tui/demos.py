@@ -66,16 +66,16 @@ def _story(line: Line, story: str, how: dict[str, Any]) -> Coroutine[Any, Any, i
     from robotree.tui import demo as stage
     from robotree.tui import demo_crash
 
-    told: stage.Story = demo_crash.Crash() if line.flag("--crash") else stage.CELL
+    play: stage.Story = demo_crash.Crash() if line.flag("--crash") else stage.CELL
     if story == names.COMPOSE:
         from robotree.tui import demo_compose
 
-        told = demo_compose.Compose()
+        play = demo_compose.Compose()
     elif story == names.NAME:
-        told = names.STORY
+        play = names.STORY
     wire = stage.Wire.of(can=line.flag("--can"), classic=line.flag("--classic"))
     return stage.demo(
-        told, pictures=line.text("--pictures"), wire=wire, speedup=line.text("--speedup", "1"), **how
+        play, pictures=line.text("--pictures"), wire=wire, speedup=line.text("--speedup", "1"), **how
     )
 
 

@@ -133,7 +133,7 @@ def composed(
             steps += _by_hand(slots[robot], known[robot], _stretches(run, start), tolerance, parameters)
             begun.add(robot)
         else:
-            steps += [_act(slots[robot], known[robot], one) for one in run]
+            steps += [_act(slots[robot], known[robot], call) for call in run]
     kinds = dict(old.slots) | {slots[robot]: known[robot].kind for robot in slots if robot in known}
     return msgspec.structs.replace(
         old,
