@@ -150,7 +150,7 @@ async def play_plots(count: int, hz: float, plots: int) -> None:
     """Be the supervisor of robots whose readings are plotted; without plots the same page."""
     from robotree.tui.screen.app import Supervisor
     from robotree.tui.screen.pages.readings import ReadingsPage
-    from robotree.tui.screen.promptness import prompt_answers
+    from robotree.tui.screen.supervise import prompt_answers
     from robotree.vr.supervision.realm_client import RealmClient
 
     class Plotting(Supervisor):
@@ -172,7 +172,7 @@ async def play_plots(count: int, hz: float, plots: int) -> None:
 async def play(count: int, hz: float, *, calm: bool) -> None:
     """Be the supervisor of a crowd."""
     from robotree.tui.screen.app import Supervisor
-    from robotree.tui.screen.promptness import prompt_answers
+    from robotree.tui.screen.supervise import prompt_answers
     from robotree.vr.supervision.realm_client import RealmClient
 
     crowd = Crowd(count, hz)

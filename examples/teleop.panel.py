@@ -14,8 +14,7 @@ from textual.containers import Grid, Horizontal, Vertical
 from textual.widgets import Button, Static
 
 from robotree.tui.panels.author import PanelCamera, Refused, RobotPanel
-from robotree.tui.screen.jog import AXES, Jog
-from robotree.tui.screen.teleoperable import bounds
+from robotree.tui.screen.jog import AXES, Jog, bounds
 
 PAD = {
     "left": ("← +y", "y", 1),

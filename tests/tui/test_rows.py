@@ -13,7 +13,6 @@ from msgspec.structs import replace
 
 from robotree.tui.seen import matching, status
 from robotree.tui.seen.alarms import Alarm
-from robotree.tui.seen.rails import rails
 from robotree.tui.seen.rows import (
     GAP,
     GOES,
@@ -24,6 +23,7 @@ from robotree.tui.seen.rows import (
     heard,
     listed,
     natural,
+    rails,
     row,
 )
 from robotree.tui.seen.store import Store

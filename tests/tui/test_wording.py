@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotree.tui.line.manual import overview, page, shell
-from robotree.tui.screen.teleoperable import bounds
+from robotree.tui.screen.jog import bounds
 from robotree.tui.seen import wording
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import CommandSpec, FieldSpec, RobotDescription

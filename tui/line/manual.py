@@ -7,7 +7,7 @@ from typing import Any
 
 from robotree.tui.line.action import Action, Where
 from robotree.tui.line.actions import ACTIONS, BY_VERB
-from robotree.tui.line.keys import spell
+from robotree.tui.line.page_keys import spell
 from robotree.tui.line.surface import Surface
 
 EVERYWHERE = {"json": "", "realm": "NAME", "readonly": "", "calm": "", "plain": "", "help": "", "version": ""}

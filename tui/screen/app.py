@@ -21,9 +21,10 @@ from robotree.tui.line import grammar
 from robotree.tui.line.action import Scope, Where
 from robotree.tui.line.actions import ACTIONS, BY_VERB, shapes
 from robotree.tui.line.grammar import Line
-from robotree.tui.line.keys import spell
+from robotree.tui.line.page_keys import spell
 from robotree.tui.screen import asking
 from robotree.tui.screen.driver import outliving
+from robotree.tui.screen.jog import bounds
 from robotree.tui.screen.operator_app import LOOKS, OperatorApp
 from robotree.tui.screen.pages.attend import AttendDialog
 from robotree.tui.screen.pages.dialogs import Reading
@@ -31,7 +32,6 @@ from robotree.tui.screen.pages.main import FIRST, MainPage, main_page
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.place import NOWHERE, Place
-from robotree.tui.screen.teleoperable import bounds
 from robotree.tui.screen.widgets.control_filter import ControlFilter
 from robotree.tui.seen import wording
 from robotree.tui.seen.rows import natural

@@ -30,8 +30,7 @@ from robotree import files
 from robotree.tui.errors import BadKeymap
 from robotree.tui.line.action import Scope, Where
 from robotree.tui.line.actions import ACTIONS, BY_VERB
-from robotree.tui.line.keys import spell
-from robotree.tui.line.page_keys import PAGE_KEYS
+from robotree.tui.line.page_keys import PAGE_KEYS, spell
 
 VARIABLE = "ROBOTREE_KEYS"
 """Names another file."""

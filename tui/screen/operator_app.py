@@ -265,7 +265,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         self.tell(f"something went wrong in here, not in the robots: {error!r}", "error")
 
     def tell_dropped(self, what: str, why: str) -> None:
-        """Tell which keys had no effect (`BusyForms.tell_dropped`)."""
+        """Tell which keys had no effect (`KeyGuard.tell_dropped`)."""
         self.tell(f"{what}: {why}", "warning")
 
     def _denies(self, robot: str, kinds: Sequence[str], command: str) -> str:

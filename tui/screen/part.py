@@ -1,8 +1,11 @@
-"""The base of every page and widget: a part of the operator's app, whose errors do not end the program."""
+"""The bases of pages and widgets: a part of the operator's app, whose errors do not end the program."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
+
+from textual.await_complete import AwaitComplete
+from textual.screen import Screen, ScreenResultType
 
 from robotree.tui.screen.error_boundary import ErrorBoundary
 
@@ -17,3 +20,15 @@ class Part(ErrorBoundary):
 
     if TYPE_CHECKING:
         app = getters.app(OperatorApp)
+
+
+class Leaving(Screen[ScreenResultType]):
+    """A screen that goes only when it is in front. Styles follow the first screen class: name this one last.
+
+    Textual's `dismiss` takes away whatever is on top. A page on its way out, because its work is done, or the
+    second of two hasty keys, must not take away the page beneath.
+    """
+
+    def dismiss(self, result: ScreenResultType | None = None) -> AwaitComplete:
+        """Leave, if still in front. See `Screen.dismiss`."""
+        return super().dismiss(result) if self.is_current else AwaitComplete()

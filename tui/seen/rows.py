@@ -15,7 +15,6 @@ from typing import Any, Literal, cast, get_args
 
 from robotree.tui.seen import instruments, matching, wording
 from robotree.tui.seen.alarms import Alarm
-from robotree.tui.seen.rails import rails
 from robotree.tui.seen.status import PROBLEMS, STATUSES, UNGUARDED, Status, span
 from robotree.tui.seen.store import Store
 
@@ -462,3 +461,21 @@ def columns(width: int, longest: Mapping[str, int], *, wide: bool = False) -> tu
             left -= more
     rooms[titles[-1]] += max(left, 0)
     return tuple(Column(title, room) for title, room in rooms.items())
+
+
+def rails(depths: Sequence[int]) -> list[str]:
+    """Return what stands before each line of a tree, two cells for each level.
+
+    Args:
+        depths: how many lines are above each line in the tree, from the top; roots have 0.
+    """
+    found: list[str] = []
+    following: set[int] = set()
+    """Depths at which another line follows, under the same line of the tree."""
+    for depth in reversed(depths):
+        following = {level for level in following if level <= depth}
+        bars = ["│ " if level in following else "  " for level in range(1, depth)]
+        elbow = "" if not depth else "├ " if depth in following else "└ "
+        found.append("".join(bars) + elbow)
+        following.add(depth)
+    return found[::-1]

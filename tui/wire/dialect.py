@@ -1,4 +1,4 @@
-"""`robotree wire dialect --lang LANGUAGE OUT`: our dialect, or yours, for programs in other languages."""
+"""`robotree wire dialect` and `dissector`: our dialect, or yours, for other languages and for Wireshark."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from pathlib import Path
 
 from robotree.protocol.dialect import languages
 from robotree.protocol.dialect.compile import DIALECT
+from robotree.protocol.dialect.errors import TargetTaken, writing
 from robotree.tui import exit_codes
+from robotree.tui.errors import ValueRefused
 from robotree.tui.line.grammar import Line
-from robotree.tui.terminal import put
+from robotree.tui.terminal import answer, note, put, put_data
 
 
 def dialect(line: Line, _realm: str) -> int:
@@ -22,4 +24,28 @@ def dialect(line: Line, _realm: str) -> int:
         put(json.dumps({"files": [str(path) for path in written]}))
     else:
         put(f"{line.text('OUT')}: {len(written)} file{'s' * (len(written) != 1)}")
+    return exit_codes.DONE
+
+
+def dissector(line: Line, _realm: str) -> int:
+    """Write the dissector to the file, or to standard output."""
+    port = line.text("--port")
+    if port and not (port.isdecimal() and 0 < int(port) <= 0xFFFF):
+        raise ValueRefused("PORT", f"{port!r} is no port; write a number up to 65535")
+    text = languages.dissector(
+        [int(port)] if port else [], Path(line.text("--xml")) if line.text("--xml") else DIALECT
+    )
+    if not line.text("FILE"):
+        answer(text.removesuffix("\n"), lambda: {"lua": text})
+        return exit_codes.DONE
+    path = Path(line.text("FILE"))
+    try:
+        file = path.open("x", encoding="utf-8")
+    except FileExistsError:
+        raise TargetTaken(path) from None
+    with writing(path), file:
+        file.write(text)
+    note(f"{path}: use it as `wireshark -X lua_script:{path}`")
+    if line.flag("--json"):
+        put_data({"file": str(path)})
     return exit_codes.DONE

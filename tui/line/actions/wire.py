@@ -61,7 +61,7 @@ VERBS = (
     shell(
         "wire dissector [FILE] [--port PORT] [--xml DIALECT]",
         "Write a Lua file with which Wireshark and tshark decode the frames.",
-        start="wire.dissector:write",
+        start="wire.dialect:dissector",
         needs=("wire",),
         examples=("wire dissector robotree.lua",),
     ),

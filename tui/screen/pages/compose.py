@@ -30,10 +30,10 @@ from robotree.tui.composing.writing import KnownRobots, Prepared, prepared, trie
 from robotree.tui.errors import BadComposition
 from robotree.tui.line.past import settled_events
 from robotree.tui.screen.bindings import bindings
+from robotree.tui.screen.jog import bounds
 from robotree.tui.screen.pages.dialogs import Choosing, Confirm
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.pages.teleop import TeleopPage
-from robotree.tui.screen.teleoperable import bounds
 from robotree.tui.screen.widgets.marks import tint
 from robotree.vr.base.errors import VrError
 

@@ -16,8 +16,7 @@ from textual.widgets.option_list import Option
 
 from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.hanging import containing, hanging
-from robotree.tui.screen.leaving import Leaving
-from robotree.tui.screen.part import Part
+from robotree.tui.screen.part import Leaving, Part
 from robotree.tui.screen.widgets.key_line import KeyLine
 from robotree.tui.words import say
 

@@ -20,7 +20,7 @@ from robotree.tui.line import sources
 from robotree.tui.line.grammar import Line, Value
 from robotree.tui.screen import entry
 from robotree.tui.screen.bindings import bindings
-from robotree.tui.screen.busy import Form
+from robotree.tui.screen.key_guard import Form
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.part import Part
 from robotree.tui.screen.source_outline import ClassOutline, outline, suggested_name

@@ -12,8 +12,7 @@ from textual.widget import Widget
 from robotree.tui.line.action import Scope
 from robotree.tui.line.actions import ACTIONS
 from robotree.tui.screen.bindings import named_keys, refusal
-from robotree.tui.screen.leaving import Leaving
-from robotree.tui.screen.part import Part
+from robotree.tui.screen.part import Leaving, Part
 from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.flash import FlashLine
 from robotree.tui.screen.widgets.key_line import KeyLine

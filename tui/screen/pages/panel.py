@@ -15,9 +15,9 @@ from textual.widgets.option_list import Option
 
 from robotree.tui.processes.trust import gate_for
 from robotree.tui.screen.bindings import bindings
+from robotree.tui.screen.jog import bounds
 from robotree.tui.screen.pages.dialogs import Confirm
 from robotree.tui.screen.pages.page import Page
-from robotree.tui.screen.teleoperable import bounds
 from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.command_form import CommandForm
 from robotree.tui.screen.widgets.laid_out import LaidOut, Told

@@ -18,10 +18,9 @@ from textual.widgets import Button, Static
 
 from robotree.tui.composing.gathering import Felt
 from robotree.tui.screen.bindings import bindings
-from robotree.tui.screen.busy import SOON
-from robotree.tui.screen.jog import AXES, STEPS, Bounds, Jog
+from robotree.tui.screen.jog import AXES, GET_INFO, GO_TO, GRIP, STEPS, Bounds, Jog
+from robotree.tui.screen.key_guard import SOON
 from robotree.tui.screen.pages.page import Page
-from robotree.tui.screen.teleoperable import GET_INFO, GO_TO, GRIP
 from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.cameras import Cameras
 from robotree.tui.screen.widgets.marks import status_mark, tint

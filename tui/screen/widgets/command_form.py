@@ -17,7 +17,7 @@ from textual.widget import Widget
 from textual.widgets import Button, Label, Static
 
 from robotree.tui.screen import entry, key_guard
-from robotree.tui.screen.busy import Form
+from robotree.tui.screen.key_guard import Form
 from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.field_row import FieldRow

@@ -14,7 +14,7 @@ from textual.suggester import Suggester
 from textual.widgets import Input, Label
 
 from robotree.tui.line import completion
-from robotree.tui.screen.busy import Apart
+from robotree.tui.screen.key_guard import Apart
 from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.marks import tint
