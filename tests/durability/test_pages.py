@@ -1,138 +1,131 @@
-"""What pages do beside plain calls goes on after a kill, too: groups, races, clean-ups, waits, refusals."""
+"""What pages do beside plain calls goes on after a kill, too: groups, races, clean-ups, waits, refusals.
+
+Each page is rehearsed in virtual time and killed once for each moment of each step: when a child has
+accepted it, while it is carried out, and just behind its end. What needs real processes comes last; a plain
+tour is killed at each boundary of the journal in test_campaign.py.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import signal
+from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
-from robotree.vr.base.errors import CommandInDoubt, NotConfirmed, VrError
-from tests.durability.stage import PAGES, Program, Stage
+from robotree.testing import Page, rehearse
+from robotree.testing.team import Team
+from robotree.vr.base.errors import CommandCancelled, CommandInDoubt, NotConfirmed, VrError
+from tests.durability.pages import Helper, Patrol, Tourist
+from tests.durability.rehearsed import Arms
+from tests.durability.stage import PAGES, Stage
 
-pytestmark = pytest.mark.e2e
-
-
-async def test_parts_that_are_called_at_once(stage: Stage) -> None:
-    host = stage.host()
-    await stage.furnish(host, "after write 9")
-    assert await stage.play(host, "pairs", ["reply came 2"], steps=12) == [2 * n for n in range(12)]
-    assert host.lives == 3
-    stage.expect_once(*range(12))
+MOMENTS = (0.0, 0.01, 0.0231, 0.06)
+"""[s] behind the moment at which a child accepts a step, which takes 0.02 s and the way back."""
 
 
-async def test_functions_of_the_page_at_once(stage: Stage) -> None:
-    host = stage.host()
-    await stage.furnish(host, "reply came 7")
-    assert await stage.play(host, "parts", ["before write 6"], steps=8) == 2 * sum(range(16))
-    assert host.lives == 3
-    stage.expect_once(*range(16))
+def tourist() -> Team:
+    return rehearse(Tourist, arm=Arms(), helper=Page(Helper, arm=Arms()))
 
 
-async def test_a_race_has_the_winner_that_it_had(stage: Stage) -> None:
-    host = stage.host()
-    await stage.furnish(host, "after write 8")
-    assert await stage.play(host, "races", ["after step 5"], steps=8) == await stage.realm_client.call(
-        "tourist", "winners", {}
-    )
-    assert host.lives == 3
-    assert stage.twice() == []
-    stage.expect_silence()
+def patrol() -> Team:
+    return rehearse(Patrol, arm=Arms())
 
 
-@pytest.mark.parametrize("acted", [2, 4])
-async def test_a_command_that_was_cancelled_ends_by_its_clean_up(stage: Stage, acted: int) -> None:
-    """The kill comes after the cancel: before the clean-up has begun, or in the middle of it."""
-    host = stage.host()
-    await stage.furnish(host)
-    call = asyncio.ensure_future(stage.realm_client.call("tourist", "careful", {"steps": 200}))
-    await stage.until_effects(2)
-    await stage.realm_client.cancel("tourist")
-    await stage.until_effects(acted)
-    await host.kill()
-    await host.start()
-    with pytest.raises(VrError, match="cancel"):
-        await call
-    assert [n for n in stage.ended if n >= 100] == [100, 101, 102, 103]
-    assert stage.twice() == []
-    stage.expect_silence()
+def acts(team: Team) -> list[int]:
+    """Return the numbers of all that the arms have begun; none under the same key as another."""
+    steps = [step for step in team.steps if step.robot.endswith("arm")]
+    assert len({step.key for step in steps}) == len(steps)
+    return sorted(step.arguments["n"] for step in steps)
 
 
-async def test_readings_and_what_is_waited_for(stage: Stage) -> None:
-    host = stage.host()
-    await stage.furnish(host, "after write 5")
-    assert await stage.play(host, "watch", ["after step 3"], steps=4) == [1.0, 2.0, 3.0, 4.0]
-    assert host.lives == 3
-    stage.expect_once(*range(4))
+def killed(make: Any, command: str, steps: int, *, second: bool = False) -> Iterator[tuple[Any, Team]]:
+    """Yield the result and the team of a command that is killed at each moment of each step."""
+    with make() as calm:
+        calm.call(command, steps=steps)
+        calm.wait(1.0)
+        numbers = acts(calm)
+        count = sum(step.robot != "" for step in calm.steps)
+    for at in range(1, count + 1):
+        for after in MOMENTS:
+            with make() as team:
+                team.crash(at=at, after=after)
+                if second:
+                    team.crash(at=at + 2, after=after)
+                result = team.call(command, steps=steps)
+                team.wait(2.0)
+                assert "is started again" in team.story()
+                assert acts(team) == numbers, f"killed {after} s behind step {at}"
+                yield result, team
 
 
-async def test_what_was_told_or_detached_goes_on_by_itself(stage: Stage) -> None:
-    host = stage.host()
-    await stage.furnish(host, "after write 7")
-    assert await stage.play(host, "telling", ["after send 3"], steps=6) == 6
-    await stage.until_effects(12)
-    stage.expect_once(*range(6), *range(100, 106))
+@pytest.mark.parametrize(
+    ("command", "steps", "result"),
+    [
+        ("pairs", 4, [0, 2, 4, 6]),
+        ("parts", 3, 2 * sum(range(6))),
+        ("watch", 3, [1.0, 2.0, 3.0]),
+        ("telling", 3, 3),
+        ("mending", 3, ["BadArgument"] * 3),
+        ("rounds", 3, 3),
+    ],
+)
+def test_wherever_it_is_killed_a_page_does_all_once_and_says_what_it_would_have_said(
+    command: str, steps: int, result: Any
+) -> None:
+    """Parts and functions at once; readings that are waited for; what is told, caught, or needed no more."""
+    assert [found for found, _ in killed(tourist, command, steps) if found != result] == []
 
 
-async def test_a_setting_that_is_changed_in_the_middle_is_read_as_it_was(stage: Stage) -> None:
-    host = stage.host()
-    await stage.furnish(host)
-    call = asyncio.ensure_future(stage.realm_client.call("tourist", "paced", {"steps": 8}))
-    await stage.until_effects(3)
-    await stage.realm_client.call("tourist", "set", {"pace": 0.5})
-    await stage.until_effects(5)
-    await host.kill()
-    await host.start()
-    paces = await call
-    assert sorted(paces) == paces
-    assert set(paces) == {0.0, 0.5}
-    assert 3 <= paces.count(0.0) <= 4, "each reads what it read before the kill"
-    stage.expect_once(*range(8))
+@pytest.mark.parametrize(("command", "steps", "result"), [("rounds", 4, [0, 1, 2, 3]), ("nested", 2, 6)])
+def test_after_a_checkpoint_no_step_since_it_is_taken_twice(command: str, steps: int, result: Any) -> None:
+    """What a page has changed in place is kept at each checkpoint; rounds may stand in rounds."""
+    assert [found for found, _ in killed(patrol, command, steps, second=True) if found != result] == []
 
 
-async def test_a_refusal_that_the_page_has_caught_is_caught_again(stage: Stage) -> None:
-    host = stage.host()
-    await stage.furnish(host, "after step 9")
-    words = await stage.play(host, "mending", ["new step 2"], steps=5)
-    assert len(words) == 5
-    assert len(set(words)) == 1
-    stage.expect_once(*range(5))
+def test_a_race_has_the_winner_that_it_had() -> None:
+    for winners, team in killed(tourist, "races", 4):
+        assert winners == team.call("winners")
 
 
-async def test_after_a_checkpoint_no_earlier_step_is_needed(stage: Stage) -> None:
-    host = stage.host()
-    await stage.furnish(host, "after send 9")
-    assert await stage.play(host, "rounds", ["reply came 5", "after write 6"], steps=12) == 12
-    stage.expect_once(*range(12), *range(100, 112))
+@pytest.mark.parametrize("after", [0.01, 0.03, 0.07, 0.1])
+def test_a_command_that_was_cancelled_ends_by_its_clean_up(after: float) -> None:
+    """The kill comes when the cancel comes, before the clean-up has begun, or in the middle of it."""
+    team = tourist()
+    team.cancel(at=3)
+    team.crash(at=3, after=after)
+    with pytest.raises(CommandCancelled):
+        team.call("careful", steps=8)
+    assert acts(team) == [0, 1, 2, 100, 101, 102, 103]
 
 
-@pytest.mark.parametrize("kill", ["after send 2", "after write 12"])
-async def test_after_a_checkpoint_no_step_since_it_is_taken_twice(stage: Stage, kill: str) -> None:
-    """The step under way at the crash, and the one before the first checkpoint, are taken once, too."""
-    host = await on_patrol(stage, kill)
-    result = await stage.play(host, "rounds", ["reply came 3", "after send 2"], robot="patrol", steps=8)
-    assert result == list(range(8)), "what it has changed in place is kept at each checkpoint"
-    assert host.lives >= 3
-    stage.expect_once(1000, *range(16))
+def test_a_setting_that_is_changed_in_the_middle_is_read_as_it_was() -> None:
+    team = tourist()
+    call = team.start("paced", steps=8)
+    team.wait_until(lambda: len(acts(team)) == 3)
+    team.call("set", pace=0.5)
+    team.wait_until(lambda: len(acts(team)) == 5)
+    team.crash()
+    assert call.result() == [0.0] * 3 + [0.5] * 5
+    assert acts(team) == list(range(8))
 
 
-async def test_checkpoints_within_rounds_of_others(stage: Stage) -> None:
-    host = await on_patrol(stage, "reply came 6")
-    assert await stage.play(host, "nested", ["after send 3", "reply came 4"], robot="patrol", steps=3) == 9
-    stage.expect_once(*range(9), *range(1000, 1003))
+def test_an_order_to_the_parent_is_obeyed_when_it_is_back() -> None:
+    team = tourist()
+    call = team.start("tour", steps=1000)
+    team.wait_until(lambda: len(acts(team)) == 3)
+    team.crash()
+    team.cancel()
+    with pytest.raises(CommandCancelled):
+        call.result()
 
 
-async def on_patrol(stage: Stage, kill: str) -> Program:
-    host = stage.host()
-    await host.start(KILL=kill)
-    await stage.presence("host", host.name)
-    await stage.realm_client.create(str(PAGES), "patrol", host.name, "Patrol")
-    await stage.presence("robot", "arm-1")
-    await stage.realm_client.enslave("patrol", "arm", "arm-1")
-    return host
+# -- real processes ------------------------------------------------------------------------------------
 
 
+@pytest.mark.e2e
 async def test_a_thread_of_the_pages_own_leaves_the_command_in_doubt(stage: Stage) -> None:
     host = stage.host()
     await stage.furnish(host, "reply came 3")
@@ -142,6 +135,7 @@ async def test_a_thread_of_the_pages_own_leaves_the_command_in_doubt(stage: Stag
     stage.expect_silence()
 
 
+@pytest.mark.e2e
 async def test_a_page_that_was_reloaded_is_the_one_that_comes_back(stage: Stage) -> None:
     host = stage.host()
     await stage.furnish(host)
@@ -157,6 +151,7 @@ async def test_a_page_that_was_reloaded_is_the_one_that_comes_back(stage: Stage)
     stage.expect_once(*range(4))
 
 
+@pytest.mark.e2e
 async def test_a_robot_that_was_deleted_stays_away(stage: Stage) -> None:
     host = stage.host()
     await stage.furnish(host)
@@ -167,6 +162,7 @@ async def test_a_robot_that_was_deleted_stays_away(stage: Stage) -> None:
     stage.expect_silence()
 
 
+@pytest.mark.e2e
 async def test_a_host_that_is_ended_in_order_ends_its_commands_and_keeps_its_robots(stage: Stage) -> None:
     host = stage.host()
     await stage.furnish(host)
@@ -184,6 +180,7 @@ async def test_a_host_that_is_ended_in_order_ends_its_commands_and_keeps_its_rob
     stage.expect_once(0, 1)
 
 
+@pytest.mark.e2e
 async def test_a_host_that_forgets_has_no_robots(stage: Stage) -> None:
     host = stage.host()
     await stage.furnish(host, FORGET="yes")
@@ -193,6 +190,7 @@ async def test_a_host_that_forgets_has_no_robots(stage: Stage) -> None:
     stage.expect_silence()
 
 
+@pytest.mark.e2e
 async def test_a_stop_while_the_host_is_away_ends_the_command(stage: Stage) -> None:
     host = stage.host()
     await stage.furnish(host)
@@ -212,20 +210,7 @@ async def test_a_stop_while_the_host_is_away_ends_the_command(stage: Stage) -> N
     stage.expect_silence()
 
 
-async def test_an_order_to_the_parent_is_obeyed_when_its_host_is_back(stage: Stage) -> None:
-    host = stage.host()
-    await stage.furnish(host)
-    call = asyncio.ensure_future(stage.realm_client.call("tourist", "tour", {"steps": 1000, "pause": 0.01}))
-    await stage.until_effects(5)
-    await host.kill()
-    await host.start()
-    await stage.realm_client.cancel("tourist")
-    with pytest.raises(VrError):
-        await call
-    assert stage.twice() == []
-    stage.expect_silence()
-
-
+@pytest.mark.e2e
 async def test_the_command_of_a_person_who_has_gone_meanwhile_ends(stage: Stage) -> None:
     host = stage.host()
     await stage.furnish(host)

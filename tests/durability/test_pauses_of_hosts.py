@@ -2,120 +2,100 @@
 
 from __future__ import annotations
 
-import asyncio
+from typing import Any
 
 import pytest
 
-from robotree.vr.base.errors import CommandCancelled, NothingHeld, VrError
-from tests.durability.stage import PAGES, PATIENCE, Program, Stage
-
-pytestmark = pytest.mark.e2e
+from robotree.testing import Page, rehearse
+from robotree.testing.team import Going, Team
+from robotree.vr.base.errors import CommandCancelled
+from robotree.vr.exchange.client import RobotClient
+from tests.durability.pages import Helper
+from tests.durability.rehearsed import Arms
+from tests.durability.stage import PAGES
 
 STEPS = 6
+PATIENCE = 60.0
+"""[s] of virtual time."""
 
 
 @pytest.fixture
-async def host(stage: Stage) -> Program:
-    """A host with both pages."""
-    host = stage.host()
-    await stage.furnish(host)
-    return host
+def team() -> Team:
+    """A tourist and its helper, each in a process of its own."""
+    return rehearse(f"{PAGES}:Tourist", arm=Arms(), helper=Page(Helper, arm=Arms()))
 
 
-async def paused(stage: Stage) -> tuple[asyncio.Task[object], str]:
+def ordered(team: Team, order: Any) -> str:
+    """Give an order to the tourist as an operator does; returns what it says."""
+    client: RobotClient = team._client()
+    return str(team._do(lambda: order(client)))
+
+
+def paused(team: Team) -> tuple[Going, str]:
     """Begin a tour, pause it in the middle; return it, and the step before which it is."""
-    tour = begin(stage)
-    await stage.until_effects(1)
-    await stage.realm_client.pause("tourist")
-    return tour, await held(stage, "tourist")
+    tour = team.start("tour", steps=STEPS, pause=0.05, within=240.0)
+    team.wait_until(lambda: bool(numbers(team)))
+    ordered(team, RobotClient.pause)
+    return tour, held(team)
 
 
-def begin(stage: Stage) -> asyncio.Task[object]:
-    arguments = {"steps": STEPS, "pause": 0.05}
-    return asyncio.create_task(stage.realm_client.call("tourist", "tour", arguments, deadline=240.0))
-
-
-async def held(stage: Stage, name: str) -> str:
+def held(team: Team, path: str = "") -> str:
     """Wait until a robot is before a step; return it in words."""
-    async with asyncio.timeout(PATIENCE):
-        while True:
-            try:
-                robot = await stage.realm_client.describe(name)
-            except VrError:  # its host is being started
-                await asyncio.sleep(0.01)
-                continue
-            if robot.held:
-                assert robot.paused
-                return robot.held
-            await asyncio.sleep(0.01)
+    team.wait_until(lambda: path in team._agents and bool(team.describe(path).held), PATIENCE)
+    robot = team.describe(path)
+    assert robot.paused
+    return robot.held
 
 
-async def test_a_killed_host_comes_back_paused_before_the_same_step(stage: Stage, host: Program) -> None:
-    tour, before = await paused(stage)
-    done = stage.effects
+def numbers(team: Team) -> list[int]:
+    return [step.arguments["n"] for step in team.steps if step.robot.endswith("arm")]
+
+
+def test_a_killed_host_comes_back_paused_before_the_same_step_and_shows_its_line(team: Team) -> None:
+    tour, before = paused(team)
+    line = PAGES.read_text().splitlines()[int(before.rpartition(", line ")[2]) - 1]
+    assert "sleep" in before
+    assert line.strip() == "self.sleep(pause)"
+    done = numbers(team)
     for _ in range(2):
-        await host.kill()
-        await host.start()
-        assert await held(stage, "tourist") == before
-    assert stage.effects == done
-    assert f"tourist takes {before}" == await stage.realm_client.step("tourist")
-    await stage.realm_client.where_held("tourist", within=PATIENCE)
-    assert len(stage.effects) <= len(done) + 2, "one step at most, that began and ended"
-    await stage.realm_client.go_on("tourist")
-    assert await tour == [STEPS, STEPS]
-    stage.expect_once(*range(STEPS))
+        team.crash()
+        assert held(team) == before
+    team.wait(5.0)
+    assert numbers(team) == done
+    assert ordered(team, RobotClient.step) == f"tourist takes {before}"
+    held(team)
+    assert len(numbers(team)) <= len(done) + 1
+    ordered(team, RobotClient.go_on)
+    assert tour.result() == [STEPS, STEPS]
+    assert numbers(team) == list(range(STEPS))
 
 
-async def test_the_line_of_the_page_is_shown(stage: Stage, host: Program) -> None:
-    del host
-    tour, step = await paused(stage)
-    line = int(step.rpartition(", line ")[2])
-    words = step.partition(": ")[2].partition(" ")[0].partition("(")[0]
-    text = PAGES.read_text().splitlines()[line - 1]
-    assert words.partition(".")[2] in text or words in text
-    await stage.realm_client.go_on("tourist")
-    await tour
-
-
-async def test_a_cancel_of_a_paused_command_is_obeyed_after_a_kill(stage: Stage, host: Program) -> None:
-    tour, _ = await paused(stage)
-    done = stage.effects
-    await host.kill()
-    await host.start()
-    await held(stage, "tourist")
-    await stage.realm_client.cancel("tourist")
+def test_a_cancel_of_a_paused_command_is_obeyed_after_a_kill(team: Team) -> None:
+    tour, _ = paused(team)
+    done = numbers(team)
+    team.crash()
+    held(team)
+    team.cancel()
     with pytest.raises(CommandCancelled):
-        await tour
-    assert stage.effects == done
-    stage.expect_silence()
+        tour.result()
+    assert numbers(team) == done
 
 
-async def test_a_command_of_a_child_in_another_process_is_paused_and_outlives_both(stage: Stage) -> None:
-    """The helper lives on a host of its own; each of both hosts is killed while it is before its step."""
-    child, parent = stage.host("h2"), stage.host()
-    await child.start()
-    await stage.presence("host", "h2")
-    await stage.furnish(parent, other="h2")
-    await stage.realm_client.pause("tourist")
-    tour = begin(stage)
-    while "helper.act" not in (await held(stage, "tourist")):
-        await stage.realm_client.step("tourist")
-        await stage.realm_client.where_held("tourist", within=PATIENCE)
-    await stage.realm_client.step("tourist")
-    before, done = await held(stage, "helper"), stage.effects
-    for host in (child, parent):
-        await host.kill()
-        await host.start()
-        assert await held(stage, "helper") == before
-    assert stage.effects == done
-    async with asyncio.timeout(PATIENCE):  # the parent's next process holds the child again, and asks it
-        while True:
-            try:
-                assert await stage.realm_client.step("tourist") == f"helper takes {before}"
-                break
-            except NothingHeld:
-                await asyncio.sleep(0.01)
-    await stage.until_effects(len(done) // 2 + 1)
-    await stage.realm_client.go_on("tourist")
-    assert await tour == [STEPS, STEPS]
-    stage.expect_once(*range(STEPS))
+def test_a_command_of_a_child_in_another_process_is_paused_and_outlives_both(team: Team) -> None:
+    """Each of both is killed while the helper is before its step."""
+    tour, _ = paused(team)
+    while "helper.act" not in held(team):
+        ordered(team, RobotClient.step)
+        team.wait(1.0)
+    ordered(team, RobotClient.step)
+    before, done = held(team, "helper"), numbers(team)
+    for path in ("helper", ""):
+        team.crash(path)
+        assert held(team, "helper") == before
+    team.wait(5.0)  # the parent's next process holds the child again, and asks it
+    assert numbers(team) == done
+    assert ordered(team, RobotClient.step) == f"helper takes {before}"
+    team.wait_until(lambda: len(numbers(team)) == len(done) + 1, PATIENCE)
+    ordered(team, RobotClient.go_on)
+    assert tour.result() == [STEPS, STEPS]
+    assert numbers(team) == list(range(STEPS))

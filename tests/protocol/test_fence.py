@@ -53,9 +53,8 @@ def test_near_the_end_is_no_honest_epoch_on_a_fresh_controller(epoch: int) -> No
 def test_each_change_is_kept_and_no_repetition() -> None:
     kept: list[tuple[int, int]] = []
     fence = Fence(keep=lambda it: kept.append((it.epoch, it.holder)))
-    fence.admit(5)
-    fence.admit(5)
+    assert [fence.admit(5) for _ in range(2)] == [None, None], "it is obeyed until there is a larger one"
     fence.grant(6, 77, "arm-1")
     fence.grant(6, 77, "arm-1")
-    fence.admit(4)
+    assert fence.admit(4) is not None
     assert kept == [(5, 0), (6, 77)]

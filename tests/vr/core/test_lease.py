@@ -177,6 +177,10 @@ def test_whose_clock_was_set_back_goes_above_what_the_controller_obeys() -> None
     child.note_obeyed(known)
     assert child.epoch == known, "the controller has obeyed it: it is our own"
     assert grant(child) > ahead
+    own = free_lease()
+    born = own.epoch
+    own.note_obeyed(born)
+    assert own.epoch == born, "the same epoch is our own, come back"
 
 
 def test_a_lease_keeps_its_epoch_though_the_controller_obeys_a_later_one() -> None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import asyncio
 import sys
 from collections.abc import Awaitable, Callable, Coroutine
-from functools import partial
 
 from robotree.vr import Robot, command
 from robotree.vr.agents.agent import RobotAgent
@@ -117,13 +116,9 @@ MEMBERS: dict[str, Callable[[LocalTransport, str], Awaitable[None]]] = {
     "robot": robot,
     "deaf": deaf,
 }
-BRIEF = 1.0
-"""[s] Shorter than it takes to see that a stopped process has gone: here the term alone decides."""
-
 SERVICES: dict[str, Callable[..., Coroutine[None, None, None]]] = {
     "lookup": run_lookup,
     "host": run_host,
-    "brief-host": partial(run_host, term=BRIEF),
 }
 
 
