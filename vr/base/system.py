@@ -22,6 +22,26 @@ from typing import Any, Protocol
 from robotree.files import forks
 from robotree.vr.base.os_files import OSFiles
 
+LOOKS = 5
+"""How often two clocks are compared: a process may be interrupted between a look at one and at the other."""
+
+
+def clock_shift(now: Callable[[], float], unix: Callable[[], float]) -> float:
+    """Return by how much the clock of the day is ahead of a monotonic one [s], however busy the machine is.
+
+    Of several looks the quickest counts, as in NTP's clock filter (RFC 5905, section 10).
+
+    Args:
+        now: returns the time [s] on the monotonic clock.
+        unix: returns the time [s] since 1970.
+    """
+
+    def look() -> tuple[float, float]:
+        before, day, after = now(), unix(), now()
+        return after - before, day - (before + after) / 2
+
+    return min(look() for _ in range(LOOKS))[1]
+
 
 class Socket(Protocol):
     """A Unix stream socket that never waits, as `socket.socket` has it."""

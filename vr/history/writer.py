@@ -21,6 +21,7 @@ from robotree.vr.base.errors import HistoryUnusable, VrError
 from robotree.vr.base.history_event import HistoryEvent
 from robotree.vr.base.plain import to_plain
 from robotree.vr.base.requests import EventsRead, EventsVerified, Raised, ReadEvents, Returned, VerifyEvents
+from robotree.vr.base.system import clock_shift
 from robotree.vr.core import events as on
 from robotree.vr.core.events import CoreEffect, CoreEvent, Ended, LeaseEnded, Settled, StopTaken
 from robotree.vr.core.machine import RobotCore, RobotState
@@ -265,7 +266,7 @@ class HistoryWriter:
 
     def _write(self, file: HistoryFile) -> None:
         """Write one batch."""
-        queue, offset = self._queue, self._unix() - self._now()
+        queue, offset = self._queue, clock_shift(self._now, self._unix)
         items = [queue[number] for number in range(min(BATCH, len(queue)))]
         events = [event for item in items for event in self._events(item, offset)]
         missed = self._missed

@@ -21,6 +21,7 @@ import msgspec
 from robotree.files import private_file
 from robotree.vr.base.entry import Entry, marks_of
 from robotree.vr.base.errors import SpaceDamaged, SpaceError, SpaceFull, SpaceUnusable
+from robotree.vr.base.system import clock_shift
 from robotree.vr.space.memory import MemoryStore, finite
 from robotree.vr.space.store import Durability
 from robotree.vr.space.table import MOST_ENTRIES, FenceRow, Row, SpaceTable
@@ -111,7 +112,7 @@ class SqliteStore(MemoryStore):
     def _orders(self) -> list[tuple[str, tuple[Any, ...]]]:
         """Return what has to be written into the file."""
         table, orders = self._table, list[tuple[str, tuple[Any, ...]]]()
-        shift = self._unix() - self._now()
+        shift = clock_shift(self._now, self._unix)
         for id_, before in table.changed.items():
             row = table.rows.get(id_)
             was, is_ = _kept(before), _kept(row)

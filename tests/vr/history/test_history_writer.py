@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
+from itertools import cycle
 from pathlib import Path
 
 import pytest
@@ -247,3 +248,19 @@ def verified(folder: Path) -> EventsVerified:
         return file.verify()
     finally:
         file.close()
+
+
+def test_moments_are_right_when_the_process_is_interrupted_between_two_clocks(tmp_path: Path) -> None:
+    """Else events of two hosts stand in the wrong order on a busy machine."""
+    time_now, interruptions = [0.0], cycle([0.3, 0.0, 0.2])
+
+    def now() -> float:
+        time_now[0] += next(interruptions)
+        return time_now[0]
+
+    history = HistoryWriter(tmp_path / "h1", now=now, unix=lambda: 1000.0 + time_now[0])
+    Robot(history).core.handle(on.StopAsked(reason="fire", principal=ANNA), 7.0)
+    history.start()
+    (stop,) = kept(history)
+    history.close()
+    assert stop.unix == pytest.approx(1007.0)
