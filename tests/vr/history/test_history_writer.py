@@ -252,7 +252,7 @@ def verified(folder: Path) -> EventsVerified:
 
 def test_moments_are_right_when_the_process_is_interrupted_between_two_clocks(tmp_path: Path) -> None:
     """Else events of two hosts stand in the wrong order on a busy machine."""
-    time_now, interruptions = [0.0], cycle([0.3, 0.0, 0.2])
+    time_now, interruptions = [0.0], cycle([0.3, 0.2, 0.3, 0.2, 0.0])
 
     def now() -> float:
         time_now[0] += next(interruptions)
