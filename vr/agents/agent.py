@@ -23,6 +23,7 @@ from robotree.vr.agents.children import ChildKeeper
 from robotree.vr.agents.choosing import Choosing
 from robotree.vr.agents.drills import Drills
 from robotree.vr.agents.hooks import Hooks
+from robotree.vr.agents.lent_roles import LentRoles
 from robotree.vr.agents.outside import OutsideCalls
 from robotree.vr.agents.pauses import Pauses
 from robotree.vr.agents.publisher import Publisher
@@ -245,6 +246,7 @@ class RobotAgent:
     def _begin_life(self) -> None:
         """Nothing is declared and nothing watched yet."""
         self._choosing = self._new_choosing()
+        self._lent_roles = LentRoles(self.runtime, self.transport, self._shared)
         self._drills = Drills(self.runtime, self.transport.presence, self._show_drill)
         self.brings: Callable[[Address], bool] = _nobody
         """Whether a robot is one that this one has brought along."""
@@ -300,8 +302,10 @@ class RobotAgent:
         self._publisher.begin()
         if not self._restored and self._taker is not None:
             await self._taker.begin()
-        if self._choosing is not None and not self._restored:
-            self._choosing.begin()
+        if not self._restored:
+            self._lent_roles.begin()
+            if self._choosing is not None:
+                self._choosing.begin()
 
     def _take(self, incoming: Incoming) -> None:
         """Take a request; while the robot is on its way, most of them are held. In the thread that reads."""
@@ -362,6 +366,9 @@ class RobotAgent:
             self._children.leave()
         self.runtime.leave()
         await self._withdraw()
+        await self._lent_roles.close()
+        if self._choosing is not None:
+            await self._choosing.close()
         if self._taker is not None:
             await self._taker.close()
         if not self._gone.done():
@@ -450,6 +457,7 @@ class RobotAgent:
         self.runtime.begin_again()
         self._callers.watch_operators(self.runtime.look(lambda state: state.control.agents))
         self._outside.go_on()
+        self._lent_roles.begin()
         if self._choosing is not None:
             self._choosing.begin()
 
@@ -517,6 +525,7 @@ class RobotAgent:
         if self._deleted:
             identity = self.runtime.identity or f"name:{self.robot.name}"
             await say_deleted(self.transport, identity, self.address.key)
+        await self._lent_roles.close()
         if self._choosing is not None:
             await self._choosing.close()
         if self._children is not None:
@@ -615,6 +624,7 @@ class RobotAgent:
                 raise ReloadWaits(robot=robot.name, command=command, seconds=within) from None
             notes = await turned
         self._hooks.become(robot)
+        self._lent_roles.begin()
         if self._choosing is not None:
             self._choosing.begin()
             self._choosing.wake()

@@ -23,6 +23,7 @@ from robotree.vr.agents.hooks import Hooks
 from robotree.vr.agents.shared import ROUND, Shared
 from robotree.vr.agents.streams import Streams
 from robotree.vr.author.fields import StateField
+from robotree.vr.author.service import Service
 from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.description import BondSpec, Listing, RobotDescription, SlotSpec
 from robotree.vr.base.errors import TransportError, VrError
@@ -324,13 +325,19 @@ class Publisher:
         return runtime.look(describe)
 
     def listing(self) -> Listing | None:
-        """Return what a lookup service should hold of it: nothing while it is enslaved."""
-        if self._runtime.lease is not None:
+        """Return what a lookup service should hold of it: nothing while it is enslaved.
+
+        A service that lends roles stays listed, for those who play them find it there.
+        """
+        robot = self._runtime.robot
+        roles = dict(robot.lends) if isinstance(robot, Service) else {}
+        if self._runtime.lease is not None and not roles:
             return None
         specs = self._runtime.look(self._runtime.specs)
         return Listing(
             commands=tuple(spec.name for spec in specs if spec.available),
             doc=self._doc().partition("\n")[0],
+            roles=roles,
             revision=self._runtime.look(lambda state: state.moves) * REVISIONS,
             **self._identity(),
         )

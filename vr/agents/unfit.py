@@ -18,7 +18,7 @@ from robotree.vr.core.machine import RobotState
 from robotree.vr.running.frame import Frame
 from robotree.vr.running.robot_runtime import RobotRuntime
 
-_OURS = frozenset({"stream_outlet"})
+_OURS = frozenset({"stream_outlet", "lent"})
 """Attributes of a robot that our own code sets anew at the destination."""
 
 _LOCKS = (type(threading.Lock()), type(threading.RLock()), threading.Event, threading.Condition)

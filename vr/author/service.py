@@ -6,20 +6,23 @@
 
 A service is a virtual robot. It watches robots without a lease, offers commands, streams and readings, and
 brings scripts: its behaviours, which are robots named SERVICE-BEHAVIOUR on the same host. They are made with
-the service, are inactive until their partners are there, and go with it.
+the service, are inactive until their partners are there, and go with it. It lends roles: robots that play
+roles can play SERVICE-ROLE as long as the service is listed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.address import check_name
 from robotree.vr.base.errors import BadName
 
 MOST = 20
-"""Behaviours of one service."""
+"""Behaviours, and roles, of one service."""
+LARGEST_ROLES = 10_000
+"""Characters of the roles of one service: every lookup service has them."""
 
 
 class Service(VirtualRobot):
@@ -28,24 +31,38 @@ class Service(VirtualRobot):
     behaviours: ClassVar[Mapping[str, str]] = {}
     """Texts of scripts (YAML) by name. A partner of the service's own kind is the service itself: the first
     behaviour that has such a partner gets it."""
+    lends: ClassVar[Mapping[str, str]] = {}
+    """Texts of roles (YAML) by name, which robots play as SERVICE-ROLE, and forget when it leaves."""
 
     def __init_subclass__(cls) -> None:
-        """Refuse behaviours that cannot be made.
+        """Refuse behaviours that cannot be made, and roles that cannot be lent.
 
         Raises:
-            TypeError: `behaviours` is no mapping of names to texts, or of too many; or see `VirtualRobot`.
+            TypeError: `behaviours` or `lends` is no mapping of names to texts, or of too many, or too long;
+                or see `VirtualRobot`.
         """
         super().__init_subclass__()
-        given: Any = cls.behaviours
-        if not isinstance(given, Mapping):
-            raise TypeError(f'{cls.__name__}.behaviours gives scripts by name: write {{"greet": """…"""}}')
-        if len(cls.behaviours) > MOST:
-            raise TypeError(f"{cls.__name__} has more behaviours than {MOST}")
-        for name, text in cls.behaviours.items():
-            both: Any = (name, text)
-            if not all(isinstance(one, str) for one in both):
-                raise TypeError(f"{cls.__name__}.behaviours: {name!r} and its script must be texts")
-            try:
-                check_name(name)
-            except BadName as error:
-                raise TypeError(f"{cls.__name__}.behaviours: {error}") from None
+        _expect_texts(f"{cls.__name__}.behaviours", cls.behaviours, "script", "greet")
+        _expect_texts(f"{cls.__name__}.lends", cls.lends, "role", "clerk")
+        if sum(map(len, cls.lends.values())) > LARGEST_ROLES:
+            raise TypeError(f"{cls.__name__}.lends has more than {LARGEST_ROLES} characters")
+
+
+def _expect_texts(where: str, given: Any, noun: str, example: str) -> None:
+    """Refuse what gives no texts by name.
+
+    Raises:
+        TypeError: says what is wrong.
+    """
+    if not isinstance(given, Mapping):
+        raise TypeError(f'{where} gives a {noun} by name: write {{"{example}": """…"""}}')
+    texts = cast("Mapping[object, object]", given)
+    if len(texts) > MOST:
+        raise TypeError(f"{where} has more than {MOST}")
+    for name, text in texts.items():
+        if not (isinstance(name, str) and isinstance(text, str)):
+            raise TypeError(f"{where}: {name!r} and its {noun} must be texts")
+        try:
+            check_name(name)
+        except BadName as error:
+            raise TypeError(f"{where}: {error}") from None

@@ -362,6 +362,8 @@ class Listing(_Agent, frozen=True, kw_only=True, omit_defaults=True):
     """The entry of one agent in a lookup service: enough to choose it, small enough to keep everywhere."""
 
     commands: tuple[str, ...] = ()
+    roles: dict[str, str] = {}
+    """Texts of the roles that a service lends, by their names in its page."""
     revision: int = 0
     """Grows whenever the agent changes its listing or returns; a larger one replaces a smaller one."""
 

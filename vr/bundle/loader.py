@@ -27,8 +27,9 @@ from typing import Any, TypeVar, cast
 
 from robotree.vr.author.child import Slotted
 from robotree.vr.author.robot import Robot
+from robotree.vr.author.service import Service
 from robotree.vr.author.virtual_robot import RESERVED, VirtualRobot, slot_specs
-from robotree.vr.base.errors import BadName, BrokenSource, RequirementUnreadable, words_of
+from robotree.vr.base.errors import BadName, BrokenScript, BrokenSource, RequirementUnreadable, words_of
 from robotree.vr.base.extras import lack_of
 from robotree.vr.bundle.package import PREFIX, Package, package_of
 from robotree.vr.bundle.refused import mistakes
@@ -138,7 +139,7 @@ def built(cls: type[VirtualRobot], name: str, given: Mapping[str, Any]) -> Virtu
 
 
 def _expect_requirements(cls: type[VirtualRobot]) -> None:
-    """Refuse a slot whose `where` cannot be read.
+    """Refuse a slot whose `where` cannot be read, and a service's role.
 
     Raises:
         TypeError: says what is wrong with it.
@@ -151,6 +152,13 @@ def _expect_requirements(cls: type[VirtualRobot]) -> None:
                 requirement(spec.where)
             except RequirementUnreadable as error:
                 raise TypeError(f"{cls.__name__}.{spec.name}: {error}") from None
+    if issubclass(cls, Service) and cls.lends:
+        from robotree.vr.scripts.roles.profile import lent_by  # most pages lend none
+
+        try:
+            lent_by(cls.__name__, cls.lends)
+        except BrokenScript as error:
+            raise TypeError(f"{cls.__name__}.lends: {error}") from None
 
 
 def expect_constructor(cls: type[VirtualRobot]) -> None:

@@ -27,7 +27,7 @@ from robotree.vr.author.child import ChildCommand
 from robotree.vr.author.command import command, commands_of
 from robotree.vr.author.fields import state
 from robotree.vr.author.virtual_robot import VirtualRobot
-from robotree.vr.base.errors import BadArgument, BrokenScript, NoRoles, NoSuchRole, TooWide
+from robotree.vr.base.errors import BadArgument, BrokenScript, NoRoles, NoSuchRole, TooWide, VrError
 from robotree.vr.base.written import Scalar
 from robotree.vr.scripts.roles.profile import Profile, read_profile, resolve, shipped
 
@@ -116,6 +116,8 @@ class RolePlayer(VirtualRobot):
     playing: str = state(NEUTRAL)
     learned: dict[str, str] = state({})
     """Sources of the roles that it has learned, by name."""
+    borrowed: dict[str, Profile] = state({})
+    """The role of a service that it plays, with those of that service from which it inherits, by name."""
     _ways: ClassVar[dict[tuple[str, str], Callable[..., Any]]] = {}
 
     def __init_subclass__(cls) -> None:
@@ -144,6 +146,8 @@ class RolePlayer(VirtualRobot):
         """Name the robot; it plays no role. See `VirtualRobot`."""
         super().__init__(name, attributes)
         self._shipped = shipped()
+        self.lent: dict[str, Profile] = {}
+        """The roles of the services that are here, by name. By its agent only."""
 
     @property
     def attributes(self) -> dict[str, str]:
@@ -161,10 +165,13 @@ class RolePlayer(VirtualRobot):
 
     @property
     def _known(self) -> dict[str, Profile]:
-        return {
-            **self._shipped,
-            **{name: read_profile(source, "role") for name, source in self.learned.items()},
-        }
+        return {**self.lent, **self.borrowed, **self._own}
+
+    @property
+    def _own(self) -> dict[str, Profile]:
+        """The roles that no service lends it."""
+        learned = {name: read_profile(source, "role") for name, source in self.learned.items()}
+        return {**self._shipped, **learned}
 
     @property
     def manner(self) -> Manner:
@@ -190,12 +197,17 @@ class RolePlayer(VirtualRobot):
         """Play a role from the next act on; what runs now goes on as it began."""
         if at:
             return forward(self, role, at)
-        known = self._known
+        known, lent = self._known, self.lent
+        borrowed: dict[str, Profile] = {}
         if role != NEUTRAL:
             if role not in known:
                 raise NoSuchRole(robot=self.name, role=role, known=", ".join([NEUTRAL, *sorted(known)]))
-            self._narrowed(resolve(role, known), known)
-        self.playing = role
+            profile = resolve(role, known)
+            self._narrowed(profile, known)
+            borrowed = {name: known[name] for name in profile.chain if known[name] is lent.get(name)}
+        self.playing, self.borrowed = role, borrowed
+        if self._given_back():  # the service has left meanwhile
+            raise NoSuchRole(robot=self.name, role=role, known=", ".join([NEUTRAL, *sorted(self._known)]))
         return role
 
     @command(effect="read")
@@ -211,6 +223,8 @@ class RolePlayer(VirtualRobot):
             raise BrokenScript(
                 path="role", line=1, column=1, reason=f"{NEUTRAL!r} is the robot without a role"
             )
+        if profile.name in self.lent:
+            raise profile.mark.error(f"a service lends {profile.name!r}; give the role another name")
         self._must_understand(profile)
         known = {**self._known, profile.name: profile}
         self._narrowed(resolve(profile.name, known), known)
@@ -222,12 +236,45 @@ class RolePlayer(VirtualRobot):
         """Tell which role it plays, and which ones it knows."""
         return f"{self.role} of {', '.join([NEUTRAL, *sorted(self._known)])}"
 
+    def lend(self, offered: Mapping[str, Profile]) -> list[str]:
+        """Have the roles of the services that are here now, in place of those before. By its agent only.
+
+        Returns:
+            What cannot be played, and what it plays no more, as sentences.
+        """
+        own, said = self._own, list[str]()
+        lent: dict[str, Profile] = {}
+        known = {**offered, **own}
+        for name, profile in offered.items():
+            try:
+                if name in own:
+                    raise profile.mark.error(f"it has a role {name!r} of its own")
+                self._must_understand(profile)
+                self._narrowed(resolve(name, known), known)
+            except VrError as error:
+                said.append(f"it does not take the role {name}: {error}")
+            else:
+                lent[name] = profile
+        self.lent, played = lent, self.playing
+        if self._given_back():
+            said.append(f"the role {played} is gone with its service: {NEUTRAL} from the next act on")
+        return said
+
+    def _given_back(self) -> bool:
+        """Play no role of a service that is away any more; return whether it did."""
+        lent, borrowed, played = self.lent, self.borrowed, self.playing
+        there = played == NEUTRAL or played in lent or played in self._own
+        if there and all(lent.get(name) == profile for name, profile in borrowed.items()):
+            return False
+        self.playing, self.borrowed = NEUTRAL, {}
+        return True
+
     def _played(self) -> tuple[Profile, dict[str, Limit]]:
         """Return the role that it plays, and the limits under it."""
-        if self.role == NEUTRAL:
+        known, role = self._known, self.role
+        if role not in known:  # none, or that of a service that has just left
             return Profile(name=NEUTRAL, chain=(NEUTRAL,)), dict(self.limits)
-        known = self._known
-        profile = resolve(self.role, known)
+        profile = resolve(role, known)
         return profile, self._narrowed(profile, known)
 
     def _must_understand(self, profile: Profile) -> None:

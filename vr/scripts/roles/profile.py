@@ -124,6 +124,27 @@ def resolve(name: str, known: Mapping[str, Profile]) -> Profile:
     )
 
 
+def lent_by(service: str, roles: Mapping[str, str]) -> dict[str, Profile]:
+    """Return the roles that a service lends under the names by which robots know them: `SERVICE-ROLE`.
+
+    Args:
+        service: its name.
+        roles: texts by their names in its page; one may inherit from another of them by that name.
+
+    Raises:
+        BrokenScript: one cannot be used, or calls itself otherwise.
+    """
+    found: dict[str, Profile] = {}
+    for name, text in roles.items():
+        profile, known = read_profile(text, f"{service}-{name}"), f"{service}-{name}"
+        if profile.name != name:
+            raise profile.mark.error(f"it is called {profile.name!r} here, and {name!r} by the service")
+        inherits = profile.inherits
+        inherits = f"{service}-{inherits}" if inherits in roles else inherits
+        found[known] = msgspec.structs.replace(profile, name=known, inherits=inherits)
+    return found
+
+
 def shipped() -> dict[str, Profile]:
     """Return the roles that come with robotree: butler, maid, man, woman, child."""
     folder = files("robotree.vr.scripts.roles").joinpath("profiles")

@@ -1,0 +1,222 @@
+"""Roles that services lend: robots play them while the service is listed, and forget them when it leaves."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import ClassVar
+
+import pytest
+
+from robotree.vr import Service, command
+from robotree.vr.base.errors import BrokenScript, BrokenSource, NoSuchRole
+from robotree.vr.bundle import Bundle
+from robotree.vr.scripts.roles import read_profile
+from tests.plant import Machine
+from tests.vr.scripts.stage import Companion
+from tests.vr.scripts.test_chosen_partners import Listed
+from tests.waiting import until, wait_until
+
+CLERK = "role: clerk\ninherits: butler\nwords: {Welcome: Your number please}\n"
+CHIEF = "role: chief\ninherits: clerk\nmanner: {voice: deep}\n"
+HASTY = "role: hasty\nlimits: {speed: 2.0}\n"
+LEADER = """
+script: leader
+partners:
+  desk: {kind: Desk}
+  robot: {kind: Companion, optional: yes}
+hears: {guest: {}}
+rules:
+  - rule: guest
+    when: [guest]
+    then: [role: {robot: desk-chief}, do: [robot, say, Welcome]]
+"""
+
+
+class Desk(Service):
+    lends: ClassVar = {"clerk": CLERK, "chief": CHIEF, "hasty": HASTY}
+
+    @command
+    def ring(self) -> None:
+        """Ring."""
+
+
+@pytest.fixture
+async def listed() -> AsyncIterator[Listed]:
+    stage = Listed()
+    await stage.open()
+    yield stage
+    await stage.close()
+
+
+def knows(robot: Companion) -> set[str]:
+    return set(robot.attributes["roles"].split())
+
+
+def log(stage: Listed, name: str) -> list[str]:
+    return [line.text for line in stage.agents[name].runtime.log.since(0)]
+
+
+async def test_a_lent_role_is_played_until_its_service_leaves(listed: Listed) -> None:
+    robot = Companion("c1")
+    await listed.start(robot)
+    own = knows(robot)
+    await listed.start(Desk("desk"))
+    await until(lambda: knows(robot) == own | {"desk-clerk", "desk-chief"}, "what fits it is offered")
+    assert [line for line in log(listed, "c1") if "desk-hasty: role desk-hasty" in line], "too wide"
+    await listed.call("c1", "play", role="desk-chief")
+    assert await listed.call("c1", "say", text="Welcome") == "Your number please"
+    assert robot.done == ["say Your number please [deep]"]
+
+    await listed.agents["desk"].close()
+    await until(lambda: knows(robot) == own, "nothing is offered any more")
+    assert robot.role == "neutral"
+    gone = "the role desk-chief is gone with its service: neutral from the next act on"
+    assert log(listed, "c1").count(gone) == 1
+    assert await listed.call("c1", "say", text="Welcome") == "Welcome"
+    with pytest.raises(NoSuchRole, match="knows no role 'desk-chief'"):
+        await listed.call("c1", "play", role="desk-chief")
+
+    await listed.start(Desk("desk"))
+    await until(lambda: "desk-chief" in knows(robot), "it is offered again")
+    assert robot.role == "neutral", "and played by nobody who was not asked to"
+
+
+async def test_a_service_that_is_led_by_its_behaviour_still_lends_to_its_partner(listed: Listed) -> None:
+    robot = Companion("c1")
+    await listed.start(robot)
+    await listed.start(Desk("desk"))
+    script = await listed.script(LEADER, "leader")
+    await listed.enslave("leader", "desk", "desk")
+    await listed.enslave("leader", "robot", "c1")
+    await until(lambda: "desk-chief" in knows(robot), "it is offered")
+    listed.begin("leader")
+    await until(lambda: script.condition == "active", "it leads")
+    await listed.call("leader", "guest")
+    await until(lambda: robot.done == ["say Your number please [deep]"], "it says so in its role")
+
+
+async def test_no_role_is_taken_from_its_owner_by_its_name(listed: Listed) -> None:
+    robot = Companion("c1")
+    await listed.start(robot)
+    await listed.call("c1", "learn_role", source="role: desk-clerk\nwords: {Welcome: Own words}\n")
+    await listed.start(Desk("desk"))
+    await until(lambda: "desk-chief" in knows(robot), "the others are offered")
+    assert any("it has a role 'desk-clerk' of its own" in line for line in log(listed, "c1"))
+    await listed.call("c1", "play", role="desk-clerk")
+    assert await listed.call("c1", "say", text="Welcome") == "Own words"
+    with pytest.raises(BrokenScript, match="a service lends 'desk-chief'; give the role another name"):
+        await listed.call("c1", "learn_role", source="role: desk-chief\n")
+    await listed.agents["desk"].close()
+    await until(lambda: "desk-chief" not in knows(robot), "those are gone")
+    assert robot.role == "desk-clerk", "its own stays"
+
+
+def test_a_service_that_leaves_while_its_role_is_chosen_takes_it_along() -> None:
+    robot = Companion("c1")
+    clerk = read_profile(CLERK, "clerk")
+
+    class Leaving(dict[str, object]):
+        """The roles of a service that leaves as soon as one has looked."""
+
+        def get(self, name: str, default: object = None) -> object:
+            robot.lent = {}
+            return super().get(name, default)
+
+    robot.lent = Leaving(clerk=clerk)  # type: ignore[assignment]
+    with pytest.raises(NoSuchRole, match="knows no role 'clerk'"):
+        robot.play("clerk")
+    assert (robot.role, robot.borrowed) == ("neutral", {})
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ("5", "Wrong.lends gives a role by name"),
+        ("{'butler': 'role: clerk'}", "it is called 'clerk' here, and 'butler' by the service"),
+        ("{'clerk': 'voice: deep'}", "Wrong.lends: .* has no 'voice'"),
+        ("{'no name!': 'role: x'}", "Wrong.lends: .*no name!"),
+        ("{'clerk': 'role: clerk\\ndoc: ' + 'x' * 10_000}", "more than 10000 characters"),
+    ],
+)
+def test_a_role_that_cannot_be_lent_is_refused_with_its_page(given: str, sentence: str) -> None:
+    page = f"from robotree.vr import Service\n\nclass Wrong(Service):\n    lends = {given}\n"
+    with pytest.raises(BrokenSource, match=sentence):
+        Bundle(page, "wrong.py").create("wrong")
+
+
+# -- real processes --------------------------------------------------------------------------------
+
+PLAYER = """
+from robotree.vr import command
+from robotree.vr.scripts.roles import RolePlayer
+
+class Companion(RolePlayer):
+    @command
+    def say(self, text: str) -> str:
+        return self.manner.words(text)
+"""
+DESK = f"""
+from robotree.vr import Service
+
+class Desk(Service):
+    lends = {{"clerk": {CLERK!r}}}
+"""
+
+
+@pytest.mark.e2e
+def test_the_role_of_a_service_that_is_killed_goes_and_nothing_else_does(tmp_path: Path) -> None:
+    (tmp_path / "companion.py").write_text(PLAYER)
+    (tmp_path / "desk.py").write_text(DESK)
+    machine = Machine(tmp_path, "hall")
+    machine.start("lookup", "lookup", "lookup-1")
+    machine.start("house", "host", "house")
+    machine.start("services", "host", "services")
+    try:
+        machine.say("create", str(tmp_path / "companion.py"), "as", "companion", "on", "house")
+        before = machine.say("show", "companion")
+
+        def says() -> str:
+            return machine.say("call", "companion.say", "text=Welcome")
+
+        def offered() -> bool:
+            return "desk-clerk" in machine.say("show", "companion")["attributes"]["roles"].split()
+
+        machine.say("service", str(tmp_path / "desk.py"), "desk", "on", "services")
+        wait_until(offered, "the role is offered")
+        machine.say("role", "companion", "desk-clerk")
+        assert says() == "Your number please"
+
+        machine.end("house", signal.SIGKILL)
+        machine.start("house", "host", "house")
+        wait_until(lambda: offered() and says() == "Your number please", "its service is here: it goes on")
+
+        here = machine.say("show", "companion")
+        killed = time.time()
+        machine.end("services", signal.SIGKILL)
+        wait_until(lambda: not offered(), "the role is gone")
+        after = machine.say("show", "companion")
+        assert after["attributes"]["role"] == "neutral"
+        assert after["address"] == here["address"] == before["address"], "it is the same life"
+        assert says() == "Welcome"
+        new = [line for line in machine.say("log", "companion") if line["unix"] > killed]
+        bad = [line["text"] for line in new if line["level"] in {"warning", "error"}]
+        assert bad == ["the role desk-clerk is gone with its service: neutral from the next act on"]
+
+        machine.start("services", "host", "services")
+        wait_until(offered, "its host brings the service back")
+        assert says() == "Welcome", "and nobody plays its role by accident"
+        machine.say("role", "companion", "desk-clerk")
+        machine.end("services", signal.SIGKILL)
+        machine.end("house", signal.SIGKILL)
+        machine.start("house", "host", "house")
+        wait_until(
+            lambda: machine.say("show", "companion")["attributes"]["role"] == "neutral",
+            "its service left while it was away",
+        )
+        assert says() == "Welcome"
+    finally:
+        for called in list(machine.running):
+            machine.end(called)

@@ -1,0 +1,107 @@
+"""The roles that services lend to one robot: offered while a service is listed, taken back when it leaves.
+
+A service lists its roles (`Listing.roles`), so what ends the listing ends the loan: its end, the death of its
+process, a lease of the lookup that ran out. A robot knows them as SERVICE-ROLE; the name of a service is its
+own in the realm, so none can lend under the name of another one. Only services of the same user and the same
+site lend: what stands in a role is said and done by the robot.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from typing import TYPE_CHECKING
+
+from robotree.vr.agents.shared import Shared
+from robotree.vr.base.address import user_of
+from robotree.vr.base.description import Template
+from robotree.vr.base.errors import TransportClosed, VrError
+from robotree.vr.base.transport import Transport
+from robotree.vr.lookup.directory import Directory
+from robotree.vr.lookup.union import Change
+from robotree.vr.running.robot_runtime import RobotRuntime
+
+if TYPE_CHECKING:
+    from robotree.vr.scripts.roles.profile import Profile
+
+_SERVICES = Template(role="robot", kind="Service")
+_log = logging.getLogger(__name__)
+
+
+class LentRoles:
+    """Has one robot know the roles of the services that are here. Lives on the event loop."""
+
+    def __init__(self, runtime: RobotRuntime, transport: Transport, shared: Shared) -> None:
+        """Look at nothing yet."""
+        self._runtime, self._transport, self._shared = runtime, transport, shared
+        self._task: asyncio.Task[None] | None = None
+        self._wake = asyncio.Event()
+        self._said: list[str] = []
+        """What was logged at the last look."""
+
+    def begin(self) -> None:
+        """Look from now on, if the robot plays roles; look again: it has another page."""
+        self._wake.set()
+        if self._task is None and "RolePlayer" in self._runtime.robot.kinds():
+            self._task = asyncio.ensure_future(self._follow())
+
+    async def close(self) -> None:
+        """Look no more."""
+        task, self._task = self._task, None
+        if task is not None:
+            task.cancel()
+            await asyncio.wait([task])
+
+    async def _follow(self) -> None:
+        try:
+            async with self._shared.directory(self._transport) as directory:
+                unwatch = directory.on_change(self._changed)
+                try:
+                    while True:
+                        self._wake.clear()
+                        self._look(directory)
+                        await self._wake.wait()
+                finally:
+                    unwatch()
+        except TransportClosed:
+            return
+        except Exception:  # noqa: BLE001 # the outermost handler of this task
+            _log.exception("%s is lent no more roles", self._runtime.name)
+
+    def _changed(self, change: Change) -> None:
+        if change.listing is not None and _SERVICES.matches(change.listing):
+            self._wake.set()
+
+    def _look(self, directory: Directory) -> None:
+        from robotree.vr.scripts.roles.player import RolePlayer  # loaded already where one is
+
+        robot = self._runtime.robot
+        if not isinstance(robot, RolePlayer):
+            return
+        before = robot.attributes
+        try:
+            said = robot.lend(self._offered(directory))
+        except VrError as error:  # it has just left for another host, where its next agent looks
+            _log.debug("%s: %s", self._runtime.name, error)
+            return
+        for sentence in said:
+            if sentence not in self._said:
+                self._runtime.log.say("warning", sentence)
+        self._said = said
+        if robot.attributes != before:
+            self._runtime.changed()
+
+    def _offered(self, directory: Directory) -> dict[str, Profile]:
+        """Return the roles of the services that are listed, by the names by which robots know them."""
+        from robotree.vr.scripts.roles.profile import lent_by
+
+        user, offered = user_of(self._runtime.key), dict[str, "Profile"]()
+        for listing in directory.find(_SERVICES):
+            key = listing.address.key
+            if not listing.roles or user_of(key) != user or directory.places.site_of(key):
+                continue
+            try:
+                offered |= lent_by(listing.address.plain_name, listing.roles)
+            except VrError as error:
+                _log.warning("%s: a role of %s: %s", self._runtime.name, listing.name, error)
+        return offered
