@@ -12,7 +12,20 @@ import robotree.vr.network
 import robotree.vr.running
 from robotree.vr.agents import callers
 from robotree.vr.base import presence
-from tests.world import crashes, hands, host, mesh, moves, orders, rights, sites, story, threads, whole
+from tests.world import (
+    crashes,
+    groups,
+    hands,
+    host,
+    mesh,
+    moves,
+    orders,
+    rights,
+    sites,
+    story,
+    threads,
+    whole,
+)
 
 Played = tuple[str, list[str]]
 """The digest of a trace, and the laws that were broken."""
@@ -85,6 +98,11 @@ def _orders(seed: int) -> Played:
     return digest, played.broken
 
 
+def _groups(seed: int) -> Played:
+    digest, played = groups.play(seed)
+    return digest, played.broken
+
+
 FAMILIES: dict[str, Callable[[int], Played]] = {
     "realm": _realm,
     "mesh": _mesh,
@@ -96,6 +114,7 @@ FAMILIES: dict[str, Callable[[int], Played]] = {
     "rights": _rights,
     "hands": _hands,
     "orders": _orders,
+    "groups": _groups,
     "sites": _sites,
     "whole": _whole,
     "whole at statements": lambda seed: _whole(seed, (*network(), *running())),

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import robotree.tui.line.groups
 import robotree.vr.core.machine
 import robotree.vr.exchange.authority
 import robotree.vr.exchange.claim
@@ -65,6 +66,7 @@ from robotree.vr.orders.ledger import LedgerEntry
 from robotree.vr.running.child_call import ChildCall
 from robotree.vr.running.replay import Replay
 from robotree.vr.running.robot_runtime import RobotRuntime
+from robotree.vr.scripts.run import ScriptRun
 from robotree.vr.sites.gateway import Gateway
 from robotree.vr.sites.site import Site
 from robotree.vr.sites.stopping import SiteStops
@@ -116,6 +118,10 @@ def _take_all(self: Mesh, link: PeerLink, frame: LinkFrame) -> None:
 
 def _keep_both(self: Mesh, link: PeerLink) -> Any:
     return self._peers.get(link.member) or _settle_who_dialed(self, link)
+
+
+async def _of_all_or_none(run: Any, client: Any, line: Any, teller: Any, _: Any) -> Any:
+    return await run(client, line, teller)
 
 
 def _unproven(written: bytes) -> bytes:
@@ -255,6 +261,13 @@ SAFEGUARDS = {
     "a revocation is handed on to all sites": (Safeguard(Gateway, "_spread", lambda _: None),),
     "a robot says that it takes an order before it begins": (
         Safeguard(OrderTaker, "_confirmed", _taken_in_silence),
+    ),
+    "the first answer to a question counts": (Safeguard(ScriptRun, "_take_answer", lambda *_: True),),
+    "what one of a group refuses is not the others' matter": (
+        Safeguard(robotree.tui.line.groups, "_one", _of_all_or_none),
+    ),
+    "a stop also names who of a group does not answer": (
+        Safeguard(robotree.tui.line.groups, "UNSURE", frozenset[str]()),
     ),
     "an order that may have begun does not begin again": (Safeguard(OrderTaker, "_begin_again", _as_if_new),),
     "a stop holds a robot that is away": (Safeguard(OrderHold, "holds", lambda *_: False),),

@@ -21,6 +21,7 @@ MANY = {
     "rights": 300,
     "hands": 300,
     "orders": 200,
+    "groups": 200,
     "sites": 300,
     "whole": 300,
     "whole at statements": 60,
