@@ -18,7 +18,7 @@ from robotree.vr.base.principal import Principal
 from robotree.vr.base.requests import BundleRead, ReadBundle
 from robotree.vr.base.transport import Transport
 from robotree.vr.bundle import Bundle
-from robotree.vr.bundle.bundle import bundle_of, request_of
+from robotree.vr.bundle.bundle import bundle_of
 from robotree.vr.exchange.asking import ask
 
 MOST = 128
@@ -55,7 +55,7 @@ class KnownBundles:
     def answer(self, request: ReadBundle) -> BundleRead:
         """Answer another host."""
         found = self._by_hash.get(request.hash)
-        return BundleRead(page=None if found is None else request_of(found))
+        return BundleRead(page=None if found is None else found.request())
 
     async def find(self, digest: str, asker: Principal) -> Bundle:
         """Return the page of a hash, from whoever has it.

@@ -75,7 +75,7 @@ from robotree.vr.base.requests import (
 from robotree.vr.base.transport import Registration, Transport
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.admission import Clearance, Gate, is_own
-from robotree.vr.bundle.bundle import bundle_of, is_script, request_of
+from robotree.vr.bundle.bundle import bundle_of, is_script
 from robotree.vr.bundle.child_calls import choosing
 from robotree.vr.bundle.loader import LIMIT
 from robotree.vr.core.bonds import DEFAULT_TERM
@@ -363,7 +363,7 @@ class Host:
     async def _made_again(self, kept: KeptRobot) -> RobotAgent | None:
         """Make a robot of the page that was kept, with its state; None: that page cannot be used."""
         page = kept.page
-        bundle = _kept_bundle(page)
+        bundle = bundle_of(page)
         make = partial(bundle.create, kept.name, limit=self._limit)
         loop = asyncio.get_running_loop()
         try:
@@ -444,12 +444,12 @@ class Host:
         whole = sent
         if sent.hash:
             found = await self.bundles.find(sent.hash, asker)
-            whole = replace(request_of(found), path=sent.path, wanted=sent.wanted, origin=sent.origin)
+            whole = replace(found.request(), path=sent.path, wanted=sent.wanted, origin=sent.origin)
         page = replace(_page(bundle_of(whole), whole.origin), sender=sender)
-        bundle, clearance = self._admitted(_kept_bundle(page), asker)
+        bundle, clearance = self._admitted(bundle_of(page), asker)
         level: Isolation = max((sent.isolate or "none", self.isolate, clearance.isolation), key=LEVELS.index)
         if LEVELS.index(level) > LEVELS.index(self.gate.level):
-            create = replace(request_of(bundle, name, page.origin), isolate=sent.isolate)
+            create = replace(bundle.request(name, origin=page.origin), isolate=sent.isolate)
             may, chooses = _reach(bundle, clearance)
             kept = KeptApart(create, bundle.sender, level, ITSELF, chooses, children)
             return LoadedPage(await self._expected_apart(kept, may), clearance, page)
@@ -491,7 +491,7 @@ class Host:
         agent = self._new_agent(robot, clearance, state)
         runtime, name = agent.runtime, robot.name
         runtime.came, runtime.page = True, page.origin
-        self._pages[name] = self.bundles.keep(_kept_bundle(page))
+        self._pages[name] = self.bundles.keep(bundle_of(page))
         if self._journal is not None:
             self._journal.looks(agent.address.key, runtime.look)
         running = [call.command for call in state.calls.live.values() if call.running]
@@ -966,7 +966,7 @@ class Host:
         if not page.hash:
             return page
         found = await self.bundles.find(page.hash, asker)
-        return replace(request_of(found, page.name), settings=page.settings, isolate=page.isolate)
+        return replace(found.request(page.name, page.settings), isolate=page.isolate)
 
     def page_of(self, name: str) -> str:
         """Return the hash of the page of a robot; empty: it is not here."""
@@ -1004,10 +1004,6 @@ class Host:
 def _page(bundle: Bundle, origin: str) -> KeptPage:
     files, signed, sender = dict(bundle.files), bundle.signed, bundle.sender
     return KeptPage(bundle.source, bundle.path, bundle.wanted, files, origin, signed, sender)
-
-
-def _kept_bundle(page: KeptPage) -> Bundle:
-    return Bundle(page.source, page.path, page.wanted, page.files, page.signed, page.sender)
 
 
 def _reach(bundle: Bundle, clearance: Clearance) -> tuple[Permissions | None, dict[str, str] | None]:

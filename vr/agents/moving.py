@@ -52,9 +52,8 @@ from robotree.vr.base.requests import (
     TakeRobot,
 )
 from robotree.vr.base.transport import Transport
-from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.admission import Clearance
-from robotree.vr.bundle.bundle import bundle_of, request_of
+from robotree.vr.bundle.bundle import bundle_of
 from robotree.vr.core import transfer as of
 from robotree.vr.core.machine import RobotState, decode_state, encode_state
 from robotree.vr.exchange.asking import ask
@@ -1012,9 +1011,9 @@ def _shortest_term(state: RobotState) -> float:
 
 def _sent(page: KeptPage, name: str, *, whole: bool) -> Create:
     """Return a page as it is sent; `whole`: not only its hash."""
-    bundle = Bundle(page.source, page.path, page.wanted, page.files, page.signed, page.sender)
+    bundle = bundle_of(page)
     if whole:
-        return replace(request_of(bundle, name, page.origin), sender="")
+        return replace(bundle.request(name, origin=page.origin), sender="")
     return Create(
         name=name, path=page.path, source="", wanted=page.wanted, origin=page.origin, hash=bundle.hash
     )

@@ -49,6 +49,7 @@ from robotree.vr.bundle.manifest import PANEL
 
 if TYPE_CHECKING:
     from robotree.vr.bundle.file import BundleFile
+    from robotree.vr.journal.records import KeptPage
 
 LARGEST = 1_000_000
 """[bytes] More is no page of Python."""
@@ -261,6 +262,20 @@ class Bundle(msgspec.Struct, frozen=True):
             fields.thaw = partial(_thawed, made, self.path, min(limit, THAWING), before)
         return made
 
+    def request(self, name: str = "", settings: Mapping[str, Any] | None = None, origin: str = "") -> Create:
+        """Return it as it stands in a request to make a robot; `origin`: where a reload finds it again."""
+        return Create(
+            name=name,
+            path=self.path,
+            source=self.source,
+            wanted=self.wanted,
+            files=self.files,
+            settings=dict(settings or {}),
+            signed=self.signed,
+            sender=self.sender,
+            origin=origin,
+        )
+
     def create(
         self, name: str, *, settings: Mapping[str, Any] | None = None, limit: float = LIMIT
     ) -> VirtualRobot:
@@ -323,20 +338,6 @@ def is_script(path: str) -> bool:
     return path.lower().endswith((".yaml", ".yml", ".clp"))
 
 
-def bundle_of(page: Create) -> Bundle:
-    """Return the page of a request."""
+def bundle_of(page: Create | KeptPage) -> Bundle:
+    """Return the page of a request, or of a journal."""
     return Bundle(page.source, page.path, page.wanted, page.files, page.signed, page.sender)
-
-
-def request_of(bundle: Bundle, name: str = "", origin: str = "") -> Create:
-    """Return a page as it stands in a request."""
-    return Create(
-        name=name,
-        path=bundle.path,
-        source=bundle.source,
-        wanted=bundle.wanted,
-        files=bundle.files,
-        signed=bundle.signed,
-        sender=bundle.sender,
-        origin=origin,
-    )

@@ -13,7 +13,7 @@ import msgspec
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import Arguments, Placement, RobotDescription
 from robotree.vr.base.errors import NoAnswer, Unreachable, VrError
-from robotree.vr.base.permissions import Isolation, SignedManifest
+from robotree.vr.base.permissions import Isolation
 from robotree.vr.base.requests import (
     ANSWER_WITHIN,
     AnyRequest,
@@ -475,33 +475,12 @@ class Source(Protocol):
     """The source of a page on its way to a host: a `Bundle`."""
 
     @property
-    def source(self) -> str:
-        """The file itself."""
-        ...
-
-    @property
-    def path(self) -> str:
-        """Where its author keeps it."""
-        ...
-
-    @property
-    def wanted(self) -> str:
-        """Name of the class; empty: the only one."""
-        ...
-
-    @property
-    def files(self) -> dict[str, bytes]:
-        """The files that belong to it, by path."""
-        ...
-
-    @property
-    def signed(self) -> SignedManifest | None:
-        """What its signer says of it."""
-        ...
-
-    @property
     def origin(self) -> str:
         """Where a reload finds it again."""
+        ...
+
+    def request(self, name: str = "", settings: Mapping[str, Any] | None = None, origin: str = "") -> Create:
+        """Return it as it stands in a request."""
         ...
 
 
@@ -549,7 +528,7 @@ class HostClient:
             VrError: the refusal of the host.
             TransportError: the host cannot be reached or does not answer.
         """
-        request = msgspec.structs.replace(_page(bundle, name, settings), isolate=isolate)
+        request = msgspec.structs.replace(bundle.request(name, settings, bundle.origin), isolate=isolate)
         answer = await ask(self._transport, self.address.key, request, Described, timeout=LOADING)
         return answer.robot
 
@@ -617,21 +596,8 @@ class HostClient:
             VrError: the refusal of the host.
             TransportError: the host cannot be reached or does not answer.
         """
-        request = Reload(page=_page(bundle, name, None), now=now, within=within)
+        request = Reload(page=bundle.request(name, origin=bundle.origin), now=now, within=within)
         return await ask(self._transport, self.address.key, request, Reloaded, timeout=LOADING + within)
-
-
-def _page(bundle: Source, name: str, settings: Mapping[str, Any] | None) -> Create:
-    return Create(
-        name=name,
-        path=bundle.path,
-        source=bundle.source,
-        files=bundle.files,
-        wanted=bundle.wanted,
-        settings=dict(settings or {}),
-        origin=bundle.origin,
-        signed=bundle.signed,
-    )
 
 
 class ViewClient:

@@ -58,15 +58,10 @@ async def panel_of(transport: Transport, robot: RobotDescription, host: str, gat
         gate: decides whom this machine trusts.
     """
     try:
-        hosted = await ask(transport, host, DescribeHost(), HostDescribed, timeout=ANSWERS_WITHIN)
-        digest = hosted.pages.get(robot.name, "")
-        if not digest:
+        page, meant = await _fetched(transport, robot, host)
+        if page is None:
             return JudgedPanel()
-        answer = await ask(transport, host, ReadBundle(hash=digest), BundleRead, timeout=ANSWERS_WITHIN)
-        if answer.page is None:
-            return JudgedPanel()
-        page = bundle_of(answer.page)
-        if page.hash != digest:
+        if page.hash != meant:
             return JudgedPanel(reason="the panel is not shown: its host sent another page than it runs")
         return judged(page, robot, gate, here=_is_here(transport, host))
     except VrError as error:
@@ -84,15 +79,17 @@ async def source_of(transport: Transport, robot: RobotDescription, host: str) ->
     Raises:
         VrError: the host does not answer.
     """
+    page, meant = await _fetched(transport, robot, host)
+    return page.source if page is not None and page.hash == meant else ""
+
+
+async def _fetched(transport: Transport, robot: RobotDescription, host: str) -> tuple[Bundle | None, str]:
+    """Ask for the page that a robot runs; None: its host has none. With the hash that it must have."""
     hosted = await ask(transport, host, DescribeHost(), HostDescribed, timeout=ANSWERS_WITHIN)
-    digest = hosted.pages.get(robot.name, "")
-    if not digest:
-        return ""
+    if not (digest := hosted.pages.get(robot.name, "")):
+        return None, ""
     answer = await ask(transport, host, ReadBundle(hash=digest), BundleRead, timeout=ANSWERS_WITHIN)
-    if answer.page is None:
-        return ""
-    page = bundle_of(answer.page)
-    return page.source if page.hash == digest else ""
+    return None if answer.page is None else bundle_of(answer.page), digest
 
 
 def judged(page: Bundle, robot: RobotDescription, gate: Gate, *, here: bool) -> JudgedPanel:

@@ -717,9 +717,8 @@ class RealmClient:
         delay: float = 0.0,
     ) -> str:
         """Have a robot suffer a fault for a drill; see `RobotClient.disturb`."""
-        address = await self.directory.resolve(name)
-        robot = RobotClient(self._transport, address, sender=await self.caller())
-        return await self._awake(robot.disturb(fault, seconds=seconds, delay=delay))
+        caller = await self.caller()
+        return await self._ask(name, lambda robot: robot.disturb(fault, seconds=seconds, delay=delay), caller)
 
     async def place(self, name: str, placement: Placement) -> str:
         """Say how a virtual robot may be moved; returns a note for people. See `RobotClient.place`."""
@@ -792,9 +791,10 @@ class RealmClient:
             ControlRefused: it cannot change hands in this way.
             Denied: the policy does not allow it.
         """
-        sender, address = await self.caller(), await self.directory.resolve(name)
-        robot = RobotClient(self._transport, address, sender=sender)
-        return await self._awake(robot.control(what, person=person, within=within, seen=seen))
+        caller = await self.caller()
+        return await self._ask(
+            name, lambda robot: robot.control(what, person=person, within=within, seen=seen), caller
+        )
 
     async def decide(self, name: str, answer: Literal["done", "again", "abort"]) -> None:
         """Answer what a command of a robot asks after a crash; see `RobotClient.decide`."""
@@ -938,9 +938,7 @@ class RealmClient:
         from robotree.vr.bundle import Bundle
 
         bundle = await asyncio.to_thread(Bundle.read, path, wanted)
-        site = self.places.site_of(robot.address.key)
-        host = f"{site}:{robot.host}" if site else robot.host
-        client = HostClient(self._transport, await self.directory.resolve(host, "host"))
+        client = HostClient(self._transport, await self._host_of(robot))
         return await self._awake(client.reload(bundle, name, now=now, within=within))
 
     async def migrate(self, name: str, host: str) -> str:
@@ -962,8 +960,7 @@ class RealmClient:
         here = places.site_of(robot.address.key)
         plain = parted(host)[1]
         site = "" if there == here else there or places.own
-        source = f"{here}:{robot.host}" if here else robot.host
-        client = HostClient(self._transport, await self.directory.resolve(source, "host"))
+        client = HostClient(self._transport, await self._host_of(robot))
         return await self._awake(client.migrate(parted(name)[1], f"{site}:{plain}" if site else plain))
 
     async def drain(self, host: str, on_move: Callable[[str], object] = lambda _: None) -> list[str]:
@@ -996,8 +993,7 @@ class RealmClient:
         if not robot.host:
             return JudgedPanel()
         try:
-            site = self.places.site_of(robot.address.key)
-            host = await self.directory.resolve(f"{site}:{robot.host}" if site else robot.host, "host")
+            host = await self._host_of(robot)
         except VrError as error:
             return JudgedPanel(reason=str(error))
         return await panel_of(self._transport, robot, host.key, gate)
@@ -1013,10 +1009,7 @@ class RealmClient:
         robot = await self.describe(name)
         if not robot.host:
             return ""
-        site = self.whereabouts(name)[0]
-        here = site in {"", self.places.own}
-        host = await self.directory.resolve(robot.host if here else f"{site}:{robot.host}", "host")
-        return await source_of(self._transport, robot, host.key)
+        return await source_of(self._transport, robot, (await self._host_of(robot)).key)
 
     async def enslave(self, parent: str, slot: str, child: str) -> RobotDescription:
         """Bind a child to a slot; returns the parent's description."""
@@ -1062,8 +1055,8 @@ class RealmClient:
 
     # -- inside -----------------------------------------------------------------------------------
 
-    async def _ask(self, name: str, question: Callable[[RobotClient], Awaitable[_R]]) -> _R:
-        robot = RobotClient(self._transport, await self.directory.resolve(name))
+    async def _ask(self, name: str, question: Callable[[RobotClient], Awaitable[_R]], sender: str = "") -> _R:
+        robot = RobotClient(self._transport, await self.directory.resolve(name), sender=sender)
         return await self._awake(question(robot))
 
     def _count(self, robot: RobotDescription) -> RobotDescription:
@@ -1081,6 +1074,11 @@ class RealmClient:
         except (NoAnswer, Unreachable) as error:  # of the one that was asked, or of one that it asked
             await self.expect_awake(error)
             raise
+
+    async def _host_of(self, robot: RobotDescription) -> Address:
+        """Return the host of a virtual robot, which may be at another site."""
+        site = self.places.site_of(robot.address.key)
+        return await self.directory.resolve(f"{site}:{robot.host}" if site else robot.host, "host")
 
     async def _hosts(self, name: str) -> Sequence[Address]:
         """Return the host of a name; without a name all of them, those of this machine first."""

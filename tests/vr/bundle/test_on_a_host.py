@@ -23,7 +23,6 @@ from robotree.vr.base.permissions import Permissions
 from robotree.vr.base.requests import AnyRequest, BundleRead, Call, Create, Delete, Raised, ReadBundle, Reply
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.admission import OWN, Clearance, Gate
-from robotree.vr.bundle.bundle import request_of
 from robotree.vr.exchange.asking import send_request
 from robotree.vr.exchange.client import HostClient, RobotClient
 from robotree.vr.journal.journal import HostJournal
@@ -288,7 +287,7 @@ class Forger(KnownBundles):
 
     def answer(self, request: ReadBundle) -> BundleRead:
         assert request.hash == self.asked_for
-        return BundleRead(page=request_of(self.forged))
+        return BundleRead(page=self.forged.request())
 
 
 async def test_a_signed_page_is_found_by_its_hash_from_whoever_has_it(place: Place) -> None:
