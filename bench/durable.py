@@ -13,44 +13,38 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import contextlib
 import json
 import os
-import signal
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
 import venv
-from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
 from robotree.client.joining import joined
-from robotree.vr import Child, Robot, VirtualRobot, command
-from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.agents.run import Keeping, run_host
 from robotree.vr.base.address import Address
 from robotree.vr.core.bonds import GrantedLease, Slots
 from robotree.vr.core.events import StepResult, StepTaken
 from robotree.vr.core.machine import Calls, RobotState
 from robotree.vr.core.stop import Stop
-from robotree.vr.journal.files import FilePlace
 from robotree.vr.journal.journal import HostJournal
 from robotree.vr.journal.records import KeptPage
-from robotree.vr.network.local import join
 from robotree.vr.running.runner import Threads
 from robotree.vr.supervision.realm_client import RealmClient
 
-REPEATS = 200
-"""Calls in one measurement."""
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from bench import hosts
+from bench.hosts import BETWEEN, REPEATS, HostProcess, counters, next_effect
+
 LONG = 10_000
 """Steps of the long command."""
 CROWD = 50
 """Robots that take steps at the same time."""
-ENDLESS, BETWEEN = 1_000_000, 1_000
-"""Steps of a command that goes on and on, and between two of its checkpoints."""
+ENDLESS = 1_000_000
+"""Steps of a command that goes on and on."""
 
 
 DBOS_PROGRAM = """
@@ -89,126 +83,13 @@ time.sleep(60)
 """Times a step, then acts for ever; started again with 0, it goes on with that."""
 
 
-class Counter(Robot):
-    """The end of a chain: notes when it acts."""
-
-    moments: list[float] = []  # noqa: RUF012 # one list for the only process that has it
-
-    @command(effect="repeat")
-    def step(self, x: float = 0.0) -> float:
-        """Note the moment, and return the argument."""
-        Counter.moments.append(time.monotonic())
-        return x
-
-    @command
-    def act(self, x: float = 0.0) -> float:
-        """Do what adds up, as far as its callers know."""
-        return x
-
-
-class Bottom(VirtualRobot):
-    """The end of a nested chain."""
-
-    @command(effect="repeat")
-    def step(self, x: float = 0.0) -> float:
-        """Return the argument."""
-        return x
-
-    @command
-    def act(self, x: float = 0.0) -> float:
-        """Return the argument, too."""
-        return x
-
-
-class Top(VirtualRobot):
-    """Calls its child."""
-
-    below = Child("Robot")
-
-    @command
-    def measure(self, repeats: int) -> list[float]:
-        """Call the child many times; the times of all calls [us]."""
-        times: list[float] = []
-        for _ in range(repeats):
-            began = time.perf_counter()
-            self.below.step(x=1.0)
-            times.append((time.perf_counter() - began) * 1e6)
-        return times
-
-    @command
-    def measure_once(self, repeats: int) -> list[float]:
-        """Have the child do what adds up, many times; the times of all calls [us]."""
-        times: list[float] = []
-        for _ in range(repeats):
-            began = time.perf_counter()
-            self.below.act(x=1.0)
-            times.append((time.perf_counter() - began) * 1e6)
-        return times
-
-    @command
-    def count(self, steps: int) -> None:
-        """Call the child many times."""
-        for _ in range(steps):
-            self.below.step(x=1.0)
-
-    @command
-    def go_on(self, steps: int) -> None:
-        """Take many steps, of which only those since the last checkpoint are kept."""
-        for number in range(steps):
-            if number % BETWEEN == 0:
-                self.checkpoint()
-            self.random()
-
-    @command
-    def patrol(self, steps: int) -> None:
-        """Take many steps, then act every now and then."""
-        for _ in range(steps):
-            self.random()
-        while True:
-            self.below.step(x=1.0)
-            self.sleep(0.02)
-
-
-class HostProcess:
-    """A host in a process of its own."""
-
-    def __init__(self, name: str, folder: Path | None) -> None:
-        """Prepare it; None: it keeps nothing."""
-        self.name, self.folder = name, folder
-
-    def start(self) -> float:
-        """Start it; returns after how long it was ready [s]."""
-        began = time.monotonic()
-        words = [sys.executable, __file__, "--host", self.name, *([str(self.folder)] if self.folder else [])]
-        self.process = subprocess.Popen(words, stdout=subprocess.PIPE)
-        assert self.process.stdout is not None  # noqa: S101 # started with a pipe
-        self.process.stdout.readline()
-        return time.monotonic() - began
-
-    def kill(self) -> None:
-        """End it at once."""
-        self.process.send_signal(signal.SIGKILL)
-        self.process.wait()
-
-    @property
-    def size(self) -> int:
-        """[bytes] of its log."""
-        return 0 if self.folder is None else sum(file.stat().st_size for file in self.folder.glob("*.log"))
-
-    @property
-    def memory(self) -> int:
-        """[bytes] of its resident set."""
-        pages = int(Path(f"/proc/{self.process.pid}/statm").read_text().split()[1])
-        return pages * os.sysconf("SC_PAGE_SIZE")
-
-
 async def bind(realm_client: RealmClient, host: HostProcess, top: str, bottom: str) -> None:
     """Make a robot on a host, on top of another one that is there or is made there, too."""
     while not realm_client.directory.present("host", host.name):  # noqa: ASYNC110 # a table, which tells nobody
         await asyncio.sleep(0.01)
     if not realm_client.directory.present("robot", bottom):
-        await realm_client.create(__file__, bottom, host.name, "Bottom")
-    await realm_client.create(__file__, top, host.name, "Top")
+        await realm_client.create(hosts.__file__, bottom, host.name, "Bottom")
+    await realm_client.create(hosts.__file__, top, host.name, "Top")
     await realm_client.enslave(top, "below", bottom)
 
 
@@ -301,17 +182,9 @@ def intents(folder: Path, count: int) -> dict[str, float]:
     return {"intent us": kept, "bare fdatasync us": floor, "intent ratio": kept / floor}
 
 
-async def next_effect(after: float, within: float = 60.0) -> float:
-    """Return when the counter acts for the first time after a moment [s]."""
-    async with asyncio.timeout(within):
-        while not Counter.moments or Counter.moments[-1] <= after:  # noqa: ASYNC110 # of another thread
-            await asyncio.sleep(0.002)
-    return next(moment for moment in Counter.moments if moment > after)
-
-
 async def restarts(realm_client: RealmClient, folder: Path, count: int) -> dict[str, Any]:
     """Kill a host again and again in the middle of a command."""
-    host = HostProcess("again", folder / "again")
+    host = HostProcess("again", folder / "again", past=True)
     host.start()
     try:
         return await killed(realm_client, host, count)
@@ -392,25 +265,10 @@ def bare_starts() -> dict[str, float]:
     return {"python s": statistics.median(python), "empty host ready s": statistics.median(host)}
 
 
-@contextlib.asynccontextmanager
-async def counters(*names: str) -> AsyncIterator[None]:
-    """Have robots in this process."""
-    transport = await join()
-    agents = [RobotAgent(Counter(name), transport) for name in names]
-    for agent in agents:
-        await agent.start()
-    try:
-        yield
-    finally:
-        for agent in agents:
-            await agent.close()
-        await transport.close()
-
-
 async def measure(folder: Path, rounds: int, count: int, steps: int) -> dict[str, Any]:
     """Measure all."""
     found: dict[str, Any] = {**bare_starts(), **intents(folder, rounds * 50)}
-    kept, bare = HostProcess("kept", folder / "kept"), HostProcess("bare", None)
+    kept, bare = HostProcess("kept", folder / "kept", past=True), HostProcess("bare", None)
     far = [f"far-of-{name}" for name in ("kept", "bare", "short", "long")]
     async with counters(*far), joined("bench") as realm_client:
         for host in (kept, bare):
@@ -434,15 +292,7 @@ def main() -> int:
     parser.add_argument("--steps", type=int, default=ENDLESS, help="of the command that goes on and on")
     parser.add_argument("--dbos", action="store_true", help="measure DBOS, too, in an environment of its own")
     parser.add_argument("--json", action="store_true")
-    parser.add_argument("--host", nargs="+", metavar=("NAME", "FOLDER"), help=argparse.SUPPRESS)
     chosen = parser.parse_args()
-    if chosen.host:
-        keep = Path(chosen.host[1]) if len(chosen.host) > 1 else None
-        place = None if keep is None else Keeping(FilePlace(keep))
-        asyncio.run(
-            run_host(chosen.host[0], keep=place, past=keep, ready=lambda _: print("ready", flush=True))
-        )
-        return 0
     with tempfile.TemporaryDirectory(prefix="rt-") as folder:
         runtime = Path(folder, "run")
         runtime.mkdir(mode=0o700)

@@ -14,9 +14,7 @@ import asyncio
 import json
 import os
 import re
-import signal
 import statistics
-import subprocess
 import sys
 import tempfile
 import time
@@ -24,89 +22,18 @@ from pathlib import Path
 from typing import Any
 
 from robotree.client.joining import joined
-from robotree.vr import Child, Robot, VirtualRobot, command
-from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.agents.run import Keeping, place_of, run_host
-from robotree.vr.network.local import join
 from robotree.vr.supervision.realm_client import RealmClient
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from bench import hosts
+from bench.hosts import HostProcess, counters
 
 REALM = "bench-migrate"
 
 
-class Counter(Robot):
-    """The child: notes when it acts."""
-
-    moments: list[float] = []  # noqa: RUF012 # one list for the only process that has it
-
-    @command(effect="repeat")
-    def step(self, x: float = 0.0) -> float:
-        """Note the moment, and return the argument."""
-        Counter.moments.append(time.monotonic())
-        return x
-
-
-class Walker(VirtualRobot):
-    """Walks as long as it may."""
-
-    below = Child("Robot")
-
-    @command
-    def walk(self, seconds: float) -> int:
-        """Act every 5 ms."""
-        until, acts = self.now() + seconds, 0
-        while self.now() < until:
-            self.below.step(x=float(acts))
-            self.sleep(0.005)
-            acts += 1
-            if acts % 100 == 0:
-                self.checkpoint()
-        return acts
-
-    @command
-    def measure(self, repeats: int) -> list[float]:
-        """Call the child many times; the times of all calls [us]."""
-        times: list[float] = []
-        for _ in range(repeats):
-            began = time.perf_counter()
-            self.below.step(x=1.0)
-            times.append((time.perf_counter() - began) * 1e6)
-        return times
-
-
-class Idle(VirtualRobot):
-    """One of many that leave a host."""
-
-    @command(effect="read")
-    def ping(self) -> int:
-        """Answer."""
-        return 1
-
-
-class HostProcess:
-    """A host in a process of its own."""
-
-    def __init__(self, name: str, folder: Path) -> None:
-        """Start it; returns when it is ready."""
-        line = [sys.executable, __file__, "--host", name, str(folder)]
-        self.process = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
-        assert self.process.stdout is not None  # noqa: S101 # started with a pipe
-        self.process.stdout.readline()
-
-    @property
-    def used(self) -> float:
-        """[s] of processor time that it has had (proc_pid_stat(5))."""
-        words = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
-        return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
-
-    def kill(self) -> None:
-        """End it at once."""
-        self.process.send_signal(signal.SIGKILL)
-        self.process.wait()
-
-
 async def moved(realm_client: RealmClient, moves: int) -> dict[str, float]:
     """Measure the pauses of moves in the middle of a command."""
-    await realm_client.create(__file__, "walker", "h1", "Walker")
+    await realm_client.create(hosts.__file__, "walker", "h1", "Top")
     await realm_client.enslave("walker", "below", "counter")
     bare = statistics.median(await realm_client.call("walker", "measure", {"repeats": 200}))
     seconds = moves * 0.5 + 20.0
@@ -143,50 +70,38 @@ def synced(folder: Path, rounds: int = 50) -> float:
     return statistics.median(times)
 
 
-async def left(realm_client: RealmClient, robots: int, hosts: list[HostProcess]) -> dict[str, float]:
+async def left(realm_client: RealmClient, robots: int, homes: list[HostProcess]) -> dict[str, float]:
     """Measure how long it takes until many robots have left a host, and what the busier host has to do."""
     for start in range(0, robots, 20):
         names = [f"idle-{number}" for number in range(start, min(start + 20, robots))]
-        await asyncio.gather(*(realm_client.create(__file__, name, "h1", "Idle") for name in names))
-    before, began = [host.used for host in hosts], time.perf_counter()
+        await asyncio.gather(*(realm_client.create(hosts.__file__, name, "h1", "Bottom") for name in names))
+    before, began = [host.used for host in homes], time.perf_counter()
     gone = await realm_client.drain("h1")
     seconds = time.perf_counter() - began
-    most = max(host.used - used for host, used in zip(hosts, before, strict=True))
+    most = max(host.used - used for host, used in zip(homes, before, strict=True))
     return {"robots": float(len(gone)), "seconds": seconds, "cpu_s": most}
 
 
 async def run(moves: int, robots: int) -> dict[str, Any]:
     """Start all, and measure."""
     with tempfile.TemporaryDirectory() as folder:
-        hosts = [HostProcess(name, Path(folder, name)) for name in ("h1", "h2")]
-        transport = await join(REALM)
-        agent = RobotAgent(Counter("counter"), transport)
-        try:
-            await agent.start()
-            async with joined(REALM) as realm_client:
-                for name in ("h1", "h2"):
-                    await realm_client.arrival("host", name, within=30.0)
+        homes = [HostProcess(name, Path(folder, name), realm=REALM) for name in ("h1", "h2")]
+        async with counters("counter", realm=REALM), joined(REALM) as realm_client:
+            try:
+                for host in homes:
+                    host.start()
+                    await realm_client.arrival("host", host.name, within=30.0)
                 await realm_client.arrival("robot", "counter", within=30.0)
                 sync = synced(Path(folder))
-                found = {**await moved(realm_client, moves), **await left(realm_client, robots, hosts)}
+                found = {**await moved(realm_client, moves), **await left(realm_client, robots, homes)}
                 return {**found, "sync_ms": sync}
-        finally:
-            await agent.close()
-            await transport.close()
-            for host in hosts:
-                host.kill()
+            finally:
+                for host in homes:
+                    host.kill()
 
 
 def main() -> None:
     """Measure and print."""
-    if sys.argv[1:2] == ["--host"]:
-        name, folder = sys.argv[2:]
-        place = place_of(Path(folder), "", "")
-        assert place is not None  # noqa: S101 # a folder is given
-        asyncio.run(
-            run_host(name, realm=REALM, keep=Keeping(place), ready=lambda _: print("ready", flush=True))
-        )
-        return
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--moves", type=int, default=200)
     parser.add_argument("--robots", type=int, default=1000)

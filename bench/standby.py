@@ -14,9 +14,7 @@ import argparse
 import asyncio
 import json
 import os
-import signal
 import statistics
-import subprocess
 import sys
 import tempfile
 import time
@@ -24,82 +22,22 @@ from pathlib import Path
 from typing import Any
 
 from robotree.client.joining import joined
-from robotree.vr import Child, Robot, VirtualRobot, command
-from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.agents.run import Keeping, place_of, run_host
-from robotree.vr.agents.standby import SHORTEST_AFTER
-from robotree.vr.network.local import join
 from robotree.vr.supervision.realm_client import RealmClient
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+from bench import hosts
+from bench.hosts import REPEATS, HostProcess, counters, next_effect
 from tests.vr.space.postgres import lacking, server
 
-REPEATS = 200
-"""Calls in one measurement."""
 FRAME = 185
 """[bytes] in the journal for a call between processes."""
-
-
-class Counter(Robot):
-    """The child: notes when it acts."""
-
-    moments: list[float] = []  # noqa: RUF012 # one list for the only process that has it
-
-    @command(effect="repeat")
-    def step(self, x: float = 0.0) -> float:
-        """Note the moment, and return the argument."""
-        Counter.moments.append(time.monotonic())
-        return x
-
-
-class Top(VirtualRobot):
-    """Calls its child."""
-
-    below = Child("Robot")
-
-    @command
-    def measure(self, repeats: int) -> list[float]:
-        """Call the child many times; the times of all calls [us]."""
-        times: list[float] = []
-        for _ in range(repeats):
-            began = time.perf_counter()
-            self.below.step(x=1.0)
-            times.append((time.perf_counter() - began) * 1e6)
-        return times
-
-    @command
-    def patrol(self) -> None:
-        """Act every now and then."""
-        while True:
-            self.below.step(x=1.0)
-            self.sleep(0.02)
-
-
-class HostProcess:
-    """A host in a process of its own."""
-
-    def __init__(self, name: str, folder: Path, *, of: str = "", url: str = "") -> None:
-        """Prepare it."""
-        self.name, self._words = name, [name, str(folder), of, url]
-
-    def start(self) -> None:
-        """Start it; returns when it is ready, or stands by."""
-        line = [sys.executable, __file__, "--host", *self._words]
-        self.process = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
-        assert self.process.stdout is not None  # noqa: S101 # started with a pipe
-        self.process.stdout.readline()
-
-    def kill(self) -> None:
-        """End it at once. Twice is once."""
-        self.process.send_signal(signal.SIGKILL)
-        self.process.wait()
 
 
 async def bind(realm_client: RealmClient, host: HostProcess) -> str:
     """Make a robot on a host, on top of its counter; returns its name."""
     while not realm_client.directory.present("host", host.name):  # noqa: ASYNC110 # a table, which tells nobody
         await asyncio.sleep(0.01)
-    await realm_client.create(__file__, f"top-{host.name}", host.name, "Top")
+    await realm_client.create(hosts.__file__, f"top-{host.name}", host.name, "Top")
     await realm_client.enslave(f"top-{host.name}", "below", f"of-{host.name}")
     return f"top-{host.name}"
 
@@ -138,14 +76,6 @@ def inserts(url: str) -> list[float]:
     return times
 
 
-async def next_effect(after: float) -> float:
-    """Return when the counter acts for the first time after a moment [s]."""
-    async with asyncio.timeout(60.0):
-        while not Counter.moments or Counter.moments[-1] <= after:  # noqa: ASYNC110 # of another thread
-            await asyncio.sleep(0.002)
-    return next(moment for moment in Counter.moments if moment > after)
-
-
 async def take_overs(realm_client: RealmClient, folder: Path, url: str, count: int) -> dict[str, float]:
     """Kill the host of a command; each time another one stands by, and has its robots then."""
     first = HostProcess("h0", folder / "log", url=url)
@@ -172,14 +102,9 @@ async def take_overs(realm_client: RealmClient, folder: Path, url: str, count: i
 
 async def measure(folder: Path, url: str, rounds: int, count: int) -> dict[str, Any]:
     """Measure all."""
-    transport = await join()
-    for name in ("of-kept", "of-far", "of-h0"):
-        await RobotAgent(Counter(name), transport).start()
-    async with joined("bench") as realm_client:
+    async with counters("of-kept", "of-far", "of-h0"), joined("bench") as realm_client:
         found = await steps(realm_client, folder, url, rounds)
-        found |= await take_overs(realm_client, folder, "", count)
-    await transport.close()
-    return found
+        return found | await take_overs(realm_client, folder, "", count)
 
 
 def main() -> int:
@@ -188,15 +113,7 @@ def main() -> int:
     parser.add_argument("--rounds", type=int, default=10)
     parser.add_argument("--take-overs", type=int, default=10)
     parser.add_argument("--json", action="store_true")
-    parser.add_argument("--host", nargs=4, help=argparse.SUPPRESS)
     chosen = parser.parse_args()
-    if chosen.host:
-        name, folder, of, url = chosen.host
-        place = place_of(Path(folder), url, of or name)
-        assert place is not None  # noqa: S101 # it has a folder
-        keep = Keeping(place, of, SHORTEST_AFTER)
-        asyncio.run(run_host(name, keep=keep, ready=lambda _: print("ready", flush=True)))
-        return 0
     if reason := lacking():
         print(reason, file=sys.stderr)
         return 1
