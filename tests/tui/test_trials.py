@@ -265,7 +265,7 @@ def test_a_report_has_the_reason_of_what_was_broken_off() -> None:
     script = read("sleep 9s\n", "a.session")
     tried = Tried(Collected("a.session", "a", script, script.trials[0]), Report(script="a"), "interrupted")
     assert not tried.held
-    assert b"interrupted" in junit.of_suite([tried], 1.0)
+    assert b"interrupted" in junit.written("robotree", 1.0, [tried.case])
 
 
 def test_the_trials_of_the_examples_are_understood() -> None:

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from math import isfinite
-from typing import TYPE_CHECKING, Literal, Protocol, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.description import Lack, RobotDescription
+    from robotree.vr.base.requests import State
+
+    Condition = State | RobotDescription
+    """What a robot reports of itself."""
 
 Status = Literal[
     "hangs",
@@ -47,75 +51,6 @@ CONDITION = "condition"
 
 UNGUARDED = "open link"
 """Beside a robot whose controller obeys every program that reaches it."""
-
-
-class Condition(Protocol):
-    """The reports of a robot about itself, in its state and in its description."""
-
-    @property
-    def busy(self) -> str:
-        """The command that runs; empty: none."""
-        ...
-
-    @property
-    def waiting(self) -> int:
-        """How many commands wait behind it."""
-        ...
-
-    @property
-    def online(self) -> bool:
-        """Whether its controller can be reached."""
-        ...
-
-    @property
-    def stopped(self) -> bool:
-        """Whether it is in protective stop."""
-        ...
-
-    @property
-    def abandoned(self) -> Sequence[str]:
-        """Commands that were cancelled and whose code still runs."""
-        ...
-
-    @property
-    def paused(self) -> str:
-        """The person or robot that has paused it; empty: it is not paused."""
-        ...
-
-    @property
-    def held(self) -> str:
-        """The step before which it waits then; empty: before none."""
-        ...
-
-    @property
-    def on_way(self) -> str:
-        """Name of the host to which it is moving; empty: it is not."""
-        ...
-
-    @property
-    def in_doubt(self) -> bool:
-        """Whether it is not known if it has arrived there."""
-        ...
-
-    @property
-    def advised(self) -> str:
-        """Name of the host on which it would be better off; empty: on none."""
-        ...
-
-    @property
-    def away(self) -> float | None:
-        """[s] that it still waits for a parent whose process has ended; None: it does not."""
-        ...
-
-    @property
-    def operator(self) -> str:
-        """The person who has control of it; empty: nobody."""
-        ...
-
-    @property
-    def bond(self) -> object | None:
-        """The bond to its parent; None: there is none."""
-        ...
 
 
 def status_of(robot: Condition, lacks: Sequence[Lack] = ()) -> Status:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 
 from robotree.tui.seen import instruments, status, wording
 from robotree.tui.seen.asked import questions_of
-from robotree.tui.seen.status import Condition, Status
+from robotree.tui.seen.status import Status
 from robotree.tui.seen.stopping import StopRound
 from robotree.tui.seen.watched import WatchedReadings
 from robotree.tui.terminal import one_line
@@ -26,6 +26,7 @@ from robotree.vr.base.requests import STOPPED, Level, LoggedLine, State
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.tui.seen.alarms import Alarm
+    from robotree.tui.seen.status import Condition
     from robotree.vr.base.permit import Permit
     from robotree.vr.supervision.realm_client import Elsewhere
 

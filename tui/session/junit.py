@@ -7,12 +7,12 @@ that pytest writes: `testsuites`, `testsuite`, `testcase` with `failure`, `error
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Sequence
+from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
 from robotree.tui.errors import BadScript
-from robotree.tui.session.script import Report, transcript
+from robotree.tui.session.script import Report
 
 NOT_IN_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that XML 1.0 cannot hold, not even escaped (section 2.2)."""
@@ -20,7 +20,9 @@ NOT_IN_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]
 SKIPPED = "a step before it did not hold"
 
 
-class _Case(NamedTuple):
+class Case(NamedTuple):
+    """One step of a session, or one trial of a suite."""
+
     name: str
     seconds: float = 0.0
     outcome: str = ""
@@ -33,7 +35,7 @@ class _Case(NamedTuple):
 def of_report(report: Report) -> bytes:
     """Return the report of a session that was played, whole or in part."""
     cases = [
-        _Case(
+        Case(
             f"line {played.step.number}: {played.step.text}",
             played.took,
             "" if played.held else "failure",
@@ -41,59 +43,21 @@ def of_report(report: Report) -> bytes:
         )
         for played in report.told
     ]
-    cases += [_Case(text, 0.0, "skipped", SKIPPED) for text in report.left]
-    return _written(report.script, report.wall_s, cases)
+    cases += [Case(text, 0.0, "skipped", SKIPPED) for text in report.left]
+    return written(report.script, report.wall_s, cases)
 
 
 def of_error(script: str, error: Exception) -> bytes:
     """Return the report of a session that was not played, or was broken off by an error."""
     if isinstance(error, BadScript):
-        cases = [_Case(f"line {number}", 0.0, "error", text) for number, text in error.mistakes]
+        cases = [Case(f"line {number}", 0.0, "error", text) for number, text in error.mistakes]
     else:
-        cases = [_Case("session", 0.0, "error", str(error))]
-    return _written(script, 0.0, cases)
+        cases = [Case("session", 0.0, "error", str(error))]
+    return written(script, 0.0, cases)
 
 
-class TriedTrial(Protocol):
-    """A trial of a suite that was played (`suite.Tried`)."""
-
-    @property
-    def collected(self) -> Any:
-        """Its `path` and `name`."""
-        ...
-
-    @property
-    def report(self) -> Report:
-        """What was played of it."""
-        ...
-
-    @property
-    def held(self) -> bool:
-        """Whether all its steps did."""
-        ...
-
-    @property
-    def reason(self) -> str:
-        """Which line failed and why."""
-        ...
-
-
-def of_suite(tried: Iterable[TriedTrial], seconds: float) -> bytes:
-    """Return the report of a test suite: one test case for each trial."""
-    cases = [
-        _Case(
-            each.collected.name,
-            each.report.wall_s,
-            "" if each.held else "failure",
-            "" if each.held else "\n".join([each.reason, *map(transcript, each.report.told)]),
-            each.collected.path,
-        )
-        for each in tried
-    ]
-    return _written("robotree", seconds, cases)
-
-
-def _written(script: str, seconds: float, cases: Sequence[_Case]) -> bytes:
+def written(script: str, seconds: float, cases: Sequence[Case]) -> bytes:
+    """Return the report of these cases; `script` is the name of the suite, `seconds` how long it took."""
     counts = {
         f"{name}s" if name != "skipped" else name: str(sum(case.outcome == name for case in cases))
         for name in ("failure", "error", "skipped")
@@ -114,8 +78,8 @@ def _written(script: str, seconds: float, cases: Sequence[_Case]) -> bytes:
             ET.SubElement(element, case.outcome, message=lines[0]).text = "\n".join(lines)
         elif case.text:
             ET.SubElement(element, "system-out").text = _plain(case.text)
-    written: bytes = ET.tostring(whole, encoding="utf-8", xml_declaration=True)
-    return written + b"\n"
+    report: bytes = ET.tostring(whole, encoding="utf-8", xml_declaration=True)
+    return report + b"\n"
 
 
 def _plain(text: str) -> str:

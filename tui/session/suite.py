@@ -71,6 +71,13 @@ class Tried(NamedTuple):
         seen = failed.seen.splitlines() or [""]
         return f"line {failed.step.number}: {failed.step.text} → {seen[0]}"
 
+    @property
+    def case(self) -> junit.Case:
+        """Itself in a JUnit report."""
+        text = "" if self.held else "\n".join([self.reason, *map(transcript, self.report.told)])
+        outcome = "" if self.held else "failure"
+        return junit.Case(self.collected.name, self.report.wall_s, outcome, text, self.collected.path)
+
 
 def selection(expression: str) -> Fits:
     """Return which names fit an expression such as `lift and not (slow or drill)`; empty: all.
@@ -292,7 +299,8 @@ class Suite:
 
     def _report(self) -> None:
         if junit_file := self._line.text("--junit"):
-            _write(junit_file, junit.of_suite(self._tried, time.monotonic() - self._began))
+            cases = [each.case for each in self._tried]
+            _write(junit_file, junit.written("robotree", time.monotonic() - self._began, cases))
 
 
 def _write(path: str, report: bytes) -> None:

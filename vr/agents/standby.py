@@ -12,9 +12,9 @@ from collections.abc import Callable
 from robotree.vr.base.envelope import Received
 from robotree.vr.base.errors import StandsBy
 from robotree.vr.base.requests import Create, DescribeHost, History, HostDescribed, ReadHistory, Reply
-from robotree.vr.base.transport import Registration, Transport
+from robotree.vr.base.transport import Transport
 from robotree.vr.exchange.authority import Here
-from robotree.vr.exchange.claim import claim, new_address
+from robotree.vr.exchange.claim import Declarations, claim, new_address
 from robotree.vr.exchange.dispatcher import Dispatcher, not_for
 from robotree.vr.journal.store import LogPlace, LogStore, Owner
 
@@ -78,7 +78,7 @@ class StandBy:
         self._transport, self._place, self._after = transport, place, after
         self._owner = of
         """Name of the host that has the robots."""
-        self._declared: list[Registration] = []
+        self._declared = Declarations()
 
     async def start(self) -> None:
         """Serve, then be there.
@@ -92,18 +92,14 @@ class StandBy:
         dispatcher = Dispatcher(
             self.address.name, lambda received, _: self._answer(received), now=now, here=here
         )
-        try:
-            self._declared.append(await self._transport.serve(self.address.key, dispatcher.take))
-            self._declared.append(await claim(self._transport, self.address))
-        except BaseException:
-            await self.close()
-            raise
+        async with Declarations() as declared:
+            await declared.keep(self._transport.serve(self.address.key, dispatcher.take))
+            await declared.keep(claim(self._transport, self.address))
+            self._declared = declared.pop_all()
 
     async def close(self) -> None:
         """Be gone. Twice is once."""
-        declared, self._declared = self._declared, []
-        for registration in reversed(declared):
-            await registration.close()
+        await self._declared.aclose()
 
     async def _answer(self, received: Received) -> Reply:
         match received.request:

@@ -12,9 +12,9 @@ from typing import Protocol, runtime_checkable
 
 from robotree.vr.base.description import Listing
 from robotree.vr.base.requests import AnyRequest, DescribeView, Look, Picture, Reply, Shot, ViewDescribed
-from robotree.vr.base.transport import Registration, Transport
+from robotree.vr.base.transport import Transport
 from robotree.vr.exchange.authority import Here
-from robotree.vr.exchange.claim import claim, new_address
+from robotree.vr.exchange.claim import Declarations, claim, new_address
 from robotree.vr.exchange.dispatcher import Dispatcher, not_for
 from robotree.vr.lookup.registrar import Registrar
 
@@ -102,7 +102,7 @@ class ViewAgent:
         """
         self.address = new_address("view", name)
         self._view, self._transport, self._registrar = view, transport, registrar
-        self._declared: list[Registration] = []
+        self._declared = Declarations()
 
     async def start(self) -> None:
         """Serve, be present, be listed.
@@ -111,30 +111,24 @@ class ViewAgent:
             DuplicateName: a living view has this name.
             TransportError: the transport does not work.
         """
-        try:
-            now = asyncio.get_running_loop().time
+        async with Declarations() as declared:
             dispatcher = Dispatcher(
                 self.address.name,
                 lambda received, _: self._answer(received.request),
-                now=now,
+                now=asyncio.get_running_loop().time,
                 here=Here("view", self.address.name, self._transport.gate, lambda: ("View",)),
             )
-            self._declared.append(await self._transport.serve(self.address.key, dispatcher.take))
-            self._declared.append(await claim(self._transport, self.address))
+            await declared.keep(self._transport.serve(self.address.key, dispatcher.take))
+            await declared.keep(claim(self._transport, self.address))
+            declared.push_async_callback(self._registrar.leave, self.address)
             cameras = {"cameras": ", ".join(self._view.cameras)}
             listing = Listing(address=self.address, kinds=("View",), attributes=cameras)
             await self._registrar.enter(listing)
-        except BaseException:
-            await self.close()
-            raise
+            self._declared = declared.pop_all()
 
     async def close(self) -> None:
         """Leave. Twice is once."""
-        declared, self._declared = self._declared, []
-        if declared:
-            await self._registrar.leave(self.address)
-        for registration in reversed(declared):
-            await registration.close()
+        await self._declared.aclose()
 
     async def _answer(self, request: AnyRequest) -> Reply:
         match request:

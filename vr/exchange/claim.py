@@ -10,7 +10,10 @@ list and one log; hosts and lookup services have their own.
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
+from collections.abc import Awaitable, Coroutine
+from typing import Any
 
 from robotree.vr.base.address import Address, Role, check_name, everyone, unique
 from robotree.vr.base.errors import DuplicateName, NameInSilence
@@ -20,6 +23,24 @@ from robotree.vr.base.transport import Occupied, Registration, Transport
 SETTLE = 0.1
 """[s] after which an announcement has reached all others that live and answer, and its end too."""
 _SIDE_BY_SIDE: tuple[Role, ...] = ("robot", "view")
+
+
+class Declarations(contextlib.AsyncExitStack):
+    """What an agent has declared to others, and what it does meanwhile: what came last is taken back first.
+
+    An agent fills one while it starts and keeps it (`pop_all`) when that has succeeded. Closing it twice is
+    once.
+    """
+
+    async def keep(self, declaring: Awaitable[Registration]) -> None:
+        """Declare something."""
+        self.push_async_callback((await declaring).close)
+
+    def work(self, work: Coroutine[Any, Any, None], name: str) -> None:
+        """Do something until the end."""
+        task = asyncio.create_task(work, name=name)
+        self.push_async_callback(asyncio.gather, task, return_exceptions=True)
+        self.callback(task.cancel)
 
 
 def new_address(role: Role, name: str) -> Address:

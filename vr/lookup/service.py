@@ -13,12 +13,11 @@ from collections.abc import Callable
 
 from robotree.vr.base.address import Address, Role, everyone
 from robotree.vr.base.errors import VrError
-from robotree.vr.base.presence import Undo
 from robotree.vr.base.requests import AnyRequest, Found, History, Query, ReadHistory, Register, Reply, encode
-from robotree.vr.base.transport import Registration, Transport
+from robotree.vr.base.transport import Transport
 from robotree.vr.exchange.asking import ask
 from robotree.vr.exchange.authority import Here
-from robotree.vr.exchange.claim import claim, new_address
+from robotree.vr.exchange.claim import Declarations, claim, new_address
 from robotree.vr.exchange.dispatcher import Dispatcher, not_for
 from robotree.vr.lookup.chronicle import Chronicle
 from robotree.vr.lookup.table import SHORTEST_TERM, LookupTable, Update
@@ -52,9 +51,7 @@ class LookupService:
         self.chronicle = Chronicle(transport.presence, unix)
         self._transport = transport
         self._clock = asyncio.get_running_loop().time
-        self._watches: list[Undo] = []
-        self._declared: list[Registration] = []
-        self._sweeper: asyncio.Task[None] | None = None
+        self._declared = Declarations()
 
     async def start(self) -> None:
         """Fill the table from the others, then be there.
@@ -63,33 +60,25 @@ class LookupService:
             DuplicateName: another lookup service has this name.
         """
         transport = self._transport
-        try:
-            self._watches += [transport.presence.watch(everyone(role), self._seen) for role in LISTED_ROLES]
-            self._watches.append(self.chronicle.begin())
+        async with Declarations() as declared:
             dispatcher = Dispatcher(
                 self.address.name,
                 lambda received, _: self._answer(received.request),
                 now=self._clock,
                 here=Here("lookup", self.address.name, transport.gate),
             )
-            self._declared.append(await transport.serve(self.address.key, dispatcher.take))
+            for role in LISTED_ROLES:
+                declared.callback(transport.presence.watch(everyone(role), self._seen))
+            declared.callback(self.chronicle.begin())
+            await declared.keep(transport.serve(self.address.key, dispatcher.take))
             await self._fill()
-            self._sweeper = asyncio.create_task(self._sweep(), name=f"{self.address.name} sweeps")
-            self._declared.append(await claim(transport, self.address))
-        except BaseException:
-            await self.close()
-            raise
+            declared.work(self._sweep(), f"{self.address.name} sweeps")
+            await declared.keep(claim(transport, self.address))
+            self._declared = declared.pop_all()
 
     async def close(self) -> None:
         """End it. Twice is once."""
-        for unwatch in self._watches:
-            unwatch()
-        declared, self._declared = self._declared, []
-        for registration in reversed(declared):
-            await registration.close()
-        if self._sweeper is not None:
-            self._sweeper.cancel()
-            await asyncio.gather(self._sweeper, return_exceptions=True)
+        await self._declared.aclose()
 
     # -- requests ---------------------------------------------------------------------------------
 

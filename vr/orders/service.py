@@ -24,7 +24,6 @@ from robotree.vr.base.envelope import Received
 from robotree.vr.base.errors import VrError
 from robotree.vr.base.order import DIRECTORIES, KnownAgent, Order
 from robotree.vr.base.policy import PolicyTarget
-from robotree.vr.base.presence import Undo
 from robotree.vr.base.principal import Principal
 from robotree.vr.base.requests import (
     CancelOrder,
@@ -53,10 +52,10 @@ from robotree.vr.base.requests import (
     decode_event,
     encode,
 )
-from robotree.vr.base.transport import Registration, Transport
+from robotree.vr.base.transport import Transport
 from robotree.vr.exchange.asking import ask
 from robotree.vr.exchange.authority import Here, expect_right
-from robotree.vr.exchange.claim import claim
+from robotree.vr.exchange.claim import Declarations, claim
 from robotree.vr.exchange.client import RobotClient, ViewClient
 from robotree.vr.exchange.dispatcher import Dispatcher, not_for
 from robotree.vr.orders.book import OrderBook, OrderNews
@@ -108,8 +107,7 @@ class DirectoryService:
         self.book.here = lambda agent: agent.identity in self._here.values()
         self._transport, self._store, self._unix = transport, store, unix
         self._clock = asyncio.get_running_loop().time
-        self._declared: list[Registration] = []
-        self._watches: list[Undo] = []
+        self._declared = Declarations()
         self._tasks: dict[asyncio.Future[Any], None] = {}
         self._here: dict[Address, str] = {}
         """Identity of each robot and view that is here."""
@@ -146,33 +144,29 @@ class DirectoryService:
             TransportError: the transport does not work.
         """
         transport = self._transport
-        try:
+        async with Declarations() as declared:
+            declared.push_async_callback(self._end_work)
             here = Here("directory", self.address.name, transport.gate)
             dispatcher = Dispatcher(self.address.name, self._answer, now=self._clock, here=here)
-            self._declared.append(await transport.serve(self.address.key, dispatcher.take))
-            self._declared.append(await claim(transport, self.address))
-            self._declared.append(await transport.subscribe(f"{everyone('robot')}/state", self._state))
-            self._declared.append(await transport.subscribe(f"{everyone('lookup')}/news", self._listed))
+            await declared.keep(transport.serve(self.address.key, dispatcher.take))
+            await declared.keep(claim(transport, self.address))
+            await declared.keep(transport.subscribe(f"{everyone('robot')}/state", self._state))
+            await declared.keep(transport.subscribe(f"{everyone('lookup')}/news", self._listed))
             for pattern, look in (
                 (everyone("robot"), self._met),
                 (everyone("view"), self._met),
                 (DIRECTORIES, self._other),
             ):
-                self._watches.append(transport.presence.watch(pattern, look))
+                declared.callback(transport.presence.watch(pattern, look))
             for work in (self._sweep(), self._flush(), self._refresh()):
                 self._do(work)
-        except BaseException:
-            await self.close()
-            raise
+            self._declared = declared.pop_all()
 
     async def close(self) -> None:
         """End it. Twice is once."""
-        watches, self._watches = self._watches, []
-        for unwatch in watches:
-            unwatch()
-        declared, self._declared = self._declared, []
-        for registration in reversed(declared):
-            await registration.close()
+        await self._declared.aclose()
+
+    async def _end_work(self) -> None:
         tasks = list(self._tasks)
         for task in tasks:
             task.cancel()

@@ -22,7 +22,6 @@ from robotree.vr.base.address import Address
 from robotree.vr.base.entry import LARGEST_ENTRY, marks_of
 from robotree.vr.base.envelope import Received
 from robotree.vr.base.errors import BadEntry, FenceHeld, Garbled, SpaceError, SpaceFull
-from robotree.vr.base.presence import Undo
 from robotree.vr.base.principal import Principal
 from robotree.vr.base.requests import (
     FOR_EVER,
@@ -49,9 +48,9 @@ from robotree.vr.base.requests import (
     WriteEntry,
     encode,
 )
-from robotree.vr.base.transport import Incoming, Registration, Transport
+from robotree.vr.base.transport import Incoming, Transport
 from robotree.vr.exchange.authority import Here
-from robotree.vr.exchange.claim import claim, new_address
+from robotree.vr.exchange.claim import Declarations, claim, new_address
 from robotree.vr.exchange.dispatcher import Dispatcher, not_for, refusal
 from robotree.vr.space.store import EntryNews, SpaceStore
 
@@ -146,9 +145,7 @@ class SpaceService:
         """Whether a fence may have become free."""
         self._wake_at = math.inf
         self._wake = asyncio.Event()
-        self._declared: list[Registration] = []
-        self._unwatch: Undo | None = None
-        self._sweeper: asyncio.Task[None] | None = None
+        self._declared = Declarations()
         self._answers: dict[type[AnyRequest], Callable[[Any, SpaceRequest], Reply | None]] = {
             WriteEntry: self._write,
             FindEntries: self._find,
@@ -171,7 +168,7 @@ class SpaceService:
         Raises:
             DuplicateName: another space has this name.
         """
-        try:
+        async with Declarations() as declared:
             dispatcher = Dispatcher(
                 self.address.name,
                 lambda received, _: self._refuse(received.request),
@@ -179,24 +176,15 @@ class SpaceService:
                 at_once=dict.fromkeys(self._answers, self._take),
                 here=Here("space", self.address.name, self._transport.gate),
             )
-            self._declared.append(await self._transport.serve(self.address.key, dispatcher.take))
-            self._unwatch = self._transport.presence.watch("**", self._seen)
-            self._sweeper = asyncio.create_task(self._sweep(), name=f"{self.address.name} sweeps")
-            self._declared.append(await claim(self._transport, self.address))
-        except BaseException:
-            await self.close()
-            raise
+            await declared.keep(self._transport.serve(self.address.key, dispatcher.take))
+            declared.callback(self._transport.presence.watch("**", self._seen))
+            declared.work(self._sweep(), f"{self.address.name} sweeps")
+            await declared.keep(claim(self._transport, self.address))
+            self._declared = declared.pop_all()
 
     async def close(self) -> None:
         """End it. Twice is once."""
-        if self._unwatch is not None:
-            self._unwatch()
-        declared, self._declared = self._declared, []
-        for registration in reversed(declared):
-            await registration.close()
-        if self._sweeper is not None:
-            self._sweeper.cancel()
-            await asyncio.gather(self._sweeper, return_exceptions=True)
+        await self._declared.aclose()
 
     # -- who comes and goes -----------------------------------------------------------------------
 
