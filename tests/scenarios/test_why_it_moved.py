@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import signal
@@ -15,6 +16,7 @@ import pytest
 from robotree.tui.processes.crew import Crew
 from robotree.tui.processes.state_files import history_files
 from tests.command_line import within_realm
+from tests.waiting import PATIENCE
 
 pytestmark = pytest.mark.e2e
 
@@ -89,10 +91,17 @@ async def test_the_last_motion_is_told_up_to_the_person_and_outlives_its_host(pl
         assert later["links"][0]["call"]["unix"] > arm["call"]["unix"]
         assert (await lines("history", "arm")).count("arm.grip force=2.5") == 2
 
+        os.kill(again.pid, signal.SIGKILL)
+        await again.process.wait()
+        async with asyncio.timeout(PATIENCE):
+            while "child" in json.loads(await lines("show", "team", "--json"))["slots"][0]:
+                pass
+        steps = json.loads(await lines("where", "team", "--json"))["steps"]
+        assert [(one["robot"], one["value"]) for one in steps] == [("arm", 1.5), ("arm", 2.5)]
+
         with closing(sqlite3.connect(history_files("why")["host", "below"])) as file, file:
             file.execute("UPDATE event SET robot = 'somebody' WHERE number = 2")
         assert "host below: event 2 was changed" in await lines("history", "arm", "--verify", code=1)
-        assert again.process.returncode is None
         assert above.process.returncode is None
 
 

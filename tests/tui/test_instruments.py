@@ -13,6 +13,7 @@ from rich.text import Span, Text
 from robotree.tui.screen.widgets.readings import TIE, broken
 from robotree.tui.seen import instruments
 from robotree.tui.seen.instruments import BARS, HALF, bar, figure, groups, spark
+from robotree.vr.base.readable import DECIMALS, OTHER
 
 UNITS = {
     **dict.fromkeys(("x", "y", "z", "width"), "m"),
@@ -54,7 +55,7 @@ def test_what_is_counted_has_neither_decimals_nor_a_unit() -> None:
 @given(value=st.floats(-1e4, 1e4), unit=st.sampled_from(["m", "rad", "N", "s", "", "count", "furlong"]))
 def test_the_decimals_of_a_unit_never_change(value: float, unit: str) -> None:
     text, told = figure(value, unit)
-    assert len(text.partition(".")[2]) == instruments.DECIMALS.get(unit, instruments.OTHER)
+    assert len(text.partition(".")[2]) == DECIMALS.get(unit, OTHER)
     assert told != "rad", "there is one unit for angles"
     assert text.strip("-0.") or not text.startswith("-"), "nothing is minus zero"
 

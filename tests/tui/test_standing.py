@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from robotree.tui.line import standing as words
-from robotree.tui.line.past import event_line
+from robotree.tui.line.past import chain_text, event_line
 from robotree.tui.seen import wording
 from robotree.tui.seen.standing import standing, times
 from robotree.vr.base.description import CommandSpec, FieldSpec
 from robotree.vr.base.history_event import EventKind, HistoryEvent
+from robotree.vr.supervision.why import explain
 
 
 def event(kind: EventKind, unix: float, robot: str, key: str, command: str, **more: object) -> HistoryEvent:
@@ -116,7 +117,15 @@ def test_arguments_have_the_units_of_the_command_and_angles_are_in_degrees() -> 
 
 
 def test_the_past_is_written_without_noise() -> None:
-    assert "arm-1.go_to x=0.3 y=0 twist=0.7854  by greeter" in event_line(LOST)
+    assert "arm-1.go_to x=0.3 y=0 twist=0.7854  by greeter" in event_line(LOST, {})
+
+
+def test_the_past_has_the_units_of_robots_that_live_and_angles_are_in_degrees() -> None:
+    known = {"arm-1.go_to": GO}
+    assert "arm-1.go_to x=0.3 m y=0 m twist=45 °  by greeter" in event_line(LOST, known)
+    chain = explain(LOST.key, [("host h1", LOST)])
+    assert chain is not None
+    assert chain_text(chain, known).startswith("arm-1.go_to x=0.3 m y=0 m twist=45 °   on host h1")
 
 
 def test_of_whom_nothing_is_kept_nothing_is_said() -> None:

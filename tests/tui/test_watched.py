@@ -80,7 +80,7 @@ def test_a_store_tells_of_an_alarm_once_and_of_its_acknowledgement() -> None:
     kept[FORCE.name] = judged(FORCE, passed.value, 1001.0)
     store.take_alarms(kept.values(), 2.0, "press a")
     assert [(one.text, one.robot) for one in store.entries] == [
-        ("ALARM: arm-1.fz was 21.0 N, > 20.0 N; press a", "arm-1")
+        ("ALARM: arm-1.fz was 21.0 N, > 20 N; press a", "arm-1")
     ]
     assert (store.watched.rung, [one.name for one in store.watched.open("arm-1")]) == (1, ["arm-1.fz"])
     kept[FORCE.name] = acknowledged(kept[FORCE.name], "bob@pts/4", 1002.0)

@@ -13,6 +13,7 @@ from robotree.tui.screen.jog import bounds
 from robotree.tui.seen import wording
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import CommandSpec, FieldSpec, RobotDescription
+from robotree.vr.base.readable import number
 
 
 def field(name: str = "x", **changes: object) -> FieldSpec:
@@ -59,8 +60,8 @@ def test_a_result_has_units_where_they_are_known() -> None:
 
 @given(value=st.floats(allow_nan=True, allow_infinity=True))
 def test_any_number_can_be_written(value: float) -> None:
-    assert len(wording.number(value)) < 14
-    assert wording.number(0.0) == wording.number(-0.0) == wording.number(1e-12) == "0"
+    assert len(number(value)) < 14
+    assert number(0.0) == number(-0.0) == number(1e-12) == "0"
 
 
 def test_columns_align_and_end_ragged() -> None:

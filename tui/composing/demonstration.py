@@ -37,8 +37,8 @@ from robotree.tui.composing.steps import (
     walk,
 )
 from robotree.tui.errors import BadComposition
-from robotree.tui.seen.angles import typed
 from robotree.vr.base.description import CommandSpec
+from robotree.vr.base.readable import typed
 
 AXES: Final = ("x", "y", "z", "twist")
 GO_TO, GRIP, GET_INFO = "go_to", "grip", "get_info"

@@ -15,8 +15,8 @@ from robotree.tui.composing.steps import (
     Variable,
 )
 from robotree.tui.errors import BadComposition
-from robotree.tui.seen.angles import typed
 from robotree.vr.base.description import CommandSpec, FieldSpec, RobotDescription
+from robotree.vr.base.readable import typed
 
 
 class Offer(NamedTuple):

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import os
 import time
-from math import degrees, isfinite, radians
+from math import isfinite, radians
 from typing import TYPE_CHECKING
 
-from robotree.tui.errors import NoSuchAlarm, ValueRefused
+from robotree.tui.errors import AlarmsUnusable, NoSuchAlarm, ValueRefused
 from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import Outcome, Teller, plain
 from robotree.tui.processes.alarm_file import AlarmFile, alarms_of
 from robotree.tui.seen import instruments
 from robotree.tui.seen.alarms import Alarm, Sign, acknowledged, judged
-from robotree.tui.seen.angles import IN_DEGREES
 from robotree.tui.seen.watched import WatchedReadings, judging
+from robotree.vr.base.readable import IN_DEGREES, apart, entered
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.requests import State
@@ -107,14 +107,23 @@ async def watch(realm_client: RealmClient, line: Line, teller: Teller) -> Outcom
     """Judge the alarms as readings come, until it is interrupted or the time is over, without a screen."""
     import asyncio
 
-    file, watched = alarms_of(realm_client.realm), WatchedReadings()
+    file, watched, trouble = alarms_of(realm_client.realm), WatchedReadings(), False
+    file.all()  # one that cannot be used from the beginning is refused
 
     def take(name: str, state: State) -> None:
         watched.take(name, state.readings, time.time())
 
     def judge() -> None:
+        nonlocal trouble
         passed, before = watched.passed, dict(watched.alarms)
-        after = file.change(judging(passed, 0.0)) if passed else file.all()
+        try:
+            after = file.change(judging(passed, 0.0)) if passed else file.all()
+        except AlarmsUnusable as error:  # an editor may be writing it: what has passed waits until it is good
+            if not trouble:
+                teller.warn(f"{error}. Until then the alarms of before are judged")
+            trouble = True
+            return
+        trouble = False
         passed.clear()
         watched.take_alarms(after)
         for alarm in after:
@@ -184,19 +193,14 @@ def _limit(text: str, unit: str) -> float:
 # -- in words --------------------------------------------------------------------------------------
 
 
-def figure(alarm: Alarm, value: float) -> str:
-    """Write a value of the reading with its unit."""
-    unit = IN_DEGREES.get(alarm.unit, alarm.unit)
-    return f"{degrees(value) if alarm.unit in IN_DEGREES else value:g} {unit}".rstrip()
-
-
 def words(alarm: Alarm) -> str:
     """Write what an alarm is about: `arm-1.fz is above 20 N`."""
-    return f"{alarm.name} is {WORDS[alarm.sign]} {figure(alarm, alarm.limit)}"
+    return f"{alarm.name} is {WORDS[alarm.sign]} {entered(alarm.limit, alarm.unit)}"
 
 
 def row(alarm: Alarm) -> str:
     """Write an alarm as a line."""
+    value, _ = apart(alarm.value, alarm.limit, alarm.unit)
     clock = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(alarm.raised)) if alarm.raised else ""
     match alarm.state:
         case "calm":
@@ -204,12 +208,7 @@ def row(alarm: Alarm) -> str:
         case "acknowledged":
             tail = f"since {clock}, acknowledged by {alarm.acknowledged_by}"
         case "raised":
-            tail = f"since {clock}, at {_value(alarm)}"
+            tail = f"since {clock}, at {value}"
         case "over":
-            tail = f"raised {clock} at {_value(alarm)}, over since, not acknowledged"
+            tail = f"raised {clock} at {value}, over since, not acknowledged"
     return f"{alarm.state:12} {words(alarm)}; {tail}"
-
-
-def _value(alarm: Alarm) -> str:
-    text, unit = instruments.figure(alarm.value, alarm.unit)
-    return f"{text} {unit}".rstrip()

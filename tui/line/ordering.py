@@ -11,6 +11,7 @@ from robotree.tui.line import values, verbs
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import CALL_LIMIT, Outcome, Teller, plain
 from robotree.tui.seen import absence, wording
+from robotree.vr.base.readable import quantity
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.errors import NoSuchRobot
@@ -313,7 +314,7 @@ def known_portrait(known: KnownAgent, now: float) -> str:
     blocks = [f"{known.name} is {absence.how(known, now)}; this is what it said {said}:", "\n".join(lines)]
     if known.readings:
         rows = [
-            (f"  {name}", wording.quantity(value, known.robot.units.get(name, "")))
+            (f"  {name}", quantity(value, known.robot.units.get(name, "")))
             for name, value in sorted(known.readings.items())
         ]
         blocks.append(f"readings, {absence.age(known.read, now)}\n{wording.columns(rows)}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Callable, Iterable, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar, cast
 
 from robotree.tui.errors import ValueRefused
 from robotree.tui.line import values
@@ -14,12 +14,15 @@ from robotree.tui.line.verbs import Outcome, Teller, plain
 from robotree.tui.seen import wording
 
 if TYPE_CHECKING:  # help must not wait for the agents
+    from robotree.vr.base.description import CommandSpec, RobotDescription
     from robotree.vr.base.history_event import HistoryEvent
     from robotree.vr.base.requests import EventsRead, ReadEvents
     from robotree.vr.history.file import HistoryFile
     from robotree.vr.supervision.realm_client import RealmClient
     from robotree.vr.supervision.why import Chain, Link
 
+Known: TypeAlias = "Mapping[str, CommandSpec]"
+"""Commands by `robot.command`: what is not in it is written without units."""
 _CLOCK = re.compile(r"(\d{1,2}):(\d\d)(?::(\d\d))?")
 _R = TypeVar("_R")
 
@@ -66,7 +69,8 @@ async def history(realm_client: RealmClient, line: Line, teller: Teller) -> Outc
         return Outcome(plain(spans), printed or f"{len(spans)} spans are exported")
     if any(read.more for read in kept.answers.values()):
         teller.warn("there are older events; ask with --since, from a later time on")
-    text = "\n".join(event_line(event) for _, event in events)
+    known = await known_commands(realm_client, [name])
+    text = "\n".join(event_line(event, known) for _, event in events)
     return Outcome([{"source": source, **plain(event)} for source, event in events], text)
 
 
@@ -92,7 +96,8 @@ async def why(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
     if chain is None:
         return Outcome({"place": place}, text)
     data = {"person": chain.person, **plain(chain)} | ({"place": place} if place else {})
-    return Outcome(data, "\n\n".join(filter(None, (chain_text(chain), text))))
+    known = await known_commands(realm_client, [name, *(link.call.robot for link in chain.links)])
+    return Outcome(data, "\n\n".join(filter(None, (chain_text(chain, known), text))))
 
 
 async def _place(realm_client: RealmClient, name: str) -> dict[str, str]:
@@ -260,18 +265,51 @@ def _since(text: str) -> float:
 # -- in words --------------------------------------------------------------------------------------
 
 
-def event_line(event: HistoryEvent) -> str:
+async def known_commands(realm_client: RealmClient, robots: Iterable[str]) -> dict[str, CommandSpec]:
+    """Return the commands of those robots that answer: with them their arguments have units."""
+    import asyncio
+
+    from robotree.vr.base.errors import VrError
+
+    asked = [realm_client.describe(name) for name in sorted({one for one in robots if "/" not in one})]
+    known: dict[str, CommandSpec] = {}
+    for robot in await asyncio.gather(*asked, return_exceptions=True):
+        if isinstance(robot, VrError):
+            continue
+        if isinstance(robot, BaseException):
+            raise robot
+        known |= commands_by_name(robot)
+    return known
+
+
+def commands_by_name(robot: RobotDescription) -> dict[str, CommandSpec]:
+    """Return the commands of a robot by what events call them: `arm-1.go_to`, without a site."""
+    from robotree.vr.base.address import parted
+
+    return {f"{parted(robot.name)[1]}.{command.name}": command for command in robot.commands}
+
+
+def call_words(robot: str, command: str, arguments: Any, known: Known) -> str:
+    """Write a call: `arm-1.go_to x=0.3 m`."""
+    name = f"{robot}.{command}"
+    fields = {field.name: field for field in known[name].parameters} if name in known else {}
+    given = cast("dict[str, Any]", arguments) if isinstance(arguments, Mapping) else {}
+    return " ".join([name, *(f"{key}={wording.given(fields.get(key), one)}" for key, one in given.items())])
+
+
+def event_line(event: HistoryEvent, known: Known) -> str:
     """Return one event as a line: when, what, who, under which lease."""
-    return f"{_at(event.unix, day=True)}  {event.kind:9}  {_said(event)}"
+    return f"{_at(event.unix, day=True)}  {event.kind:9}  {_said(event, known)}"
 
 
-def _said(event: HistoryEvent) -> str:
+def _said(event: HistoryEvent, known: Known) -> str:
     match event.kind:
         case "accepted":
             lease = f", epoch {event.epoch}" if event.epoch else ""
             line = f", line {event.line} of its page" if event.line else ""
             told = f"  {event.text}" if event.text else ""
-            return f"{_call(event)}  by {event.person or event.caller}{line}{lease}  [{event.key}]{told}"
+            call = call_words(event.robot, event.command, event.arguments, known)
+            return f"{call}  by {event.person or event.caller}{line}{lease}  [{event.key}]{told}"
         case "ended" | "answered":
             return f"{event.command}: {_outcome(event)}  [{event.key}]"
         case "observed":
@@ -280,17 +318,6 @@ def _said(event: HistoryEvent) -> str:
             return f"{event.text}, epoch {event.epoch}"
         case _:
             return event.text
-
-
-def _call(event: HistoryEvent) -> str:
-    kept: Any = event.arguments
-    given = cast("dict[str, Any]", kept) if isinstance(kept, dict) else {}
-    return " ".join(
-        [
-            f"{event.robot}.{event.command}",
-            *(f"{name}={wording.value(value)}" for name, value in given.items()),
-        ]
-    )
 
 
 def _outcome(event: HistoryEvent) -> str:
@@ -302,10 +329,10 @@ def _at(unix: float, *, day: bool = False) -> str:
     return f"{time.strftime(form, time.localtime(unix))}.{int(unix % 1 * 1000):03}"
 
 
-def chain_text(chain: Chain) -> str:
+def chain_text(chain: Chain, known: Known) -> str:
     """Return why a robot moved, for people: the motion first, who asked for it last."""
     lines = [line for link, over in zip(chain.links, (*chain.links[1:], None), strict=True)
-             for line in _link_lines(link, over)]  # fmt: skip
+             for line in _link_lines(link, over, known)]  # fmt: skip
     if chain.missing:
         lines.append(f"asked by {chain.missing}, of whose command nothing is kept")
     else:
@@ -314,9 +341,10 @@ def chain_text(chain: Chain) -> str:
     return "\n".join(lines)
 
 
-def _link_lines(link: Link, over: Link | None) -> list[str]:
+def _link_lines(link: Link, over: Link | None, known: Known) -> list[str]:
     call, ended = link.call, link.ended
-    lines = [f"{_call(call)}   on {link.source}, key {call.key}"]
+    words = call_words(call.robot, call.command, call.arguments, known)
+    lines = [f"{words}   on {link.source}, key {call.key}"]
     if call.text:
         lines.append(f"  {call.text}")
     times = [f"accepted {_at(call.unix, day=True)}"]

@@ -3,29 +3,29 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 from robotree.tui.line.grammar import Line
-from robotree.tui.line.past import kept_events
+from robotree.tui.line.past import Known, call_words, commands_by_name, kept_events
 from robotree.tui.line.verbs import Outcome, Teller, plain
 from robotree.tui.seen import wording
 from robotree.tui.seen.standing import ChildStep, Standing, standing, times
 
 if TYPE_CHECKING:  # help must not wait for the agents
-    from robotree.vr.base.description import CommandSpec, RobotDescription
+    from robotree.vr.base.description import RobotDescription
     from robotree.vr.base.history_event import HistoryEvent
     from robotree.vr.supervision.realm_client import RealmClient
-
-Known: TypeAlias = "Mapping[str, CommandSpec]"
-"""Commands by `robot.command`: what is not in it is written without units."""
 
 FAMILY = 16
 """Robots below one whose events are asked for, at most."""
 EVENTS = 1000
 """Events of one robot that are looked at, the latest."""
+NO_CALLS = "no call of a child is kept"
+"""Said where there is none; those that only read are never kept."""
+
 AROUND = 2
 """Lines of the page that are shown above and below the one at which it is."""
 
@@ -62,10 +62,10 @@ async def find(realm_client: RealmClient, name: str) -> tuple[Standing | None, t
     own = await kept_events(realm_client, ReadEvents(robot=name, most=EVENTS))
     events: list[HistoryEvent] = [event for _, event in own.events()]
     place = partial(standing, parted(name)[1], held=robot.held, busy=robot.busy, waiting=robot.waiting)
-    first, known = place(events), _commands(robot)
+    first, known = place(events), commands_by_name(robot)
     if first is None:
         return None, own.notes, known
-    seen, ahead = {name}, [slot.child.name for slot in robot.slots if slot.child]
+    seen, ahead = {name}, _children(robot)
     while ahead and len(seen) <= FAMILY:
         child = ahead.pop(0)
         if child in seen:
@@ -75,15 +75,14 @@ async def find(realm_client: RealmClient, name: str) -> tuple[Standing | None, t
         events += [event for _, event in kept.events()]
         with suppress(VrError):
             described = await realm_client.describe(child)
-            known |= _commands(described)
-            ahead += [slot.child.name for slot in described.slots if slot.child]
+            known |= commands_by_name(described)
+            ahead += _children(described)
     return place(events), own.notes, known
 
 
-def _commands(robot: RobotDescription) -> dict[str, CommandSpec]:
-    from robotree.vr.base.address import parted
-
-    return {f"{parted(robot.name)[1]}.{command.name}": command for command in robot.commands}
+def _children(robot: RobotDescription) -> list[str]:
+    """Return the names of its children, also of those that were lost: what they did is kept."""
+    return [slot.child.name if slot.child else slot.was for slot in robot.slots if slot.child or slot.was]
 
 
 async def page_of(realm_client: RealmClient, name: str) -> Sequence[str]:
@@ -99,13 +98,8 @@ async def page_of(realm_client: RealmClient, name: str) -> Sequence[str]:
 # -- in words --------------------------------------------------------------------------------------
 
 
-def call_words(call: Standing | ChildStep, known: Known) -> str:
-    """Write a call: `arm-1.go_to x=0.3 m`."""
-    name = f"{call.robot}.{call.command}"
-    spec = known.get(name)
-    fields = {field.name: field for field in spec.parameters} if spec else {}
-    given = (f"{key}={wording.given(fields.get(key), one)}" for key, one in call.arguments.items())
-    return " ".join([name, *given])
+def _call_words(call: Standing | ChildStep, known: Known) -> str:
+    return call_words(call.robot, call.command, call.arguments, known)
 
 
 def ended_words(call: Standing | ChildStep, known: Known) -> str:
@@ -122,7 +116,7 @@ def ended_words(call: Standing | ChildStep, known: Known) -> str:
 
 def head(found: Standing, now: float, known: Known) -> str:
     """Write the command, who asked for it and for how long it has run."""
-    call = call_words(found, known)
+    call = _call_words(found, known)
     asked = f", asked for by {found.asked}" if found.asked else ""
     if found.held:
         return f"{call} is paused before {found.held}{asked}"
@@ -136,7 +130,7 @@ def step_words(step: ChildStep, now: float, known: Known) -> str:
     lead, line = "  " * step.depth, f"line {step.line}" if step.line else ""
     took = f"{now - step.began:.1f} s so far" if step.open else ended_words(step, known)
     sign = "▸" if step.open else "?" if step.took is None else "✗" if step.error else "✓"
-    return f"{lead}{sign} {step.step:<5} {call_words(step, known)}  {took}  {line}".rstrip()
+    return f"{lead}{sign} {step.step:<5} {_call_words(step, known)}  {took}  {line}".rstrip()
 
 
 def excerpt(found: Standing, source: Sequence[str], around: int = AROUND) -> list[tuple[int, str]]:
@@ -151,7 +145,7 @@ def lines(found: Standing, source: Sequence[str], now: float, known: Known) -> l
     """Write all that is known."""
     text = [head(found, now, known)]
     text += [f"{'→' if at == found.line else ' '} {at:>4}  {line}" for at, line in excerpt(found, source)]
-    text += [step_words(step, now, known) for step in found.steps] or ["it has called no child yet"]
+    text += [step_words(step, now, known) for step in found.steps] or [NO_CALLS]
     if totals := times(found, now):
         text.append("time: " + ", ".join(f"{name} {count}x {took:.2f} s" for name, count, took in totals))
     return text

@@ -19,6 +19,7 @@ from robotree.tui.errors import BadLine, OldList, SomeHang, SomeSilent, Supervis
 from robotree.tui.line import away, checking, poses, sources, values
 from robotree.tui.line.grammar import Line
 from robotree.tui.seen import absence, forest, status, unlisted, wording
+from robotree.vr.base.readable import quantity
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -375,7 +376,7 @@ async def show(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcom
         text += f"\n\nat site {place.words}"
     if readings:
         rows = [
-            (f"  {name}", wording.quantity(value, robot.units.get(name, "")))
+            (f"  {name}", quantity(value, robot.units.get(name, "")))
             for name, value in sorted(readings.items())
         ]
         text += f"\n\nreadings\n{wording.columns(rows)}"
@@ -466,7 +467,7 @@ async def watch(realm_client: RealmClient, line: Line, teller: Teller) -> Outcom
 
     def tell(name: str, state: State) -> None:
         readings = "  ".join(
-            f"{key}={wording.quantity(value, units.get(name, {}).get(key, ''))}"
+            f"{key}={quantity(value, units.get(name, {}).get(key, ''))}"
             for key, value in sorted(state.readings.items())
         )
         teller.outcome(

@@ -17,7 +17,7 @@ import msgspec
 
 from robotree.files.named import NamedFiles
 from robotree.tui.errors import ValueRefused
-from robotree.tui.seen.angles import IN_DEGREES
+from robotree.vr.base.readable import IN_DEGREES, figure
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.policy import PolicyGate
@@ -57,11 +57,7 @@ def coordinates_in_words(at: Mapping[str, float]) -> str:
 
 def coordinate_in_words(name: str, value: float) -> str:
     """Return a coordinate [m, rad] for people without its unit: angles in degrees."""
-    from math import degrees
-
-    turns = COORDINATES[name] in IN_DEGREES
-    # what rounds to nothing has no sign
-    return f"{round(degrees(value), 1) + 0.0:.1f}" if turns else f"{round(value, 3) + 0.0:.3f}"
+    return figure(value, COORDINATES[name])[0]
 
 
 def coordinate_unit(name: str) -> str:

@@ -16,6 +16,7 @@ from robotree.tui.seen import wording
 from robotree.tui.seen.cells import seen
 from robotree.vr.base.history_event import HistoryEvent
 from robotree.vr.base.principal import is_person
+from robotree.vr.base.readable import quantity
 
 NEAR = 0.02
 """Readings that differ by less than this share of their range in both recordings count as equal."""
@@ -175,7 +176,7 @@ def _unequal(
         before, after = ones[name], others[name]
         if abs(after - before) > NEAR * spans.get((robot, name), 0.0):
             unit = units.get(name, "")
-            one, other = wording.quantity(before, unit), wording.quantity(after, unit)
+            one, other = quantity(before, unit), quantity(after, unit)
             if one != other:  # as a person reads them
                 yield name, f"{one} → {other}"
 

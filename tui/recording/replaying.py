@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
 from rich.text import Text
 from textual import work
+from textual.app import SystemCommand
 from textual.binding import Binding, BindingType
+from textual.screen import Screen
 
 from robotree.tui import exit_codes
 from robotree.tui.errors import BadRecordedRealm, NeedsTerminal, ValueRefused
@@ -62,6 +64,7 @@ NOT_RECORDED = {
     "messages": "a recording holds no messages of wires; `robotree wire record` records them",
     "questions": "a recording holds no questions",
     "space ls": "a recording holds no spaces",
+    "alarms": "alarms are about what robots read now; those of then are in the log of the recording",
     "dismiss": "who is in the list of a recording was there then",
 }
 """Verbs that make no sense over a recording, and why."""
@@ -128,6 +131,21 @@ class Replay(Supervisor):
             self.player.hold_or_go_on()
         else:
             super().ask_for(verb, place)
+
+    def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
+        """Offer what the keys of a recording do, and what a supervisor offers but the stop."""
+        for (keys, doc), (name, act) in zip(
+            self.OWN_KEYS,
+            (
+                ("hold, go on", self.player.hold_or_go_on),
+                ("forward", partial(self.action_leap, LEAP)),
+                ("faster", partial(self.action_pace, 2.0)),
+                ("compare", self.action_compare),
+            ),
+            strict=True,
+        ):
+            yield SystemCommand(f"Recording: {name}  ({keys})", doc, act)
+        yield from super().get_system_commands(screen)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Give keys to the field in which somebody types."""

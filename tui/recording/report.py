@@ -9,7 +9,7 @@ from pathlib import Path
 from robotree.files import overwrite
 from robotree.tui.recording import summary
 from robotree.tui.recording.tape import Entry, RecordedPicture, Tape
-from robotree.tui.seen import wording
+from robotree.vr.base import readable
 
 PICTURES = 12
 """Pictures of each camera at most, evenly spread over the time, and one at each end of a command."""
@@ -72,7 +72,7 @@ def head(tape: Tape) -> str:
         for key, (low, high) in sorted(robot.peaks.items()):
             unit = robot.units.get(key, "")
             name = _cell(f"{robot.name}.{key}")
-            lines.append(f"| {name} | {wording.number(low)} | {wording.number(high)} | {_cell(unit)} |")
+            lines.append(f"| {name} | {readable.number(low)} | {readable.number(high)} | {_cell(unit)} |")
     lines += ["", "## What happened", "", "| s | robot | | |", "|--:|---|---|---|"]
     for name, line in summary.lines_of(tape):
         lines.append(f"| {line.unix - tape.began:.1f} | {_cell(name)} | {line.level} | {_cell(line.text)} |")

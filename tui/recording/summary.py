@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from robotree.tui.recording.tape import Entry, RecordedLine, RecordedPicture, RecordedState, Tape
 from robotree.tui.seen import status, wording
 from robotree.vr.base.description import RobotDescription
+from robotree.vr.base.readable import quantity
 from robotree.vr.base.requests import LoggedLine
 
 
@@ -108,12 +109,12 @@ def _until(tape: Tape, unix: float) -> Sequence[Entry]:
 
 
 def _reading(key: str, value: float, units: dict[str, str]) -> str:
-    return f"{key}={wording.quantity(value, units.get(key, ''))}"
+    return f"{key}={quantity(value, units.get(key, ''))}"
 
 
 def _peaks(robot: RecordedRobot) -> str:
     return "  ".join(
-        f"{key} {wording.quantity(low, '')} … {wording.quantity(high, robot.units.get(key, ''))}"
+        f"{key} {quantity(low, '')} … {quantity(high, robot.units.get(key, ''))}"
         for key, (low, high) in sorted(robot.peaks.items())
         if low != high
     )

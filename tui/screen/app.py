@@ -304,6 +304,8 @@ class Supervisor(OperatorApp):
         """Offer the registry in the palette, beside what Textual offers."""
         for group, actions in self.keyboard.groups.items():
             for action in actions:
+                if action.verb == "stop" and self.OWN_KEYS:  # its key does something else on this screen
+                    continue
                 title = f"{group}: {action.verb}" + (
                     f"  ({self.keymap.spelled(action.verb)})" if action.key else ""
                 )

@@ -18,11 +18,11 @@ from typing import Any
 from rich.cells import cell_len
 
 from robotree.tui.seen import wording
-from robotree.tui.seen.angles import as_shown, in_radians, is_angle, with_units
 from robotree.tui.terminal import one_line
 from robotree.vr.base.arguments import check_argument
 from robotree.vr.base.description import CommandSpec, FieldSpec
 from robotree.vr.base.errors import BadArgument
+from robotree.vr.base.readable import as_shown, in_radians, is_angle, number, with_units
 
 SEPARATOR = " · "
 """Between the parts of a hint."""
@@ -65,7 +65,7 @@ def _present(field: FieldSpec, readings: Mapping[str, float]) -> str:
     value = readings[field.name]
     if is_angle(field):
         return wording.typed(round(degrees(value), ANGLE) + 0.0).removesuffix(".0")
-    return wording.number(value, DIGITS)
+    return number(value, DIGITS)
 
 
 def command_line(robot: str, spec: CommandSpec, texts: Mapping[str, str], *, realm: str = "") -> str:

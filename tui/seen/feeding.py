@@ -88,8 +88,8 @@ class Feed:
         self.alarms = alarms
         self._alarms: tuple[Alarm, ...] = ()
         """As they were shown."""
-        self._alarming = ""
-        """Why they cannot be kept, as it was told."""
+        self._alarming = False
+        """Whether they cannot be kept, which was told."""
         self._troubles: dict[str, str] = {}
         """Of hosts whose robots would not survive their end, as told, by name."""
 
@@ -191,10 +191,11 @@ class Feed:
         try:
             after = keeper.change(judging(passed, time.time() - self.clock())) if passed else keeper.all()
         except SupervisorError as error:
-            if str(error) != self._alarming:
-                self._alarming = str(error)
+            if not self._alarming:
                 store.tell(str(error), "warning", self.clock())
+            self._alarming = True
             return
+        self._alarming = False
         passed.clear()
         if after is not self._alarms:
             self._alarms = after

@@ -5,19 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from math import degrees, hypot, isfinite
+from math import hypot, isfinite
 
-from robotree.tui.seen.angles import IN_DEGREES
-
-DECIMALS: Mapping[str, int] = {
-    "m": 3, "mm": 0, "m/s": 2, "rad": 1, "°": 1, "rad/s": 1, "N": 1, "N m": 2, "s": 1, "V": 1, "A": 2, "%": 0,
-    "count": 0,
-}  # fmt: skip
-"""Digits behind the point, by unit: what an arm can distinguish, and no more. Another unit has `OTHER`."""
-
-OTHER = 3
-LARGE = 1e6
-"""From which on a number is written with its power of ten: no robot measures that."""
+from robotree.vr.base.readable import figure
 
 POSE = ("x", "y", "z", "twist")
 SPEED = ("vx", "vy", "vz")
@@ -57,36 +47,6 @@ class Group:
 
     label: str
     figures: tuple[Figure, ...]
-
-
-def figure(value: float, unit: str) -> tuple[str, str]:
-    """Write a number with the decimals of its unit.
-
-    Args:
-        value: in `unit`.
-        unit: as the robot says it.
-
-    Returns:
-        The number and its unit as shown: angles in degrees, counts without a unit. What rounds to zero has
-        no sign.
-    """
-    if unit in IN_DEGREES:
-        value = degrees(value)
-    text = f"{value:.{DECIMALS.get(unit, OTHER)}f}" if abs(value) < LARGE else f"{value:.4g}"
-    if not text.strip("-0."):
-        text = text.removeprefix("-")
-    return text, "" if unit == "count" else IN_DEGREES.get(unit, unit)
-
-
-def apart(value: float, limit: float, unit: str) -> tuple[str, str]:
-    """Write a reading and the limit that it has passed, with as many digits as tell them apart."""
-    texts = [" ".join(figure(each, unit)).strip() for each in (value, limit)]
-    if texts[0] == texts[1] and value != limit:
-        shown = figure(value, unit)[1]
-        both = [degrees(each) if unit in IN_DEGREES else each for each in (value, limit)]
-        digits = next(n for n in range(1, 18) if f"{both[0]:.{n}g}" != f"{both[1]:.{n}g}" or n == 17)
-        texts = [f"{each:.{digits}g} {shown}".strip() for each in both]
-    return texts[0], texts[1]
 
 
 def size(readings: Mapping[str, float], names: Iterable[str] = FORCE) -> float | None:

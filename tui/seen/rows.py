@@ -13,10 +13,11 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Literal, cast, get_args
 
-from robotree.tui.seen import instruments, matching, wording
+from robotree.tui.seen import matching, wording
 from robotree.tui.seen.alarms import Alarm
 from robotree.tui.seen.status import PROBLEMS, STATUSES, UNGUARDED, Status, span
 from robotree.tui.seen.store import Store
+from robotree.vr.base.readable import entered
 
 SortOrder = Literal["tree", "problems", "name", "kind", "state", "by", "host"]
 Division = Literal["", "site", "kind", "state"]
@@ -201,8 +202,7 @@ def _group_row(store: Store, placement: Placement, now: float, *, marked: bool) 
 
 
 def _alarm_words(alarm: Alarm) -> str:
-    limit = " ".join(instruments.figure(alarm.limit, alarm.unit)).strip()
-    return f"{alarm.reading} {alarm.sign} {limit}"
+    return f"{alarm.reading} {alarm.sign} {entered(alarm.limit, alarm.unit)}"
 
 
 def heard(age: float | None) -> str:

@@ -22,6 +22,7 @@ from robotree.vr.base.address import Address, shown_address
 from robotree.vr.base.description import Lack, Listing, RobotDescription
 from robotree.vr.base.presence import Held
 from robotree.vr.base.principal import is_person
+from robotree.vr.base.readable import apart
 from robotree.vr.base.requests import STOPPED, Level, LoggedLine, State
 
 if TYPE_CHECKING:  # help must not wait for the agents
@@ -508,7 +509,7 @@ class Store:
         """Take the alarms as they are kept, and tell what is new; `how` one is acknowledged."""
         raised, acknowledged = self.watched.take_alarms(alarms)
         for alarm in raised:
-            value, limit = instruments.apart(alarm.value, alarm.limit, alarm.unit)
+            value, limit = apart(alarm.value, alarm.limit, alarm.unit)
             text = f"ALARM: {alarm.name} was {value}, {alarm.sign} {limit}; {how}"
             self.tell(text, "error", now, alarm.robot, operators=True)
         for alarm in acknowledged:

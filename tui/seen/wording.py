@@ -8,11 +8,10 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Mapping, Sequence
-from math import degrees
 from typing import TYPE_CHECKING, Any, cast
 
 from robotree.tui.seen import status
-from robotree.tui.seen.angles import IN_DEGREES, as_shown, in_degrees
+from robotree.vr.base.readable import as_shown, in_degrees, number
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.description import (
@@ -35,25 +34,6 @@ def columns(rows: Sequence[Sequence[str]]) -> str:
         "  ".join([*(cell.ljust(width) for cell, width in zip(row, widths, strict=False)), row[-1]]).rstrip()
         for row in rows
     )
-
-
-NOISE = 1e-6
-"""Size below which a number is written as zero: no robot measures that."""
-
-
-def number(value: float, digits: int = 4) -> str:
-    """Write a number as short as its digits allow."""
-    if abs(value) < NOISE:
-        return "0"
-    text = f"{value:.{digits}g}"
-    return "0" if text == "-0" else text
-
-
-def quantity(value: float, unit: str) -> str:
-    """Write a number with its unit, if it has one; an angle in degrees."""
-    if unit in IN_DEGREES:
-        value, unit = degrees(value), IN_DEGREES[unit]
-    return f"{number(value)} {unit}".rstrip()
 
 
 def span(spec: FieldSpec) -> str:

@@ -31,6 +31,7 @@ from typing import TYPE_CHECKING, Any, cast
 from robotree.tui.errors import ValueRefused
 from robotree.tui.line import values
 from robotree.tui.seen import status, wording
+from robotree.vr.base.readable import number
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.description import RobotDescription
@@ -263,7 +264,7 @@ def _reading(found: re.Match[str]) -> Condition:
         if reading not in instruments:
             known = ", ".join(sorted(instruments)) or "nothing"
             return Verdict(holds=False, seen=f"{name} has no reading {reading}; it has {known}")
-        return Verdict(compare(instruments[reading], wanted), wording.number(instruments[reading]))
+        return Verdict(compare(instruments[reading], wanted), number(instruments[reading]))
 
     return Condition(found[0], judge, readings=(name,))
 

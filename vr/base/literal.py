@@ -20,8 +20,6 @@ LONGEST = 100_000
 """Characters."""
 DEEPEST = 16
 """Lists and records in each other."""
-NOISE = 1e-6
-"""Size below which a number is written as zero: no robot measures that."""
 _KEY = re.compile(r"\w[\w-]*")
 _QUOTED_NAME = r"\"((?:[^\"\\]|\\.)*)\"|'((?:[^'\\]|\\.)*)'"
 _NAME = re.compile(rf"\s*(?:(\w[\w-]*)|{_QUOTED_NAME})\s*[:=]")
@@ -64,17 +62,6 @@ def write(value: Any) -> str:
     if value is None or isinstance(value, bool):
         return {None: "none", True: "yes", False: "no"}[value]
     return repr(value) if isinstance(value, float) else str(value)
-
-
-def rounded(value: Any) -> Any:
-    """Return a plain value for people: four digits of each number are enough to know it, and noise is 0."""
-    if isinstance(value, float):
-        return 0.0 if abs(value) < NOISE else float(f"{value:.4g}")
-    if isinstance(value, Mapping):
-        return {name: rounded(part) for name, part in cast("Mapping[str, Any]", value).items()}
-    if isinstance(value, list | tuple):
-        return [rounded(part) for part in cast("Iterable[Any]", value)]
-    return value
 
 
 def _in_quotes(text: str) -> str:

@@ -20,7 +20,7 @@ from robotree.vr.author.context import CommandContext, StepInDoubt
 from robotree.vr.author.robot import Robot
 from robotree.vr.base.address import Address
 from robotree.vr.base.errors import CommandInDoubt, EndedInDoubt, VrError
-from robotree.vr.base.literal import rounded
+from robotree.vr.base.readable import quantity
 from robotree.vr.base.requests import Raised, Returned
 from robotree.vr.core.bonds import RETURN
 from robotree.vr.running.catching import catches
@@ -183,7 +183,8 @@ def _is_remembered(call: DoubtfulCall, part: Asker) -> bool:
 def _asked(call: DoubtfulCall, part: Asker, detail: str) -> Returned | Raised | Callable[[], None]:
     """Have a person answer; "again" without a child in the slot is asked about anew."""
     label, refused = f"{call.child.name}.{call.command}", ""
-    step = words_of_step("call", rounded([call.child.name, call.command, call.arguments]))
+    fields = part.runtime.child_parameters(call.slot, call.command)
+    step = words_of_step("call", [call.child.name, call.command, call.arguments], fields)
     while True:
         question = (
             f"{refused}{step} may have been carried out or not ({detail}); {_look(call, part)}. {ANSWERS}"
@@ -217,7 +218,7 @@ def _look(call: DoubtfulCall, part: Asker) -> str:
         readings = {} if feed.state is None else dict(feed.state.readings)
         age = readings.pop("age", 0.0)
         shown = [
-            f"{reading} {value:.3g} {units.get(reading, '')}".rstrip()
+            f"{reading} {quantity(value, units.get(reading, ''))}"
             for reading, value in list(readings.items())[:MOST_READINGS]
         ]
         seen = f"{name} reads {', '.join(shown)}, {age:.1f} s ago" if shown else f"{name} reads nothing"

@@ -12,7 +12,7 @@ from __future__ import annotations
 import contextvars
 import inspect
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from functools import partial
 from types import FrameType
 from typing import Any, Self, TypeVar
@@ -23,13 +23,12 @@ from robotree.files import forks
 from robotree.vr.author.context import Activity, CommandContext, enter
 from robotree.vr.author.together import Group, Started
 from robotree.vr.base.errors import CommandCancelled, CommandFailed, VrError
-from robotree.vr.base.literal import rounded
 from robotree.vr.core import events as on
 from robotree.vr.running.ice import GoneOn
 from robotree.vr.running.interruptible import Interrupted
 from robotree.vr.running.page_trace import page_line
 from robotree.vr.running.process import Worker
-from robotree.vr.running.replay import NO_ANGLES, Intent, Replay, words_of_step
+from robotree.vr.running.replay import Intent, Replay, words_of_step
 from robotree.vr.running.robot_runtime import RobotRuntime
 from robotree.vr.running.run import HeldStep, Run
 
@@ -335,7 +334,8 @@ class Frame:
         runtime = self.runtime
         if not runtime.paused or self.replaying or self.shield > -math.inf or runtime.may_pass(path):
             return
-        words = words_of_step(kind, rounded(content), _angles(runtime, kind, content))
+        fields = runtime.child_parameters(*content[:2]) if kind in {"call", "tell"} else ()
+        words = words_of_step(kind, content, fields)
         step = f"step {self._suffix(path)}: {words}"
         if line := of_page and page_line(inspect.currentframe()):
             step = f"{step}, line {line}"
@@ -632,18 +632,3 @@ class Branch(Started):
         """Take note that the command is asked to end. From any thread."""
         if self._own is not None and not self.at_rest:
             self._own.interrupt()
-
-
-_DEGREES = {"rad": "°", "rad/s": "°/s"}
-
-
-def _angles(runtime: RobotRuntime, kind: str, content: Any) -> Mapping[str, str]:
-    """Return the units of the parameters of a child's command that people read in degrees, by name."""
-    if kind not in {"call", "tell"}:
-        return NO_ANGLES
-    try:
-        spec = runtime.child_spec(*content[:2])
-    except VrError:  # the slot is empty
-        return NO_ANGLES
-    fields = spec.parameters if spec else ()
-    return {field.name: _DEGREES[field.unit] for field in fields if field.unit in _DEGREES}

@@ -15,8 +15,10 @@ from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager
 from typing import Any
 
-from robotree.vr.base.literal import rounded, write
+from robotree.vr.base.description import FieldSpec
+from robotree.vr.base.literal import write
 from robotree.vr.base.principal import is_person
+from robotree.vr.base.readable import in_words
 from robotree.vr.base.requests import Level, LoggedLine, Returned
 from robotree.vr.core.events import Ended
 from robotree.vr.core.machine import AcceptedCall
@@ -32,7 +34,9 @@ PERIOD, DEPTH = 1.0 / RATE, (BURST - 0.5) / RATE
 NOTICED = 0.05
 """[s] below which nobody wants to know that a command has waited."""
 _Write = Callable[..., LoggedLine]
-"""Writes a line of what it is made of, its number, and its time [s] since 1970."""
+"""Writes a line of what it is made of, known parameters, its number, and its time [s] since 1970."""
+_Parameters = dict[str, tuple[FieldSpec, ...]]
+"""By command."""
 _CANCELS = frozenset({"CommandCancelled", "ChildCancelled"})
 
 
@@ -40,7 +44,11 @@ class Log:
     """See the module. Its methods may be called from any thread."""
 
     def __init__(
-        self, now: Callable[[], float], unix: Callable[[], float], lock: AbstractContextManager[object]
+        self,
+        now: Callable[[], float],
+        unix: Callable[[], float],
+        lock: AbstractContextManager[object],
+        parameters: Callable[[str], Iterable[FieldSpec]] = lambda _: (),
     ) -> None:
         """Begin empty.
 
@@ -48,12 +56,13 @@ class Log:
             now: returns the time [s] on a monotonic clock.
             unix: returns the time [s] since 1970.
             lock: guards the lines; it is held for moments only.
+            parameters: returns those of a command, empty if it is not known; called without the lock.
         """
         self.on_line: Callable[[], None] = lambda: None
         """Called at the first new line since somebody has asked for lines. In any thread: must be quick."""
         self._news = False
         """Whether there are lines that nobody has asked for."""
-        self._now, self._unix = now, unix
+        self._now, self._unix, self._parameters = now, unix, parameters
         self._lines: deque[LoggedLine] = deque(maxlen=KEPT)
         self._fresh: deque[tuple[_Write, tuple[Any, ...], int, float]] = deque(maxlen=KEPT)
         """Entries since somebody has asked for lines: how each is written, its values, number, time."""
@@ -126,13 +135,19 @@ class Log:
 
     def since(self, number: int) -> list[LoggedLine]:
         """Return the lines after the one of a number, the oldest first."""
-        with self._lock:
-            self._news = False
-            if self._dropped:
-                self._note_dropped()
-            self._lines.extend(write(*what, number, unix) for write, what, number, unix in self._fresh)
-            self._fresh.clear()
-            return [line for line in self._lines if line.number > number]
+        known: _Parameters = {}
+        while True:
+            with self._lock:
+                calls = (what[0].command for write, what, *_ in self._fresh if write is not _said)
+                new = set(calls) - known.keys()
+                if not new:
+                    self._news = False
+                    if self._dropped:
+                        self._note_dropped()
+                    self._lines.extend(write(*what, known, *when) for write, what, *when in self._fresh)
+                    self._fresh.clear()
+                    return [line for line in self._lines if line.number > number]
+            known |= {command: tuple(self._parameters(command)) for command in new}
 
     def _take(self, write: _Write, *what: Any, now: float, always: bool = False) -> None:
         """Take a line, if there is room for it.
@@ -171,18 +186,18 @@ def waits(first: AcceptedCall, seconds: float = 0.0) -> str:
     return f"waits: {whose} first" + (f", {seconds:.0f} s" if seconds >= 1.0 else "")
 
 
-def _said(level: Level, text: str, number: int, unix: float) -> LoggedLine:
+def _said(level: Level, text: str, _known: _Parameters, number: int, unix: float) -> LoggedLine:
     return LoggedLine(number, unix, level, _short(text))
 
 
-def _asked(call: AcceptedCall, words: str, number: int, unix: float) -> LoggedLine:
+def _asked(call: AcceptedCall, words: str, known: _Parameters, number: int, unix: float) -> LoggedLine:
     given = _given(call.sent)
-    text = f"{_by(call.command, call.caller)} {words}{_within(call.sent)}"
+    text = f"{_by(call.command, call.caller)} {words}{_within(call, known)}"
     return LoggedLine(number, unix, "asked", _short(text), call.command, call.key, call.caller, given)
 
 
-def _settled(call: Ended, number: int, unix: float) -> LoggedLine:
-    given, shown, began = _given(call.sent), _within(call.sent), call.began
+def _settled(call: Ended, known: _Parameters, number: int, unix: float) -> LoggedLine:
+    given, shown, began = _given(call.sent), _within(call, known), call.began
     turned = began >= 0.0
     waited, ran = (began if turned else call.ended) - call.came, call.ended - began if turned else 0.0
     times = [f"waited {waited:.1f} s"] if waited >= NOTICED else []
@@ -205,8 +220,8 @@ def _by(command: str, caller: str) -> str:
     return f"{command} by {caller}" if caller else command
 
 
-def _within(arguments: Mapping[str, Any]) -> str:
-    given = _given(rounded(arguments))
+def _within(call: AcceptedCall | Ended, known: _Parameters) -> str:
+    given = _given(in_words(known[call.command], call.sent))
     return f"  ({given})" if given else ""
 
 

@@ -8,15 +8,15 @@ ones. A step that is another one than before ends the command. Pure.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
-from math import degrees
-from types import MappingProxyType
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
+from robotree.vr.base.description import FieldSpec
 from robotree.vr.base.errors import Diverged
+from robotree.vr.base.literal import write
+from robotree.vr.base.readable import in_words, rounded
 from robotree.vr.core import events as on
 
-NO_ANGLES: Mapping[str, str] = MappingProxyType({})
 _STEP = re.compile(r"(\d+\.)?\d+")
 """Path of a step of the command itself."""
 
@@ -125,20 +125,17 @@ class Replay:
         return Diverged(robot=self._robot, command=self._command, step=path, before=before, now=now)
 
 
-def words_of_step(kind: str, content: Any, angles: Mapping[str, str] = NO_ANGLES) -> str:
-    """Return a step in words: `arm.go_to(x=0.3, twist=45 °)`.
+def words_of_step(kind: str, content: Any, fields: Iterable[FieldSpec] | None = None) -> str:
+    """Return a step in words: `arm.go_to(x=0.3, twist=45deg)`.
 
     Args:
         kind: of the step.
         content: of the step.
-        angles: the units of those parameters that are shown in degrees, by name.
+        fields: the parameters of the child's command, for people; None: all digits, in the declared units.
     """
     if kind in {"call", "tell"}:  # see `call_child`
         slot, command, arguments = content
-        given = ", ".join(f"{name}={_shown(value, angles.get(name))}" for name, value in arguments.items())
-        return f"{slot}.{command}({given})"
-    return kind if content is None else f"{kind} {content}"
-
-
-def _shown(value: Any, unit: str | None) -> str:
-    return f"{degrees(value):.4g} {unit}" if unit and isinstance(value, int | float) else repr(value)
+        shown = arguments if fields is None else in_words(fields, arguments)
+        return f"{slot}.{command}({', '.join(f'{name}={write(value)}' for name, value in shown.items())})"
+    shown = content if fields is None else rounded(content)
+    return kind if content is None else f"{kind} {shown}"

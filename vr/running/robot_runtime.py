@@ -208,7 +208,7 @@ class RobotRuntime:
         """Called when `has_news` becomes true. In any thread."""
         self._journal, self._runner, self._lock = process.journal, process.runner, process.runner.lock()
         self._commands, self._exposures = commands_of(type(robot)), exposures_of(type(robot))
-        self.log = Log(self._runner.now, self._runner.unix, self._runner.lock())
+        self.log = Log(self._runner.now, self._runner.unix, self._runner.lock(), self._parameters_of)
         """The output of its code, and the ends of its commands."""
         self.traffic = BondTraffic(self._runner.now, self._runner.lock())
         self._bereft: dict[str, dict[Callable[[VrError], None], None]] = {}
@@ -1024,10 +1024,18 @@ class RobotRuntime:
 
     def result_of(self, command: str) -> tuple[FieldSpec, ...]:
         """Return what the result of a command is: its parts; empty: it has none, or is not known."""
+        spec = self._known_spec(command)
+        return spec.result if spec else ()
+
+    def _parameters_of(self, command: str) -> tuple[FieldSpec, ...]:
+        spec = self._known_spec(command)
+        return spec.parameters if spec else ()
+
+    def _known_spec(self, command: str) -> CommandSpec | None:
         try:
-            return self.spec(command).result
+            return self.spec(command)
         except (VrError, NotDescribed):
-            return ()
+            return None
 
     def takes_long(self, call: Call) -> bool:
         """Whether an argument is a text with another unit than the declared, and units are not loaded yet."""
@@ -1115,6 +1123,14 @@ class RobotRuntime:
         """
         with self._lock:
             return self.core.state.slots.require(slot).description.command(command)
+
+    def child_parameters(self, slot: str, command: str) -> tuple[FieldSpec, ...]:
+        """Return the parameters of a child's command; empty: there are none, or it is not known."""
+        try:
+            spec = self.child_spec(slot, command)
+        except VrError:  # the slot is empty
+            return ()
+        return spec.parameters if spec else ()
 
     def expect_permitted(self, slot: str, command: str) -> None:
         """Refuse a call that the manifest of the page does not permit.

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from PIL import Image
 from textual.pilot import Pilot
 
+from robotree.tui.processes.alarm_file import alarms_of
 from robotree.tui.recording.exports import opened
 from robotree.tui.recording.playback import Playback
 from robotree.tui.recording.replaying import AGAIN, BesideReading, Player, Replay
@@ -29,6 +30,7 @@ from robotree.tui.recording.tape import (
 from robotree.tui.recording.transport import RecordedTransport
 from robotree.tui.screen.pages.main import main_page
 from robotree.tui.screen.widgets.picture import PictureView
+from robotree.tui.seen.alarms import Alarm
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import BondSpec, CommandSpec, RobotDescription
 from robotree.vr.base.errors import VrError
@@ -276,3 +278,25 @@ async def test_the_words_of_a_replay_are_about_the_recording_not_about_robots(fo
         await until(lambda: "Hold the recording, or let it go on" in text_of(app), "the help of a replay")
         assert "stops every robot" not in text_of(app)
         assert "resumes" not in text_of(app)
+
+
+async def test_the_palette_of_a_replay_offers_its_own_keys_and_no_stop(folder: Path) -> None:
+    async with replayed(folder, at=5.0) as (app, _):
+        offered = {command.title: command for command in app.get_system_commands(app.screen)}
+        assert not [title for title in offered if "stop" in title]
+        offered["Recording: hold, go on  (space)"].callback()
+        assert not app.player.held
+
+
+async def test_living_alarms_do_not_judge_a_recording(folder: Path) -> None:
+    alarm = Alarm(robot="arm-1", reading="z", sign=">", limit=0.1)
+    kept = [alarms_of(realm) for realm in ("default", "hall")]
+    for file in kept:
+        file.change(lambda alarms: alarms.update({alarm.name: alarm}))
+    async with replayed(folder, at=5.0) as (app, pilot):
+        app.player.go_to(NOON + 70)
+        await press(pilot, "U")
+        app.run_typed("alarms")
+        await until(lambda: "those of then are in the log" in text_of(app), "why there are none")
+        assert not app.store.watched.alarms
+    assert [file.all()[0].state for file in kept] == ["calm", "calm"]

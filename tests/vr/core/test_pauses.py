@@ -238,7 +238,7 @@ async def test_the_step_before_which_it_waits_has_angles_in_degrees_and_no_noise
 ) -> None:
     await homes.client(painter).pause()
     task = begin(homes, painter, "turns")
-    await until_held(homes, painter, "step 1: arm.turn(y=0.0, twist=45 °)")
+    await until_held(homes, painter, "step 1: arm.turn(y=0.0, twist=45deg)")
     await homes.client(painter).go_on()
     await task
 

@@ -9,10 +9,12 @@ import sys
 import threading
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
+from math import radians
 
 import pytest
 
 from robotree.vr.agents.host import Host
+from robotree.vr.base.description import FieldSpec
 from robotree.vr.base.errors import BundleError, CommandCancelled, CommandFailed
 from robotree.vr.base.requests import LoggedLine, LogLines, Returned, decode_event
 from robotree.vr.bundle import Bundle
@@ -249,6 +251,16 @@ def test_a_line_shows_four_digits_of_an_argument_and_keeps_all_of_them() -> None
     (line,) = log.since(0)
     assert line.text == "go_to by mover is done: ran 1.0 s  (y=0.0 z=0.3 twist=0.0)"
     assert line.arguments == "y=-3.355169440888428e-12 z=0.30000000000000004 twist=-0.0"
+
+
+def test_a_line_shows_the_angles_of_a_command_in_degrees_and_keeps_them_as_they_came() -> None:
+    turn = [FieldSpec(name="twist", type="float", unit="rad"), FieldSpec(name="at", type="str")]
+    log = Log(lambda: 0.0, lambda: 1000.0, threading.Lock(), {"turn": turn}.__getitem__)
+    sent = {"twist": radians(45), "at": "noon"}
+    log.settle(Ended("k", "turn", sent, Returned(key="k"), "", 1, "mover", False, 0.0, 0.0, 1.0))
+    (line,) = log.since(0)
+    assert line.text == "turn by mover is done: ran 1.0 s  (twist=45deg at=noon)"
+    assert line.arguments == f"twist={radians(45)} at=noon"
 
 
 def test_what_nobody_says_goes_where_it_went(capsys: pytest.CaptureFixture[str]) -> None:

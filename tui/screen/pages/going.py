@@ -24,9 +24,9 @@ from robotree.tui.processes.place_files import (
 from robotree.tui.screen.pages.dialogs import Modal
 from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.marks import tint
-from robotree.tui.seen.angles import with_unit
 from robotree.vr.base.address import check_name
 from robotree.vr.base.errors import BadName
+from robotree.vr.base.readable import with_unit
 
 if TYPE_CHECKING:
     from robotree.vr.base.description import RobotDescription

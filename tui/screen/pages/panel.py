@@ -26,9 +26,9 @@ from robotree.tui.screen.widgets.program_panel import ProgramPanel
 from robotree.tui.screen.widgets.readings import Readings, ShownReadings
 from robotree.tui.screen.widgets.side_pane import SidePane
 from robotree.tui.seen import wording
-from robotree.tui.seen.angles import command_as_shown
 from robotree.tui.seen.cells import seen
 from robotree.vr.base.errors import VrError
+from robotree.vr.base.readable import command_as_shown
 
 if TYPE_CHECKING:
     from robotree.vr.base.description import RobotDescription

@@ -26,6 +26,7 @@ from robotree.tui.seen.alarms import Alarm
 from robotree.tui.seen.cells import seen
 from robotree.tui.seen.series import Reading, named, sparkline
 from robotree.tui.seen.streams import STREAM, numbers_of
+from robotree.vr.base.readable import apart, entered, figure
 
 PLOTS = 4
 """Plots at a time."""
@@ -203,8 +204,7 @@ class ReadingsPage(Page):
 
     def _alarm_words(self, alarm: Alarm) -> str:
         """Write an alarm in one short line: the list of alarms (`alarms`) says more."""
-        limit = " ".join(instruments.figure(alarm.limit, alarm.unit)).strip()
-        return f"{alarm.state} {seen(alarm.name)} {alarm.sign} {limit}"
+        return f"{alarm.state} {seen(alarm.name)} {alarm.sign} {entered(alarm.limit, alarm.unit)}"
 
     def _row(self, reading: Reading) -> Text:
         store, muted = self.app.store, tint(self.app, "muted")
@@ -213,17 +213,19 @@ class ReadingsPage(Page):
         value = state.readings.get(reading[1]) if state else None
         value = series.latest if value is None and series is not None else value
         unit = self._unit(reading)
-        figure = " ".join(instruments.figure(value, unit)) if value is not None else "-"
         alarm = store.watched.alarms.get(named(reading))
+        limit = entered(alarm.limit, alarm.unit) if alarm else ""
+        text = "-" if value is None else " ".join(figure(value, unit)).strip()
+        if alarm is not None and value is not None:
+            text, _ = apart(value, alarm.limit, unit)
         line = Text.assemble(
             ("■ " if series is not None else "□ ", tint(self.app, "accent") if series is not None else muted),
             f"{seen(named(reading))}  ",
-            (figure, "bold"),
+            (text, "bold"),
         )
         if series is not None:
             line.append(f"  {sparkline(series.newest(10 * SPARK)[::10], SPARK)}", tint(self.app, "accent"))
         if alarm is not None:
-            limit = " ".join(instruments.figure(alarm.limit, alarm.unit)).strip()
             style = "error" if alarm.open else "warning" if alarm.active else "muted"
             line.append(f"  {alarm.sign} {limit}" + (f" {alarm.state}" if alarm.state != "calm" else ""),
                         tint(self.app, style))  # fmt: skip

@@ -146,7 +146,7 @@ class WherePage(Page):
             text.append_text(self._step(step, wall))
             text.append("\n")
         if found and not found.steps:
-            text.append("no child has been called yet\n", tint(self.app, "muted"))
+            text.append(f"{words.NO_CALLS}\n", tint(self.app, "muted"))
         if found and (totals := times(found, wall)):
             text.append("\ntime for each call\n", tint(self.app, "muted"))
             for call, count, seconds in totals:

@@ -15,11 +15,11 @@ from textual.widget import Widget
 
 from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.marks import tint
-from robotree.tui.seen import instruments, plotting
-from robotree.tui.seen.angles import IN_DEGREES
+from robotree.tui.seen import plotting
 from robotree.tui.seen.cells import seen
 from robotree.tui.seen.plotting import Canvas, Curve, Frame
 from robotree.tui.seen.series import Reading, Series, named
+from robotree.vr.base.readable import IN_DEGREES, figure
 
 AXIS = 9
 """Cells for the numbers beside a plot."""
@@ -129,7 +129,7 @@ class Plot(Part, Widget):
         labels = {0: high, len(drawn) - 1: low}
         if len(drawn) >= 5:
             labels[len(drawn) // 2] = high - (high - low) * (len(drawn) // 2) / (len(drawn) - 1)
-        axes = {number: instruments.figure(value, unit)[0] for number, value in labels.items()}
+        axes = {number: figure(value, unit)[0] for number, value in labels.items()}
         if len(set(axes.values())) < len(axes):  # the digits of the unit cannot tell them apart
             scale = degrees(1.0) if unit in IN_DEGREES else 1.0
             axes = {at: plotting.label(scale * value, scale * (high - low)) for at, value in labels.items()}
@@ -161,4 +161,4 @@ class Plot(Part, Widget):
 
 
 def _shown(value: float, unit: str) -> str:
-    return " ".join(instruments.figure(value, unit)).strip()
+    return " ".join(figure(value, unit)).strip()

@@ -17,6 +17,7 @@ from robotree.tui.seen.cells import clip, fit, seen
 from robotree.tui.seen.instruments import Figure, Group
 from robotree.tui.seen.status import span
 from robotree.tui.seen.store import Store
+from robotree.vr.base import readable
 
 FULL = {
     **dict.fromkeys(instruments.FORCE, 35.0),
@@ -142,7 +143,7 @@ class Lines(CachedText):
             total, *rest = figures
             parts = [one for one in rest if one.name != instruments.PEAK]
             peaks = [one.text for one in rest if one.name == instruments.PEAK]
-            peaks = peaks or ([instruments.figure(max(shown.past), "N")[0]] if shown.past else [])
+            peaks = peaks or ([readable.figure(max(shown.past), "N")[0]] if shown.past else [])
             style = muted if shown.old else self._alarm(size, FULL_FORCE)
             if shown.past:
                 words.append(instruments.spark(shown.past, FULL_FORCE, SPARK), style)
@@ -164,7 +165,7 @@ class Lines(CachedText):
         style = tint(self.app, "muted") if shown.old else self._alarm(value, full)
         half = min(max((self.size.width - LABEL - BESIDE) // 2, 2), instruments.HALF)
         left, right = instruments.bar(value, full, half)
-        figure, unit = instruments.figure(value, instruments.unit_of(name, shown.units))
+        figure, unit = readable.figure(value, instruments.unit_of(name, shown.units))
         strong = "bold" if abs(value) < WARN * full and not shown.old else style
         return Text.assemble(
             (left, style), ("│", tint(self.app, "muted")), (right, style), (f" {figure:>6} {unit}", strong)

@@ -1,8 +1,12 @@
-"""Angles as people read and type them: in degrees, also inside lists and records. Pure."""
+"""How a value with its unit is written for people: on the screen, in logs and by verbs. Pure.
+
+Angles are read and typed in degrees, also inside lists and records. A number has four digits (`quantity`); a
+reading that changes on the screen has the decimals of its unit, so that it stands still (`figure`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import degrees, inf, radians
 from typing import TYPE_CHECKING, Any, cast
 
@@ -10,10 +14,108 @@ if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.description import CommandSpec, FieldSpec
 
 IN_DEGREES: Mapping[str, str] = {"rad": "°", "rad/s": "°/s"}
-"""By declared unit: the unit of the screen."""
+"""By declared unit: the unit that people read."""
+
+NOISE = 1e-6
+"""Size below which a number is written as zero: no robot measures that."""
+
+DIGITS = 4
+"""Of a number: enough to know it."""
+
+ENTERED = 9
+"""Digits of a number that a person has entered: none of them is lost, and those of a conversion are."""
+
+DECIMALS: Mapping[str, int] = {
+    "m": 3, "mm": 0, "m/s": 2, "rad": 1, "°": 1, "rad/s": 1, "N": 1, "N m": 2, "s": 1, "V": 1, "A": 2, "%": 0,
+    "count": 0,
+}  # fmt: skip
+"""Digits behind the point, by unit: what an arm can distinguish, and no more. Another unit has `OTHER`."""
+
+OTHER = 3
+MOST_DECIMALS = 17
+LARGE = 1e6
+"""From which on a number is written with its power of ten: no robot measures that."""
 
 ROUNDING = 9
 """Decimals [°] that are kept: the digits behind them come from the conversion."""
+
+
+def number(value: float, digits: int = DIGITS) -> str:
+    """Write a number as short as its digits allow."""
+    return "0" if abs(value) < NOISE else f"{value:.{digits}g}"
+
+
+def quantity(value: float, unit: str, digits: int = DIGITS) -> str:
+    """Write a number in `unit`, with its unit if it has one; an angle in degrees."""
+    value, shown = converted(value, unit)
+    return f"{number(value, digits)} {shown}".rstrip()
+
+
+def entered(value: float, unit: str) -> str:
+    """Write a number in `unit` that a person has entered: with its unit, and as it was entered."""
+    return quantity(value, "" if unit == "count" else unit, ENTERED)
+
+
+def converted(value: float, unit: str) -> tuple[float, str]:
+    """Return a number in `unit` in the unit that people read, and that."""
+    return (degrees(value), IN_DEGREES[unit]) if unit in IN_DEGREES else (value, unit)
+
+
+def figure(value: float, unit: str) -> tuple[str, str]:
+    """Write a number with the decimals of its unit.
+
+    Args:
+        value: in `unit`.
+        unit: as the robot says it.
+
+    Returns:
+        The number and its unit as shown: angles in degrees, counts without a unit. What rounds to zero has
+        no sign.
+    """
+    value, shown = converted(value, unit)
+    return _fixed(value, DECIMALS.get(unit, OTHER)), "" if unit == "count" else shown
+
+
+def apart(value: float, limit: float, unit: str) -> tuple[str, str]:
+    """Write a reading beside a limit: the limit as it was entered, the reading as fine, or finer."""
+    shown, bound = converted(value, unit)[0], entered(limit, unit)
+    number, _, symbol = bound.partition(" ")
+    decimals = max(DECIMALS.get(unit, OTHER), len(number.partition(".")[2]))
+    while value != limit and float(_fixed(shown, decimals)) == float(number) and decimals < MOST_DECIMALS:
+        decimals += 1
+    return f"{_fixed(shown, decimals)} {symbol}".rstrip(), bound
+
+
+def _fixed(value: float, decimals: int) -> str:
+    text = f"{value:.{decimals}f}" if abs(value) < LARGE else f"{value:.4g}"
+    return text if text.strip("-0.") else text.removeprefix("-")
+
+
+def rounded(value: Any) -> Any:
+    """Return a plain value with the digits that people read, and noise as 0."""
+    if isinstance(value, float):
+        return float(number(value))
+    if isinstance(value, Mapping):
+        return {name: rounded(part) for name, part in cast("Mapping[str, Any]", value).items()}
+    if isinstance(value, list | tuple):
+        return [rounded(part) for part in cast("Sequence[Any]", value)]
+    return value
+
+
+def in_words(fields: Iterable[FieldSpec], arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Return arguments for a line of a log: rounded, and angles as a person would type them, `45deg`.
+
+    Args:
+        fields: as the command declares them; what is not among them keeps its unit.
+        arguments: by name, in the declared units, or texts as they came.
+    """
+    known, values = {field.name: field for field in fields}, rounded(arguments)
+    return {name: _each(known[name], value, _in_words) if name in known else value
+            for name, value in values.items()}  # fmt: skip
+
+
+def _in_words(field: FieldSpec, angle: float | str) -> str:
+    return angle if isinstance(angle, str) else with_unit(number(degrees(angle)), field.unit)
 
 
 def is_angle(field: FieldSpec) -> bool:
@@ -22,7 +124,7 @@ def is_angle(field: FieldSpec) -> bool:
 
 
 def as_shown(field: FieldSpec) -> FieldSpec:
-    """Return a field as the screen has it: units, bounds and default of all angles in it in degrees."""
+    """Return a field as people read it: units, bounds and default of all angles in it in degrees."""
     import msgspec
 
     if not _turns(field):
@@ -45,7 +147,7 @@ def _turns(field: FieldSpec) -> bool:
 
 
 def command_as_shown(command: CommandSpec) -> CommandSpec:
-    """Return a command with its parameters as the screen has them."""
+    """Return a command with its parameters as people read them."""
     import msgspec
 
     return msgspec.structs.replace(command, parameters=tuple(map(as_shown, command.parameters)))
