@@ -20,7 +20,7 @@ from robotree.protocol.services.goal_client import GoalEnded
 from robotree.proxy.connection import Connection
 from robotree.proxy.motion import Request
 from robotree.proxy.pending_goals import NotSent, OutcomeLost, PendingGoal, PendingGoals
-from robotree.proxy.session import ControllerSession, OnlineChanged, SessionEvent
+from robotree.proxy.session import ControllerSession, SessionEvent
 from robotree.vr.world.testing import until
 
 Controller = Any
@@ -105,18 +105,6 @@ async def test_who_reads_that_it_is_offline_reads_that_it_is_back(
     assert "offline" in caplog.messages[0]
 
 
-async def test_a_controller_that_restarts_is_found_again(controller: Controller) -> None:
-    async with talking(controller) as (bench, listener):
-        await listener.close()
-        await until(lambda: not bench.session.online, "its end is noticed")
-        assert "has closed the link" in bench.session.trouble
-        again = await listen(listener.address, controller.accept)
-        await until(lambda: bench.session.online, "it is found")
-        turns = [event.online for event in bench.events if isinstance(event, OnlineChanged)]
-        assert turns == [True, False, True]
-    await again.close()
-
-
 async def test_a_goal_from_another_thread_ends_with_its_result(controller: Controller) -> None:
     async with talking(controller) as (bench, _):
         pending = await asyncio.to_thread(bench.start)
@@ -125,16 +113,6 @@ async def test_a_goal_from_another_thread_ends_with_its_result(controller: Contr
         end = await wait_for(pending)
         assert isinstance(end, GoalEnded)
         assert (end.state, end.text) == (GoalState.FAILED, "It slipped.")
-
-
-async def test_a_cancelled_goal_ends_at_the_controller(controller: Controller) -> None:
-    async with talking(controller) as (bench, _):
-        pending = bench.start()
-        await until(lambda: bool(controller.begun), "the goal arrives")
-        await asyncio.to_thread(bench.pending.cancel, pending)
-        end = await wait_for(pending)
-        assert end.state == GoalState.CANCELLED
-        assert controller.abandoned
 
 
 async def test_no_goal_waits_for_a_proxy_that_has_ended(controller: Controller) -> None:

@@ -14,21 +14,6 @@ from robotree.proxy.session import OnlineChanged
 Talk = Any
 
 
-@pytest.mark.parametrize(("delay", "pause"), [(0.1, 0.0), (0.3, 0.05), (0.3, 0.5), (0.3, 1.0)])
-def test_a_release_within_a_round_trip_of_our_own_stop_ends_that_stop(
-    make_talk: type[Talk], delay: float, pause: float
-) -> None:
-    talk = make_talk(Faults(delay=delay))
-    talk.wait(2.0)
-    talk.perform(talk.session.stop(talk.now))
-    talk.wait(pause)
-    talk.perform(talk.session.release(1, talk.now))
-    talk.wait(RELEASE_TIMEOUT)
-    assert (talk.controller.mode, talk.session.held) == (ModeKind.READY, "")
-    assert talk.controller.stops == 2, "it was stopped once"
-    assert talk.events.count(ReleaseConfirmed()) == 1
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_over_a_bad_link_a_release_ends_as_it_is_told(make_talk: type[Talk], seed: int) -> None:
     talk = make_talk(Faults(loss=0.4, delay=0.2, seed=seed))

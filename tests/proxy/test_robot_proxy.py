@@ -34,13 +34,11 @@ from robotree.proxy.translate import goal_key
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.author.command import command
 from robotree.vr.base.errors import (
-    BadArgument,
     CommandCancelled,
     CommandFailed,
     CommandInDoubt,
     DeadlineExceeded,
     NoSuchCommand,
-    StaleEpoch,
     Stopped,
 )
 from robotree.vr.exchange.client import RobotClient
@@ -191,24 +189,6 @@ async def test_a_deadline_ends_the_goal_at_the_controller_too(scene: Scene) -> N
     await until(lambda: bool(scene.controller.abandoned), "the goal is abandoned")
 
 
-async def test_what_is_out_of_its_limits_never_reaches_the_wire(make_controller: type[Controller]) -> None:
-    limits = {"x": Span(0.4, 0.5, "m")}
-    async with acting(make_controller(), lambda url: Arm("arm-1", url, limits)) as scene:
-        await scene.online()
-        with pytest.raises(BadArgument, match=r"arm-1\.go_to: x: 0\.3 m is outside 0\.4 to 0\.5 m"):
-            await scene.client.call("go_to", POINT)
-        assert scene.goals == []
-
-
-async def test_a_controller_that_has_obeyed_a_newer_epoch_is_not_even_asked(scene: Scene) -> None:
-    epoch = scene.agent.description().epoch
-    scene.controller.goals.fence(epoch + 7)
-    await until(lambda: scene.robot.controller_epoch == epoch + 7, "the controller tells its epoch")
-    with pytest.raises(StaleEpoch, match=f"no longer obeys epoch {epoch}, it is at {epoch + 7}"):
-        await scene.client.call("go_to", POINT)
-    assert scene.goals == []
-
-
 async def test_get_info_tells_the_present_moment(scene: Scene) -> None:
     info = await scene.client.call("get_info", {})
     assert info["x"] == pytest.approx(0.1)
@@ -273,17 +253,6 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("impatient")
-async def test_a_goal_whose_controller_dies_does_not_hang(make_controller: type[Controller]) -> None:
-    async with acting(make_controller()) as scene:
-        await scene.online()
-        call = scene.begin("go_to", POINT)
-        await scene.moving()
-        await scene.listener.close()
-        with pytest.raises(CommandFailed, match="fallen silent; look whether the robot still moves"):
-            await call
-
-
-@pytest.mark.usefixtures("impatient")
 async def test_what_adds_up_and_is_not_heard_of_any_more_is_in_doubt(
     make_controller: type[Controller],
 ) -> None:
@@ -309,23 +278,6 @@ async def test_a_safe_stop_reaches_the_controller_and_its_release_too(scene: Sce
         await scene.client.call("go_to", POINT)
     await scene.client.resume()
     await until(lambda: scene.controller.mode == ModeKind.READY, "the controller is released")
-
-
-async def test_a_stop_that_a_former_proxy_asked_for_is_told_and_can_be_released_by_the_next(
-    make_controller: type[Controller],
-) -> None:
-    controller = make_controller()
-    controller.mode = ModeKind.SAFE_STOP
-    async with acting(controller) as scene:
-        await until(lambda: scene.agent.description().stopped, "the stop is told")
-        assert scene.agent.description().stop_reason == IN_STOP
-        with pytest.raises(Stopped, match=rf"arm-1 is stopped \({IN_STOP}\); .* `robotree resume arm-1`"):
-            await scene.client.call("go_to", POINT)
-        assert await scene.client.call("get_info", {}), "it may be looked at"
-        await scene.client.resume()
-        assert not scene.agent.description().stopped
-        await until(lambda: controller.mode == ModeKind.READY, "the controller is released")
-        assert scene.goals == []
 
 
 async def test_a_stop_on_another_link_ends_what_runs_and_what_waits_until_it_is_released_there(
@@ -438,21 +390,6 @@ async def test_a_command_that_a_stop_has_ended_begins_no_further_motion_after_th
         with pytest.raises(CommandCancelled, match="a hand in the cell"):
             await call
         assert len(scene.goals) == 1
-
-
-async def test_a_rover_is_not_sent_out_of_its_arena(make_controller: type[Controller]) -> None:
-    controller = make_controller()
-    controller.place = (1.0, 0.5)
-    async with acting(controller, lambda url: Rover("rover-1", url)) as scene:
-        await scene.online()
-        assert (await scene.client.call("get_info", {}))["y"] == pytest.approx(0.5)
-        with pytest.raises(BadArgument, match=r"rover-1\.move: x: the move would end at 1\.600 m"):
-            await scene.client.call("move", {"x": 0.6, "y": 0.0})
-        call = scene.begin("move", {"x": 0.4, "y": -0.2})
-        await scene.moving()
-        scene.controller.finish(GoalState.SUCCEEDED)
-        await call
-        assert scene.goals[0].args[:3] == pytest.approx((0.4, -0.2, 0.4))
 
 
 async def test_a_proxy_of_the_wrong_kind_says_so(make_controller: type[Controller]) -> None:

@@ -16,11 +16,10 @@ from robotree.protocol.messages import (
     Joints,
     MavCmd,
     MavResult,
-    Reason,
     Tool,
 )
 from robotree.protocol.services.command_client import RESEND
-from robotree.protocol.services.goal_client import LONGEST_SILENCE, GoalEnded, GoalProgress, GoalSilent
+from robotree.protocol.services.goal_client import GoalProgress
 from robotree.protocol.services.heartbeat import SILENCE
 from robotree.proxy.session import DEAD, ControllerSession
 
@@ -82,15 +81,6 @@ def test_a_link_on_which_nobody_speaks_is_given_up(talk: Talk) -> None:
     assert talk.turns == []
 
 
-def test_a_broken_link_is_offline_at_once_and_online_again_with_the_next(talk: Talk) -> None:
-    talk.wait(1.0)
-    talk.cut()
-    assert not talk.session.online
-    talk.connect()
-    talk.wait(0.1)
-    assert talk.turns == [True, False, True]
-
-
 def test_a_goal_tells_its_progress_and_its_end(talk: Talk) -> None:
     talk.wait(0.1)
     talk.start()
@@ -130,25 +120,6 @@ def test_the_controller_is_told_the_epoch_and_the_time_to_live(talk: Talk) -> No
     assert talk.session.obeyed == 9
 
 
-def test_a_goal_of_an_older_epoch_is_refused(talk: Talk) -> None:
-    talk.wait(0.1)
-    talk.start(key=1, epoch=9)
-    talk.start(key=2, epoch=8)
-    talk.wait(0.1)
-    (end,) = [event for event in talk.events if isinstance(event, GoalEnded)]
-    assert (end.key, end.state, end.reason) == (2, GoalState.REFUSED, Reason.STALE_EPOCH)
-
-
-def test_a_cancelled_goal_ends_where_the_robot_is(talk: Talk) -> None:
-    talk.wait(0.1)
-    talk.start()
-    talk.wait(0.1)
-    talk.perform(talk.session.cancel(7, epoch=5, now=talk.now))
-    talk.wait(0.1)
-    assert talk.ends == [GoalState.CANCELLED]
-    assert [abandoned.reason for abandoned in talk.controller.abandoned] == [Reason.OPERATOR]
-
-
 def test_a_goal_survives_a_short_break_of_its_link(talk: Talk) -> None:
     talk.wait(0.1)
     talk.start()
@@ -161,27 +132,6 @@ def test_a_goal_survives_a_short_break_of_its_link(talk: Talk) -> None:
     talk.wait(1.5)
     assert talk.ends == [GoalState.SUCCEEDED]
     assert len(talk.controller.begun) == 1
-
-
-def test_a_goal_that_a_restarted_controller_forgot_is_not_begun_again(talk: Talk) -> None:
-    talk.wait(0.1)
-    talk.start()
-    talk.wait(0.1)
-    talk.cut()
-    talk.controller.restart()
-    talk.connect()
-    talk.wait(2.0)
-    assert talk.ends == [GoalState.UNKNOWN]
-    assert len(talk.controller.begun) == 1
-
-
-def test_a_goal_of_which_nothing_is_heard_is_told_silent(talk: Talk) -> None:
-    talk.wait(0.1)
-    talk.start()
-    talk.wait(0.1)
-    talk.cut()
-    talk.wait(LONGEST_SILENCE + 0.2)
-    assert [event.key for event in talk.events if isinstance(event, GoalSilent)] == [7]
 
 
 def test_what_is_heard_is_remembered_beyond_the_end_of_the_link(talk: Talk) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from robotree.protocol.messages import Mode, ModeKind, SetMode
-from robotree.proxy.desired_mode import RELEASE_TIMEOUT, StopConfirmed
+from robotree.proxy.desired_mode import RELEASE_TIMEOUT
 
 Talk = Any
 
@@ -116,24 +116,6 @@ def test_a_stop_is_told_before_it_is_confirmed(talk: Talk) -> None:
     talk.controller.mute = True
     talk.perform(talk.session.stop(talk.now))
     assert talk.session.held == "its controller has yet to confirm the stop"
-
-
-def test_a_word_of_the_stop_before_that_comes_late_confirms_no_newer_one(talk: Talk) -> None:
-    talk.wait(1.0)
-    talk.perform(talk.session.stop(talk.now))
-    talk.wait(1.0)
-    late = talk.session.twin.latest(Mode)
-    talk.perform(talk.session.release(1, talk.now))
-    talk.wait(0.1)
-    assert talk.controller.mode == ModeKind.READY
-    talk.events.clear()
-    talk.session.stop(talk.now)  # what it says is lost on the way
-    talk.controller.say(late)
-    talk.wait(0.1)
-    assert StopConfirmed() not in talk.events
-    assert talk.session.held == "its controller has yet to confirm the stop"
-    talk.wait(0.5)
-    assert (talk.controller.mode, talk.events.count(StopConfirmed())) == (ModeKind.SAFE_STOP, 1)
 
 
 def test_nor_does_one_of_before_the_stop_show_the_robot_free(talk: Talk) -> None:

@@ -133,18 +133,6 @@ async def test_a_picture_that_comes_slowly_is_waited_for(
     assert len(requests(controller)) == 1
 
 
-@pytest.mark.parametrize(("width", "height", "quality"), [(0, 0, 0), (-5, 10**9, 1000)])
-async def test_a_wish_beyond_all_bounds_is_moved_into_them(
-    view: WorkspaceView, controller: Controller, width: int, height: int, quality: int
-) -> None:
-    view._answer_within = LONG
-    await view.look("cell", width, height, quality)
-    (request,) = requests(controller)
-    assert 16 <= request.width <= 1920
-    assert 16 <= request.height <= 1920
-    assert 1 <= request.quality <= 100
-
-
 @given(width=st.integers(1, 10**6), height=st.integers(1, 10**6))
 def test_a_wish_keeps_its_shape(width: int, height: int) -> None:
     wish = PictureSpec.of("cell", width, height, 75)

@@ -19,7 +19,7 @@ from robotree.tui.processes.crew import Crew
 from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.testing import until
 from tests.command_line import within_realm
-from tests.terminal import BACKSPACE, CTRL_R, CTRL_S, CTRL_U, DOWN, ENTER, ESCAPE, RIGHT, TAB, Person
+from tests.terminal import ENTER, ESCAPE, Person
 
 pytestmark = [pytest.mark.e2e, pytest.mark.asyncio(loop_scope="module"), pytest.mark.timeout(600)]
 
@@ -152,19 +152,6 @@ async def test_the_deaths_of_a_host_and_a_lookup_service_are_in_both_logs_with_t
         assert len(re.findall(died, text)) == 1, text
 
 
-async def test_who_created_and_who_deleted_a_robot_is_in_both_logs(cell: Cell, screen: Person) -> None:
-    del cell
-    me = f"{os_user()}@{screen.terminal}"
-    screen.types(":create examples/move_to.py as brief\r", sees=f"move_to.py by {me}")
-    screen.shown = b""
-    assert (await RUN("delete", "brief"))[0] == 0
-    screen.shows(f"deleted by {os_user()}@script".encode())
-    _, text, _ = await RUN("log", "brief")
-    assert re.search(rf"created from .*move_to.py by {me}", text), text
-    assert re.search(rf"\d{{4}}-\d\d-\d\d .* deleted by {os_user()}@script", text), text
-    assert (await RUN("log", "nobody"))[0] != 0
-
-
 async def test_states_are_counted_coloured_and_searched_on_a_terminal_of_16_colours(
     cell: Cell, screen: Person
 ) -> None:
@@ -182,47 +169,6 @@ async def test_states_are_counted_coloured_and_searched_on_a_terminal_of_16_colo
     screen.types("?", sees="Protective stop")
     screen.types("/delete", sees="delete")
     screen.types(ESCAPE, sees="Close")
-
-
-async def test_a_verb_typed_in_a_panel_stops_nothing(cell: Cell, screen: Person) -> None:
-    screen.types(ENTER, sees="peak")
-    screen.types(":show arm-1\r", sees="commands")
-    assert not (await cell.realm_client.describe("arm-1")).stopped
-
-
-async def test_a_form_that_is_filled_in_in_one_burst_is_run_as_it_was_typed(
-    cell: Cell, screen: Person
-) -> None:
-    screen.types(ENTER, sees="peak")  # the panel has its first readings
-    screen.types(
-        f"{DOWN}{ENTER}{CTRL_U}0.5{BACKSPACE}4{TAB}{CTRL_U}0.1{TAB}{CTRL_U}35cm{CTRL_R}", sees="done in"
-    )
-    pose = await cell.realm_client.call("arm-1", "get_info", {})
-    assert (pose["x"], pose["y"], pose["z"]) == pytest.approx((0.4, 0.1, 0.35), abs=0.01)
-
-
-async def test_hasty_keys_after_create_make_no_other_robot(cell: Cell, screen: Person) -> None:
-    screen.types(":create examples/move_to.py as mover\rn", sees="new virtual robot")
-    await until(lambda: any(robot.name == "mover" for robot in cell.realm_client.robots()), "it is made")
-    screen.types(f"{TAB}", sees="Create")
-    screen.types(f"{DOWN}znwz{ENTER}e{ENTER}", sees="new virtual robot")
-    names = {robot.name for robot in cell.realm_client.robots()}
-    assert names <= {"arm-1", "mover"}, "nobody asked for another one"
-    await cell.realm_client.delete("mover")
-
-
-async def test_the_stop_works_in_a_field_and_a_question_is_answered_by_its_own_keys(
-    cell: Cell, screen: Person
-) -> None:
-    screen.types(ENTER, sees="peak")  # the panel has its first readings
-    screen.types(f"{DOWN}{ENTER}{CTRL_U}0.4 {CTRL_S}", sees="PROTECTIVE STOP")
-    assert (await cell.realm_client.describe("arm-1")).stopped
-    screen.types(ESCAPE, sees="log  g")
-    screen.types("R", sees="Is all clear?")
-    screen.types(ENTER, sees="log  g")
-    assert (await cell.realm_client.describe("arm-1")).stopped, "Enter came upon Cancel"
-    screen.types(f"R{RIGHT}{ENTER}", sees="was resumed")
-    assert not (await cell.realm_client.describe("arm-1")).stopped
 
 
 def os_user() -> str:

@@ -124,14 +124,6 @@ async def test_a_killed_verb_takes_its_command_with_it_unless_it_was_detached(
     await until_busy(realm_client, "")
 
 
-@pytest.mark.usefixtures("crew")
-async def test_a_stop_is_told_until_it_is_released() -> None:
-    await robotree("stop")
-    assert "STOPPED" in (await robotree("show", "talker"))[1]
-    await robotree("resume")
-    assert "STOPPED" not in (await robotree("show", "talker"))[1]
-
-
 async def test_a_stop_that_cannot_reach_a_robot_names_its_process_and_fails(crew: Crew, place: Path) -> None:
     host = crew.members[-1].pid
     os.kill(host, signal.SIGSTOP)

@@ -1,12 +1,11 @@
-"""A host whose log was damaged, taken away or copied, or whose disk is full, says it in one sentence."""
+"""A host whose log was damaged or copied, or whose disk is full, says it in one sentence."""
 
 from __future__ import annotations
 
 import json
-import os
 import resource
 import shutil
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
@@ -68,48 +67,15 @@ def flip(folder: Path) -> None:
     newest(folder).write_bytes(data)
 
 
-def other_version(folder: Path) -> None:
-    """Have the first record name another version; the checksums fit."""
-    from robotree.vr.journal import segments
-
-    log = segments.Segments(folder, segments.OSDisk())
-    log.begin()
-    log.write(bytearray(bytes(HEAD.size) + b"\xdd\x00\x00\x00\x01\x93\xa5Began\x63\x01"))
-    log.drop_older()
-    log.close()
-
-
-def replaced_by_a_fifo(folder: Path) -> None:
-    newest(folder).unlink()
-    os.mkfifo(folder / "00000001.log")
-
-
-FAULTS: dict[str, tuple[Callable[[Path], object], str]] = {
-    "a flipped bit": (
-        flip,
-        "is damaged at byte 0 (its checksum is another one): none of its robots is started",
-    ),
-    "another version": (other_version, "was written by another version of robotree (format 99)"),
-    "a log that was shortened": (
-        lambda folder: os.truncate(newest(folder), newest(folder).stat().st_size - 3),
-        "3 bytes at the end of 00000001.log are missing",
-    ),
-    "a log that was removed": (lambda folder: newest(folder).unlink(), "00000001.log is missing from"),
-    "a FIFO": (replaced_by_a_fifo, "it is a FIFO, not a file"),
-}
-
-
-@pytest.mark.parametrize("fault", FAULTS)
-async def test_a_host_says_what_is_wrong_with_its_log_and_starts_nothing(crew: Crew, fault: str) -> None:
-    damage, words = FAULTS[fault]
+async def test_a_host_says_what_is_wrong_with_its_log_and_starts_nothing(crew: Crew) -> None:
     folder = await killed(crew)
-    damage(folder)
+    flip(folder)
     before = {path.name: path.lstat().st_size for path in folder.glob("*.log")}
     done = robotree("host", "h1", "--realm", REALM)
     assert done.returncode == exit_codes.REFUSED, done.stderr
     assert "Traceback" not in done.stderr
     *_, sentence = done.stderr.splitlines()
-    assert words in sentence
+    assert "is damaged at byte 0 (its checksum is another one): none of its robots is started" in sentence
     assert "--forget" in sentence
     assert {path.name: path.lstat().st_size for path in folder.glob("*.log")} == before
     await crew.start("host", "h1", "--forget")
@@ -145,11 +111,10 @@ async def test_a_full_disk_is_told_while_the_robots_run_on(crew: Crew) -> None:
     assert "the robots of the last host are not back: the disk was full" in following.log
 
 
-@pytest.mark.parametrize("line", ["cancel square", "stop square"])
-async def test_a_robot_whose_host_is_away_is_not_called_unknown(crew: Crew, line: str) -> None:
+async def test_a_robot_whose_host_is_away_is_not_called_unknown(crew: Crew) -> None:
     folder = await killed(crew)
     before = newest(folder).read_bytes()
-    done = robotree(*line.split(), "--realm", REALM)
+    done = robotree("stop", "square", "--realm", REALM)
     assert done.returncode == exit_codes.REFUSED
     assert done.stderr.startswith("robotree: square is away with its host h1, which wrote last ")
     assert done.stderr.endswith("s ago, so nothing was done; `robotree host h1` brings it back\n")

@@ -15,23 +15,14 @@ import pytest
 
 from robotree.client.joining import joined
 from robotree.tui import exit_codes
-from robotree.tui.demo import cast
 from robotree.tui.errors import MemberFailed
 from robotree.tui.processes.crew import LONGEST_PAUSE, PAUSE, Crew, Member, pause_after
 from robotree.vr.agents.run import RETURNS
-from robotree.vr.base.address import ROLES, Role
+from robotree.vr.base.address import ROLES
 from tests.command_line import ROBOTREE
 
 pytestmark = [pytest.mark.e2e, pytest.mark.usefixtures("place")]
 
-PRESENT: dict[Role, list[str]] = {
-    "robot": ["arm-1", "rover-1"],
-    "view": ["cell"],
-    "host": ["host-1"],
-    "lookup": ["directory-1", "lookup-1"],
-    "directory": ["directory-1"],
-}
-"""Who is in the demo's cell."""
 STARTER = """
 import asyncio, sys
 from pathlib import Path
@@ -171,19 +162,6 @@ async def test_a_member_that_crashes_is_started_again_where_it_was(tmp_path: Pat
         assert await host.process.wait() == 0, "it was asked to end: that is no crash"
         host = await crew.start("host", "h-1")
     assert not is_running(host.pid)
-
-
-async def test_a_demo_outlives_the_crash_of_each_of_its_processes(tmp_path: Path) -> None:
-    async with Crew("default", tmp_path, restarts=True) as crew:
-        await cast(crew, speedup="4")
-        for member in [*crew.members]:
-            await again(crew, member)
-        async with joined("default") as realm_client, asyncio.timeout(60):
-            for role, names in PRESENT.items():
-                assert sorted(one.name for one in realm_client.directory.present(role)) == names
-            for robot in ("arm-1", "rover-1"):
-                while not (await realm_client.describe(robot)).online:  # noqa: ASYNC110 # an answer has no event
-                    await asyncio.sleep(0.02)
 
 
 def test_the_first_crash_costs_no_pause_and_no_pause_is_longer_than_children_wait() -> None:

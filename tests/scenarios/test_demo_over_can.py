@@ -27,7 +27,6 @@ from robotree.vr.world.testing import until
 from tests.command_line import robotree
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(300), pytest.mark.usefixtures("place")]
-EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 @asynccontextmanager
@@ -89,33 +88,6 @@ def test_the_options_name_the_wire() -> None:
 def test_a_realm_whose_name_is_a_number_has_a_bus_too() -> None:
     for address in (Wire.CAN_FD.address("7", number) for number in (1, 2)):
         assert first_port(read(parse(address)).channel) > 1024
-
-
-async def lever(realm_client: RealmClient) -> float:
-    """[rad] What the workspace's instrument reads; a view tells it from its first pose on."""
-    async with asyncio.timeout(60):
-        while True:
-            readings = (await realm_client.describe_view("cell")).readings
-            if "lever" in readings:
-                return readings["lever"]
-            await asyncio.sleep(0.05)
-
-
-async def test_the_lever_is_closed_over_can_fd(tmp_path: Path, listeners: Any) -> None:
-    async with playing(Wire.CAN_FD, tmp_path) as realm_client:
-        bus = listeners(channel(Wire.CAN_FD))
-        assert await lever(realm_client) < -0.75
-        await realm_client.create(EXAMPLES / "move_to.py", "mover")
-        await realm_client.create(EXAMPLES / "open_close_lever.py", "lever")
-        await realm_client.enslave("mover", "arm", "arm-1")
-        await realm_client.enslave("lever", "mover", "mover")
-        peak = await realm_client.call("lever", "close", {}, deadline=120)
-        readings = (await realm_client.describe_view("cell")).readings
-        assert readings["lever"] > 0.75
-        assert 0 < peak <= readings["peak_force"] < 35
-        frames = heard(bus)
-        assert len(frames) > 1000
-        assert all(frame.is_fd for frame in frames)
 
 
 async def test_classic_can_carries_both_robots_and_pictures(tmp_path: Path, listeners: Any) -> None:

@@ -117,29 +117,6 @@ async def test_without_a_key_the_arm_is_offline_though_it_can_be_heard(cell: Gua
     assert not (await cell.realm_client.describe("without")).online
 
 
-@on_the_cells_loop
-async def test_an_arm_without_keys_is_not_believed_by_who_has_one(cell: Guarded) -> None:
-    arm = await cell.crew.start("sim", "rover", "--listen", "tcp:127.0.0.1:0")
-    words = ("proxy", "rover", "careful", "--connect", arm.address)
-    await cell.crew.start(*words, "--key", str(cell.folder / "ours.key"))
-    await cell.refusal("careful", of="none is signed with our key")
-    assert not (await cell.realm_client.describe("careful")).online
-
-
-def test_the_verbs_of_the_wire_take_the_key_from_the_line_or_the_environment(cell: Guarded) -> None:
-    key = cell.folder / "ours.key"
-    ping = ("wire", "ping", "--connect", cell.address, "--by", "timesync", "--count", "2", "--every", "50ms")
-    assert robotree(*ping).returncode == exit_codes.NOBODY
-    assert robotree(*ping, "--key", cell.folder / "others.key").returncode == exit_codes.NOBODY
-    logs = "".join(log.read_text() for log in cell.folder.glob("sim-arm*.log"))
-    assert "none is signed with our key" in logs
-    assert "they have the signature of another key" in logs
-    for said in (robotree(*ping, "--key", key), robotree(*ping, ROBOTREE_KEY=str(key))):
-        assert said.returncode == exit_codes.DONE, said.stderr
-        assert "2 asked, 2 answered" in said.stdout
-    assert robotree(*ping, "--key", "none", ROBOTREE_KEY=str(key)).returncode == exit_codes.NOBODY
-
-
 def test_a_recording_is_signed_anew_by_who_has_the_key(cell: Guarded) -> None:
     """Recorded frames have old signatures; a client with the key may send their content again."""
     key = cell.folder / "ours.key"
@@ -225,26 +202,6 @@ def test_nobody_is_told_the_key(cell: Guarded) -> None:
     for secret in secrets:
         assert len(secret) == 64
         assert not any(secret[:16] in text for text in shown)
-
-
-def test_the_signing_time_is_kept_and_never_goes_back(cell: Guarded) -> None:
-    ring = Keyring(cell.folder / "ours.key")
-    before = ring.persisted()
-    assert before > 0
-    robotree("wire", "ping", "--connect", cell.address, "--count", "1", "--key", cell.folder / "ours.key")
-    assert ring.persisted() > before
-    assert (cell.folder / "ours.key.time").stat().st_mode & 0o777 == 0o600
-
-
-def test_a_key_that_others_can_read_is_not_used(cell: Guarded) -> None:
-    open_to_all = cell.folder / "open.key"
-    open_to_all.write_text((cell.folder / "ours.key").read_text())
-    open_to_all.chmod(0o644)
-    said = robotree("sim", "arm", "--listen", "tcp:127.0.0.1:0", "--key", open_to_all)
-    assert said.returncode == exit_codes.REFUSED
-    assert said.stderr == (
-        f"robotree: {open_to_all}: others can read it; run chmod 600 on it and change the keys\n"
-    )
 
 
 def test_a_passphrase_is_read_from_standard_input_and_never_overwrites(cell: Guarded) -> None:

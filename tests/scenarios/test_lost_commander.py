@@ -8,7 +8,6 @@ import math
 import os
 import shutil
 import signal
-from asyncio.subprocess import DEVNULL
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -22,7 +21,6 @@ from robotree.protocol.links.url import connect
 from robotree.protocol.messages import (
     AnyMessage,
     CommandLong,
-    Goal,
     Heartbeat,
     MavAutopilot,
     MavCmd,
@@ -32,12 +30,9 @@ from robotree.protocol.messages import (
     ModeKind,
     Reason,
     Tool,
-    Verb,
 )
-from robotree.sim.serving.server import serving
 from robotree.tui.processes.crew import Crew
 from robotree.vr.world.testing import until
-from tests.command_line import ROBOTREE
 
 pytestmark = pytest.mark.e2e
 
@@ -48,8 +43,6 @@ STANDING = 0.01
 """[m/s]"""
 LATEST, FARTHEST = 0.15, 0.025
 """[s], [m] from the end to the arm standing."""
-SOON = 0.5
-"""[s] from the end of a command line: two processes and a thread have to notice it first."""
 UNREACHED = 2.0
 """[s] from when nobody can reach a proxy: it looks twice a second, and acts when it looks again."""
 BEAT = Heartbeat(MavType.GCS, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)
@@ -140,32 +133,6 @@ async def test_the_arm_stands_within_150_ms_of_a_kill_of_its_proxy_over_tcp(
     assert metres < FARTHEST, f"{1e3 * seconds:.0f} ms, {1e3 * metres:.1f} mm"
 
 
-async def test_the_arm_stands_soon_after_a_kill_of_the_command_line_that_moves_it(
-    place: Path, record_property: Callable[[str, object], None]
-) -> None:
-    """The command line's presence ends with it; so does its command, and with the command its goal."""
-    async with Crew(REALM, place) as crew:
-        arm = await crew.start("sim", "arm", "--listen", "tcp:127.0.0.1:0")
-        await crew.start("proxy", "arm", "arm-1", "--connect", arm.address)
-        async with joined(REALM) as realm_client, watching(arm.address) as track:
-            await realm_client.call(
-                "arm-1", "go_to", {"x": 0.45, "y": -0.3, "z": 0.35, "twist": 0, "speed": FAST}
-            )
-            words = ["x=0.45", "y=0.3", "z=0.35", "twist=0", f"speed={FAST}", "--realm", REALM]
-            caller = await asyncio.create_subprocess_exec(
-                *ROBOTREE, "call", "arm-1.go_to", *words, stderr=DEVNULL
-            )
-            await under_way(track)
-            killed = track.places[-1][0]
-            caller.kill()
-            await caller.wait()
-            await until(lambda: track.places[-1][0] > killed + 1.0, "it is watched")
-            assert not (await realm_client.describe("arm-1")).busy
-    seconds, metres = track.stood(killed)
-    record_property("standing after [ms], [mm]", (round(1e3 * seconds), round(1e3 * metres, 1)))
-    assert seconds < SOON, f"{1e3 * seconds:.0f} ms, {1e3 * metres:.1f} mm"
-
-
 async def test_the_arm_stands_when_no_process_can_reach_its_proxy_any_more(place: Path) -> None:
     """The realm's folder is gone and cannot be made again, as after the end of a login session."""
     async with Crew(REALM, place) as crew:
@@ -191,41 +158,3 @@ async def test_the_arm_stands_when_no_process_can_reach_its_proxy_any_more(place
             assert "arm-1 ends its commands: no other process can reach it: realm 'lost'" in proxy.log
     seconds, _ = track.stood(gone)
     assert seconds < UNREACHED, f"{seconds:.2f} s"
-
-
-@pytest.mark.speed
-async def test_the_arm_stands_within_150_ms_of_the_end_of_its_serial_line(
-    make_cable: Callable[[], Any],
-) -> None:
-    cable = make_cable()
-    track = Track()
-    async with serving("arm", cable.url(1, "?baud=921600")) as server:
-        firmware, cell = server._controller.firmware, server._controller.cell
-        endpoints: list[Endpoint] = []
-
-        def accept(link: Any) -> Endpoint:
-            endpoints.append(Endpoint(link, system=255, component=190, on_frame=track.hear))
-            return endpoints[0]
-
-        await connect(cable.url(0, "?baud=921600"), accept)
-        await until(lambda: track.mode is not None, "the controller is heard")
-
-        def ask(key: int, y: float) -> None:
-            endpoints[0].send(Goal(key, 1, 0, (0.45, y, 0.35, 0.0, FAST, *(math.nan,) * 2), Verb.GO_TO, 1, 1))
-
-        async def beat() -> None:
-            while True:
-                endpoints[0].send(BEAT)
-                await asyncio.sleep(0.2)
-
-        beating = asyncio.create_task(beat())
-        ask(1, -0.3)
-        await until(lambda: firmware.mode == ModeKind.ACTIVE, "it moves")
-        await until(lambda: firmware.mode == ModeKind.READY, "it is there")
-        ask(2, 0.3)
-        await under_way(track)
-        beating.cancel()
-        cut = cell.time_ms / 1000
-        cable.pull()
-        await until(lambda: firmware.mode == ModeKind.HOLD, "it holds")
-        assert cell.time_ms / 1000 - cut < LATEST - 0.1, "braking takes 0.1 s more, see test_firmware_modes"

@@ -63,7 +63,6 @@ REALMS = (
 )
 """`_realm` says what they mean."""
 STORIES = (
-    "full_runtime_folder",
     "full_shared_folder",
     "founded_at_once",
     "every_realm_is_stopped",
@@ -80,12 +79,6 @@ def test_apart(story: str) -> None:
 
 
 # -- stories ---------------------------------------------------------------------------------------
-
-
-async def full_runtime_folder() -> None:
-    """The realm's own file system is full: the stop reaches all, and who cannot enter says why."""
-    os.environ["XDG_RUNTIME_DIR"] = str(LOGIN)
-    await _stop_while_full(LOGIN / "robotree" / "default", lambda: apart.fill(LOGIN))
 
 
 async def full_shared_folder() -> None:

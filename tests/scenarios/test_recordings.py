@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import signal
 from pathlib import Path
 
@@ -11,7 +10,6 @@ import pytest
 
 from robotree.tui.processes.crew import Crew
 from tests.command_line import ROBOTREE, within_realm
-from tests.waiting import until
 
 pytestmark = pytest.mark.e2e
 
@@ -116,26 +114,3 @@ async def test_a_recorded_session_is_played_again_and_holds(place: Path) -> None
         assert "exists already" in await line("record", str(file), code=1)
         assert "commands, 0 differ" in await line("recording", "compare", str(file), str(file))
         assert "holds no readings" in await line("export", "lerobot", str(file), str(place / "a"), code=1)
-
-
-async def test_a_killed_recorder_leaves_a_recording(place: Path) -> None:
-    run = within_realm("taped")
-    (place / "arm.py").write_text(ARM)
-    file = place / "it.mcap"
-    async with Crew("taped", place) as crew:
-        await crew.start("lookup", "l1")
-        await crew.start("host", "h1")
-        assert (await run("create", str(place / "arm.py"), "as", "arm"))[0] == 0
-        recording = Recording()
-        await recording.begin(file)
-        empty = file.stat().st_size
-        await until(lambda: file.stat().st_size > empty + 1000, "something is flushed")
-        _, out, _ = await run("recording", str(file))
-        assert "it is still being written" in out
-        await recording.end(signal.SIGKILL)
-
-        code, out, complaints = await run("recording", str(file), "--json")
-        assert code == 0, complaints
-        told = json.loads(out)
-        assert not told["whole"]
-        assert [robot["name"] for robot in told["robots"]] == ["arm"]

@@ -51,10 +51,8 @@ def open_terminal() -> Iterator[type[Terminal]]:
         one.wait()
 
 
-def led_by(leader: str, folder: Path, *words: str) -> tuple[str, ...]:
-    """Return the line that starts `robotree WORDS…`, beneath a leader if one is wanted."""
-    if leader != LED_BY_MAKE:
-        return (*ROBOTREE, *words)
+def led_by_make(folder: Path, *words: str) -> tuple[str, ...]:
+    """Return the line that starts `robotree WORDS…` beneath `make`."""
     if not shutil.which(LED_BY_MAKE):
         pytest.skip("without make there is nobody to lead the session")
     makefile = folder / "Makefile"
@@ -75,7 +73,7 @@ def gone(terminal: Terminal, family: list[int]) -> None:
 def test_a_demo_ends_with_its_terminal_and_leaves_nobody(
     tmp_path: Path, open_terminal: type[Terminal]
 ) -> None:
-    terminal = open_terminal(*led_by(LED_BY_MAKE, tmp_path, "demo", "--realm", "closed"))
+    terminal = open_terminal(*led_by_make(tmp_path, "demo", "--realm", "closed"))
     terminal.shows(LISTED)
     family = terminal.family()
     assert len(family) == 2 + CREW, "make, the demo, and its crew"
@@ -98,7 +96,7 @@ def test_the_demo_of_the_companion_shows_its_next_step_and_the_robots_that_it_na
 def test_a_demo_whose_terminal_closes_while_it_starts_leaves_nobody_after_many_signals(
     tmp_path: Path, open_terminal: type[Terminal]
 ) -> None:
-    terminal = open_terminal(*led_by(LED_BY_MAKE, tmp_path, "demo", "--realm", "closed"))
+    terminal = open_terminal(*led_by_make(tmp_path, "demo", "--realm", "closed"))
     terminal.shows(STARTED)
     family = terminal.family()
     terminal.close()
@@ -108,11 +106,10 @@ def test_a_demo_whose_terminal_closes_while_it_starts_leaves_nobody_after_many_s
     assert not any(living(pid) for pid in family)
 
 
-@pytest.mark.parametrize("leader", ["", LED_BY_MAKE])
 def test_the_plain_screen_ends_with_its_terminal(
-    leader: str, tmp_path: Path, open_terminal: type[Terminal]
+    open_terminal: type[Terminal],
 ) -> None:
-    terminal = open_terminal(*led_by(leader, tmp_path, "--realm", "closed"))
+    terminal = open_terminal(*ROBOTREE, "--realm", "closed")
     terminal.shows(SCREEN)
     family = terminal.family()
     terminal.close()

@@ -97,7 +97,7 @@ def by_name(found: list[dict[str, Any]], name: str) -> dict[str, Any]:
 
 
 def test_the_lever_is_closed_by_two_operators_with_one_hand_over(people: list[Sitting]) -> None:
-    anna = Sitting("cell", "demo")
+    anna = Sitting("cell", "demo", "--speedup", "4")
     people.append(anna)
     anna.shows(b"arm-1")
     say("create", EXAMPLES / "move_to.py", "as", "mover")

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import http.server
 import json
 import subprocess
-import threading
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -127,31 +124,3 @@ def test_what_began_ends_with_a_tab_that_freezes_and_with_a_browser_that_is_kill
     assert killed.read_text() == "waits"
     browser.kill()
     says(killed, "ended")
-
-
-def test_pages_without_the_token_and_pages_of_others_get_nothing(
-    addresses: dict[str, str], open_browser: Callable[[], Browser], tmp_path: Path
-) -> None:
-    page, _, token = addresses["command"].partition("#")
-    browser = open_browser()
-    browser.driver.get(page)
-    browser.shows("This tab has no token", at="told")
-    browser.driver.get(f"{page}user#wrong")
-    browser.shows("without the token nothing is shown", at="told")
-    (tmp_path / "index.html").write_text("<p>somebody's page</p>")
-    somebody = partial(http.server.SimpleHTTPRequestHandler, directory=tmp_path)
-    elsewhere = http.server.ThreadingHTTPServer(("127.0.0.1", 0), somebody)
-    threading.Thread(target=elsewhere.serve_forever, daemon=True).start()
-    try:
-        browser.driver.get(f"http://127.0.0.1:{elsewhere.server_port}/")
-        browser.run(
-            f"window.heard = []; const one = new WebSocket('ws://{urlsplit(page).netloc}/screen');"
-            "one.onopen = () => { heard.push('open'); one.send(JSON.stringify({token: arguments[0]})) };"
-            "one.onmessage = () => heard.push('message'); one.onclose = () => heard.push('closed');",
-            token,
-        )
-        wait_until(lambda: browser.run("return heard.includes('closed')"))
-        assert browser.run("return heard.join()") == "closed", "it was never open"
-    finally:
-        elsewhere.shutdown()
-        elsewhere.server_close()

@@ -103,25 +103,3 @@ async def test_the_last_motion_is_told_up_to_the_person_and_outlives_its_host(pl
             file.execute("UPDATE event SET robot = 'somebody' WHERE number = 2")
         assert "host below: event 2 was changed" in await lines("history", "arm", "--verify", code=1)
         assert above.process.returncode is None
-
-
-async def test_a_damaged_file_is_one_sentence_and_its_robots_go_on(place: Path) -> None:
-    run = within_realm("damaged")
-    (place / "arm.py").write_text(ARM)
-    async with Crew("damaged", place) as crew:
-        await crew.start("lookup", "l1")
-        host = await crew.start("host", "h1")
-        await run("create", str(place / "arm.py"), "as", "arm")
-        await run("call", "arm.grip", "force=1")
-        os.kill(host.pid, signal.SIGKILL)
-        await host.process.wait()
-        path = history_files("damaged")["host", "h1"]
-        for left in path.parent.glob("history.db*"):
-            left.write_bytes(b"something else " * 500)
-        await crew.start("host", "h1")
-        code, out, _ = await run("call", "arm.grip", "force=2", "--json")
-        assert (code, json.loads(out)) == (0, 2.0)
-        code, _, complaints = await run("why", "arm")
-        assert code == 1
-        assert str(path) in complaints
-        assert "the robots run on" in complaints

@@ -14,17 +14,14 @@ from robotree.protocol.messages import (
     Mode,
     ModeKind,
     NamedValueFloat,
-    Setpoint,
-    SetpointKind,
     SystemTime,
     Tool,
     Verb,
 )
-from robotree.sim.testing import NAN, ArmBench, Bench, RoverBench
+from robotree.sim.testing import ArmBench, Bench, RoverBench
 
 TURN = 2**32
 """[ms]"""
-FORWARD = (0.3, 0.0, *(NAN,) * 5)
 
 
 def age(bench: Bench, milliseconds: int) -> None:  # type: ignore[type-arg]
@@ -48,20 +45,6 @@ def test_telemetry_goes_on_when_the_time_on_the_wire_begins_anew(
         for kind in (*kinds, Heartbeat):
             assert robot.operator.all(kind), kind
     assert robot.operator.latest(Mode).time_boot_ms < 1100
-
-
-@pytest.mark.parametrize("up", [TURN - 20, TURN + 20, TURN + 60_000])
-def test_a_set_point_is_as_old_as_the_time_on_the_wire_says(up: int) -> None:
-    rover = RoverBench()
-    age(rover, up)
-    rover.operator.say(Setpoint((up - 300) % TURN, 1, 1, FORWARD, 200, 1, 1, SetpointKind.BASE_VELOCITY))
-    rover.operator.wait(0.02)
-    assert rover.controller.firmware.mode == ModeKind.READY, "it was made too long ago"
-    rover.operator.say(Setpoint((up - 100) % TURN, 1, 2, FORWARD, 200, 1, 1, SetpointKind.BASE_VELOCITY))
-    rover.operator.wait(0.02)
-    assert rover.controller.firmware.mode == ModeKind.ACTIVE
-    rover.operator.wait(0.2)
-    assert rover.controller.firmware.mode == ModeKind.READY, "its life is over"
 
 
 def test_what_is_asked_for_then_is_told() -> None:

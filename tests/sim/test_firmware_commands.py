@@ -10,7 +10,6 @@ import pytest
 from robotree.protocol.messages import (
     CommandAck,
     CommandCancel,
-    CommandInt,
     CommandLong,
     GoalState,
     MavCmd,
@@ -52,17 +51,6 @@ def test_a_named_command_tells_its_progress_and_its_end(arm: ArmBench) -> None:
     assert len(told) > 3
     assert told[1:] == sorted(told[1:])
     np.testing.assert_allclose(arm.world.arm.state().position, AWAY[:3], atol=0.004)
-
-
-def test_a_repeated_command_moves_once(rover: RoverBench) -> None:
-    operator = rover.operator
-    began = rover.world.rover.state().position[0]
-    for confirmation in range(3):
-        operator.say(CommandLong(1, 1, MavCmd.ROBOTREE_MOVE, confirmation, 0.1, 0.0, *(NAN,) * 5))
-        operator.wait(0.1)
-    operator.until(lambda: last(operator).result == MavResult.ACCEPTED, 30.0)
-    operator.wait(0.5)
-    assert rover.world.rover.state().position[0] - began == pytest.approx(0.1, abs=0.006)
 
 
 @pytest.mark.parametrize("end", ["cancel", "stop"])
@@ -107,13 +95,6 @@ def test_a_success_is_repeated_only_while_nothing_else_was_done(arm: ArmBench, b
         operator.until(lambda: arm.world.arm.state().width < 0.002, 3.0)
 
 
-def test_a_command_int_says_the_same(rover: RoverBench) -> None:
-    operator = rover.operator
-    operator.say(CommandInt(1, 1, 0, MavCmd.ROBOTREE_MOVE, 0, 0, 0.1, 0.0, NAN, NAN, 0, 0, 0.5))
-    operator.until(lambda: bool(operator.all(CommandAck)) and last(operator).result == 0, 30.0)
-    assert rover.world.rover.state().position[0] == pytest.approx(0.1, abs=0.006)
-
-
 def test_the_gripper_grabs_and_releases(arm: ArmBench) -> None:
     assert result(arm.operator, MavCmd.DO_GRIPPER, 1, 1) == MavResult.ACCEPTED
     arm.operator.until(lambda: arm.world.arm.state().width < 0.002, 3.0)
@@ -146,19 +127,6 @@ def test_a_rover_has_no_gripper(rover: RoverBench) -> None:
     assert result(rover.operator, MavCmd.DO_GRIPPER, 1, 1) == MavResult.UNSUPPORTED
 
 
-def test_a_refusal_says_why_and_may_be_asked_again(arm: ArmBench) -> None:
-    ack = arm.operator.command(MavCmd.ROBOTREE_GO_TO, 2.0, 0.0, 0.3, 0.0)
-    assert (ack.result, ack.result_param2) == (MavResult.DENIED, Reason.OUT_OF_REACH)
-    arm.operator.wait(0.02)
-    assert "out of reach" in text(arm.operator)
-    arm.operator.set_mode(ModeKind.SAFE_STOP)
-    arm.operator.wait(0.05)
-    assert result(arm.operator, MavCmd.ROBOTREE_GO_TO, *AWAY) == MavResult.TEMPORARILY_REJECTED
-    arm.operator.set_mode(ModeKind.READY, epoch=0)
-    arm.operator.wait(0.05)
-    assert result(arm.operator, MavCmd.ROBOTREE_GO_TO, *AWAY) == MavResult.ACCEPTED
-
-
 def test_a_command_takes_the_place_of_a_goal_and_a_goal_that_of_a_command(arm: ArmBench) -> None:
     operator = arm.operator
     goal = operator.ask(Verb.GO_TO, 0.35, 0.25, 0.35, 0.5, epoch=0)
@@ -172,46 +140,12 @@ def test_a_command_takes_the_place_of_a_goal_and_a_goal_that_of_a_command(arm: A
     assert last(operator).result_param2 == Reason.SUPERSEDED
 
 
-def test_a_cancel_ends_a_command_and_the_arm_holds(arm: ArmBench) -> None:
-    operator = arm.operator
-    go(operator, speed=0.05)
-    operator.wait(1.0)
-    operator.say(CommandCancel(1, 1, MavCmd.ROBOTREE_GO_TO))
-    operator.until(lambda: last(operator).result == MavResult.CANCELLED, 0.1)
-    operator.wait(1.0)
-    held = arm.world.arm.state().position
-    operator.wait(2.0)
-    assert np.linalg.norm(arm.world.arm.state().position - held) < 0.005
-    assert operator.mode()[0] == ModeKind.READY
-
-
 def test_the_end_of_whichever_goal_runs_ends_a_command_too(arm: ArmBench) -> None:
     go(arm.operator, speed=0.05)
     arm.operator.wait(0.5)
     arm.operator.cancel(0)
     arm.operator.wait(0.1)
     assert last(arm.operator).result == MavResult.CANCELLED
-
-
-@pytest.mark.parametrize(
-    ("command", "params"),
-    [
-        (MavCmd.COMPONENT_ARM_DISARM, (0.0,)),
-        (MavCmd.COMPONENT_ARM_DISARM, (0.0, KILL)),
-        (MavCmd.DO_FLIGHTTERMINATION, (1.0,)),
-        (MavCmd.DO_SET_MODE, (1.0, float(ModeKind.SAFE_STOP))),
-    ],
-)
-def test_every_stop_of_the_field_is_the_protective_stop_for_anyone(
-    arm: ArmBench, command: int, params: tuple[float, ...]
-) -> None:
-    stranger = arm.operator.another(system=99)
-    arm.operator.command(MavCmd.REQUEST_OPERATOR_CONTROL, 1, 0)
-    goal = arm.operator.ask(Verb.GO_TO, *AWAY)
-    arm.operator.wait(0.3)
-    assert result(stranger, command, *params) == MavResult.ACCEPTED
-    assert arm.operator.end_of(goal, within=0.1).reason == Reason.STOPPED
-    assert arm.operator.mode() == (ModeKind.SAFE_STOP, Reason.OPERATOR)
 
 
 def test_arming_releases_the_stop(arm: ArmBench) -> None:
@@ -284,22 +218,6 @@ def test_a_release_whose_first_transmission_was_lost_is_obeyed(
     arm.operator.set_mode(ModeKind.SAFE_STOP)
     arm.operator.wait(0.05)
     assert say(arm.operator, release, 2) == (MavResult.ACCEPTED, ModeKind.READY), "nobody repeats that late"
-
-
-def test_who_says_each_order_with_the_same_confirmation_can_release_every_stop(arm: ArmBench) -> None:
-    """MAVROS arms with confirmation 1, always."""
-    for _ in range(3):
-        arm.operator.set_mode(ModeKind.SAFE_STOP)
-        arm.operator.wait(0.05)
-        assert say(arm.operator, ARM, 1) == (MavResult.ACCEPTED, ModeKind.READY)
-
-
-def test_a_stop_is_carried_out_at_every_repetition(arm: ArmBench) -> None:
-    disarm = (MavCmd.COMPONENT_ARM_DISARM, 0.0, 0.0)
-    for confirmation in range(3):
-        assert say(arm.operator, disarm, confirmation) == (MavResult.ACCEPTED, ModeKind.SAFE_STOP)
-        arm.operator.set_mode(ModeKind.READY)
-        arm.operator.wait(0.05)
 
 
 def test_where_a_lease_was_obeyed_a_command_needs_control_to_move_or_to_release(arm: ArmBench) -> None:

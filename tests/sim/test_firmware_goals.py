@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from robotree.protocol.messages import Goal, GoalState, GoalStatus, Mode, ModeKind, Reason, Tool, Verb
+from robotree.protocol.messages import GoalState, GoalStatus, ModeKind, Reason, Tool, Verb
 from robotree.sim.testing import NAN, ArmBench
 
 AWAY = (0.35, -0.25, 0.35, 0.5)
@@ -52,40 +52,6 @@ def test_nan_means_as_it_is_now(arm: ArmBench) -> None:
     assert after.twist == pytest.approx(before.twist, abs=0.01)
 
 
-def test_a_goal_is_accepted_then_active_then_reached(arm: ArmBench) -> None:
-    arm.operator.succeed(Verb.GO_TO, *AWAY)
-    statuses = [message for _, message in arm.operator.heard if isinstance(message, GoalStatus)]
-    states = [GoalState(status.state) for status in statuses]
-    assert states[0] == GoalState.ACCEPTED
-    assert set(states[1:-1]) == {GoalState.ACTIVE}
-    assert states[-1] == GoalState.SUCCEEDED
-    assert [status.progress for status in statuses] == sorted(status.progress for status in statuses)
-    np.testing.assert_allclose(arm.world.arm.state().position, AWAY[:3], atol=0.004)
-
-
-def test_the_same_goal_twice_moves_once(arm: ArmBench) -> None:
-    operator = arm.operator
-    key = operator.ask(Verb.GO_TO, *AWAY)
-    first = operator.end_of(key)
-    operator.succeed(Verb.GO_TO, 0.4, 0.2, 0.3, 0.0)
-    before = arm.world.arm.state().q
-    operator.ask(Verb.GO_TO, *AWAY, key=key)
-    operator.wait(1.0)
-    assert operator.status_of(key).sequence == first.sequence
-    np.testing.assert_allclose(arm.world.arm.state().q, before, atol=0.01)
-
-
-def test_a_key_is_not_used_for_two_things(arm: ArmBench) -> None:
-    key = arm.operator.ask(Verb.GO_TO, *AWAY)
-    arm.operator.wait(0.1)
-    arm.operator.ask(Verb.GO_TO, 0.4, 0.2, 0.3, 0.0, key=key)
-    arm.operator.wait(0.1)
-    refusals = [
-        m for _, m in arm.operator.heard if isinstance(m, GoalStatus) and m.reason == Reason.KEY_REUSED
-    ]
-    assert len(refusals) == 1
-
-
 def test_a_newer_goal_takes_the_place_of_the_older_without_a_jerk(arm: ArmBench) -> None:
     operator = arm.operator
     older = operator.ask(Verb.GO_TO, *AWAY)
@@ -114,34 +80,6 @@ def test_a_cancelled_goal_ends_where_the_arm_is(arm: ArmBench) -> None:
     assert operator.mode()[0] == ModeKind.READY
     assert np.linalg.norm(arm.world.arm.state().position - stopped) < 0.03
     assert np.linalg.norm(arm.world.arm.state().position - np.array(AWAY[:3])) > 0.05
-
-
-def test_a_goal_whose_time_is_over_expires_and_the_arm_holds(arm: ArmBench) -> None:
-    key = arm.operator.ask(Verb.GO_TO, *AWAY, ttl=0.5)
-    assert arm.operator.end_of(key).state == GoalState.EXPIRED
-    arm.operator.wait(1.0)
-    assert np.linalg.norm(arm.world.arm.state().position - np.array(AWAY[:3])) > 0.05
-
-
-def test_hold_ends_the_goal_that_runs_and_is_done_at_once(arm: ArmBench) -> None:
-    running = arm.operator.ask(Verb.GO_TO, *AWAY)
-    arm.operator.wait(0.5)
-    assert arm.operator.do(Verb.HOLD, within=0.1).state == GoalState.SUCCEEDED
-    assert arm.operator.status_of(running).reason == Reason.SUPERSEDED
-
-
-def test_an_old_epoch_is_not_obeyed(arm: ArmBench) -> None:
-    operator = arm.operator
-    operator.do(Verb.GRIP, 0.05, epoch=7)
-    status = operator.do(Verb.GO_TO, *AWAY, epoch=6)
-    assert (status.state, status.reason, status.epoch) == (GoalState.REFUSED, Reason.STALE_EPOCH, 7)
-    assert operator.latest(Mode).epoch == 7
-
-
-def test_a_goal_for_another_system_is_not_ours(arm: ArmBench) -> None:
-    arm.operator.say(Goal(1, 1, 0, (*AWAY, NAN, NAN, NAN), Verb.GO_TO, 2, 1))
-    arm.operator.wait(0.5)
-    assert not [m for _, m in arm.operator.heard if isinstance(m, GoalStatus)]
 
 
 def test_the_tool_says_that_it_is_busy(arm: ArmBench) -> None:

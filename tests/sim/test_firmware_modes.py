@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import development
 
-from robotree.protocol import Frame
 from robotree.protocol.frame import encode
 from robotree.protocol.messages import (
     AvailableModes,
@@ -21,16 +20,13 @@ from robotree.protocol.messages import (
     Gripper,
     Heartbeat,
     Joints,
-    MavAutopilot,
     MavCmd,
     MavModeFlag,
-    MavState,
     MavType,
     Mode,
     ModeKind,
     NamedValueFloat,
     Reason,
-    SetMode,
     Statustext,
     Timesync,
     Tool,
@@ -41,40 +37,6 @@ from robotree.sim.testing import ArmBench, RoverBench
 from tests.world.controller import Cart
 
 AWAY = (0.35, -0.25, 0.35, 0.5)
-STRANGER = Heartbeat(MavType.GCS, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)
-
-
-def test_a_safe_stop_is_obeyed_from_anyone_whatever_the_epoch(arm: ArmBench) -> None:
-    operator = arm.operator
-    running = operator.ask(Verb.GO_TO, *AWAY, epoch=9)
-    operator.wait(0.8)
-    arm.controller.post(
-        Frame.of(SetMode(0, 0, 0, ModeKind.SAFE_STOP), system=77, component=5), "another link"
-    )
-    ended = operator.end_of(running, within=0.1)
-    assert (ended.state, ended.reason) == (GoalState.CANCELLED, Reason.STOPPED)
-    assert operator.mode() == (ModeKind.SAFE_STOP, Reason.OPERATOR)
-    stopped = arm.world.arm.state().position
-    operator.wait(2.0)
-    assert np.linalg.norm(arm.world.arm.state().position - stopped) < 0.03
-
-
-def test_while_stopped_goals_are_refused_until_a_lease_that_is_not_stale_releases_it(arm: ArmBench) -> None:
-    operator = arm.operator
-    operator.do(Verb.GRIP, 0.05, epoch=5)
-    operator.set_mode(ModeKind.SAFE_STOP, epoch=0)
-    operator.wait(0.1)
-    refused = operator.do(Verb.GO_TO, *AWAY, epoch=5)
-    assert (refused.state, refused.reason) == (GoalState.REFUSED, Reason.STOPPED)
-    operator.set_mode(ModeKind.READY, epoch=4)
-    operator.wait(0.1)
-    stale = [m for _, m in operator.heard if isinstance(m, Mode) and m.reason == Reason.STALE_EPOCH]
-    assert len(stale) == 1
-    assert operator.latest(Mode).mode == ModeKind.SAFE_STOP
-    operator.set_mode(ModeKind.READY, epoch=6)
-    operator.wait(0.1)
-    assert operator.mode() == (ModeKind.READY, Reason.NONE)
-    assert operator.do(Verb.GO_TO, *AWAY, epoch=6).state == GoalState.SUCCEEDED
 
 
 def test_a_stopped_arm_keeps_what_it_holds(arm: ArmBench) -> None:
@@ -117,53 +79,6 @@ def test_a_silent_commander_loses_the_arm(silence: float) -> None:
     assert np.linalg.norm(arm.world.arm.state().position - held) < 0.01
 
 
-def test_another_voice_does_not_hide_that_the_commander_has_died(arm: ArmBench) -> None:
-    operator = arm.operator
-    running = operator.ask(Verb.GO_TO, 0.35, -0.25, 0.35, 0.5, 0.02)
-    operator.wait(0.1)
-    operator.silent = True
-    for _ in range(6):
-        arm.controller.post(Frame.of(STRANGER, system=77), "another link")
-        operator.wait(0.5)
-    assert operator.status_of(running).reason == Reason.LINK_SILENT
-
-
-SLOWLY = (*AWAY, 0.02)
-
-
-def test_a_link_that_ends_takes_only_the_motion_of_its_own_commander_with_it(arm: ArmBench) -> None:
-    """The commander's own link: at once, and its new link begins nothing by itself."""
-    listener, back = arm.operator.another(system=77), arm.operator.another(component=190, system=255)
-    running = arm.operator.ask(Verb.GO_TO, *SLOWLY)
-    listener.wait(0.5)
-    listener.leave()
-    back.wait(0.1)
-    assert back.mode()[0] == ModeKind.ACTIVE, "a listener has left, not who commands"
-    arm.operator.leave()
-    back.wait(0.02)
-    assert back.mode() == (ModeKind.HOLD, Reason.LINK_SILENT)
-    back.ask(Verb.STATUS, key=running)
-    back.wait(0.02)
-    ended = back.status_of(running)
-    assert (ended.state, ended.reason) == (GoalState.CANCELLED, Reason.LINK_SILENT)
-    assert "link" in ended.text
-    assert back.mode()[0] == ModeKind.HOLD
-    back.ask(Verb.GO_TO, *SLOWLY, key=running + 1)
-    back.wait(0.1)
-    assert back.mode()[0] == ModeKind.ACTIVE, "it may ask again"
-
-
-def test_who_has_asked_for_its_goal_on_another_link_already_may_let_the_old_one_end(arm: ArmBench) -> None:
-    back = arm.operator.another(component=190, system=255)
-    running = arm.operator.ask(Verb.GO_TO, *SLOWLY)
-    back.wait(0.1)
-    back.ask(Verb.STATUS, key=running)
-    back.wait(0.1)
-    arm.operator.leave()
-    back.wait(0.5)
-    assert back.status_of(running).state == GoalState.ACTIVE
-
-
 def test_the_arm_stands_within_100_ms_and_5_mm_of_a_hold_at_its_top_speed(arm: ArmBench) -> None:
     operator, watcher = arm.operator, arm.operator.another(system=77)
     operator.succeed(Verb.GO_TO, 0.45, -0.3, 0.35, 0.0, 0.25)
@@ -181,84 +96,6 @@ def test_the_arm_stands_within_100_ms_and_5_mm_of_a_hold_at_its_top_speed(arm: A
     steps = [float(np.linalg.norm(b - a)) / 0.005 for a, b in itertools.pairwise(track)]
     assert max(way) < 0.005
     assert max(steps[20:]) < 0.01, "[m/s] after 100 ms it neither moves on nor swings back"
-
-
-def test_the_same_ids_on_another_link_do_not_hide_that_the_commander_has_died(arm: ArmBench) -> None:
-    namesake = arm.operator.another(component=190, system=255)
-    running = arm.operator.ask(Verb.GO_TO, *SLOWLY)
-    namesake.wait(0.1)
-    arm.operator.leave()
-    namesake.wait(2.2)
-    assert namesake.mode() == (ModeKind.HOLD, Reason.LINK_SILENT)
-    namesake.ask(Verb.STATUS, key=running)
-    namesake.wait(0.1)
-    assert namesake.status_of(running).reason == Reason.LINK_SILENT
-
-
-@pytest.mark.parametrize("word", ["its status", "the goal again"])
-def test_a_commander_that_asks_for_its_goal_on_another_link_is_the_same_and_is_missed_there(
-    arm: ArmBench, word: str
-) -> None:
-    back = arm.operator.another(component=190, system=255)
-    running = arm.operator.ask(Verb.GO_TO, *SLOWLY)
-    back.wait(0.1)
-    arm.operator.silent = True
-    if word == "its status":
-        back.ask(Verb.STATUS, key=running)
-    else:
-        back.ask(Verb.GO_TO, *SLOWLY, key=running)
-    back.wait(4.0)
-    assert back.status_of(running).state == GoalState.ACTIVE
-    assert back.status_of(running).progress > 0.1, "it is told there how the goal goes"
-    arm.operator.silent, back.silent = False, True
-    back.wait(3.2)
-    assert back.status_of(running).reason == Reason.LINK_SILENT
-
-
-def test_another_goal_under_the_key_of_a_namesake_takes_nothing_over(arm: ArmBench) -> None:
-    namesake = arm.operator.another(component=190, system=255)
-    running = arm.operator.ask(Verb.GO_TO, *SLOWLY)
-    namesake.wait(0.1)
-    namesake.ask(Verb.GO_TO, 0.4, 0.0, 0.3, 0.0, key=running)
-    namesake.wait(0.1)
-    assert namesake.status_of(running).reason == Reason.KEY_REUSED
-    namesake.silent = True
-    namesake.wait(4.0)
-    assert arm.operator.status_of(running).state == GoalState.ACTIVE
-    arm.operator.leave()
-    namesake.wait(3.2)
-    assert namesake.mode() == (ModeKind.HOLD, Reason.LINK_SILENT)
-
-
-def test_whom_an_idle_arm_has_heard_it_does_not_miss(arm: ArmBench) -> None:
-    visitor = arm.operator.another(system=77)
-    visitor.succeed(Verb.GRIP, 0.05)
-    visitor.leave()
-    arm.operator.silent = True
-    arm.operator.wait(5.0)
-    assert {(mode.mode, mode.reason) for mode in arm.operator.all(Mode)[-8:]} == {
-        (ModeKind.READY, Reason.NONE)
-    }
-    assert not [each for each in arm.operator.all(Statustext) if "heard" in each.text]
-
-
-def test_the_next_goal_ends_the_hold(arm: ArmBench) -> None:
-    operator = arm.operator
-    operator.ask(Verb.GO_TO, *SLOWLY)
-    operator.wait(0.1)
-    operator.silent = True
-    operator.wait(4.0)
-    assert operator.mode()[0] == ModeKind.HOLD
-    operator.silent = False
-    operator.succeed(Verb.GO_TO, *AWAY)
-    operator.wait(0.1)
-    assert operator.mode() == (ModeKind.READY, Reason.NONE)
-
-
-def test_without_any_client_so_far_no_client_counts_as_lost(arm: ArmBench) -> None:
-    arm.operator.silent = True
-    arm.operator.wait(5.0)
-    assert arm.operator.mode() == (ModeKind.READY, Reason.NONE)
 
 
 def test_people_are_told_of_stops_and_silence(arm: ArmBench) -> None:

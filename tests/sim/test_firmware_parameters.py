@@ -12,7 +12,6 @@ from robotree.protocol.messages import (
     MavParamType,
     Mode,
     ParamError,
-    ParamRequestList,
     ParamRequestRead,
     ParamSet,
     ParamValue,
@@ -20,12 +19,10 @@ from robotree.protocol.messages import (
     Verb,
 )
 from robotree.sim.arm.tuning import PARAMETERS, ArmTuning
-from robotree.sim.firmware.parameters import LINK_SILENCE
 from robotree.sim.rover.device import PARAMETERS as ROVER_PARAMETERS
 from robotree.sim.rover.device import RoverTuning
 from robotree.sim.testing import ArmBench, Operator, RoverBench
 
-NAMES = [*(each.name for each in PARAMETERS), LINK_SILENCE.name]
 AWAY = (0.35, -0.25, 0.35, 0.5)
 
 
@@ -43,27 +40,6 @@ def test_every_parameter_is_a_number_of_the_robot_within_its_own_limits(
     for each in parameters:
         assert each.lower <= each.read(tuning) <= each.upper  # type: ignore[attr-defined]
     assert len({each.name for each in parameters}) == len(parameters)  # type: ignore[attr-defined]
-
-
-def test_the_whole_list_comes_at_a_bearable_pace_to_who_asked(arm: ArmBench) -> None:
-    other = arm.operator.another()
-    arm.operator.say(ParamRequestList(1, 1))
-    arm.operator.wait(0.05)
-    assert 1 <= len(arm.operator.all(ParamValue)) <= 4
-    arm.operator.wait(1.0)
-    values = arm.operator.all(ParamValue)
-    assert [(each.param_id, each.param_index) for each in values] == [(n, i) for i, n in enumerate(NAMES)]
-    assert {(each.param_type, each.param_count) for each in values} == {(MavParamType.REAL32, len(NAMES))}
-    assert other.all(ParamValue) == []
-
-
-def test_a_parameter_is_read_by_name_and_by_index(arm: ArmBench) -> None:
-    arm.operator.say(ParamRequestRead(1, 1, "TOOL_STIFFNESS", -1))
-    arm.operator.say(ParamRequestRead(1, 0, "", NAMES.index("TOOL_STIFFNESS")))
-    arm.operator.wait(0.05)
-    first, second = arm.operator.all(ParamValue)
-    assert first == second
-    assert first.param_value == 500.0
 
 
 def test_a_change_is_obeyed_and_told_to_everyone(arm: ArmBench) -> None:
@@ -153,15 +129,6 @@ def test_the_patience_of_the_link_can_be_tuned(rover: RoverBench) -> None:
     rover.operator.wait(0.1)
     rover.operator.silent = True
     assert rover.operator.end_of(running, within=0.7).reason == Reason.LINK_SILENT
-
-
-def test_a_list_ends_with_its_link(arm: ArmBench) -> None:
-    other = arm.operator.another()
-    other.say(ParamRequestList(1, 1))
-    other.wait(0.03)
-    other.leave()
-    arm.operator.wait(1.0)
-    assert 1 <= len(other.all(ParamValue)) < len(NAMES)
 
 
 def test_who_is_not_in_control_reads_and_does_not_set(arm: ArmBench) -> None:

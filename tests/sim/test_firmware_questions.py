@@ -14,7 +14,6 @@ from robotree.protocol.messages import (
     MavProtocolCapability,
     MavResult,
     Message,
-    MessageInterval,
     MissionCount,
     MissionRequestList,
     NamedValueFloat,
@@ -125,29 +124,10 @@ def test_the_rates_of_one_link_are_not_those_of_another(arm: ArmBench) -> None:
     assert (len(other.all(Gripper)) - heard[Gripper]) / 4.0 == pytest.approx(10, rel=0.1)
 
 
-def test_a_rate_that_is_too_high_gets_the_highest_and_the_default_comes_back(arm: ArmBench) -> None:
-    operator = arm.operator
-    assert operator.command(MavCmd.SET_MESSAGE_INTERVAL, msgid(Tool), 1).result == MavResult.ACCEPTED
-    operator.command(MavCmd.GET_MESSAGE_INTERVAL, msgid(Tool))
-    operator.wait(0.02)
-    assert operator.latest(MessageInterval) == MessageInterval(msgid(Tool), 5_000)
-    assert rate(operator, Tool, 1.0) == pytest.approx(200, rel=0.02)
-    operator.command(MavCmd.SET_MESSAGE_INTERVAL, msgid(Tool), 0)
-    assert rate(operator, Tool, 1.0) == pytest.approx(50, rel=0.05)
-
-
 def test_what_is_told_only_when_asked_can_be_told_regularly(arm: ArmBench) -> None:
     assert rate(arm.operator, SystemTime, 1.0) == 0
     arm.operator.command(MavCmd.SET_MESSAGE_INTERVAL, msgid(SystemTime), 100_000)
     assert rate(arm.operator, SystemTime) == pytest.approx(10, rel=0.1)
-
-
-def test_nobody_silences_the_heartbeat(arm: ArmBench) -> None:
-    operator = arm.operator
-    assert operator.command(MavCmd.SET_MESSAGE_INTERVAL, msgid(Heartbeat), -1).result == MavResult.DENIED
-    operator.command(MavCmd.GET_MESSAGE_INTERVAL, msgid(Heartbeat))
-    operator.wait(0.02)
-    assert operator.latest(MessageInterval).interval_us == 1_000_000
 
 
 def test_rates_end_with_their_link(arm: ArmBench) -> None:

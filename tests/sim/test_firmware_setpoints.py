@@ -129,17 +129,6 @@ def test_a_place_out_of_reach_is_dropped_and_counted(arm: ArmBench, pose: Pilot)
     assert np.linalg.norm(place(arm) - arm.world.arm.state().position) < 0.001
 
 
-def test_what_was_made_too_long_ago_is_dropped_and_counted(arm: ArmBench, stick: Pilot) -> None:
-    arm.operator.wait(2.0)
-    before = place(arm)
-    for _ in range(10):
-        stick.say(0.0, 0.2, 0.0, 0.0, made=arm.operator.now - 0.5)
-        arm.operator.wait(PERIOD)
-    arm.operator.wait(1.1)
-    assert arm.operator.latest(SysStatus).errors_count1 == 10
-    assert np.linalg.norm(place(arm) - before) < 0.002
-
-
 @pytest.mark.parametrize(("waited", "mode"), [(0.15, ModeKind.ACTIVE), (0.25, ModeKind.READY)])
 def test_what_does_not_say_when_it_was_made_is_as_old_as_its_wait_in_a_queue(
     rover: RoverBench, waited: float, mode: ModeKind
@@ -173,17 +162,6 @@ def test_a_goal_ends_the_stream_and_is_not_disturbed_by_it(arm: ArmBench, stick:
     stick.steer(5.0, 0.0, 0.1, 0.0, 0.0)
     assert arm.operator.end_of(goal).state == GoalState.SUCCEEDED
     np.testing.assert_allclose(place(arm), (0.35, -0.2, 0.35), atol=0.004)
-
-
-def test_a_newer_lease_takes_the_stream_over(arm: ArmBench, stick: Pilot) -> None:
-    stick.steer(0.5, 0.0, 0.1, 0.0, 0.0)
-    heir = Pilot(arm.operator.another(system=9), SetpointKind.TOOL_VELOCITY, epoch=2)
-    before = place(arm)[1]
-    for _ in range(40):
-        stick.say(0.0, 0.1, 0.0, 0.0)
-        heir.steer(PERIOD, 0.0, -0.1, 0.0, 0.0)
-    assert place(arm)[1] < before - 0.04
-    assert arm.operator.mode()[0] == ModeKind.ACTIVE
 
 
 def test_a_stream_whose_pilot_is_gone_ends_though_others_are_heard(arm: ArmBench, stick: Pilot) -> None:

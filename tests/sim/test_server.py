@@ -97,16 +97,6 @@ async def test_a_camera_that_is_not_there_gives_no_picture_and_does_no_harm() ->
         assert (await client.picture()).width == 48
 
 
-async def test_a_client_that_leaves_in_the_middle_of_a_picture_disturbs_nobody() -> None:
-    async with serving("rover", ANY) as server:
-        leaver, stayer = [await Station(component=i).dial(server.address) for i in (1, 2)]
-        leaver.say(PictureRequest(640, 360, 1, 100, 70))
-        await leaver.next(lambda m: isinstance(m, Heartbeat))
-        leaver.link.close()
-        stayer.say(PictureRequest(40, 30, 1, 100, 70))
-        assert (await stayer.picture()).width == 40
-
-
 async def test_a_taken_port_is_one_clear_sentence() -> None:
     async with serving("rover", ANY) as server:
         with pytest.raises(CannotListen, match="choose another port") as refused:

@@ -204,58 +204,6 @@ def processes() -> Iterator[Processes]:
     assert codes == [0] * len(codes)
 
 
-SESSION = """\
-create {source} as pair
-expect pair.left empty
-expect pair listed
-try enslave pair.left nobody
-expect refused NoSuchRobot
-delete pair
-expect pair gone
-"""
-
-
-@pytest.mark.e2e
-def test_verbs_agents_and_sessions_work_between_processes(processes: Processes, tmp_path: Path) -> None:
-    empty = robotree("ls")
-    assert (empty.returncode, empty.stdout) == (NOBODY, "")
-    assert "nobody is in realm 'default'" in empty.stderr
-
-    assert processes.start("lookup", "lookup-1").startswith("lookup/lookup-1/")
-    assert processes.start("host", "host-1").startswith("host/host-1/")
-    hosts = robotree("ls", "--hosts", "--json")
-    (host,) = json.loads(hosts.stdout)
-    assert host.pop("load").keys() <= {"cpu"}, "it runs nothing, and takes any number"
-    assert host == {
-        "name": "host-1",
-        "robots": [],
-        "stands_by": "",
-        "instead_of": "",
-        "trouble": "",
-        "ways": {},
-    }
-
-    source = Path(__file__).parents[2] / "examples" / "two_arms.py"
-    script = tmp_path / "a.session"
-    script.write_text(SESSION.format(source=source))
-    played = robotree("run", str(script))
-    assert played.returncode == 0, played.stdout + played.stderr
-    assert played.stdout.count("✓") == 7
-    report = json.loads(robotree("run", str(script), "--json").stdout)
-    assert report["ok"] is True
-    assert len(report["steps"]) == 7
-
-    refused = robotree("show", "nobody", "--json")
-    assert refused.returncode == REFUSED
-    assert json.loads(refused.stderr)["error"] == "NoSuchRobot"
-    script.write_text("expect nobody listed within 100ms\nstop\n")
-    assert robotree("run", str(script)).returncode == REFUSED
-
-    twice = robotree("lookup", "lookup-1")
-    assert twice.returncode == REFUSED
-    assert "already running" in twice.stderr
-
-
 @pytest.mark.e2e
 def test_interrupting_a_verb_is_clean(processes: Processes) -> None:
     processes.start("host", "host-1")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import random
 
 import numpy as np
 import pytest
@@ -108,37 +107,6 @@ def test_a_second_client_cannot_open_the_hand(giving: Giving) -> None:
     assert (GoalState(answer.state), Reason(answer.reason)) == (GoalState.REFUSED, Reason.NOT_IN_CONTROL)
     assert answer.text == "robot-7 holds this robot; end it, or take over."
     giving.left.wait(0.5)
-    giving.assert_held()
-
-
-def test_garbage_on_the_wire_moves_nothing_and_is_counted(giving: Giving) -> None:
-    chance = random.Random(4)
-    intruder = giving.base.another(component=66, system=9)
-    intruder.silent = True
-    for _ in range(200):
-        start = chance.choice((b"", b"\xfd", b"\xfd\x20\x00\x00\x01\xff\xbe\x4c\x00\x00"))
-        intruder._near_end.link.send(start + chance.randbytes(chance.randrange(1, 280)))
-        intruder.wait(0.01)
-    giving.base.wait(0.5)
-    giving.assert_held()
-    answer = giving.left.end_of(giving.reach, within=30.0)
-    assert GoalState(answer.state) == GoalState.SUCCEEDED, "its own commander is obeyed meanwhile"
-
-
-def test_a_goal_whose_answer_was_lost_is_done_once_however_often_it_is_sent(giving: Giving) -> None:
-    left = giving.left
-    left.end_of(giving.reach, within=30.0)
-    close = left.ask(Verb.GRIP, 0.0)
-    left.end_of(close)
-    opened = left.ask(Verb.REACH, 0.40, 0.22, 1.0, math.nan, math.pi / 2, 0.1)
-    left.end_of(opened)
-    place = giving.world.body.limbs[0].state().position
-    left.succeed(Verb.REACH, 0.40, 0.22, 1.04, math.nan, math.pi / 2, 0.1)
-    for _ in range(5):  # the first answer was lost: the proxy asks again, late
-        left.ask(Verb.REACH, 0.40, 0.22, 1.0, math.nan, math.pi / 2, 0.1, key=opened)
-        left.wait(0.3)
-    assert GoalState(left.status_of(opened).state) == GoalState.SUCCEEDED
-    assert giving.world.body.limbs[0].state().position[2] > place[2] + 0.03, "it did not go back"
     giving.assert_held()
 
 

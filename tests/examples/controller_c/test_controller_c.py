@@ -8,8 +8,6 @@ import re
 import socket
 import subprocess
 import time
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +24,10 @@ from robotree.protocol.messages import (
     GoalState,
     GoalStatus,
     Heartbeat,
-    MavAutopilot,
     MavState,
     MavType,
     Mode,
     ModeKind,
-    Reason,
     SetMode,
     Verb,
 )
@@ -42,7 +38,6 @@ from robotree.sim.firmware import Firmware, Identity
 from robotree.sim.rover import world
 
 Operator = Any
-LIFE = Heartbeat(MavType.ONBOARD_CONTROLLER, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)
 SOURCE = Path(__file__).parents[3] / "examples" / "controller_c"
 LIFE_NOW = 1
 """Stands for the life that a controller tells."""
@@ -50,28 +45,9 @@ FAR, SLOW = 1.4, 0.02
 """[m], [m/s] A move that no test waits for."""
 
 
-def test_it_says_at_once_who_it_is_and_how(operator: Operator) -> None:
-    heartbeat, mode = operator.next(), operator.next()
-    assert isinstance(heartbeat, Heartbeat)
-    assert heartbeat.type == MavType.GROUND_ROVER
-    assert isinstance(mode, Mode)
-    assert (mode.mode, mode.epoch, mode.silence_ms) == (ModeKind.READY, 0, 2000)
-
-
 def test_a_rover_that_is_stopped_is_not_armed(operator: Operator) -> None:
     operator.set_mode(ModeKind.SAFE_STOP)
     assert operator.hear(Heartbeat, lambda it: it.system_status == MavState.CRITICAL).base_mode == 1
-
-
-def test_each_start_is_another_life(
-    power: Callable[..., AbstractContextManager[int]], make_operator: type[Operator]
-) -> None:
-    lives: list[int] = []
-    for _ in range(2):
-        with power() as port, make_operator(port) as operator:
-            lives.append(operator.hear(Mode).life)
-    assert 0 not in lives
-    assert lives[0] != lives[1]
 
 
 def test_its_kind_of_vehicle_stands_in_the_robots_file_and_not_in_the_rules() -> None:
@@ -81,37 +57,6 @@ def test_its_kind_of_vehicle_stands_in_the_robots_file_and_not_in_the_rules() ->
     )
     assert "MAV_TYPE_" not in rules
     assert "#define ROBOT_TYPE MAV_TYPE_GROUND_ROVER" in robot
-
-
-def test_a_move_is_active_then_reached_at_the_speed_asked_for(operator: Operator) -> None:
-    began = time.monotonic()
-    assert operator.ask(7, 0.3, -0.4, 1.0).state == GoalState.ACTIVE
-    status = operator.status(7, GoalState.SUCCEEDED)
-    assert time.monotonic() - began > 0.45, "half a metre at 1 m/s"
-    assert (status.progress, status.reason) == (1.0, Reason.NONE)
-    assert operator.place() == pytest.approx((0.3, -0.4), abs=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("verb", "args", "reason"),
-    [
-        (Verb.MOVE, (1.6, 0.0), Reason.OUT_OF_REACH),
-        (Verb.MOVE, (0.0, 1e30), Reason.OUT_OF_REACH),
-        (Verb.MOVE, (math.nan, 0.0), Reason.BAD_ARGUMENT),
-        (Verb.MOVE, (0.1, -math.inf), Reason.BAD_ARGUMENT),
-        (Verb.MOVE, (0.1, 0.0, 0.0), Reason.BAD_ARGUMENT),
-        (Verb.MOVE, (0.1, 0.0, math.inf), Reason.BAD_ARGUMENT),
-        (Verb.GRIP, (0.02,), Reason.UNKNOWN_VERB),
-        (777, (), Reason.UNKNOWN_VERB),
-    ],
-)
-def test_what_cannot_be_done_is_refused_with_a_sentence(
-    operator: Operator, verb: int, args: tuple[float, ...], reason: Reason
-) -> None:
-    status = operator.ask(7, *args, verb=verb)
-    assert (status.state, status.reason) == (GoalState.REFUSED, reason)
-    assert status.text.endswith(".")
-    assert operator.place() == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(("speed", "state"), [(0.01, GoalState.ACTIVE), (0.00999, GoalState.REFUSED)])
@@ -182,29 +127,6 @@ def _anything(chance: random.Random, keys: tuple[int, ...]) -> AnyMessage:
             return Goal(key, epoch, ttl, args, Verb.MOVE, 1, component, life)
 
 
-def test_random_and_torn_bytes_change_nothing(
-    port: int, operator: Operator, make_operator: type[Operator]
-) -> None:
-    chance = random.Random(1)
-    frame = encode(
-        Goal(7, 1, 0, (FAR, 0.0, SLOW, *(math.nan,) * 4), Verb.MOVE, 1, 1),
-        sequence=0,
-        system=255,
-        component=190,
-    )
-    with make_operator(port, system=254) as noise:
-        for _ in range(200):
-            noise.socket.sendall(chance.randbytes(500))
-            torn = bytearray(frame[: chance.randint(1, len(frame))])
-            torn[-1] ^= chance.randrange(1, 256)
-            noise.socket.sendall(bytes(torn))
-            noise.socket.sendall(b"\xfd" + chance.randbytes(chance.randint(0, 300)))
-    assert operator.ask(7, verb=Verb.STATUS).state == GoalState.UNKNOWN
-    for byte in frame:
-        operator.socket.sendall(bytes((byte,)))
-    assert operator.status(7).state == GoalState.ACTIVE
-
-
 def test_intact_frames_with_senseless_fields_break_nothing(
     port: int, operator: Operator, make_operator: type[Operator]
 ) -> None:
@@ -218,14 +140,6 @@ def test_intact_frames_with_senseless_fields_break_nothing(
         fool.say(SetMode(epoch, 1, 1, ModeKind.READY))
         assert fool.ask(11, verb=Verb.HOLD, epoch=epoch).state == GoalState.ACTIVE
     assert all(math.isfinite(each) and abs(each) <= 1.5 for each in operator.place())
-
-
-def test_more_goals_than_it_can_keep_leave_the_running_one_alone(operator: Operator) -> None:
-    operator.ask(7, FAR, 0.0, SLOW)
-    for key in range(1000, 1600):
-        operator.say(Goal(key, 1, 0, (math.nan,) * 7, Verb.MOVE, 1, 1))
-    assert operator.status(1599).reason == Reason.BAD_ARGUMENT
-    assert operator.ask(7, verb=Verb.STATUS).state == GoalState.ACTIVE
 
 
 def test_a_flood_of_cancels_makes_no_finished_goal_begin_again(

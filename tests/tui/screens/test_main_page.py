@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import asyncio
 import os
 from typing import TYPE_CHECKING
 
 import pytest
 from textual.containers import VerticalScroll
-from textual.widgets import Button, Input, OptionList
+from textual.widgets import Button, Input
 
 from robotree.tui.diagnosis.permits import permits
 from robotree.tui.screen.pages.dialogs import Confirm, Reading
 from robotree.tui.screen.pages.enslave import EnslaveDialog
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.new import NewPage
-from robotree.tui.screen.pages.panel import PanelPage
-from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.robot_table import RobotTable
-from robotree.tui.seen import feeding
-from robotree.vr import CommandCancelled, Robot
+from robotree.vr import Robot
 from robotree.vr.base.envelope import sitting_at
 from robotree.vr.base.policy import PolicyGate
 from robotree.vr.base.policy_reading import read_policy
@@ -43,18 +39,6 @@ async def at(operator: Operator, name: str) -> RobotTable:
     while table.selected != name:
         await operator.press("down")
     return table
-
-
-async def test_robots_appear_and_go_by_themselves(
-    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(feeding, "PATROL", 1000.0)  # it is told, not found by chance
-    async with operate(realm.realm_client) as operator:
-        await operator.sees("arm-1", "rover-1", "● free", "2 free", "1 view", "1 lookup", "1 host")
-        late = await realm.robot(Robot("late-1"))
-        await operator.sees("late-1 (Robot) is listed", "3 free")
-        await late.close()
-        await operator.sees("late-1 (Robot) left the list", "2 free")
 
 
 async def test_a_robot_that_the_policy_denies_is_grey_and_says_why(
@@ -95,38 +79,6 @@ async def test_a_cursor_key_draws_two_lines_before_anything_else(
         await operator.until(lambda: "z4" in str(operator.one(VerticalScroll, "#details-box").border_title))
 
 
-async def test_a_filter_shows_only_what_contains_its_letters(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await operator.sees("rover-1")
-        await operator.press("slash")
-        await operator.type("rov")
-        await operator.until(lambda: "arm-1" not in operator.text, "the arm is hidden")
-        await operator.press("enter")
-        await operator.sees("/rov")
-        await operator.press("escape")
-        await operator.sees("arm-1")
-        await operator.press("slash")
-        await operator.type("[/nobody]")
-        await operator.sees("No robot with '[/nobody]'")
-        await operator.press("escape")
-        await operator.sees("arm-1")
-
-
-async def test_enslaving_offers_only_robots_of_the_right_kind(realm: Realm, operate: Operate) -> None:
-    await realm.create("move_to.py", "mover")
-    async with operate(realm.realm_client) as operator:
-        await operator.sees("mover")
-        await operator.until(lambda: "mover" in operator.app.store.descriptions)
-        await operator.press("down", "e")
-        await operator.at(EnslaveDialog)
-        await operator.sees("mover.arm", "takes Arm", "An arm of paper")
-        assert [option.id for option in operator.one(OptionList, "#children").options] == ["arm-1"]
-        await operator.press("enter")
-        await operator.at(MainPage)
-        await operator.sees("mover.arm commands arm-1")
-        await operator.until(lambda: "arm-1" not in operator.app.store.robots)
-
-
 async def test_enslaving_from_the_child_offers_the_slots_that_take_it(realm: Realm, operate: Operate) -> None:
     await realm.create("move_to.py", "mover")
     async with operate(realm.realm_client) as operator:
@@ -139,39 +91,6 @@ async def test_enslaving_from_the_child_offers_the_slots_that_take_it(realm: Rea
         await operator.at(MainPage)
         await operator.press("down", "down", "e")
         await operator.sees("rover-1 has no empty slot and none waits for it")
-
-
-async def test_release_asks_back_and_gives_the_child_back(realm: Realm, operate: Operate) -> None:
-    await realm.create("move_to.py", "mover")
-    await realm.realm_client.enslave("mover", "arm", "arm-1")
-    async with operate(realm.realm_client) as operator:
-        await at(operator, "arm-1")
-        await operator.press("r")
-        await operator.at(Confirm)
-        await operator.sees("release mover.arm?")
-        await operator.press("right", "enter")
-        await operator.until(lambda: "arm-1" in operator.app.store.robots, "the arm is listed")
-
-
-async def test_delete_asks_back_with_cancel_first_and_focused(realm: Realm, operate: Operate) -> None:
-    await realm.create("move_to.py", "mover")
-    await realm.realm_client.enslave("mover", "arm", "arm-1")
-    async with operate(realm.realm_client) as operator:
-        await operator.until(lambda: "mover" in operator.app.store.descriptions)
-        await operator.until(lambda: operator.one(RobotTable).selected == "mover", "mover is first")
-        await operator.press("d")
-        await operator.at(Confirm)
-        await operator.sees("delete mover?", "arm-1 will be free again")
-        focused = operator.app.focused
-        assert isinstance(focused, Button)
-        assert str(focused.label) == "Cancel"
-        await operator.press("enter")
-        await operator.at(MainPage)
-        assert "mover" in operator.app.store.robots, "the harmless answer came first"
-        await operator.press("d")
-        await operator.at(Confirm)
-        await operator.press("right", "enter")
-        await operator.until(lambda: set(operator.app.store.robots) == {"arm-1", "rover-1"}, "mover is gone")
 
 
 async def test_what_cannot_be_deleted_is_not_even_asked_about(realm: Realm, operate: Operate) -> None:
@@ -280,28 +199,6 @@ async def test_the_cursor_returns_to_the_robot_that_a_filter_hid(realm: Realm, o
         assert table.selected == "rover-1"
 
 
-async def test_the_log_tells_what_other_terminals_have_robots_do(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await operator.until(lambda: operator.app.store.state("arm-1") is not None, "its state")
-        realm.arm.pace = 0.03
-        await realm.realm_client.call("arm-1", "go_to", {"x": 0.4, "y": 0, "z": 0.3, "twist": 0})
-        await operator.press("g")
-        await operator.sees(f"arm-1: go_to by {ME} begins", f"arm-1: go_to by {ME} is done: ran")
-        assert operator.text.count("arm-1: go_to") == 2
-        going = asyncio.create_task(
-            realm.realm_client.call("arm-1", "go_to", {"x": 0.3, "y": 0, "z": 0.3, "twist": 0})
-        )
-        store = operator.app.store
-        await operator.until(lambda: bool((told := store.state("arm-1")) and told.busy), "its motion")
-        await realm.realm_client.cancel("arm-1")
-        await operator.sees(f"! arm-1.go_to was cancelled: {ME} cancelled all that arm-1 did (by {ME}, ran")
-        with pytest.raises(CommandCancelled):
-            await going
-        await operator.obey("call arm-1.go_to x=0.3 y=0 z=0.3 twist=0")
-        await operator.until(lambda: operator.text.count(f"go_to by {ME} is done") == 2, "its end")
-        assert "arm-1.go_to is done" not in operator.text, "what was asked for here is told once"
-
-
 async def test_who_leaves_the_demo_is_told_that_it_ends(realm: Realm, operate: Operate) -> None:
     async with operate(
         realm.realm_client, size=(120, 500), farewell="The demo ends with this screen."
@@ -333,15 +230,6 @@ async def test_views_show_a_live_picture_only_while_they_are_looked_at(
         assert len(realm.cell.looks) <= looks + 1, "nobody looks, nobody draws"
 
 
-async def test_the_palette_offers_the_registry(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await operator.press("ctrl+p")
-        await operator.type("create")
-        await operator.sees("create  (n)")
-        await operator.press("enter")
-        await operator.until(lambda: isinstance(operator.app.screen, NewPage), "the page for new robots")
-
-
 async def test_an_empty_realm_says_how_to_fill_it(operate: Operate) -> None:
     from robotree.vr.supervision.realm_client import RealmClient
     from robotree.vr.world.network import MemoryNetwork
@@ -354,24 +242,6 @@ async def test_an_empty_realm_says_how_to_fill_it(operate: Operate) -> None:
         for key in ("enter", "e", "r", "d", "c", "i", "t", "enter", "e", "r", "d", "v", "g", "R"):
             await operator.press(key)
     await realm_client.close()
-
-
-@pytest.mark.parametrize("size", [(60, 18), (200, 60)])
-async def test_every_page_fits_into_small_and_large_terminals(
-    realm: Realm, operate: Operate, size: tuple[int, int]
-) -> None:
-    async with operate(realm.realm_client, size=size) as operator:
-        await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
-        await operator.sees("space STOP", "● free")
-        await operator.press("enter")
-        await operator.at(PanelPage)
-        await operator.sees("go_to", "space STOP")
-        await operator.press("x")
-        await operator.at(TeleopPage)
-        await operator.sees("+x", "step", "space STOP")
-        await operator.press("escape", "escape", "n")
-        await operator.at(NewPage)
-        await operator.sees("name", "space STOP")
 
 
 async def test_wide_shows_more_columns_and_a_key_unfolds_the_joints(realm: Realm, operate: Operate) -> None:

@@ -125,17 +125,6 @@ async def test_branch_and_picture_come_with_the_first_command_and_stay(
         assert any(one.seen for one in page.query(PictureView))
 
 
-async def test_a_small_terminal_has_branch_picture_and_readings_below_each_other(
-    realm: Realm, operate: Operate
-) -> None:
-    async with at_go_to(realm, operate, size=(80, 24)) as (operator, _page):
-        realm.arm.under_way = True
-        await operator.press("ctrl+r")
-        await operator.sees("arm-1  ◐ go_to", "▀▀▀", "◐ go_to", "readings")
-        realm.arm.under_way = False
-        await operator.sees("done in", "readings", "▀▀▀")
-
-
 async def test_one_escape_leaves_the_panel_from_anywhere_and_what_runs_goes_on(
     realm: Realm, operate: Operate
 ) -> None:

@@ -14,8 +14,6 @@ from textual.widgets import Button, Input, OptionList
 
 from robotree.tui.panels import outside
 from robotree.tui.screen.pages.dialogs import Confirm
-from robotree.tui.screen.pages.main import MainPage
-from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.widgets.choice import Choice
@@ -23,13 +21,12 @@ from robotree.tui.screen.widgets.command_form import CommandForm
 from robotree.tui.screen.widgets.field_row import FieldRow
 from robotree.tui.screen.widgets.laid_out import LaidOut, curve
 from robotree.tui.screen.widgets.program_panel import ProgramPanel
-from robotree.tui.screen.widgets.readings import Readings
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.vr import Robot, command
 from robotree.vr.base.envelope import sitting_at
 from robotree.vr.base.policy import PolicyGate
 from robotree.vr.base.policy_reading import read_policy
-from robotree.vr.base.principal import principal_of, this_process, user_name
+from robotree.vr.base.principal import user_name
 from robotree.vr.bundle import Bundle
 from tests.tui.screens.rows import row
 from tests.waiting import PATIENCE
@@ -80,11 +77,6 @@ async def fill(operator: Operator, form: CommandForm, name: str, text: str) -> N
     entry.value = text
 
 
-def readings(page: Page) -> str:
-    """What is drawn, without how it is broken into lines."""
-    return " ".join(str(page.query_one(Readings).render()).split())
-
-
 def complaint(form: CommandForm, name: str) -> str:
     return str(row(form, name).query_one(".field-complaint").render())
 
@@ -107,37 +99,6 @@ async def test_a_command_that_the_policy_denies_is_marked_and_says_why(
             form.send()
             assert not form.running
             assert not (await choose(operator, page, "grip")).query_one("#run", Button).disabled
-
-
-async def test_readings_have_the_same_units_on_every_page(realm: Realm, operate: Operate) -> None:
-    async with panel(realm, operate, "arm-1", "go_to") as (operator, page, _form):
-        realm.arm.pose["twist"] = 1.25
-        await operator.until(lambda: "twist 71.6 °" in readings(page), "degrees, as on every page")
-        await operator.sees("now 71.62")
-        await choose(operator, page, "grip")
-        await operator.sees("now 0.08")
-        assert "grip 80 mm" in readings(page)
-        page.query_one("#commands").focus()
-        await operator.press("x")
-        teleop = await operator.at(TeleopPage)
-        await operator.until(lambda: "twist 71.6 °" in readings(teleop), "degrees, as in the steps")
-
-
-async def test_a_command_is_sent_shows_progress_and_result(realm: Realm, operate: Operate) -> None:
-    async with panel(realm, operate, "arm-1", "go_to") as (operator, page, form):
-        realm.arm.pace = 0.5
-        await fill(operator, form, "x", "45 cm")
-        await operator.press("ctrl+r")
-        await operator.sees("◐ go_to  ━━", "0%", " to go")
-        assert "--%" not in operator.text
-        await operator.sees("◐ go_to")
-        realm.arm.pace = 0.0
-        await operator.sees("done in")
-        assert realm.arm.pose["x"] == pytest.approx(0.45)
-        assert not form.query_one("#progress").display
-        await choose(operator, page, "get_info")
-        await operator.press("ctrl+r")
-        await operator.sees("twist", "0.45", "fz", "-20")
 
 
 async def test_wrong_input_is_explained_beside_each_field_and_nothing_is_sent(
@@ -231,39 +192,6 @@ async def test_a_failure_is_told_where_the_command_was_given(realm: Realm, opera
         )
 
 
-async def test_what_runs_can_be_cancelled_and_other_commands_read_meanwhile(
-    realm: Realm, operate: Operate
-) -> None:
-    async with panel(realm, operate, "arm-1", "go_to") as (operator, page, form):
-        realm.arm.pace = 2.0
-        row(form, "x").focus_entry()
-        await operator.press("ctrl+r")
-        await operator.until(lambda: form.running, "it runs")
-        await choose(operator, page, "get_info")
-        await operator.press("ctrl+r")
-        await operator.sees("0.35", "done in")
-        assert form.running
-        await choose(operator, page, "go_to")
-        form.query_one("#cancel", Button).press()
-        await operator.until(lambda: not form.running, "it was cancelled")
-        await operator.sees("was cancelled")
-
-
-async def test_a_command_goes_on_when_its_panel_is_left(realm: Realm, operate: Operate) -> None:
-    async with panel(realm, operate, "arm-1", "go_to") as (operator, _page, form):
-        realm.arm.under_way = True
-        await fill(operator, form, "x", "0.45")
-        await operator.press("ctrl+r")
-        await operator.until(lambda: form.running, "it runs")
-        await operator.press("escape")
-        await operator.at(MainPage)
-        await operator.sees("◐ go_to")
-        realm.arm.under_way = False
-        me = principal_of(this_process(), "", "pts/1").person
-        await operator.sees(f"✓ arm-1: go_to by {me} is done: ran")
-        assert realm.arm.pose["x"] == pytest.approx(0.45)
-
-
 async def test_a_command_through_an_empty_slot_says_what_is_missing(realm: Realm, operate: Operate) -> None:
     await realm.create("move_to.py", "mover")
     async with panel(realm, operate, "mover", "go_to") as (operator, page, form):
@@ -279,21 +207,6 @@ async def test_a_command_through_an_empty_slot_says_what_is_missing(realm: Realm
             "the panel follows",
         )
         await operator.sees("now 0.35")
-
-
-async def test_a_robot_that_vanishes_leaves_its_panel_to_be_read(realm: Realm, operate: Operate) -> None:
-    async with panel(realm, operate, "arm-1", "go_to") as (operator, _page, form):
-        realm.arm.pace = 2.0
-        row(form, "x").focus_entry()
-        await operator.press("ctrl+r")
-        await operator.until(lambda: form.running, "it runs")
-        realm.network.kill(realm.members["arm-1"])
-        await operator.sees("✗ GONE")
-        await operator.until(lambda: not form.running, "the call has ended")
-        assert form.query_one("#run", Button).disabled
-        await operator.press("escape")
-        await operator.at(MainPage)
-        await operator.until(lambda: "arm-1" not in operator.app.store.robots, "it is off the list")
 
 
 def in_front(page: PanelPage) -> Any:
@@ -333,21 +246,6 @@ class Odd(Robot):
 
     def readings(self) -> dict[str, float]:
         return {"[/x]": 1.0, "": 2.0, "nan": float("nan"), "inf": float("inf"), "a" * 60: -1e300}
-
-
-async def test_odd_words_are_shown_as_they_are_and_break_nothing(realm: Realm, operate: Operate) -> None:
-    await realm.robot(Odd("odd-1"))
-    async with operate(realm.realm_client) as operator:
-        page = await open_panel(operator, "odd-1")
-        await operator.sees("A robot [/b] with [red]odd[/red] words :warning:", "[/x]")
-        await choose(operator, page, "poke")
-        await operator.sees("Poke it [/x].", "a [/ bracket")
-        await choose(operator, page, "nothing")
-        await operator.sees("No description.")
-        await operator.press("i")
-        await operator.sees("kinds", "Odd < Robot")
-        await operator.press("escape", "escape", "t")
-        await operator.sees("odd-1 ", "Odd ")
 
 
 TEAM = """

@@ -15,7 +15,6 @@ from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.command_form import CommandForm
-from robotree.tui.screen.widgets.prompt import Prompt
 
 if TYPE_CHECKING:
     from tui.conftest import Realm
@@ -69,14 +68,6 @@ async def test_it_is_open_while_a_command_of_the_panel_runs(realm: Realm, operat
         await operator.until(lambda: not form.running, "it is cancelled")
         realm.arm.under_way = False
         assert operator.app.store.stop is None
-
-
-async def test_keys_of_the_page_have_no_effect_while_a_verb_is_typed(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await go_to(operator, TeleopPage)
-        await operator.press("colon", "pageup", "up", "escape")
-        await operator.until(lambda: not operator.one(Prompt).display, "it is closed")
-        assert realm.arm.calls == []
 
 
 async def test_what_is_typed_for_the_prompt_at_a_question_answers_nothing_and_stops_nothing(

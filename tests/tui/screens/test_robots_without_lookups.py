@@ -52,16 +52,6 @@ async def test_who_comes_after_the_last_lookup_service_sees_what_ls_lists_marked
     await realm_client.close()
 
 
-async def test_the_death_of_a_process_is_no_calm_departure(realm: Realm, operate: Operate) -> None:
-    await realm.create("move_to.py", "mover")
-    async with operate(realm.realm_client) as operator:
-        await operator.sees("mover", "rover-1")
-        await realm.realm_client.enslave("mover", "arm", "arm-1")
-        await operator.sees("arm-1 (Arm) is commanded by mover.arm now")
-        realm.network.kill(realm.members["rover-1"])
-        await operator.sees("✗ rover-1 (Rover): its process has gone")
-
-
 async def test_the_death_of_an_enslaved_robots_process_is_told_once_and_its_hanging_is_none(
     realm: Realm, operate: Operate
 ) -> None:
@@ -81,14 +71,3 @@ async def test_the_death_of_an_enslaved_robots_process_is_told_once_and_its_hang
         gone = [happening.text for happening in store.entries if "has gone" in happening.text]
         assert gone == ["arm-1 (Arm): its process has gone"]
         realm.network.thaw(realm.members["rover-1"])
-
-
-async def test_a_process_that_hangs_has_not_gone(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await operator.sees("rover-1")
-        realm.network.freeze(realm.members["rover-1"])
-        await operator.sees("✗ rover-1 (Rover): its process hangs and does not answer")
-        realm.network.thaw(realm.members["rover-1"])
-        await operator.sees("✓ rover-1 (Rover) answers again")
-        await operator.until(lambda: not operator.app.store.missed, "it is back")
-        assert not [entry for entry in operator.app.store.entries if "gone" in entry.text]

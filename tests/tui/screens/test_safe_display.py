@@ -12,10 +12,8 @@ from robotree.tui.screen.pages.dialogs import Confirm
 from robotree.tui.screen.pages.enslave import EnslaveDialog
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.panel import PanelPage
-from robotree.tui.screen.widgets.details import Details
 from robotree.tui.screen.widgets.picture import PictureView
 from robotree.tui.screen.widgets.robot_table import RobotTable
-from robotree.tui.seen import store as stores
 from robotree.tui.seen.status import STATUSES
 from robotree.vr import Robot
 from robotree.vr.base.errors import VrError
@@ -153,24 +151,6 @@ async def test_the_banner_names_first_who_has_not_confirmed_a_stop(realm: Realm,
         await operator.until(lambda: "PROTECTIVE" not in operator.text, "the banner goes")
 
 
-async def test_readings_of_a_robot_that_is_offline_are_told_with_their_age(
-    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    async with operate(realm.realm_client, size=(120, 40)) as operator:
-        await known(operator, "arm-1")
-        operator.app.choose("arm-1")
-        await operator.sees("z 0.400 m")
-        assert " old" not in str(operator.one(Details)._shown)
-        monkeypatch.setattr(stores, "SILENCE", -1.0)
-        await operator.sees("◌ silent", " s old")
-        bright = [
-            span
-            for span in operator.one(Details)._shown.spans
-            if "0.400" in operator.one(Details)._shown.plain[span.start : span.end]
-        ]
-        assert all(span.style for span in bright), "dimmed"
-
-
 async def test_the_last_picture_of_a_view_that_leaves_is_kept_until_it_is_back(
     realm: Realm, operate: Operate
 ) -> None:
@@ -252,19 +232,6 @@ async def test_marked_robots_are_cancelled_and_deleted_together(realm: Realm, op
             lambda: set(operator.app.store.robots) == {"a-10", "arm-1", "rover-1"}, "deleted"
         )
         assert not operator.app.marks
-
-
-async def test_the_list_is_sorted_by_key(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await known(operator, "arm-1", "rover-1")
-        await realm.realm_client.stop("rover-1")
-        await operator.press("S", "S", "S", "S")
-        await operator.sees("robots by state")
-        await operator.until(
-            lambda: operator.one(RobotTable).names == ["rover-1", "arm-1"], "the worst first"
-        )
-        await operator.press("t")
-        await operator.until(lambda: operator.one(RobotTable).names == ["arm-1", "rover-1"], "as a tree")
 
 
 async def test_the_log_has_a_level_and_a_filter_of_its_own(realm: Realm, operate: Operate) -> None:

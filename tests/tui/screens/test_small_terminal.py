@@ -8,9 +8,7 @@ import pytest
 from textual.containers import Vertical
 from textual.widgets import Button, Input
 
-from robotree.tui.line.actions import ACTIONS
 from robotree.tui.screen.pages import page
-from robotree.tui.screen.pages.dialogs import Confirm
 from robotree.tui.screen.pages.enslave import EnslaveDialog
 from robotree.tui.screen.pages.main import EMPTY
 from robotree.tui.screen.pages.new import NewPage
@@ -71,27 +69,6 @@ async def test_another_size_is_drawn_at_once_and_not_with_the_next_tick(
             await operator.until(fits, f"{width} columns")
 
 
-async def test_help_is_in_the_line_of_keys_however_small_the_terminal(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client, size=(50, 15)) as operator:
-        for width in (50, 40, 120, 80):
-            await operator.resize(width, 24)
-            await operator.until(lambda: "? Help" in operator.text.splitlines()[-1], f"help at {width}")
-            keys = operator.text.splitlines()[-1].split()
-            labels = {action.label for action in ACTIONS if action.label}
-            assert all(word in labels or not word.isalpha() or len(word) == 1 for word in keys), keys
-
-
-async def test_the_answers_to_a_question_can_be_read_in_a_small_terminal(
-    realm: Realm, operate: Operate
-) -> None:
-    async with operate(realm.realm_client, size=SMALL) as operator:
-        await realm.realm_client.stop(None)
-        await operator.sees("PROTECTIVE STOP")
-        await operator.press("R")
-        await operator.at(Confirm)
-        await operator.sees("resume?", "Cancel", "Resume")
-
-
 async def test_a_panel_has_its_form_below_the_commands_in_a_small_terminal(
     realm: Realm, operate: Operate
 ) -> None:
@@ -107,20 +84,6 @@ async def test_a_panel_has_its_form_below_the_commands_in_a_small_terminal(
         assert not page.query_one(Readings).display
         await operator.resize(80, 24)
         await operator.sees("space STOP", "-0.8 … 0.8 m", "readings")
-
-
-async def test_no_hint_of_a_form_is_cut_in_a_narrow_terminal(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client, size=(50, 15)) as operator:
-        store = operator.app.store
-        await operator.until(lambda: "arm-1" in store.descriptions, "its description")
-        await operator.until(lambda: store.state("arm-1") is not None, "its state")
-        operator.app.ask_for("panel", Place("arm-1"))
-        await operator.at(PanelPage)
-        await operator.sees("-0.8 … 0.8 m")
-        lines = [line.rstrip(" │┃") for line in operator.text.splitlines()]
-        assert not [line for line in lines if line.endswith("·")], operator.text
-        await operator.resize(160, 48)
-        await operator.sees("-0.8 … 0.8 m · now")
 
 
 def test_the_first_words_of_an_empty_realm_fit_into_a_narrow_terminal() -> None:

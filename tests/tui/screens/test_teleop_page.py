@@ -62,30 +62,6 @@ async def test_every_axis_is_jogged_by_its_keys_in_both_directions(realm: Realm,
             assert realm.arm.pose[axis] == pytest.approx(before + change), keys
 
 
-async def test_the_step_can_be_changed_within_bounds(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        page = await sit_at(operator)
-        await operator.sees("step 10 mm · 10°")
-        await operator.press("plus", "plus", "plus", "plus")
-        await operator.sees("step 50 mm · 30°")
-        await operator.press("up")
-        await moved(operator, page)
-        assert realm.arm.pose["x"] == pytest.approx(0.40)
-        await operator.press(*["minus"] * 9)
-        await operator.sees("step 1 mm · 1°")
-
-
-async def test_five_quick_jogs_of_10_mm_move_50_mm(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        page = await sit_at(operator)
-        realm.arm.pace = 0.05
-        operator.burst(UP * 5)
-        await operator.until(lambda: len(realm.arm.calls) >= 1, "it goes")
-        await operator.until(lambda: realm.arm.pose["x"] == pytest.approx(0.40), "all of it")
-        await moved(operator, page)
-        assert len(realm.arm.calls) <= 5
-
-
 async def test_what_quick_jogs_drop_is_told(realm: Realm, operate: Operate) -> None:
     async with operate(realm.realm_client) as operator:
         page = await sit_at(operator)
@@ -135,38 +111,6 @@ async def test_a_pressed_key_is_lit_for_a_moment_and_the_step_is_remembered(
         await operator.sees("step 5 mm · 5°")
 
 
-async def test_c_cancels_and_the_arm_holds_where_it_is(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        page = await sit_at(operator)
-        realm.arm.under_way = True
-        await operator.press("up", "up")
-        await operator.until(lambda: page.jog.moving, "it goes")
-        await operator.press("c")
-        await operator.hears("the commands of arm-1 are cancelled")
-        await operator.until(lambda: page.jog.target is None, "nothing is wanted any more")
-        realm.arm.under_way = False
-        assert realm.arm.width == 0.08, "the gripper is as it was"
-
-
-async def test_hasty_keys_become_few_movements_on_a_leash(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        page = await sit_at(operator)
-        realm.arm.pace = 0.05
-        await operator.press(*["up"] * 12)
-        await moved(operator, page)
-        assert realm.arm.pose["x"] <= 0.35 + 0.12 + 1e-9
-        assert len(realm.arm.calls) <= 12
-
-
-async def test_the_gripper_opens_and_closes(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await sit_at(operator)
-        await operator.press("O")
-        await operator.until(lambda: realm.arm.width == 0.0, "closed")
-        await operator.press("o")
-        await operator.until(lambda: realm.arm.width == 0.08, "open")
-
-
 async def test_buttons_do_what_their_keys_do(realm: Realm, operate: Operate) -> None:
     async with operate(realm.realm_client) as operator:
         page = await sit_at(operator)
@@ -201,18 +145,6 @@ async def test_a_refusal_is_shown_and_the_next_step_starts_where_the_arm_is(
         await operator.press("up")
         await operator.until(lambda: realm.arm.pose["x"] == pytest.approx(0.36), "it moves again")
         await operator.until(lambda: not page._refusal, "the refusal is over")
-
-
-async def test_a_virtual_robot_that_exposes_an_arm_is_tele_operated_through_it(
-    realm: Realm, operate: Operate
-) -> None:
-    await realm.create("teleop.py", "teleop")
-    await realm.realm_client.enslave("teleop", "arm", "arm-1")
-    async with operate(realm.realm_client) as operator:
-        page = await sit_at(operator, "teleop")
-        await operator.press("up")
-        await moved(operator, page)
-        assert realm.arm.pose["x"] == pytest.approx(0.36)
 
 
 async def test_a_robot_that_vanishes_under_the_keys_is_told_and_breaks_nothing(
