@@ -53,18 +53,6 @@ def claim(
     return answers()[-1]
 
 
-def test_who_takes_over_behind_the_same_router_with_the_same_ids_ends_what_the_other_one_moves(
-    rover: RoverBench,
-) -> None:
-    operator = rover.operator
-    claim(operator, 5)
-    key = operator.ask(Verb.MOVE, 1.4, 0.0, SLOW)
-    operator.wait(0.3)
-    assert claim(operator, 6, epoch=2, wish=ClaimWish.TAKE_OVER).holder == 6
-    ended = operator.end_of(key, within=0.2)
-    assert (ended.state, ended.reason) == (GoalState.CANCELLED, Reason.NOT_IN_CONTROL)
-
-
 def test_what_somebody_moves_goes_on_when_it_claims_the_controller(rover: RoverBench) -> None:
     key = rover.operator.ask(Verb.MOVE, 0.1, 0.0, SLOW)
     rover.operator.wait(0.3)
