@@ -16,6 +16,7 @@ import msgspec
 from robotree.proxy.kinds import KINDS
 from robotree.vr import VirtualRobot
 from robotree.vr.author.command import commands_of
+from robotree.vr.author.stream import streams_of
 from robotree.vr.author.stubs import interface
 from robotree.vr.author.virtual_robot import exposures_of
 from robotree.vr.base.address import Address
@@ -73,6 +74,9 @@ def modules() -> dict[str, str]:
     lines.append(f'{ORIGIN}\n"""\n')
     lines += [f"from robotree.kinds.{names[kind]} import {kind}" for kind in sorted(known)]
     lines.append(f"\n__all__ = {sorted(known)!r}\n")
+    streams = {kind: tuple(sorted(streams_of(known[kind]))) for kind in sorted(known)}
+    lines.append(f"STREAMS = { {kind: names for kind, names in streams.items() if names}!r}")
+    lines.append('"""Names of the streams of each kind, which are no readings."""\n')
     return {name: formatted(text) for name, text in {**found, "__init__.py": "\n".join(lines)}.items()}
 
 

@@ -14,3 +14,12 @@ from robotree.kinds.teleop import TeleOp
 from robotree.kinds.twoarms import TwoArms
 
 __all__ = ["Arm", "Base", "Companion", "Head", "Limb", "MoveTo", "Rover", "TeleOp", "TwoArms"]
+
+STREAMS = {
+    "Arm": ("force", "pictures", "pose"),
+    "Base": ("place",),
+    "Head": ("gaze", "pictures"),
+    "Limb": ("force", "pose"),
+    "Rover": ("place",),
+}
+"""Names of the streams of each kind, which are no readings."""

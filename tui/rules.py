@@ -18,7 +18,7 @@ import msgspec
 from robotree.tui import exit_codes
 from robotree.tui.errors import ValueRefused
 from robotree.tui.line.grammar import Line
-from robotree.tui.line.known_kinds import known_kinds
+from robotree.tui.line.known_kinds import check_script, known_kinds
 from robotree.tui.line.shell import ask
 from robotree.tui.line.sources import shipped
 from robotree.tui.terminal import answer, put
@@ -35,12 +35,11 @@ def _source(path: Path) -> str:
 
 
 def _program(given: str) -> Program:
-    from robotree.vr.scripts.known import check_known
     from robotree.vr.scripts.script import read_program
 
     path = shipped(given)
     program = read_program(_source(path), str(given))
-    check_known(program, known_kinds())
+    check_script(program)
     return program
 
 

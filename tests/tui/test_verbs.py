@@ -394,8 +394,13 @@ async def test_a_service_takes_no_name_of_a_robot_that_is_away_and_one_that_is_r
     await directory.start()
     rover = RobotDescription(address=Address("robot", "rover-2", "1"), kinds=("Rover", "Robot"))
     store.put(agents=[KnownAgent(name="rover-2", identity="a", robot=rover)])
-    with pytest.raises(ValueRefused, match="a Rover of this name is away"):
+    with pytest.raises(ValueRefused, match="rover-2 is a Rover that is away and could not come back"):
         await do(realm, f"service '{service}' rover-2 on host-1")
+    other = RobotDescription(address=Address("robot", "desk-greet", "1"), kinds=("Rover", "Robot"))
+    store.put(agents=[KnownAgent(name="desk-greet", identity="b", robot=other)])
+    with pytest.raises(ValueRefused, match="desk-greet is a Rover that is away and could not come back"):
+        await do(realm, f"service '{service}' desk on host-1")
+    assert not {robot.name for robot in realm.realm_client.robots()} & {"desk", "desk-greet"}
     await do(realm, f"create '{EXAMPLES / 'move_to.py'}' as greeter-greet")
     with pytest.raises(DuplicateName, match="greeter-greet"):
         await do(realm, f"service '{service}' greeter on host-1")

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.description import CommandSpec
+    from robotree.vr.scripts.program import Program
 
 
 def known_kinds() -> dict[str, dict[str, CommandSpec]]:
@@ -14,6 +15,18 @@ def known_kinds() -> dict[str, dict[str, CommandSpec]]:
     from robotree.vr.author.kind import promises_of
 
     return {name: {one.name: one for one in promises_of(getattr(kinds, name))} for name in kinds.__all__}
+
+
+def check_script(program: Program) -> None:
+    """Refuse what a script says of those kinds and cannot be meant.
+
+    Raises:
+        BrokenScript: there is something, and where.
+    """
+    from robotree.kinds import STREAMS
+    from robotree.vr.scripts.known import check_known
+
+    check_known(program, known_kinds(), STREAMS)
 
 
 def checked_script(source: str, name: str) -> int:
@@ -27,10 +40,9 @@ def checked_script(source: str, name: str) -> int:
         VrError: something is wrong, with line and column.
     """
     from robotree.vr.scripts.engine import Engine
-    from robotree.vr.scripts.known import check_known
     from robotree.vr.scripts.script import read_program
 
     program = read_program(source, name)
-    check_known(program, known_kinds())
+    check_script(program)
     Engine(program)  # CLIPS takes each rule
     return len(program.rules)

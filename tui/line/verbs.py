@@ -594,12 +594,9 @@ async def service(realm_client: RealmClient, line: Line, _teller: Teller) -> Out
     path, wanted = sources.found(line.text("FILE"))
     name, host = line.text("NAME"), line.text("HOST")
     settings = values.assignments(line.many("PARAMETER=VALUE"))
-    for away_robot in await absent_robots(realm_client, ()):
-        if away_robot.name == name and away_robot.robot and "Service" not in away_robot.robot.kinds:
-            told = (
-                f"a {away_robot.robot.kind} of this name is away and could not come back; choose another name"
-            )
-            raise ValueRefused("NAME", told)
+    away = {each.name: each.robot for each in await absent_robots(realm_client, ()) if each.robot}
+    if name in away and "Service" not in away[name].kinds:
+        raise _keeps_away(away[name])
     async with AsyncExitStack() as stack:
         if not host:
             host = await stack.enter_async_context(_own_host(realm_client, name, ""))
@@ -608,13 +605,24 @@ async def service(realm_client: RealmClient, line: Line, _teller: Teller) -> Out
             await realm_client.delete(name)
             told = f"{robot.kind} is no Service: `robotree create` makes a virtual robot of it"
             raise ValueRefused("FILE", told)
-    brought = [
-        f"{one.name} ({one.attributes.get('condition', '')})"
+    behaviours = [
+        one
         for one in await realm_client.tree()
         if one.name.startswith(f"{name}-") and one.host == robot.host and "Script" in one.kinds
     ]
+    for one in behaviours:
+        if one.name in away and "Script" not in away[one.name].kinds:
+            await realm_client.delete(name)
+            raise _keeps_away(away[one.name])
+    brought = [f"{one.name} ({one.attributes.get('condition', '')})" for one in behaviours]
     with_them = f" with {', '.join(brought)}" if brought else ""
     return _did(robot, f"{name} ({robot.kind}) runs on {robot.host}{with_them}")
+
+
+def _keeps_away(robot: RobotDescription) -> ValueRefused:
+    """Return why a service cannot have a name, or bring a behaviour along: a robot has it that is away."""
+    told = f"{robot.name} is a {robot.kind} that is away and could not come back; choose another name"
+    return ValueRefused("NAME", told)
 
 
 def _own_host(realm_client: RealmClient, robot: str, host: str) -> AbstractAsyncContextManager[str]:

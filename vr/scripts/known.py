@@ -6,8 +6,9 @@ A kind that is not known, a command that stands in `needs`, and a value that is 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from difflib import get_close_matches
+from types import MappingProxyType
 
 from robotree.vr.base.arguments import check_argument
 from robotree.vr.base.description import CommandSpec
@@ -24,16 +25,18 @@ ORDERS = ("do", "ask", "reply", "wait", "cancel", "role", "log", "end", "fail")
 _NAMED = re.compile(r"[a-z_]\w*=")
 KnownKinds = Mapping[str, Mapping[str, CommandSpec]]
 """The commands of each kind, by name."""
+KnownStreams = Mapping[str, Collection[str]]
+"""Names of the streams of each kind."""
 
 
-def check_known(program: Program, kinds: KnownKinds) -> None:
-    """Refuse a partner, command, argument, timer or role that cannot be meant.
+def check_known(program: Program, kinds: KnownKinds, streams: KnownStreams = MappingProxyType({})) -> None:
+    """Refuse a partner, command, argument, timer, reading or role that cannot be meant.
 
     Raises:
         BrokenScript: there is one, and where.
     """
     for rule in program.rules:
-        _Known(program, kinds, rule.mark).check(rule.form)
+        _Known(program, kinds, rule.mark, streams).check(rule.form)
 
 
 def check_trials(program: Program, trials: Iterable[Trial], kinds: KnownKinds) -> None:
@@ -55,9 +58,15 @@ def check_trials(program: Program, trials: Iterable[Trial], kinds: KnownKinds) -
 class _Known:
     """Compares one rule, or one step of a test."""
 
-    def __init__(self, program: Program, kinds: KnownKinds, mark: Mark) -> None:
+    def __init__(
+        self,
+        program: Program,
+        kinds: KnownKinds,
+        mark: Mark,
+        streams: KnownStreams = MappingProxyType({}),
+    ) -> None:
         """Take what there is to compare with, and the place of what has none of its own."""
-        self._program, self._kinds, self._default = program, kinds, mark
+        self._program, self._kinds, self._streams, self._default = program, kinds, streams, mark
         self._partners = {partner.name: partner for partner in program.partners}
         waits = [form.rest[0] for rule in program.rules for form in _forms(rule.form) if form.head == "wait"]
         computed = any(isinstance(wait, Form) or wait.sort == "variable" for wait in waits)
@@ -124,6 +133,8 @@ class _Known:
                 self._choice(slots)
             if form.head == ROLE:
                 self._role(_first(slots.get("name", ())))
+            if form.head == READING:
+                self._reading(slots)
             return
         act, sender = _first(slots.get("act", ())), _first(slots.get("from", ()))
         first = _first(slots.get("args", ()))
@@ -202,8 +213,20 @@ class _Known:
     def _role(self, given: Node | None) -> None:
         """Refuse what is nearly the name of a role; a robot may have learned others."""
         name, known = _constant(given), [*shipped(), "neutral"]
-        if name is not None and name not in known and get_close_matches(name, known, n=1):
+        if name is None or name in known or "-" in name:  # as `desk-butler`, which a service lends
+            return
+        if get_close_matches(name, known, n=1):
             self._one_of(given, known, "there is no role", "there are")
+
+    def _reading(self, slots: Mapping[str, tuple[Node, ...]]) -> None:
+        """Refuse a stream of a partner: rules have its readings only."""
+        partner, given = _constant(_first(slots.get("partner", ()))), _first(slots.get("name", ()))
+        chosen = self._partners.get(partner or "")
+        name = _constant(given)
+        if chosen is not None and given is not None and name in self._streams.get(chosen.kind, ()):
+            raise self._mark(given).error(
+                f"{name} is a stream of {chosen.name}, and no reading: a page with Watch(…) reads it"
+            )
 
     def _choice(self, slots: Mapping[str, tuple[Node, ...]]) -> None:
         """Refuse an argument that no command of a partner takes."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from robotree.tui.line.known_kinds import checked_script
 from robotree.vr.author.command import command
 from robotree.vr.author.robot import Robot
 from robotree.vr.base.errors import BrokenScript
@@ -67,3 +68,22 @@ def test_what_is_only_watched_is_asked_nothing() -> None:
 def test_a_script_that_wants_streams_of_who_is_watched_is_told_that_it_has_readings(given: str) -> None:
     with pytest.raises(BrokenScript, match=r"watch is yes or no; .* has the readings, and no streams"):
         read_yaml(WATCHES.replace("watch: yes", f"watch: {given}"), "guard.yaml")
+
+
+@pytest.mark.parametrize("watch", ["", ", watch: yes"])
+def test_a_reading_that_is_a_stream_is_refused_where_it_stands(watch: str) -> None:
+    source = (
+        f"script: guard\npartners:\n  arm: {{kind: Arm{watch}}}\nrules:\n  - rule: pushed\n"
+        "    when: [reading: {partner: arm, name: force, value: {above: 3}}]\n    then: [end: it is pushed]\n"
+    )
+    sentence = r"guard.yaml:6:\d+: force is a stream of arm, and no reading: a page with Watch"
+    with pytest.raises(BrokenScript, match=sentence):
+        checked_script(source, "guard.yaml")
+    assert checked_script(source.replace("force", "fz"), "guard.yaml") == 1
+
+
+def test_the_role_of_a_service_passes_the_checks_though_it_is_nearly_one_that_comes_along() -> None:
+    source = WATCHES.replace("[do: [robot, say, the cart is empty]]", "[role: {robot: desk-butler}]")
+    assert checked_script(source, "guard.yaml") == 1
+    with pytest.raises(BrokenScript, match="there is no role 'buttler'"):
+        checked_script(source.replace("desk-butler", "buttler"), "guard.yaml")
