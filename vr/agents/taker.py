@@ -162,6 +162,7 @@ class OrderTaker:
             with contextlib.suppress(VrError):
                 await registration.close()
         if task is not None:
+            self._wake.set()  # a robot that waits for orders has nothing to write down
             await asyncio.wait([task], timeout=NOTE)
             task.cancel()
             await asyncio.gather(task, return_exceptions=True)

@@ -500,3 +500,12 @@ async def test_a_person_settles_an_order_in_doubt(stage: Stage) -> None:
     second.book.keep(orders=[copy])  # which has heard of the doubt alone
     await stage.until(lambda: second.book.store.orders[key].state == "failed")
     assert [each.state for each in await person.orders.inbox()] == ["failed"]
+
+
+async def test_a_robot_that_waits_for_orders_keeps_nobody_waiting_when_it_ends(stage: Stage) -> None:
+    await stage.directory("d1")
+    agent = await stage.robot(Rover("r1"))
+    await asyncio.sleep(2.0)
+    began = stage.loop.time()
+    await agent.close()
+    assert stage.loop.time() - began < 0.1
