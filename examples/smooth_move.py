@@ -1,4 +1,4 @@
-"""SmoothMove: a way of so many small steps, after each of which the arm is looked at.
+"""SmoothMove: one motion of so many small steps, after each of which the arm is looked at.
 
     robotree create examples/smooth_move.py as smooth on host-1
     robotree enslave smooth.arm arm-1
@@ -27,9 +27,8 @@ class SmoothMove(VirtualRobot):
         """Go sideways, and look where the arm is after each step."""
         began, start = self.now(), self.arm.get_info()
         for step in range(1, steps + 1):
-            self.arm.go_to(
-                x=start.x, y=start.y + length * step / steps, z=start.z, twist=start.twist, speed=0.2
-            )
+            y, blend = start.y + length * step / steps, 0.005 if step < steps else 0.0
+            self.arm.go_to(x=start.x, y=y, z=start.z, twist=start.twist, speed=0.2, blend=blend)
             here = self.arm.get_info()
             self.progress(step / steps, f"{(here.y - start.y) * 1000:.1f} mm")
         return self.now() - began

@@ -55,6 +55,12 @@ class Arm(Kind):
         speed: Annotated[
             float, Unit("m/s"), Range(0.005, 0.25), "along the way; slower where contact is expected"
         ] = 0.15,
+        blend: Annotated[
+            float,
+            Unit("m"),
+            Range(0.0, 0.05),
+            "from the point, at which it counts as reached in passing; 0: the tool stands there",
+        ] = 0.0,
         *,
         within: Within = None,
     ) -> None:

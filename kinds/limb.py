@@ -53,6 +53,9 @@ class Limb(Kind):
             "of the gripper, counterclockwise from above",
         ],
         speed: Annotated[float, Unit("m/s"), Range(0.01, 0.8), "of the hand"] = 0.25,
+        blend: Annotated[
+            float, Unit("m"), Range(0.0, 0.05), "without effect: this hand stands at every point"
+        ] = 0.0,
         *,
         within: Within = None,
     ) -> None:

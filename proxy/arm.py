@@ -24,6 +24,7 @@ LIMITS: Limits = {
     "z": Span(0.025, 0.80, "m"),
     "twist": Span(-math.pi, math.pi, "rad"),
     "speed": Span(0.005, 0.25, "m/s"),
+    "blend": Span(0.0, 0.05, "m"),
     "width": Span(0.0, 0.08, "m"),
 }
 """The box of W in which the tool may be sent, and how fast. Whether a point of it is within reach, only the
@@ -44,6 +45,12 @@ Twist = Annotated[float, Unit("rad"), LIMITS["twist"].range, "of the gripper, co
 ToolSpeed = Annotated[
     float, Unit("m/s"), LIMITS["speed"].range, "along the way; slower where contact is expected"
 ]
+Blend = Annotated[
+    float,
+    Unit("m"),
+    LIMITS["blend"].range,
+    "from the point, at which it counts as reached in passing; 0: the tool stands there",
+]
 Width = Annotated[float, Unit("m"), LIMITS["width"].range, "between the fingers"]
 Force = Annotated[float, Unit("N"), "of the world on the tool"]
 Torque = Annotated[float, Unit("N*m"), "of the world on the tool"]
@@ -51,7 +58,10 @@ Torque = Annotated[float, Unit("N*m"), "of the world on the tool"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GoTo(Motion):
-    """Move the tool to x, y, z [m] at speed [m/s], pointing down, twist [rad] about the vertical."""
+    """Move the tool to x, y, z [m] at speed [m/s], pointing down, twist [rad] about the vertical.
+
+    It counts as reached when the tool stands there, or with a blend [m] as soon as it is that near.
+    """
 
     effect = "repeat"
     verb = Verb.GO_TO
@@ -61,6 +71,7 @@ class GoTo(Motion):
     z: float
     twist: float
     speed: float
+    blend: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,9 +125,11 @@ class Arm(RobotProxy):
     )
 
     @command(effect="repeat", offline="queue")
-    def go_to(self, x: X, y: Y, z: Z, twist: Twist, speed: ToolSpeed = USUAL_SPEED) -> None:
+    def go_to(
+        self, x: X, y: Y, z: Z, twist: Twist, speed: ToolSpeed = USUAL_SPEED, blend: Blend = 0.0
+    ) -> None:
         """Move the gripper to a point, on a line if there is one, and turn it."""
-        self.carry_out(GoTo(x=x, y=y, z=z, twist=twist, speed=speed))
+        self.carry_out(GoTo(x=x, y=y, z=z, twist=twist, speed=speed, blend=blend))
 
     @command(effect="read")
     def preview_go_to(self, x: X, y: Y, z: Z, twist: Twist, speed: ToolSpeed = USUAL_SPEED) -> PreviewedWay:

@@ -197,7 +197,8 @@ class MavCmd(IntEnum):
 
     A command has no key: the same one within two seconds is taken for a repetition. param1 x [m]: Position in
     W; NaN: as it is now. param2 y [m]: Position in W; NaN: as it is now. param3 z [m]: Position in W; NaN: as
-    it is now. param4 twist [rad]: About the vertical; NaN: as it is now. param7 speed [m/s]: Of the tool; 0
+    it is now. param4 twist [rad]: About the vertical; NaN: as it is now. param5 blend [m]: From the goal, at
+    which it counts as reached in passing; 0 or NaN: the tool stands there. param7 speed [m/s]: Of the tool; 0
     or NaN: the controller's own.
     """
     ROBOTREE_GRIP = 57602
@@ -292,7 +293,9 @@ class Verb(IntEnum):
     GO_TO = 1
     """Move the tool to x, y, z [m] in W and twist [rad] about the vertical.
 
-    args: x, y, z, twist, speed [m/s].
+    With a blend the goal is SUCCEEDED as soon as the tool is that near to it; the tool goes on to it, and a
+    goal that follows meanwhile continues from that motion, without a stand. Blend 0 or NaN: SUCCEEDED when
+    the tool stands there. args: x, y, z, twist, speed [m/s], blend [m].
     """
     GRIP = 2
     """Bring the fingers to a width. args: width [m]."""

@@ -6,6 +6,7 @@ torques.
 
 import math
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -17,7 +18,7 @@ from robotree.sim.arm.kinematics import Kinematics, twist_of
 from robotree.sim.arm.model import ArmPorts
 from robotree.sim.arm.planner import TWIST, Planner
 from robotree.sim.arm.tuning import PARAMETERS, SLOWEST, ArmTuning
-from robotree.sim.firmware.device import Plan, Start, ended, or_now, pursuing, require
+from robotree.sim.firmware.device import Plan, Progress, Start, ended, or_now, pursuing, require
 from robotree.sim.firmware.part import Part
 from robotree.sim.firmware.previews import POINTS, WayAhead
 from robotree.sim.motion.follower import Follower
@@ -33,6 +34,10 @@ BRAKING: Final = 5.0
 """times the damping of the usual law while the tool is brought to a stand."""
 BRAKED_WITHIN: Final = 0.3
 """[s] after which a tool that was told to hold and has not come to a stand keeps the place it was told at."""
+WIDEST_BLEND: Final = 0.05
+"""[m] from its end at which a move may count as reached in passing."""
+TURNED: Final = 0.1
+"""[rad] that the tool may lack of its twist then."""
 AXES: Final = ("x", "y", "z", "twist")
 """Of a tool that points down."""
 
@@ -160,6 +165,7 @@ class Arm(Part):
         """
         if verb != Verb.GO_TO:
             return WayAhead()
+        _blend(args)
         path = self._path_to(args)
         ticks = [path.duration * tick / (POINTS - 1) for tick in range(POINTS)]
         points = [path.at(tick).pose.tolist() for tick in ticks]
@@ -174,14 +180,21 @@ class Arm(Part):
         return self._planner.plan(start, np.array(self._ports.q), goal, speed, tuning.acceleration)
 
     def _go_to(self, args: tuple[float, ...]) -> Start:
-        path = self._path_to(args)
+        path, blend = self._path_to(args), _blend(args)
 
         def begin() -> None:
             self._follower.follow(path)
-            self._running, self._pursuit = lambda: self._hand.travelling(self._follower), None
+            self._running, self._pursuit = lambda: self._going(path.goal, blend), None
             self._go_free()
 
         return begin
+
+    def _going(self, goal: Vector, blend: float) -> Progress:
+        """How far a move is, which may count as reached `blend` [m] from its goal (4,)."""
+        progress, here = self._hand.travelling(self._follower), self._here()
+        turned = abs(math.remainder(float(goal[3] - here[3]), math.tau)) <= TURNED
+        near = blend > 0.0 and math.dist(goal[:3], here[:3]) <= blend
+        return replace(progress, passed=near and turned)
 
     def _grip(self, args: tuple[float, ...]) -> Start:
         width = self._hand.width_asked(args)
@@ -210,3 +223,14 @@ class Arm(Part):
 
     def _stands(self, pose: Vector) -> bool:
         return self._planner.stands(pose, np.array(self._ports.q))
+
+
+def _blend(args: tuple[float, ...]) -> float:
+    """How near [m] to its end a GO_TO counts as reached; 0: when it stands there.
+
+    Raises:
+        BadArgument: out of range.
+    """
+    blend = or_now("blend", args[5], 0.0)
+    require("blend", blend, 0.0, WIDEST_BLEND, "m")
+    return blend

@@ -79,6 +79,7 @@ class Planner:
             velocity=(speed, speed, speed, TWIST[0]),
             acceleration=(acceleration,) * 3 + (TWIST[1],),
             jerk=(TOOL_JERK,) * 3 + (TWIST[2],),
+            place=3,
         )
         other = goal - np.array((0.0, 0.0, 0.0, math.copysign(math.tau, goal[3] - start.pose[3])))
         for end in (goal, other):

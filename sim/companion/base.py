@@ -271,7 +271,10 @@ class Base(Part):
     def _beginning(self, goals: Sequence[Vector], speed: float, rate: float = TURN_RATE) -> Start:
         acceleration = self.tuning.acceleration
         limits = Limits(
-            (speed, speed, rate), (acceleration, acceleration, TURN_ACCELERATION), (JERK, JERK, TURN_JERK)
+            (speed, speed, rate),
+            (acceleration, acceleration, TURN_ACCELERATION),
+            (JERK, JERK, TURN_JERK),
+            place=2,
         )
         legs: list[Line] = []
         start = self._follower.reference

@@ -72,7 +72,7 @@ def _or_default(value: float) -> float:
 MOVING: Final[Mapping[MavCmd, tuple[Verb, Arguments]]] = {
     MavCmd.ROBOTREE_GO_TO: (
         Verb.GO_TO,
-        lambda request: (*request.params[:4], _or_default(request.params[6]), nan, nan),
+        lambda request: (*request.params[:4], _or_default(request.params[6]), request.params[4], nan),
     ),
     MavCmd.ROBOTREE_GRIP: (Verb.GRIP, lambda request: (request.params[0], *(nan,) * 6)),
     MavCmd.ROBOTREE_MOVE: (

@@ -28,12 +28,14 @@ class Progress:
         done: whether it has ended.
         reason: NONE when it ended well or still runs, else why it failed.
         text: the reason as one sentence; of a goal that ended well, what is worth knowing about it.
+        passed: whether who asked may count it as reached, though the robot still goes on to it.
     """
 
     fraction: float
     done: bool = False
     reason: Reason = Reason.NONE
     text: str = ""
+    passed: bool = False
 
 
 def ended() -> Progress:

@@ -1,6 +1,8 @@
 """The movement of the robot: one job at a time, the newest; a stop, a hold, silence or a lost link ends it.
 
-A job is a goal, a command or a stream of set-points; its service reports to its sender. The controller's mode
+A job is a goal, a command or a stream of set-points; its service reports to its sender. A goal that counts as
+reached in passing is reported as that, and goes on without a report until it is there: what ends any job
+ends it, and the next one begins from its motion. The controller's mode
 follows from three facts: whether a stop is in force, whether a job runs, and whether silence ended the last
 one.
 
@@ -17,6 +19,8 @@ from robotree.sim.firmware.outgoing import Outgoing
 from robotree.sim.firmware.watchdog import Watchdog
 
 SUPERSEDED: Final = "A newer goal took its place."
+PASSED: Final = "passed"
+"""Key of a job whose end has been reported: its service has forgotten it."""
 
 
 class Job(NamedTuple):
@@ -28,6 +32,7 @@ class Job(NamedTuple):
         voice: who must be heard while it goes on: the speaker, or the holder of the claim.
         progress: reports progress, 0 to 1, at a time [ms], to the sender.
         finish: reports the end, with the reason and a sentence, at a time [ms], to the sender.
+        passed: whether its end has been reported, though the robot still moves.
     """
 
     key: Hashable
@@ -35,6 +40,7 @@ class Job(NamedTuple):
     voice: Hashable
     progress: Callable[[float, int], list[Outgoing]]
     finish: Callable[[GoalState, Reason, str, int], list[Outgoing]]
+    passed: bool = False
 
 
 class Movement:
@@ -135,6 +141,12 @@ class Movement:
         if self._job is None:
             return []
         progress = self._device.progress()
+        if self._job.passed and not progress.done:
+            return []
+        if progress.passed and not progress.done:
+            finish = self._job.finish
+            self._job = self._job._replace(key=PASSED, finish=_nobody_waits, passed=True)
+            return finish(GoalState.SUCCEEDED, Reason.NONE, "", now)
         if not progress.done:
             return self._job.progress(progress.fraction, now)
         failed = progress.reason != Reason.NONE
@@ -167,3 +179,7 @@ class Movement:
     def _end(self) -> None:
         self._job = None
         self.watchdog.rest()
+
+
+def _nobody_waits(_: GoalState, __: Reason, ___: str, ____: int) -> list[Outgoing]:
+    return []

@@ -47,6 +47,8 @@ class Setpoints:
         """Take a set-point that arrived at a moment [ms]; never answered."""
         job, seconds, voice = self._movement.job, now / 1000, self._rights.voice(peer)
         speaker = (peer.system, peer.component)
+        if job is not None and job.passed:
+            job = None  # nobody waits for it any more: the stream goes on from its motion
         over = bool(self._movement.bar) or (job is not None and job.key != KEY)
         if over or setpoint.kind not in self._device.setpoint_kinds or self._rights.guard(peer) is not None:
             self._receiver.refuse(setpoint, seconds, speaker, over=over)

@@ -4,6 +4,11 @@ From rest a path is straight in its own coordinates: one share of the way is mov
 which would bend a 0.37 m move by 5 mm (ruckig's phase synchronisation falls back to that in a percent of all
 moves).
 
+From a motion the old velocity is braked while the new way, from where that braking ends, begins: the blend
+of two segments that fly-by moves have (Taylor, "Planning and execution of straight line manipulator
+trajectories", IBM J. Res. Dev. 1979). Both speeds change by the same S-curve, so their sum is never faster
+than the faster of the two, and along one line it is steady.
+
 Pure: positions and seconds in, references out.
 """
 
@@ -30,11 +35,37 @@ class Reference(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Bounds of a path, one entry per axis, in the axis' unit per s, s2 and s3."""
+    """Bounds of a path, one entry per axis, in the axis' unit per s, s2 and s3.
+
+    Attributes:
+        velocity: of each axis.
+        acceleration: of each axis.
+        jerk: of each axis.
+        place: how many of the axes, the first ones, are one place: their bounds hold for the length of its
+            velocity, not for each axis, else a tool would be 1.7 times as fast along a diagonal.
+    """
 
     velocity: tuple[float, ...]
     acceleration: tuple[float, ...]
     jerk: tuple[float, ...]
+    place: int = 1
+
+    def shares(self, way: Vector) -> "Limits":
+        """The bounds of one number that moves all axes along `way` (n,), from 0 to 1."""
+        speed, acceleration, jerk = (
+            self._share(way, np.array(each)) for each in (self.velocity, self.acceleration, self.jerk)
+        )
+        return Limits((speed,), (acceleration,), (jerk,))
+
+    def times(self, factor: float) -> "Limits":
+        """The same speeds, with accelerations and jerks that are `factor` times as large."""
+        acceleration, jerk = (tuple(factor * x for x in each) for each in (self.acceleration, self.jerk))
+        return Limits(self.velocity, acceleration, jerk, self.place)
+
+    def _share(self, way: Vector, bounds: Vector) -> float:
+        loads = np.where(np.abs(way) > _NOWHERE, np.abs(way) / bounds, 0.0)
+        most = max(math.hypot(*loads[: self.place].tolist()), *loads[self.place :].tolist(), 0.0)
+        return 1.0 / most if most > 0.0 else 1.0
 
 
 class Path(Protocol):
@@ -58,8 +89,8 @@ class Path(Protocol):
 class Line:
     """A jerk-limited path, straight in its own coordinates when it starts from rest.
 
-    From rest one number, the share of the way, is moved under the tightest of the limits. From a motion,
-    which may lead elsewhere, the axes are moved together, each under its own.
+    One number, the share of the way, is moved under the tightest of the limits. From a motion, which may
+    lead elsewhere, the way begins where braking ends, and both go on at the same time.
 
     Args:
         start: where it starts and how fast; a start in motion is continued without a jump in velocity.
@@ -68,21 +99,26 @@ class Line:
     """
 
     def __init__(self, start: Reference, goal: Vector, limits: Limits) -> None:
-        self._start, self._goal, self._way = start.pose, goal, goal - start.pose
-        self._straight = not start.velocity.any()
-        if self._straight:
-            origin, speed, target = [0.0], [0.0], [1.0]
-            shares = map(self._tightest, (limits.velocity, limits.acceleration, limits.jerk))
-            bounds = Limits(*shares)
-        else:
-            origin, speed, target = start.pose.tolist(), start.velocity.tolist(), goal.tolist()
-            bounds = limits
-        self._trajectory = _trajectory(origin, speed, target, bounds)
+        self._goal, self._brakes = goal, list[_Brake]()
+        begin, kept, factor = start.pose, limits, 1.0
+        while start.velocity.any():
+            limits = kept.times(factor)
+            self._brakes = _brakes(start.velocity, limits)
+            begin = sum((each.way for each in self._brakes), start.pose)
+            fits = _shared(start.velocity[: limits.place], (goal - begin)[: limits.place])
+            if factor <= 1.01 * fits:
+                break
+            factor = fits  # the longer it brakes, the more the way from there leads back: down to a half
+        self._start, self._way, self._first = begin, goal - begin, start.pose - begin
+        shares = limits.shares(self._way)
+        wish = ruckig.InputParameter(1)
+        wish.target_position, wish.max_velocity = [1.0], list(shares.velocity)
+        self._walk = _trajectory(wish, shares)
 
     @property
     def duration(self) -> float:
         """How long it takes [s]."""
-        return self._trajectory.duration
+        return max(self._walk.duration, *(each.duration for each in self._brakes), 0.0)
 
     @property
     def goal(self) -> Vector:
@@ -91,31 +127,62 @@ class Line:
 
     def at(self, time: float) -> Reference:
         """The reference `time` [s] after the start."""
-        place, speed, _ = self._trajectory.at_time(time)
-        if self._straight:
-            return Reference(self._start + place[0] * self._way, speed[0] * self._way)
-        return Reference(np.array(place), np.array(speed))
-
-    def _tightest(self, limits: Sequence[float]) -> tuple[float]:
-        """The bound on the share of the way, from those of the axes."""
-        shares = [
-            limit / abs(way)
-            for limit, way in zip(limits, self._way.tolist(), strict=True)
-            if abs(way) > _NOWHERE
-        ]
-        return (min(shares, default=1.0),)
+        (share,), (speed,), _ = self._walk.at_time(time)
+        pose, velocity = self._start + share * self._way, speed * self._way
+        if self._brakes:
+            pose = pose + self._first
+            for each in self._brakes:
+                moved, rate = each.at(time)
+                pose, velocity = pose + moved, velocity + rate
+        return Reference(pose, velocity)
 
 
-def _trajectory(
-    origin: list[float], speed: list[float], target: list[float], limits: Limits
-) -> ruckig.Trajectory:
-    axes = len(target)
-    wish = ruckig.InputParameter(axes)
-    wish.current_position, wish.current_velocity, wish.target_position = origin, speed, target
-    wish.max_velocity, wish.max_acceleration = list(limits.velocity), list(limits.acceleration)
-    wish.max_jerk = list(limits.jerk)
-    trajectory = ruckig.Trajectory(axes)
-    ruckig.Ruckig(axes).calculate(wish, trajectory)
+class _Brake:
+    """A velocity that is brought to zero, as one number, in some of the axes.
+
+    Args:
+        velocity: (n,) of all axes.
+        axes: that it brakes.
+        limits: of all axes.
+    """
+
+    def __init__(self, velocity: Vector, axes: slice, limits: Limits) -> None:
+        self._velocity: Vector = np.zeros(len(velocity))
+        self._velocity[axes] = velocity[axes]
+        wish = ruckig.InputParameter(1)
+        wish.control_interface = ruckig.ControlInterface.Velocity
+        wish.current_velocity = [1.0]
+        self._share = _trajectory(wish, limits.shares(self._velocity))
+        self.duration: float = self._share.duration
+        """[s]"""
+        self.way: Vector = self.at(self.duration)[0]
+        """(n,) how far it goes."""
+
+    def at(self, time: float) -> tuple[Vector, Vector]:
+        """How far it has gone (n,), and how fast it still is (n,), `time` [s] after its start."""
+        (place,), (share,), _ = self._share.at_time(min(time, self.duration))
+        return place * self._velocity, share * self._velocity
+
+
+def _brakes(velocity: Vector, limits: Limits) -> list[_Brake]:
+    """What brings a velocity (n,) to zero: the place as one, and each other axis by itself."""
+    axes = [slice(0, limits.place), *(slice(i, i + 1) for i in range(limits.place, len(velocity)))]
+    return [_Brake(velocity, each, limits) for each in axes if velocity[each].any()]
+
+
+def _shared(velocity: Vector, way: Vector) -> float:
+    """The share of the acceleration that braking and beginning may each have; at a turn back both add up."""
+    speed, length = float(np.linalg.norm(velocity)), float(np.linalg.norm(way))
+    if min(speed, length) < _NOWHERE:
+        return 1.0
+    return 1.0 / max(float(np.linalg.norm(way / length - velocity / speed)), 1.0)
+
+
+def _trajectory(wish: ruckig.InputParameter, limits: Limits) -> ruckig.Trajectory:
+    """The trajectory of one number."""
+    wish.max_acceleration, wish.max_jerk = list(limits.acceleration), list(limits.jerk)
+    trajectory = ruckig.Trajectory(1)
+    ruckig.Ruckig(1).calculate(wish, trajectory)
     return trajectory
 
 
@@ -142,6 +209,7 @@ class Arc:
                 _azimuth(limits.velocity, widest),
                 _azimuth(limits.acceleration, widest),
                 _azimuth(limits.jerk, widest),
+                limits.place,
             ),
         )
         self._goal = goal

@@ -193,7 +193,7 @@ class Rover(Part):
         require("speed", speed, SLOWEST, tuning.top_speed, "m/s")
         if float(np.abs(goal).max()) > ARENA:
             raise OutOfReach(goal.tolist(), f"the floor ends {ARENA} m from its middle")
-        limits = Limits((speed, speed), (tuning.acceleration,) * 2, (JERK,) * 2)
+        limits = Limits((speed, speed), (tuning.acceleration,) * 2, (JERK,) * 2, place=2)
         return Line(self._follower.reference, goal, limits)
 
     def _travel(self, path: Line) -> Start:

@@ -69,7 +69,9 @@ def test_another_place_has_another_box() -> None:
 
 
 def test_a_change_of_a_limit_that_a_kind_does_not_have_is_a_mistake() -> None:
-    with pytest.raises(ValueError, match="there is no limit widht; there is: x, y, z, twist, speed, width"):
+    with pytest.raises(
+        ValueError, match="there is no limit widht; there is: x, y, z, twist, speed, blend, width"
+    ):
         changed(arm.LIMITS, {"widht": Span(0.0, 0.04, "m")})
 
 

@@ -19,6 +19,7 @@ from robotree.proxy.motion import Motion
 from robotree.proxy.rover import Move, check_arrival
 from robotree.sim.arm import planner
 from robotree.sim.arm import tuning as arm_tuning
+from robotree.sim.arm.device import WIDEST_BLEND
 from robotree.sim.firmware.device import WIDEST
 from robotree.sim.rover import device as sim_rover
 from robotree.sim.testing import ArmBench, RoverBench
@@ -35,6 +36,7 @@ ARM: dict[str, tuple[float, float] | str] = {
     "z": REACH,
     "twist": TURN,
     "speed": (arm_tuning.SLOWEST, arm_tuning.TOP_SPEED),
+    "blend": (0.0, WIDEST_BLEND),
     "width": (0.0, WIDEST),
 }
 ROVER: dict[str, tuple[float, float] | str] = {

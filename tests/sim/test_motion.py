@@ -13,7 +13,7 @@ from robotree.sim.motion.follower import BLOCKED_AFTER, Follower
 from robotree.sim.motion.path import Arc, Limits, Line, Path, Reference
 from robotree.sim.physics.vectors import Vector
 
-LIMITS = Limits((0.2, 0.2, 0.2, 1.2), (0.8, 0.8, 0.8, 4.0), (6.0, 6.0, 6.0, 40.0))
+LIMITS = Limits((0.2, 0.2, 0.2, 1.2), (0.8, 0.8, 0.8, 4.0), (6.0, 6.0, 6.0, 40.0), place=3)
 DT = 0.001
 
 
@@ -72,6 +72,33 @@ def test_a_line_from_rest_is_straight_and_keeps_its_speed(start: Vector, goal: V
         along = (setpoint.pose - start) @ chord / max(float(chord @ chord), 1e-12)
         np.testing.assert_allclose(setpoint.pose, start + along * chord, atol=1e-9)
         assert (np.abs(setpoint.velocity) <= np.array(LIMITS.velocity) + 1e-6).all()
+
+
+@given(start=poses(), goal=poses(), velocity=velocities() | st.just(np.zeros(4)))
+def test_the_tool_is_never_faster_than_its_limit_or_its_start(
+    start: Vector, goal: Vector, velocity: Vector
+) -> None:
+    path = Line(Reference(start, velocity), goal, LIMITS)
+    fastest = max(LIMITS.velocity[0], float(np.linalg.norm(velocity[:3])))
+    turning = max(LIMITS.velocity[3], abs(float(velocity[3])))
+    for setpoint in samples(path):
+        assert np.linalg.norm(setpoint.velocity[:3]) <= fastest + 1e-6
+        assert abs(float(setpoint.velocity[3])) <= turning + 1e-6
+
+
+@given(start=poses(), goal=poses(), velocity=velocities())
+def test_a_change_of_direction_keeps_the_acceleration(start: Vector, goal: Vector, velocity: Vector) -> None:
+    path, step = Line(Reference(start, velocity), goal, LIMITS), 0.002
+    for time in np.linspace(0.0, max(path.duration - step, 0.0), 200):
+        change = (path.at(time + step).velocity - path.at(time).velocity) / step
+        assert np.linalg.norm(change[:3]) <= LIMITS.acceleration[0] * 1.02 + 1e-6
+
+
+def test_a_new_goal_straight_ahead_changes_no_speed() -> None:
+    start = Reference(np.array((0.3, 0.0, 0.3, 0.0)), np.array((0.2, 0.0, 0.0, 0.0)))
+    path = Line(start, np.array((0.6, 0.0, 0.3, 0.0)), LIMITS)
+    for setpoint in samples(path)[:100]:
+        assert setpoint.velocity[0] == pytest.approx(0.2, abs=1e-6)
 
 
 @given(start=poses(), goal=poses())
