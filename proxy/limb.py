@@ -44,7 +44,9 @@ X = Annotated[float, Unit("m"), LIMITS["x"].range, "forward, from the middle of 
 Y = Annotated[float, Unit("m"), LIMITS["y"].range, "to the left"]
 Z = Annotated[float, Unit("m"), LIMITS["z"].range, "up, from the floor"]
 HandSpeed = Annotated[float, Unit("m/s"), LIMITS["speed"].range, "of the hand"]
-Blend = Annotated[float, Unit("m"), LIMITS["blend"].range, "without effect: this hand stands at every point"]
+HandBlend = Annotated[
+    float, Unit("m"), LIMITS["blend"].range, "without effect: this hand stands at every point"
+]
 J1 = Annotated[float, Unit("rad"), LIMITS["j1"].range, "upper arm forward"]
 J2 = Annotated[float, Unit("rad"), LIMITS["j2"].range, "upper arm outward"]
 J3 = Annotated[float, Unit("rad"), LIMITS["j3"].range, "upper arm about itself, outward"]
@@ -97,7 +99,7 @@ class Limb(Arm):
 
     @command(effect="repeat", offline="queue")
     def go_to(
-        self, x: X, y: Y, z: Z, twist: Twist, speed: HandSpeed = USUAL_SPEED, blend: Blend = 0.0
+        self, x: X, y: Y, z: Z, twist: Twist, speed: HandSpeed = USUAL_SPEED, blend: HandBlend = 0.0
     ) -> None:
         """Move the hand to a point, the fingers down, and turn it."""
         self.carry_out(GoTo(x=x, y=y, z=z, twist=twist, speed=speed, blend=blend))
