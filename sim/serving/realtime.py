@@ -1,9 +1,10 @@
 """Real time: runs a controller in a thread, in step with the wall clock.
 
-Deadlines are absolute, one per batch. Physics and control run in lock step on simulated time, so jitter of
-the thread cannot disturb the contact. A debt is made good slowly: a controller whose clock jumped would end a
-goal long before its time to live, and move faster than its limits. A debt of more than a quarter second (a
-suspended laptop) is dropped and counted, not made up.
+Deadlines are absolute, one per batch; in a world that runs faster, one for as many batches as make up that
+time of the wall clock, so that its thread wakes no more often. Physics and control run in lock step on
+simulated time, so jitter of the thread cannot disturb the contact. A debt is made good slowly: a controller
+whose clock jumped would end a goal long before its time to live, and move faster than its limits. A debt of
+more than a quarter second (a suspended laptop) is dropped and counted, not made up.
 """
 
 import threading
@@ -78,7 +79,9 @@ class RealTime:
     ) -> None:
         self._controller, self._tell, self._fail = controller, tell, fail
         self._over = threading.Event()
-        self._period = period = BATCH * float(controller.cell.model.opt.timestep) / speedup
+        self._batches = max(1, int(speedup))  # one wake-up is not for less wall clock than in real time
+        period = self._batches * BATCH * float(controller.cell.model.opt.timestep) / speedup
+        self._period = period
         self._pacer = Pacer(period, time.monotonic())
         self._thread = threading.Thread(target=self._run, name="cell", daemon=True)
         self._thread.start()
@@ -97,9 +100,9 @@ class RealTime:
         gauges, began = self._controller.firmware.gauges, time.thread_time()
         try:
             while not self._over.is_set():
-                out = self._controller.advance()
-                if out:
-                    self._tell(out)
+                for _ in range(self._batches):
+                    if out := self._controller.advance():
+                        self._tell(out)
                 now = time.thread_time()
                 gauges.load += LOAD_SHARE * ((now - began) / self._period - gauges.load)
                 began = now

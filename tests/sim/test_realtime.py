@@ -14,6 +14,7 @@ from robotree.sim.controller.controller import Controller
 from robotree.sim.firmware import Outgoing
 from robotree.sim.kinds import kind
 from robotree.sim.serving.realtime import FASTEST, LARGEST_DEBT, Pacer, RealTime
+from tests.waiting import wait_until
 
 PERIOD = 0.005
 
@@ -64,6 +65,30 @@ def test_a_long_sleep_is_dropped_and_counted(nap: float) -> None:
     assert pacer.wait(nap) == 0.0
     assert pacer.dropped == pytest.approx(nap - PERIOD)
     assert pacer.wait(nap + 0.001) == pytest.approx(PERIOD - 0.001, abs=1e-6)
+
+
+@pytest.mark.parametrize(("speedup", "batches"), [(1.0, 1), (0.5, 1), (2.5, 2), (3.0, 3)])
+def test_the_thread_of_a_world_that_runs_faster_wakes_no_more_often(
+    monkeypatch: pytest.MonkeyPatch, speedup: float, batches: int
+) -> None:
+    class Counted(Controller):
+        def advance(self) -> list[Outgoing]:
+            begun.append("batch")
+            return []
+
+    def wait(pacer: Pacer, now: float) -> float:
+        begun.append("sleep")
+        return waits(pacer, now)
+
+    begun: list[str] = []
+    waits = Pacer.wait
+    monkeypatch.setattr(Pacer, "wait", wait)
+    whole = kind("rover").build(1, 2.0)
+    running = RealTime(Counted(whole.cell, whole.firmware, {}), lambda _: None, lambda _: None, speedup)
+    wait_until(lambda: len(begun) > 40, "it runs")
+    running.close()
+    assert begun[: 4 * (batches + 1)] == 4 * [*batches * ["batch"], "sleep"]
+    assert running._period == pytest.approx(batches * PERIOD / speedup)
 
 
 def test_a_cell_runs_in_its_thread_until_it_is_closed() -> None:
