@@ -21,7 +21,7 @@ from robotree.tui.processes.trust import gate_for, realm_keys, trust_file
 from robotree.tui.terminal import answer
 
 if TYPE_CHECKING:
-    from robotree.vr.base.permissions import Permissions
+    from robotree.vr.base.permissions import Permissions, SignedManifest
     from robotree.vr.bundle import Bundle
     from robotree.vr.bundle.admission import Gate
     from robotree.vr.bundle.build import SigningKey
@@ -102,9 +102,8 @@ def _written(page: Bundle, out: str, key: SigningKey) -> int:
     return exit_codes.DONE
 
 
-def verify(line: Line, realm: str) -> int:
-    """Say whether a host of this user would run a bundle."""
-    from robotree.vr.base.principal import ITSELF
+def _bundle(line: Line) -> tuple[Bundle, SignedManifest]:
+    """Read the bundle of a line."""
     from robotree.vr.bundle import Bundle
 
     path = line.text("FILE")
@@ -113,25 +112,29 @@ def verify(line: Line, realm: str) -> int:
         raise ValueRefused(
             "FILE", f"{path} is a page, not a bundle; `robotree bundle build {path}` makes one"
         )
+    return page, page.signed
+
+
+def verify(line: Line, realm: str) -> int:
+    """Say whether a host of this user would run a bundle."""
+    from robotree.vr.base.principal import ITSELF
+
+    page, _ = _bundle(line)
     admission = gate_of(line, realm).admit(page, ITSELF, "this machine")
     who = f"is signed by {admission.signer}" if admission.signer else "is signed with a key of yours"
     level = f"; it runs with isolation {admission.isolation}" if admission.isolation != "none" else ""
-    answer(f"{path} is as it was signed, and {who}{level}", lambda: _seen(page, admission.signer))
+    answer(
+        f"{line.text('FILE')} is as it was signed, and {who}{level}", lambda: _seen(page, admission.signer)
+    )
     return exit_codes.DONE
 
 
 def show(line: Line, _realm: str) -> int:
     """Print what a bundle says of itself."""
-    from robotree.vr.bundle import Bundle
     from robotree.vr.bundle.manifest import read_manifest
 
-    path = line.text("FILE")
-    page = Bundle.read(path)
-    if page.signed is None:
-        raise ValueRefused(
-            "FILE", f"{path} is a page, not a bundle; `robotree bundle build {path}` makes one"
-        )
-    manifest = read_manifest(page.signed.manifest, path)
+    page, signed = _bundle(line)
+    manifest = read_manifest(signed.manifest, line.text("FILE"))
     rows = [f"{manifest.name}  {manifest.page}{f':{manifest.wanted}' if manifest.wanted else ''}"]
     rows.append(f"  sha256:{page.hash}")
     rows.append(f"  signer    {manifest.signer}")

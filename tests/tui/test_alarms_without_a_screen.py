@@ -67,7 +67,7 @@ class Hall:
         """Watch whether x is above a limit."""
         await until(lambda: self.client.find("arm-1") is not None, "the arm is there")
         line = Line("alarm above", {"ROBOT.READING": "arm-1.x", "LIMIT": limit})
-        await alarming.alarm_above(self.client, line, self.heard)
+        await alarming.alarm(self.client, line, self.heard)
         watching = asyncio.create_task(alarming.watch(self.client, Line("alarms watch", {}), self.heard))
         try:
             yield watching

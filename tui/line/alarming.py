@@ -24,19 +24,11 @@ if TYPE_CHECKING:  # help must not wait for the agents
 PAUSE = 0.2
 """[s] between two looks whether a reading has passed a threshold."""
 WORDS = {">": "above", "<": "below"}
+SIGNS: dict[str, Sign] = {"alarm above": ">", "alarm below": "<"}
 
 
-async def alarm_above(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
-    """Raise an alarm when a reading is above a limit."""
-    return await _set(realm_client, line, ">")
-
-
-async def alarm_below(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
-    """Raise an alarm when a reading is below a limit."""
-    return await _set(realm_client, line, "<")
-
-
-async def _set(realm_client: RealmClient, line: Line, sign: Sign) -> Outcome:
+async def alarm(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
+    """Raise an alarm when a reading is `above` or `below` a limit, as the second word of the verb says."""
     robot, reading = values.dotted(line.text("ROBOT.READING"), "ROBOT.READING")
     described = await realm_client.describe(robot)
     if reading not in described.readings:
@@ -44,10 +36,10 @@ async def _set(realm_client: RealmClient, line: Line, sign: Sign) -> Outcome:
         raise ValueRefused("ROBOT.READING", f"{robot} has no reading {reading}; it has {known}")
     unit = instruments.unit_of(reading, described.units)
     limit = _limit(line.text("LIMIT"), unit)
-    alarm = Alarm(
+    made = Alarm(
         robot=robot,
         reading=reading,
-        sign=sign,
+        sign=SIGNS[line.verb],
         limit=limit,
         unit=unit,
         by=_me(),
@@ -55,10 +47,10 @@ async def _set(realm_client: RealmClient, line: Line, sign: Sign) -> Outcome:
     )
 
     def change(alarms: dict[str, Alarm]) -> None:
-        alarms[alarm.name] = alarm
+        alarms[made.name] = made
 
     alarms_of(realm_client.realm).change(change)
-    return Outcome(plain(alarm), f"an alarm is raised when {words(alarm)}")
+    return Outcome(plain(made), f"an alarm is raised when {words(made)}")
 
 
 async def alarm_clear(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:

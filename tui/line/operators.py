@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
@@ -63,37 +63,9 @@ async def say(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome
     return Outcome({"said": text, "heard": count}, "" if count else "nobody else has the full screen open")
 
 
-async def control_get(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
-    """Get control of a robot that nobody has, or that is offered."""
-    return await _control(realm_client, line, teller, "get")
-
-
-async def control_ask(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
-    """Ask the operator who has control for it."""
-    return await _control(realm_client, line, teller, "ask")
-
-
-async def control_offer(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
-    """Hand control over to who asks, or offer it to somebody."""
-    return await _control(realm_client, line, teller, "offer")
-
-
-async def control_take(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
-    """Take control from who has it."""
-    return await _control(realm_client, line, teller, "take")
-
-
-async def control_leave(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
-    """Give control up, or take back the question for it."""
-    return await _control(realm_client, line, teller, "leave")
-
-
-async def _control(
-    realm_client: RealmClient,
-    line: Line,
-    teller: Teller,
-    what: Literal["get", "ask", "offer", "take", "leave"],
-) -> Outcome:
+async def control(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
+    """Get, ask for, offer, take or leave control of a robot: what the second word of the verb says."""
+    what = cast('Literal["get", "ask", "offer", "take", "leave"]', line.verb.removeprefix("control "))
     name, person = line.text("NAME"), line.text("PERSON")
     within = values.duration(line.text("--for")) if line.text("--for") else 0.0
     if not within and what in {"get", "ask", "take"} and getattr(teller, "ends_at_once", False):

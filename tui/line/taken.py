@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Generator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,8 +27,6 @@ FILE = "taken.db"
 """In the folder of the realm's state."""
 OWNER = "owner"
 """File beside it, with whose orders they are."""
-HERE = frozenset({"ls", "show", "orders", "order show", "order cancel", "call"})
-"""Verbs that are carried out on what was taken along where nobody else is."""
 
 
 def folder_of(realm: str) -> Path:
@@ -126,13 +124,12 @@ def offline(line: Line, realm: str, teller: Teller) -> Outcome | None:
     Raises:
         VrError: it is refused.
     """
-    if line.verb not in HERE or not exists(realm) or (line.verb == "call" and not line.flag("--queue")):
+    if line.verb not in _OFFLINE or not exists(realm) or (line.verb == "call" and not line.flag("--queue")):
         return None
     with opened(realm) as book:
         book.sweep()
         teller.warn(f"nobody is in realm {realm}; this is what was taken along")
-        outcome: Outcome = _OFFLINE[line.verb](book, line)
-        return outcome
+        return _OFFLINE[line.verb](book, line)
 
 
 def left_here(
@@ -250,7 +247,7 @@ def _ls(book: OrderBook, _line: Line) -> Outcome:
     return Outcome(data, wording.columns(rows))
 
 
-_OFFLINE: dict[str, Any] = {
+_OFFLINE: dict[str, Callable[[OrderBook, Line], Outcome]] = {
     "call": _call,
     "orders": _orders,
     "order show": _order_show,
@@ -258,3 +255,4 @@ _OFFLINE: dict[str, Any] = {
     "show": _show,
     "ls": _ls,
 }
+"""Verbs that are carried out on what was taken along where nobody else is."""

@@ -63,6 +63,8 @@ class Outcome(NamedTuple):
     """The same for people; may be empty."""
     doubt: SupervisorError | None = None
     """Why the result may be incomplete: printed beside it, and shown by the exit code."""
+    logged: bool = False
+    """The log of its robot tells the same, and who wanted it; the screen shows that log already."""
 
 
 class Teller(Protocol):
@@ -691,7 +693,8 @@ async def delete(realm_client: RealmClient, line: Line, _teller: Teller) -> Outc
     """End a virtual robot."""
     left = await realm_client.delete(line.text("NAME"))
     text = f"{line.text('NAME')} is deleted" + (f", but {left}" if left else "")
-    return Outcome({"deleted": line.text("NAME")} | ({"left": left} if left else {}), text)
+    data = {"deleted": line.text("NAME")} | ({"left": left} if left else {})
+    return Outcome(data, text, logged=not left)
 
 
 async def migrate(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
@@ -956,7 +959,8 @@ async def pause(realm_client: RealmClient, line: Line, _teller: Teller) -> Outco
     """Have a robot wait before each step."""
     name = line.text("NAME")
     note = await realm_client.pause(name)
-    return Outcome({"paused": name, "note": note}, f"{name} is paused" + (f"; {note}" if note else ""))
+    text = f"{name} is paused" + (f"; {note}" if note else "")
+    return Outcome({"paused": name, "note": note}, text, logged=not note)
 
 
 async def step(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
@@ -972,7 +976,8 @@ async def continue_(realm_client: RealmClient, line: Line, _teller: Teller) -> O
     """End the pause of a robot."""
     name = line.text("NAME")
     note = await realm_client.go_on(name)
-    return Outcome({"continued": name, "note": note}, f"{name} goes on" + (f"; {note}" if note else ""))
+    text = f"{name} goes on" + (f"; {note}" if note else "")
+    return Outcome({"continued": name, "note": note}, text, logged=not note)
 
 
 async def decide(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:

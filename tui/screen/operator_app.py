@@ -418,15 +418,8 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         if line.verb == "create":
             self.selection = self.selection.go_to(line.text("NAME"), self.now())
         changed = line.verb in CONTROL and outcome.data["operator"] != holder  # the store tells it
-        return "" if changed or self._is_in_its_log(line, outcome, robot, command) else outcome.text, ""
-
-    def _is_in_its_log(self, line: Line, outcome: Outcome, robot: str, command: str) -> bool:
-        """Whether the log of a robot says what the outcome does, and who wanted it."""
-        if line.verb == "delete":
-            return "left" not in outcome.data
-        if line.verb in {"pause", "continue"}:
-            return not outcome.data["note"]
-        return line.verb == "call" and outcome.data is None and self._enters(robot, command)
+        called = line.verb == "call" and outcome.data is None and self._enters(robot, command)
+        return "" if changed or called or outcome.logged else outcome.text, ""
 
     def _tell_refusal(self, error: Exception, sentence: str, robot: str) -> None:
         """Tell why something was not done, unless the log of its robot does."""

@@ -139,23 +139,7 @@ def doing(
     seconds: float = 0.0,
     note: str = "",
 ) -> str:
-    """Return how it is where the sign of its status stands beside, and where it would be better off.
-
-    `go_to 40 % 12 s +2; better off on host-2`. The arguments are those of `_doing`.
-    """
-    told = _doing(robot, share, lacks=lacks, seconds=seconds, note=note)
-    return f"{told}; better off on {robot.advised}" if robot.advised and not robot.on_way else told
-
-
-def _doing(  # noqa: PLR0911 # one for each
-    robot: Condition,
-    share: float | None = None,
-    *,
-    lacks: Sequence[Lack] = (),
-    seconds: float = 0.0,
-    note: str = "",
-) -> str:
-    """Return how it is where the sign of its status stands beside: `go_to 40 % 12 s +2`.
+    """Return how it is beside the sign of its status: `go_to 40 % 12 s +2; better off on host-2`.
 
     Args:
         robot: what it reports of itself.
@@ -166,11 +150,11 @@ def _doing(  # noqa: PLR0911 # one for each
     """
     match status_of(robot, lacks):
         case "abandoned":
-            return f"ABANDONED: {', '.join(robot.abandoned)} still runs"
+            text = f"ABANDONED: {', '.join(robot.abandoned)} still runs"
         case "moving":
             return way(robot)
         case "paused":
-            return f"paused before {robot.held}" if robot.held else f"paused: {robot.busy or 'idle'}"
+            text = f"paused before {robot.held}" if robot.held else f"paused: {robot.busy or 'idle'}"
         case "busy":
             parts = [
                 robot.busy,
@@ -179,13 +163,14 @@ def _doing(  # noqa: PLR0911 # one for each
                 f"+{robot.waiting}" if robot.waiting else "",
                 note,
             ]
-            return " ".join(filter(None, parts))
+            text = " ".join(filter(None, parts))
         case "waits":
-            return f"its parent is away, {robot.away or 0.0:.0f} s left"
+            text = f"its parent is away, {robot.away or 0.0:.0f} s left"
         case "needs":
-            return needs(lacks)
+            text = needs(lacks)
         case calm:
-            return calm
+            text = calm
+    return f"{text}; better off on {robot.advised}" if robot.advised and not robot.on_way else text
 
 
 def text(

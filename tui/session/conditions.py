@@ -152,78 +152,64 @@ def _gone(found: re.Match[str]) -> Condition:
     return Condition(found[0], judge, robots=(name,))
 
 
-@_form(rf"{_NAME}\s+idle")
-def _idle(found: re.Match[str]) -> Condition:
+def _of_robot(found: re.Match[str], judge: Callable[[RobotDescription], Verdict]) -> Condition:
+    """Return a condition of the robot that is named first."""
     name = found[1]
 
-    def judge(scene: Scene) -> Verdict:
+    def of_scene(scene: Scene) -> Verdict:
         robot = scene.robots.get(name)
-        if robot is None:
-            return Verdict(holds=False, seen=f"{name} does not answer")
-        return Verdict(not robot.busy and not robot.waiting, status.words(robot))
+        return Verdict(holds=False, seen=f"{name} does not answer") if robot is None else judge(robot)
 
-    return Condition(found[0], judge, robots=(name,))
+    return Condition(found[0], of_scene, robots=(name,))
+
+
+@_form(rf"{_NAME}\s+idle")
+def _idle(found: re.Match[str]) -> Condition:
+    return _of_robot(found, lambda robot: Verdict(not robot.busy and not robot.waiting, status.words(robot)))
 
 
 @_form(rf"{_NAME}\s+paused")
 def _paused(found: re.Match[str]) -> Condition:
-    name = found[1]
-
-    def judge(scene: Scene) -> Verdict:
-        robot = scene.robots.get(name)
-        if robot is None:
-            return Verdict(holds=False, seen=f"{name} does not answer")
-        return Verdict(bool(robot.paused), status.words(robot))
-
-    return Condition(found[0], judge, robots=(name,))
+    return _of_robot(found, lambda robot: Verdict(bool(robot.paused), status.words(robot)))
 
 
 @_form(rf"{_NAME}\s+on\s+{_NAME}")
 def _on_host(found: re.Match[str]) -> Condition:
-    name, host = found.groups()
+    host = found[2]
 
-    def judge(scene: Scene) -> Verdict:
-        robot = scene.robots.get(name)
-        if robot is None:
-            return Verdict(holds=False, seen=f"{name} does not answer")
+    def judge(robot: RobotDescription) -> Verdict:
         seen = status.way(robot) if robot.on_way else f"on {robot.host or 'no host'}"
         return Verdict(robot.host == host and not robot.on_way, seen)
 
-    return Condition(found[0], judge, robots=(name,))
+    return _of_robot(found, judge)
 
 
 @_form(rf"{_NAME}\s+enslaved\s+by\s+{_SLOT}")
 def _enslaved(found: re.Match[str]) -> Condition:
-    name, parent, slot = found.groups()
+    _, parent, slot = found.groups()
 
-    def judge(scene: Scene) -> Verdict:
-        robot = scene.robots.get(name)
-        if robot is None:
-            return Verdict(holds=False, seen=f"{name} does not answer")
+    def judge(robot: RobotDescription) -> Verdict:
         bond = robot.bond
         if bond is None:
             return Verdict(holds=False, seen="free")
         seen = f"enslaved by {bond.parent.name}.{bond.slot}"
         return Verdict((bond.parent.name, bond.slot) == (parent, slot), seen)
 
-    return Condition(found[0], judge, robots=(name,))
+    return _of_robot(found, judge)
 
 
 @_form(rf"{_SLOT}\s+(?:empty|holds\s+{_NAME})")
 def _slot(found: re.Match[str]) -> Condition:
     parent, slot, child = found.groups()
 
-    def judge(scene: Scene) -> Verdict:
-        robot = scene.robots.get(parent)
-        if robot is None:
-            return Verdict(holds=False, seen=f"{parent} does not answer")
+    def judge(robot: RobotDescription) -> Verdict:
         spec = robot.slot(slot)
         if spec is None:
             return Verdict(holds=False, seen=f"{parent} has no slot {slot}")
         held = inhabitant.name if (inhabitant := spec.child or spec.watched) else None
         return Verdict(held == child, f"holds {held}" if held else "empty")
 
-    return Condition(found[0], judge, robots=(parent,))
+    return _of_robot(found, judge)
 
 
 @_form(rf"(all|any)\s+of\s+{_NAME}\s+(?:reading\s+(.+)|(.+))")

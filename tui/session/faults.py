@@ -61,20 +61,11 @@ def drill_of(realm_client: RealmClient) -> Drill:
     return _drills.setdefault(realm_client, Drill())
 
 
-async def fault_cut(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
-    """Have nothing cross the link of a robot."""
-    return await _on_link(realm_client, line, "cut", 0.0)
-
-
-async def fault_delay(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
-    """Have everything take longer on the link of a robot."""
-    return await _on_link(realm_client, line, "delay", values.duration(line.text("TIME")))
-
-
-async def _on_link(
-    realm_client: RealmClient, line: Line, fault: Literal["cut", "delay"], delay: float
-) -> Outcome:
+async def fault_on_link(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
+    """Have nothing cross the link of a robot, or everything take longer: `fault cut`, `fault delay`."""
     name, seconds = line.text("ROBOT"), _seconds(line)
+    fault: Literal["cut", "delay"] = "delay" if line.verb == "fault delay" else "cut"
+    delay = values.duration(line.text("TIME")) if fault == "delay" else 0.0
     words = await realm_client.disturb(name, fault, seconds=seconds, delay=delay)
     drill_of(realm_client).disturbed.add(name)
     return Outcome({"drill": name, "fault": fault, "seconds": seconds}, f"drill: {name}: {words}")

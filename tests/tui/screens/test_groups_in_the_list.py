@@ -108,3 +108,13 @@ async def test_what_concerns_one_robot_is_refused_for_a_group_and_its_name_can_g
         await operator.until(lambda: "carts" not in table.names, "its line, too")
         assert {"c1", "c2"} <= set(table.names)
     assert not any(cart.stopped_by for cart in carts)
+
+
+async def test_a_group_that_is_paused_at_the_prompt_says_of_each_member_what_came_of_it(
+    realm: Realm, carts: list[Cart], operate: Operate
+) -> None:
+    async with operate(realm.realm_client) as operator:
+        await at_group(operator)
+        await operator.obey("pause carts")
+        await operator.hears("2 of 2 robots of group carts did not do it: c1: c1 is no virtual robot")
+    assert not any(cart.stopped_by for cart in carts)

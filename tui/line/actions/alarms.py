@@ -29,7 +29,7 @@ VERBS = (
         "alarm above ROBOT.READING LIMIT",
         "Raise an alarm when a reading is above a LIMIT: in its row, the log and by the bell of each"
         " screen of yours, until you acknowledge it. It is kept. Angles in degrees.",
-        run="line.alarming:alarm_above",
+        run="line.alarming:alarm",
         right="see",
         alters=True,
         examples=("alarm above arm-1.fz 20",),
@@ -37,7 +37,7 @@ VERBS = (
     line(
         "alarm below ROBOT.READING LIMIT",
         "Raise an alarm when a reading is below a LIMIT (`alarm above`).",
-        run="line.alarming:alarm_below",
+        run="line.alarming:alarm",
         right="see",
         alters=True,
         examples=("alarm below rover-1.battery 30",),

@@ -28,7 +28,7 @@ VERBS = (
         "control get NAME [--for TIME]",
         "Get control of a robot that nobody has, or that is offered to you: nobody else moves it then."
         " It lasts as long as this program, from a shell 10 min (--for).",
-        run="line.operators:control_get",
+        run="line.operators:control",
         right="command",
         key="1",
         examples=("control get arm-1", "control get arm-1 --for 1h"),
@@ -38,7 +38,7 @@ VERBS = (
     of_robot(
         "control ask NAME [--for TIME]",
         "Ask the operator who has control of a robot for it; the question stays open for 30 s.",
-        run="line.operators:control_ask",
+        run="line.operators:control",
         right="command",
         key="2",
         examples=("control ask arm-1",),
@@ -47,7 +47,7 @@ VERBS = (
     of_robot(
         "control offer NAME [PERSON]",
         "Hand control of a robot over to who asks for it, or offer it to a PERSON for 30 s.",
-        run="line.operators:control_offer",
+        run="line.operators:control",
         right="command",
         key="3",
         examples=("control offer arm-1", "control offer arm-1 ben@pts/4"),
@@ -57,7 +57,7 @@ VERBS = (
         "control take NAME [--for TIME] [--seen N]",
         "Take control of a robot from the operator who has it, and end what that one has begun."
         " --seen: only if it has changed hands N times so far.",
-        run="line.operators:control_take",
+        run="line.operators:control",
         right="take",
         key="4",
         danger=True,
@@ -67,7 +67,7 @@ VERBS = (
     of_robot(
         "control leave NAME",
         "Give control of a robot up, or take back the question for it.",
-        run="line.operators:control_leave",
+        run="line.operators:control",
         key="5",
         examples=("control leave arm-1",),
         alters=True,

@@ -36,7 +36,7 @@ VERBS = (
         "fault cut ROBOT [--for TIME]",
         "For a drill, let nothing cross the link between a robot's proxy and its controller, for a TIME"
         " or until the session ends.",
-        run="session.faults:fault_cut",
+        run="session.faults:fault_on_link",
         start="session.faults:begin",
         alters=True,
         right="command",
@@ -46,7 +46,7 @@ VERBS = (
     line(
         "fault delay ROBOT TIME [--for TIME]",
         "For a drill, let everything on a robot's link take a TIME longer, each way.",
-        run="session.faults:fault_delay",
+        run="session.faults:fault_on_link",
         start="session.faults:begin",
         alters=True,
         right="command",
