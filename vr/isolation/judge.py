@@ -5,7 +5,8 @@ key, to robots, lookup services and spaces, and with none of the requests by whi
 Whatever else it tries is no mistake of an author, so it ends the process.
 
 It commands its children alone: those that somebody has put under it, or that a slot of its page chooses. What
-it may call of other robots the permissions of its page say, if it has any; without, nothing.
+it may call of other robots the permissions of its page say, if it has any; without, nothing. Of those it may
+end its own calls, and neither those of others nor pause them.
 """
 
 from __future__ import annotations
@@ -75,6 +76,10 @@ ALLOWED: dict[str, tuple[type[AnyRequest], ...]] = {
 OF_PARENTS = (Petition, Retract, Renew, Release)
 OF_CHILDREN = (Call, Attend, Detach, Cancel, Pause, TakeStep, Continue, Resume)
 """Requests to whom the robot commands."""
+OF_CALLS = (Attend, Detach, Cancel)
+"""Requests about a call, by its key."""
+MOST_CALLED = 1024
+"""Calls of robots that are no children, of which a judge knows: the newest."""
 OF_MOVES = (PrepareMove, TakeRobot, AskMove)
 """Requests by which it moves to another host: its own host makes them anew."""
 NAMELESS = (Describe, Register, Query)
@@ -118,6 +123,8 @@ class Judge:
         """Those that it was asked for and has not answered yet, by their numbers: these it may hand down."""
         self.permissions: tuple[Permissions | None, ...] = (permissions,)
         """Those of its page; while that is being changed, those of both."""
+        self._called: dict[str, str] = {}
+        """Robots that are no children and that it has called, by the keys of the calls."""
         self.identity = ""
         """For life, as it describes itself first."""
         self.key = ""
@@ -197,9 +204,19 @@ class Judge:
                 return self._take(address.name)
         elif not isinstance(request, OF_CHILDREN):
             return False
-        elif not isinstance(request, Resume) and any(one is not None for one in self.permissions):
+        elif isinstance(request, Call) and any(one is not None for one in self.permissions):
+            self._note_called(request.key, address.name)
             return False  # of whom has permissions, the robot that is asked looks at them
+        elif isinstance(request, OF_CALLS) and self._called.get(request.key) == address.name:
+            return False
         raise NotItsChild(robot=self.name, child=address.name, what=type(request).__name__)
+
+    def _note_called(self, key: str, name: str) -> None:
+        """Take note of a call of a robot that is no child: that one it may end, and nothing else of it."""
+        self._called.pop(key, None)
+        self._called[key] = name
+        if len(self._called) > MOST_CALLED:
+            del self._called[next(iter(self._called))]
 
     def _expect_handed_down(self, request: Resume) -> None:
         """Refuse a resume that is no part of what the robot was asked for: people end stops, not pages."""

@@ -17,12 +17,17 @@ from robotree.vr.base.errors import NotAllowed, NotItsChild
 from robotree.vr.base.permissions import Permissions
 from robotree.vr.base.requests import (
     AnyRequest,
+    Attend,
     Call,
+    Cancel,
+    Continue,
     Create,
     Delete,
     Describe,
     DescribeHost,
+    Detach,
     Enslave,
+    Pause,
     Petition,
     Query,
     Register,
@@ -30,6 +35,7 @@ from robotree.vr.base.requests import (
     Resume,
     RobotDeleted,
     SafeStop,
+    TakeStep,
 )
 from robotree.vr.isolation.judge import ALLOWED, Judge, Misbehaved
 
@@ -169,6 +175,30 @@ def test_it_commands_its_children_alone(judge: Judge) -> None:
         judge.expect_child(OTHER.key, body(request))
     judge.expect_child(Address("robot", "arm", "3").key, body(CALL))  # its next incarnation
     assert judge.children == {"arm"}
+
+
+@pytest.mark.parametrize("permissions", [None, Permissions(), Permissions(commands=("Arm.move",))])
+def test_of_robots_that_are_no_children_it_ends_its_own_calls_and_pauses_nothing(
+    permissions: Permissions | None,
+) -> None:
+    judge = Judge("guest", permissions)
+    judge.expect_own(OWN.key)
+    others = Cancel(), Cancel(key="ben/1"), Detach(key="ben/1"), Attend(key="ben/1")
+    for request in (*others, Cancel(key=CALL.key), Pause(), TakeStep(), Continue()):
+        with pytest.raises(NotItsChild):
+            judge.expect_child(OTHER.key, body(request))
+    if permissions is not None:
+        judge.expect_child(OTHER.key, body(CALL))
+        for request in (Attend(key=CALL.key), Detach(key=CALL.key), Cancel(key=CALL.key)):
+            judge.expect_child(OTHER.key, body(request))
+            with pytest.raises(NotItsChild):
+                judge.expect_child(Address("robot", "rover", "3").key, body(request))
+    for request in (*others, Pause()):
+        with pytest.raises(NotItsChild):
+            judge.expect_child(OTHER.key, body(request))
+    judge.note_asked(body(Enslave(slot="arm", child=OTHER)))
+    for request in (*others, Pause(), TakeStep(), Continue()):
+        judge.expect_child(OTHER.key, body(request))
 
 
 def test_it_hands_a_resume_down_to_its_children_and_ends_no_stop_by_itself() -> None:
