@@ -57,6 +57,7 @@ from robotree.vr.base.requests import (
     WatchEntries,
     WriteEntry,
 )
+from robotree.vr.lookup.service import NEWS_PATTERN
 
 ALLOWED: dict[str, tuple[type[AnyRequest], ...]] = {
     "robot": (
@@ -86,6 +87,8 @@ NAMELESS = (Describe, Register, Query)
 """Requests that may come without a sender."""
 
 
+_HEARD = (ORDER_NEWS, NEWS_PATTERN)
+"""News beside those of robots: of its orders, and of who is listed, which it may ask for, too."""
 _NOTED = (Enslave.__name__.encode(), Resume.__name__.encode())
 
 
@@ -293,7 +296,7 @@ class Judge:
         Raises:
             Misbehaved: it wants to hear somebody else.
         """
-        if not pattern.startswith(("robot/", "space/")) and pattern != ORDER_NEWS:
+        if not pattern.startswith(("robot/", "space/")) and pattern not in _HEARD:
             raise Misbehaved(f"it wanted to hear {_shown(pattern)}")
 
 

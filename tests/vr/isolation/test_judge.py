@@ -38,6 +38,7 @@ from robotree.vr.base.requests import (
     TakeStep,
 )
 from robotree.vr.isolation.judge import ALLOWED, Judge, Misbehaved
+from robotree.vr.lookup.service import NEWS_PATTERN
 
 OWN = Address("robot", "guest", "1")
 OTHER = Address("robot", "arm", "2")
@@ -67,6 +68,7 @@ def test_a_robot_speaks_for_itself(judge: Judge) -> None:
     judge.expect_asked("lookup/l/1", body(Query(), sender=""))
     judge.expect_published(f"{OWN.key}/state")
     judge.expect_subscribed(f"{OTHER.key}/state")
+    judge.expect_subscribed(NEWS_PATTERN)
     assert judge.key == OWN.key
 
 

@@ -175,17 +175,20 @@ def test_the_role_of_a_service_that_is_killed_goes_and_nothing_else_does(tmp_pat
     machine.start("house", "host", "house")
     machine.start("services", "host", "services")
     try:
-        machine.say("create", str(tmp_path / "companion.py"), "as", "companion", "on", "house")
+        page = str(tmp_path / "companion.py")
+        machine.say("create", page, "as", "companion", "on", "house")
+        machine.say("create", page, "as", "guarded", "on", "house", "--isolate", "process")
         before = machine.say("show", "companion")
 
         def says() -> str:
             return machine.say("call", "companion.say", "text=Welcome")
 
-        def offered() -> bool:
-            return "desk-clerk" in machine.say("show", "companion")["attributes"]["roles"].split()
+        def offered(robot: str = "companion") -> bool:
+            return "desk-clerk" in machine.say("show", robot)["attributes"]["roles"].split()
 
         machine.say("service", str(tmp_path / "desk.py"), "desk", "on", "services")
         wait_until(offered, "the role is offered")
+        wait_until(lambda: offered("guarded"), "also to a robot that is kept apart")
         machine.say("role", "companion", "desk-clerk")
         assert says() == "Your number please"
 
@@ -197,6 +200,7 @@ def test_the_role_of_a_service_that_is_killed_goes_and_nothing_else_does(tmp_pat
         killed = time.time()
         machine.end("services", signal.SIGKILL)
         wait_until(lambda: not offered(), "the role is gone")
+        wait_until(lambda: not offered("guarded"), "for that one, too")
         after = machine.say("show", "companion")
         assert after["attributes"]["role"] == "neutral"
         assert after["address"] == here["address"] == before["address"], "it is the same life"
