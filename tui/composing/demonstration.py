@@ -37,7 +37,7 @@ from robotree.tui.composing.steps import (
     walk,
 )
 from robotree.tui.errors import BadComposition
-from robotree.vr.base.description import CommandSpec
+from robotree.vr.base.description import CommandSpec, FieldSpec
 from robotree.vr.base.readable import typed
 
 AXES: Final = ("x", "y", "z", "twist")
@@ -348,15 +348,20 @@ def _place(parameters: dict[str, float], centre: Pose) -> str:
     return ""
 
 
-def _rounded(value: float) -> float:
-    return round(value, 4) + 0.0  # no -0.0
+def _rounded(value: float, field: FieldSpec | None = None) -> float:
+    """Return a number without noise; one that this would put out of its range stays as it was shown."""
+    rounded = round(value, 4) + 0.0  # no -0.0
+    lower, upper = (field.lower, field.upper) if field else (None, None)
+    kept = (lower is None or rounded >= lower) and (upper is None or rounded <= upper)
+    return rounded if kept else value
 
 
 def _move(
     slot: str, robot: ShownRobot, point: Pose, centre: Pose | None = None, place: str = ""
 ) -> ComposedStep:
     """Return the step to a point: relative to a place, if that has a name."""
-    values: list[Value] = [_rounded(each) for each in point]
+    fields = robot.commands[GO_TO].by_name
+    values: list[Value] = [_rounded(each, fields[axis]) for axis, each in zip(AXES, point, strict=True)]
     if centre is not None and place:
         for index, (axis, stands) in enumerate((("x", STANDS), ("y", STANDS), ("z", 0.0))):
             plus = point[index] - centre[index]

@@ -74,7 +74,9 @@ def value_of(field: FieldSpec) -> st.SearchStrategy[Value]:
     high = field.upper if field.upper is not None else 1.0
     if field.type == "int":
         return st.integers(int(low), min(int(high), 3))
-    plain: st.SearchStrategy[Value] = st.floats(low, high).map(lambda each: round(each, 4) or low)
+    plain: st.SearchStrategy[Value] = st.floats(low, high).map(
+        lambda each: min(max(round(each, 4), low), high)
+    )
     if field.unit == "m" and low <= -0.5 and high >= 0.5:
         plus = st.sampled_from([0.0, 0.0, 0.05, -0.0125])
         return plain | st.builds(Variable, st.sampled_from(sorted(NUMBERS)), plus)

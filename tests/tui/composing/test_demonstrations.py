@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 from math import pi, radians
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -22,7 +23,7 @@ from robotree.tui.composing.demonstration import (
 from robotree.tui.composing.gathering import Felt, gathered
 from robotree.tui.composing.lines import written
 from robotree.tui.composing.play import play
-from robotree.tui.composing.steps import checked
+from robotree.tui.composing.steps import ComposedCall, checked
 from robotree.tui.composing.writing import prepared
 from robotree.tui.errors import BadComposition
 from robotree.vr.base.history_event import HistoryEvent
@@ -64,6 +65,18 @@ def test_angles_are_degrees_in_the_steps_and_radians_in_the_page() -> None:
     for text, angle in (("twist=45deg", radians(45)), ("twist=180deg", pi)):
         assert text in ready.files["cup.steps"]
         assert f"twist={angle!r})" in ready.files["cup.py"]
+
+
+def test_a_point_at_the_end_of_its_range_is_not_rounded_beyond_it() -> None:
+    end, go_to = 0.40006, ARM.commands["go_to"]
+    fields = [
+        msgspec.structs.replace(field, lower=-end, upper=end) if field.name in "xy" else field
+        for field in go_to.parameters
+    ]
+    near = ARM._replace(commands={**ARM.commands, "go_to": msgspec.structs.replace(go_to, parameters=fields)})
+    (step,) = composed("cup", [near], [go(end, -end, 0.1)]).steps
+    assert isinstance(step, ComposedCall)
+    assert dict(step.arguments) | {"x": end, "y": -end} == dict(step.arguments)
 
 
 def test_where_nothing_was_gripped_is_no_place() -> None:
