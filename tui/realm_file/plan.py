@@ -328,7 +328,7 @@ class _Planner:
         }
 
     def _watches(self, entry: RobotEntry, robot: RobotDescription | None) -> None:
-        """Have the robots watched that the file names, whoever commands them."""
+        """Have the robots watched that the file names; others may command them."""
         held = {slot.name: slot.watched.name for slot in robot.slots if slot.watched} if robot else {}
         for slot, watched in entry.watches.items():
             place, before = f"{entry.name}.{slot}", held.get(slot, "")

@@ -16,7 +16,7 @@ robots:
     host: host-1                            # left out: the first that takes it
     settings: {speed: 20 cm/s}
     slots: {arm: arm-1}                     # several children of a group: [rover-1, rover-2]
-    watches: {seen: arm-2}                  # without a lease, beside whoever commands it
+    watches: {seen: arm-2}                  # without a lease: others may command it
 groups:
   carriers: [rover-1, rover-2]
   strong: {where: kind = Rover & battery > 30, near: hall}   # and robots: [rover-1]

@@ -69,7 +69,7 @@ VERBS = (
         "enslave PARENT.SLOT CHILD …",
         "Put a virtual robot on top of another robot: fill its slot, or several of a group. With `where"
         " TEXT` instead of a CHILD it chooses one itself that is free: it is told why this one. A slot that"
-        " only watches takes no lease: many may watch a robot, whoever commands it.",
+        " only watches takes no lease: many may watch a robot, also while somebody else commands it.",
         run="line.verbs:enslave",
         right="command",
         key="e",
