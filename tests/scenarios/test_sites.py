@@ -17,6 +17,7 @@ from tests.command_line import ROBOTREE
 from tests.listening import listening
 from tests.plant import EXAMPLES, LINKED, Machine, Plant
 from tests.ports import free_port
+from tests.terminal import Person
 from tests.waiting import wait_until
 
 pytestmark = [pytest.mark.e2e, pytest.mark.story]
@@ -88,6 +89,36 @@ def test_a_command_goes_there_and_the_log_there_names_who_asked(plant: Plant) ->
     lab.say("call", "r1.move", "x=0.05", "y=0")
     lines = json.dumps(hall.say("log", "r1"))
     assert "@lab" in lines, lines
+
+
+def test_who_sits_at_another_site_is_seen_and_reads_what_is_said_here(
+    plant: Plant, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lab, hall = plant.lab, plant.hall
+    with monkeypatch.context() as there:
+        for variable, value in hall.environment.items():
+            there.setenv(variable, value)
+        person = Person("plant")
+    try:
+        person.shows(b"r1")
+        wait_until(lambda: lab.say("who")["operators"], "they are seen from the lab")
+        seen, silent = lab.say("who")["operators"], lab.say("who")["silent_sites"]
+        assert [one["person"].rpartition("@")[2] for one in seen] == ["hall"]
+        assert silent == []
+        assert lab.say("say", "the cup is hot") == {"said": "the cup is hot", "heard": 1}
+        person.shows(b"the cup is hot")
+        plant.hub.running["hub"].send_signal(signal.SIGSTOP)
+        try:
+            wait_until(
+                lambda: lab.say("who")["silent_sites"] == ["hall"], "a site that is not heard is named"
+            )
+        finally:
+            plant.hub.running["hub"].send_signal(signal.SIGCONT)
+        wait_until(lambda: lab.say("who")["operators"], "it is heard again")
+    finally:
+        person.leave()
+    wait_until(lambda: not lab.say("who")["operators"], "they are gone")
+    assert lab.say("say", "is anybody there")["heard"] == 0
 
 
 def test_a_robot_is_shown_with_its_site_and_age_and_the_doctor_knows_the_way(plant: Plant) -> None:

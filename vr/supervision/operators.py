@@ -145,16 +145,10 @@ class Operators:
                 self._publish("here", self._me)
 
     async def say(self, text: str) -> int:
-        """Say a line to all operators; returns to how many programs it went."""
-        await self.listen()
-        topic = f"{self._key}/says"
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(ANSWER):
-                while not self._transport.listeners(topic):  # noqa: ASYNC110 # a table, which tells nobody
-                    await asyncio.sleep(0.02)
-        count = self._transport.listeners(topic)
+        """Say a line to all operators; returns how many others are here. Who is not here asks first."""
+        here = self.here() if self._task is not None else await self.ask()
         self._publish("says", OperatorSays(person=self._me.person, text=bounded(text, LONGEST)))
-        return count
+        return sum(each.key != self._key for each in here)
 
     # -- inside -----------------------------------------------------------------------------------
 
