@@ -17,7 +17,7 @@ from tests.command_line import ROBOTREE
 from tests.listening import listening
 from tests.plant import EXAMPLES, LINKED, Machine, Plant
 from tests.ports import free_port
-from tests.terminal import Person
+from tests.terminal import ENTER, Person
 from tests.waiting import wait_until
 
 pytestmark = [pytest.mark.e2e, pytest.mark.story]
@@ -91,32 +91,34 @@ def test_a_command_goes_there_and_the_log_there_names_who_asked(plant: Plant) ->
     assert "@lab" in lines, lines
 
 
-def test_who_sits_at_another_site_is_seen_and_reads_what_is_said_here(
+def test_operators_of_two_sites_see_and_hear_each_other(
     plant: Plant, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    lab, hall = plant.lab, plant.hall
-    with monkeypatch.context() as there:
-        for variable, value in hall.environment.items():
-            there.setenv(variable, value)
-        person = Person("plant")
+    lab, people = plant.lab, list[Person]()
+    for machine in (lab, plant.hall):
+        with monkeypatch.context() as there:
+            for variable, value in machine.environment.items():
+                there.setenv(variable, value)
+            people.append(Person("plant"))
+    here, afar = people
     try:
-        person.shows(b"r1")
-        wait_until(lambda: lab.say("who")["operators"], "they are seen from the lab")
-        seen, silent = lab.say("who")["operators"], lab.say("who")["silent_sites"]
-        assert [one["person"].rpartition("@")[2] for one in seen] == ["hall"]
-        assert silent == []
-        assert lab.say("say", "the cup is hot") == {"said": "the cup is hot", "heard": 1}
-        person.shows(b"the cup is hot")
+        for person in people:
+            person.shows(b"r1")
+        wait_until(lambda: len(lab.say("who")["operators"]) == 2, "both are seen")
+        found = lab.say("who")
+        assert "hall" in [one["person"].rpartition("@")[2] for one in found["operators"]]
+        assert found["silent_sites"] == []
+        afar.types(f":say the cup is hot{ENTER}", sees="the cup is hot")
+        here.shows(b"the cup is hot")
         plant.hub.running["hub"].send_signal(signal.SIGSTOP)
         try:
-            wait_until(
-                lambda: lab.say("who")["silent_sites"] == ["hall"], "a site that is not heard is named"
-            )
+            wait_until(lambda: lab.say("who")["silent_sites"] == ["hall"], "a site that is silent is named")
         finally:
             plant.hub.running["hub"].send_signal(signal.SIGCONT)
-        wait_until(lambda: lab.say("who")["operators"], "it is heard again")
+        wait_until(lambda: len(lab.say("who")["operators"]) == 2, "it is heard again")
     finally:
-        person.leave()
+        for person in people:
+            person.leave()
     wait_until(lambda: not lab.say("who")["operators"], "they are gone")
     assert lab.say("say", "is anybody there")["heard"] == 0
 
