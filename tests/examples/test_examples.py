@@ -107,7 +107,7 @@ async def test_move_to_arrives_in_small_steps(workshop: Workshop) -> None:
     assert all(text.endswith("cm to go") for text in told)
 
 
-async def test_the_lever_closes_and_opens_and_nothing_is_pressed_hard(workshop: Workshop) -> None:
+async def test_the_lever_closes_and_nothing_is_pressed_hard(workshop: Workshop) -> None:
     arm = await workshop.proxy("arm", "arm-1")
     await workshop.create("move_to.py", "mover", arm="arm-1")
     lever = await workshop.create("open_close_lever.py", "lever", mover="mover")
@@ -116,8 +116,6 @@ async def test_the_lever_closes_and_opens_and_nothing_is_pressed_hard(workshop: 
     assert arm.readings()["lever"] > 0.75
     with pytest.raises(CommandFailed, match=r"the handle is not at -0\.785 rad; is the lever there already"):
         await lever.call("close", {}, deadline=300.0)
-    await lever.call("open", {}, deadline=300.0)
-    assert arm.readings()["lever"] < -0.75
     assert 0 < arm.readings()["peak_force"] < 35
 
 

@@ -4,10 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
-import shutil
-import signal
-import time
 from collections.abc import AsyncIterator
 from pathlib import Path
 
@@ -22,8 +18,6 @@ from tests.command_line import ROBOTREE, within_realm
 pytestmark = pytest.mark.e2e
 
 REALM = "faults"
-HELD_UP = 8.0
-"""[s]"""
 AUTHOR = '''
 """Talkative: prints more than a pipe holds, then waits."""
 from robotree.vr import VirtualRobot, command
@@ -122,36 +116,3 @@ async def test_a_killed_verb_takes_its_command_with_it_unless_it_was_detached(
     await until_busy(realm_client, "wait")
     await robotree("cancel", "talker")
     await until_busy(realm_client, "")
-
-
-async def test_a_stop_that_cannot_reach_a_robot_names_its_process_and_fails(crew: Crew, place: Path) -> None:
-    host = crew.members[-1].pid
-    os.kill(host, signal.SIGSTOP)
-    try:
-        stopping = await start("stop")
-        out, err = await asyncio.wait_for(stopping.communicate(), 60)
-    finally:
-        os.kill(host, signal.SIGCONT)
-    assert (stopping.returncode, out) == (exit_codes.NOBODY, b"")
-    (first, left, last), where = err.decode().splitlines(), f"talker (in process {host}, which hangs)"
-    assert first == f"robotree: the protective stop goes on, without an answer yet from {where}"
-    assert left == "robotree: talker will be stopped when host host-1 is back"
-    assert f"by nobody but NOT by {where}" in last
-    assert await robotree("stop") == (exit_codes.DONE, "stopped: talker\n")
-    removed = (place / "robotree" / REALM).rename(place / "robotree" / "removed")
-    shutil.rmtree(removed)
-    assert await robotree("stop") == (exit_codes.DONE, "stopped: talker\n"), "nobody has to be found first"
-
-
-async def test_a_process_that_hangs_does_not_hold_up_those_that_come_and_go(crew: Crew) -> None:
-    async def seconds() -> float:
-        began = time.monotonic()
-        await robotree("ls", "--lookups")
-        return time.monotonic() - began
-
-    hanging, usual = crew.members[-1].pid, await seconds()
-    os.kill(hanging, signal.SIGSTOP)
-    try:
-        assert await seconds() < usual + HELD_UP
-    finally:
-        os.kill(hanging, signal.SIGCONT)

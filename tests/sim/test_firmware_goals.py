@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from robotree.protocol.messages import GoalState, GoalStatus, ModeKind, Reason, Tool, Verb
+from robotree.protocol.messages import GoalState, GoalStatus, Reason, Tool, Verb
 from robotree.sim.testing import NAN, ArmBench
 
 AWAY = (0.35, -0.25, 0.35, 0.5)
@@ -66,20 +66,6 @@ def test_a_newer_goal_takes_the_place_of_the_older_without_a_jerk(arm: ArmBench)
     assert operator.end_of(newer).state == GoalState.SUCCEEDED
     assert max(speeds) < 15.0
     np.testing.assert_allclose(arm.world.arm.state().position, (0.4, 0.2, 0.3), atol=0.004)
-
-
-def test_a_cancelled_goal_ends_where_the_arm_is(arm: ArmBench) -> None:
-    operator = arm.operator
-    key = operator.ask(Verb.GO_TO, *AWAY)
-    operator.wait(0.8)
-    operator.cancel(key)
-    status = operator.end_of(key)
-    stopped = arm.world.arm.state().position
-    assert (status.state, status.reason) == (GoalState.CANCELLED, Reason.OPERATOR)
-    operator.wait(2.0)
-    assert operator.mode()[0] == ModeKind.READY
-    assert np.linalg.norm(arm.world.arm.state().position - stopped) < 0.03
-    assert np.linalg.norm(arm.world.arm.state().position - np.array(AWAY[:3])) > 0.05
 
 
 def test_the_tool_says_that_it_is_busy(arm: ArmBench) -> None:

@@ -16,7 +16,6 @@ from robotree.protocol.messages import (
     AvailableModes,
     ControlStatus,
     CurrentMode,
-    GoalState,
     Gripper,
     Heartbeat,
     Joints,
@@ -26,7 +25,6 @@ from robotree.protocol.messages import (
     Mode,
     ModeKind,
     NamedValueFloat,
-    Reason,
     Statustext,
     Timesync,
     Tool,
@@ -57,26 +55,6 @@ def test_a_stopped_arm_still_yields(arm: ArmBench) -> None:
     arm.world.cell.data.xfrc_applied[arm.world.cell.model.body("arm/hand").id, 0] = 10.0
     arm.operator.wait(4.0)
     assert arm.world.arm.state().position[0] - before[0] == pytest.approx(0.020, abs=0.001)
-
-
-@pytest.mark.parametrize("silence", [2.0, 0.5])
-def test_a_silent_commander_loses_the_arm(silence: float) -> None:
-    arm = ArmBench(silence=silence)
-    operator = arm.operator
-    if silence < 1.0:
-        operator.silent = True  # its goal is the only word it says
-    running = operator.ask(Verb.GO_TO, 0.35, -0.25, 0.35, 0.5, 0.02)
-    operator.wait(0.1)
-    operator.silent = True
-    asked = operator.now
-    ended = operator.end_of(running, within=silence + 1.1)
-    assert (ended.state, ended.reason) == (GoalState.CANCELLED, Reason.LINK_SILENT)
-    assert operator.now - asked == pytest.approx(silence, abs=0.2)
-    assert operator.mode() == (ModeKind.HOLD, Reason.LINK_SILENT)
-    assert operator.latest(Mode).silence_ms == round(1000 * silence)
-    held = arm.world.arm.state().position
-    operator.wait(3.0)
-    assert np.linalg.norm(arm.world.arm.state().position - held) < 0.01
 
 
 def test_the_arm_stands_within_100_ms_and_5_mm_of_a_hold_at_its_top_speed(arm: ArmBench) -> None:

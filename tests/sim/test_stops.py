@@ -155,31 +155,6 @@ def test_a_release_that_waits_on_another_link_does_not_undo_a_stop(rover: RoverB
     assert ann.mode() == (STOP, Reason.OPERATOR)
 
 
-def test_a_release_said_again_ends_no_stop_that_began_after_it(rover: RoverBench) -> None:
-    """Its answer was lost, so it comes again; meanwhile somebody has stopped the robot."""
-    ann = rover.operator
-    bob = ann.another()
-    ann.set_mode(STOP)
-    ann.wait(0.1)
-    release = SetMode(1, 0, 0, READY, ann.latest(Mode).stops)
-    ann.say(release)
-    ann.wait(0.1)
-    assert ann.mode() == (READY, Reason.NONE)
-    ann.say(release)
-    ann.wait(0.1)
-    assert ann.mode() == (READY, Reason.NONE), "a repetition alone changes nothing"
-    bob.set_mode(STOP)
-    bob.set_mode(STOP)
-    bob.wait(0.1)
-    ann.say(release)
-    ann.wait(0.1)
-    assert Reason.STOPPED in {mode.reason for mode in ann.all(Mode)}
-    assert bob.mode() == (STOP, Reason.OPERATOR)
-    ann.say(SetMode(1, 0, 0, READY, release.stops + 1))
-    ann.wait(0.1)
-    assert ann.mode() == (READY, Reason.NONE)
-
-
 def test_a_release_after_the_stop_wakes_nothing_that_the_stop_has_overtaken(rover: RoverBench) -> None:
     ann = rover.operator
     bob = ann.another()

@@ -81,7 +81,7 @@ def test_a_controller_whose_proxies_are_all_killed_stands_and_holds_the_cup(givi
     giving.base.wait(SOON)
     assert not giving.moving
     before = giving.world.body.q
-    giving.base.wait(5.0)
+    giving.base.wait(2.0)
     assert abs(giving.world.body.q - before).max() < 0.02, "the arms stay where they are"
     giving.assert_held()
 

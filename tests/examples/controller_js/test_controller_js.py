@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import math
 import random
 import re
 import shutil
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
@@ -33,12 +32,6 @@ from robotree.protocol.messages import (
     Verb,
 )
 from robotree.protocol.testing import random_values
-from robotree.proxy.agent import running_proxy
-from robotree.proxy.arm import Arm
-from robotree.vr.base.errors import CommandCancelled, CommandFailed, Stopped
-from robotree.vr.exchange.client import RobotClient
-from robotree.vr.world.network import MemoryNetwork
-from robotree.vr.world.testing import until
 from tests.examples import node
 from tests.examples.controllers import started
 from tests.station import Station
@@ -79,12 +72,6 @@ def folder(controller_js: list[str]) -> Path:
     return Path(controller_js[-1]).parent
 
 
-@pytest.fixture
-def url(controller_js: list[str]) -> Iterator[str]:
-    with started([*controller_js, "0"]) as running:
-        yield running.url
-
-
 def test_all_of_its_packages_are_pinned_and_no_registry_is_named() -> None:
     lock = json.loads((node.SOURCE / "package-lock.json").read_text())
     packages = {name: each for name, each in lock["packages"].items() if name}
@@ -122,48 +109,6 @@ def test_messages_that_node_mavlink_has_too_have_the_same_checksums(
     both, differ = json.loads(done.stdout)
     assert both > 200
     assert differ == []
-
-
-async def test_the_real_proxy_drives_stops_and_finds_it_again(url: str) -> None:
-    network = MemoryNetwork()
-    arm = Arm("arm-1", url, chance=random.Random(1))
-    async with running_proxy(arm, network.join("proxy")) as agent:
-        client = RobotClient(network.join("caller"), agent.address)
-        await until(lambda: arm.online, "it is online")
-        seen: list[float] = []
-        place = {"x": 0.4, "y": 0.1, "z": 0.3, "twist": 0.5}
-        await client.call("go_to", {**place, "speed": 0.2}, on_progress=lambda part, _: seen.append(part))
-        assert seen == sorted(seen)
-        assert len(set(seen)) >= 3
-        await client.call("grip", {"action": "width", "width": 0.03})
-        info = await client.call("get_info", {})
-        assert {name: info[name] for name in place} == pytest.approx(place, abs=1e-4)
-        assert info["width"] == pytest.approx(0.03, abs=1e-6)
-        assert (info["holding"], info["busy"]) == (False, False)
-
-        with pytest.raises(CommandFailed, match=r"arm-1\.go_to failed: The tool does not reach there"):
-            await client.call("go_to", {"x": 0.65, "y": 0.65, "z": 0.6, "twist": 0.0})
-
-        async def moving(key: str) -> asyncio.Task[object]:
-            far = {"x": 0.4, "y": -0.4, "z": 0.3, "twist": 0.0, "speed": 0.02}
-            call = asyncio.create_task(client.call("go_to", far, key=key))
-            before = arm.readings()["y"]
-            await until(lambda: abs(arm.readings()["y"] - before) > 0.002, "it moves")
-            return call
-
-        call = await moving("first")
-        await client.cancel("first", reason="enough")
-        with pytest.raises(CommandCancelled, match="enough"):
-            await call
-
-        call = await moving("second")
-        await client.safe_stop("a hand in the cell")
-        with pytest.raises((CommandCancelled, Stopped)):
-            await call
-        with pytest.raises(Stopped):
-            await client.call("hold", {})
-        await client.resume()
-        await client.call("hold", {})
 
 
 def goal(key: int, epoch: int, *, verb: int = Verb.HOLD) -> Goal:

@@ -15,7 +15,6 @@ from textual.widgets import Button, Input, OptionList
 from robotree.tui.panels import outside
 from robotree.tui.screen.pages.dialogs import Confirm
 from robotree.tui.screen.pages.panel import PanelPage
-from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.widgets.choice import Choice
 from robotree.tui.screen.widgets.command_form import CommandForm
 from robotree.tui.screen.widgets.field_row import FieldRow
@@ -142,23 +141,6 @@ async def test_hasty_enters_lead_through_a_form_and_never_run_it(realm: Realm, o
         await operator.press("ctrl+r")
         await operator.sees("done in")
         assert "hold" not in calls
-
-
-async def test_letters_are_keys_only_where_nobody_may_be_typing(realm: Realm, operate: Operate) -> None:
-    async with panel(realm, operate, "arm-1", "go_to") as (operator, page, form):
-        realm.arm.pace = 0.2
-        form.query_one("#run", Button).focus()
-        await operator.press("x", "i")
-        assert operator.app.screen is page
-        await operator.press("enter")
-        await operator.until(lambda: form.running, "it runs")
-        page.set_focus(None)
-        await operator.press("c", "x", "i")
-        assert operator.app.screen is page
-        await operator.sees("done in")
-        page.query_one("#commands").focus()
-        await operator.press("x")
-        await operator.at(TeleopPage)
 
 
 async def test_the_keys_are_where_they_were_when_a_command_has_ended(realm: Realm, operate: Operate) -> None:
