@@ -231,7 +231,7 @@ def evening(seed: int) -> None:
 
 
 def test_every_visitor_is_done_with_and_every_cup_is_where_it_is_booked() -> None:
-    for seed in range(20):
+    for seed in range(40):
         evening(seed)
 
 
