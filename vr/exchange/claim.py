@@ -39,8 +39,12 @@ class Declarations(contextlib.AsyncExitStack):
     def work(self, work: Coroutine[Any, Any, None], name: str) -> None:
         """Do something until the end."""
         task = asyncio.create_task(work, name=name)
-        self.push_async_callback(asyncio.gather, task, return_exceptions=True)
-        self.callback(task.cancel)
+
+        async def end() -> None:
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+
+        self.push_async_callback(end)
 
 
 def new_address(role: Role, name: str) -> Address:
