@@ -12,6 +12,7 @@ from textual.binding import BindingType
 from textual.containers import Horizontal, VerticalScroll
 
 from robotree.tui.line import standing as words
+from robotree.tui.line.past import Known
 from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.widgets.cached_text import CachedText, entitle
@@ -40,7 +41,7 @@ class WherePage(Page):
         self.robot = robot
         self.found: Standing | None = None
         self.source: Sequence[str] = ()
-        self._known: words.Known = {}
+        self._known: Known = {}
         self._page = ""
         """Hash of the page whose source is shown."""
         self._note = "its host is asked …"
