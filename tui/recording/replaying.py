@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
@@ -134,16 +134,13 @@ class Replay(Supervisor):
 
     def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
         """Offer what the keys of a recording do, and what a supervisor offers but the stop."""
-        for (keys, doc), (name, act) in zip(
-            self.OWN_KEYS,
-            (
-                ("hold, go on", self.player.hold_or_go_on),
-                ("forward", partial(self.action_leap, LEAP)),
-                ("faster", partial(self.action_pace, 2.0)),
-                ("compare", self.action_compare),
-            ),
-            strict=True,
-        ):
+        acts: tuple[tuple[str, Callable[[], object]], ...] = (
+            ("hold, go on", self.player.hold_or_go_on),
+            ("forward", partial(self.action_leap, LEAP)),
+            ("faster", partial(self.action_pace, 2.0)),
+            ("compare", self.action_compare),
+        )
+        for (keys, doc), (name, act) in zip(self.OWN_KEYS, acts, strict=True):
             yield SystemCommand(f"Recording: {name}  ({keys})", doc, act)
         yield from super().get_system_commands(screen)
 
