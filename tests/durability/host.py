@@ -41,7 +41,6 @@ WORD = os.environ.get("WORD", "act").encode()
 """Of the calls around which the moments of the transport are."""
 HANGS = "HANGS" in os.environ
 """Whether it is stopped at that place, and not killed."""
-KEEPS = "FORGET" not in os.environ
 WITHOUT = os.environ.get("WITHOUT", "")
 FIRST = not FOLDER.exists()
 """Whether this is the first life of the host."""
@@ -204,8 +203,8 @@ async def main() -> None:
     async with until_sigterm():
         await run.run_host(
             NAME,
-            keep=keeping() if KEEPS else None,
-            past=FOLDER if KEEPS else None,
+            keep=keeping(),
+            past=FOLDER,
             returns=float(os.environ.get("RETURNS", "10")),
             ready=lambda _: os.write(1, b"ready\n") and None,
         )

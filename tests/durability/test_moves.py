@@ -91,11 +91,6 @@ async def play(
     return await owners(stage)
 
 
-async def test_a_command_goes_on_in_the_other_process(stage: Stage) -> None:
-    hosts = await furnished(stage)
-    assert await play(stage, hosts) == ["h2"]
-
-
 @pytest.mark.parametrize("place", most_at_night("out", SOURCE))
 async def test_the_source_is_killed_at_a_boundary(stage: Stage, place: str) -> None:
     hosts = await furnished(stage, f"move {place} 1")

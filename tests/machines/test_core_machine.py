@@ -910,18 +910,47 @@ def test_a_numbered_call_that_is_over_for_its_caller_is_refused_for_ever() -> No
         core.handle(call(1, 1), 0.0)
 
 
-def test_a_late_answer_of_a_child_whose_slot_is_no_longer_declared_changes_nothing() -> None:
+def core_with_a_child() -> tuple[RobotCore, Address]:
+    """A robot with a child in the slot `tool`, under epoch 3."""
     core, child = new_core(), Address("robot", "hand-1", "1")
     core.handle(on.Reserve(slot="tool", child=child), 0.0)
     lease = HeldLease.begin(epoch=3, term=TERM, sent=0.0, now=0.0)
     description = RobotDescription(address=child, kinds=("Tool", "Robot"))
     core.handle(on.Bind(slot="tool", bond=Bond(child=child, lease=lease, description=description)), 0.0)
+    return core, child
+
+
+def test_a_late_answer_of_a_child_whose_slot_is_no_longer_declared_changes_nothing() -> None:
+    core, child = core_with_a_child()
     core.handle(on.FreeAsked(slot="tool"), 1.0)
     core.handle(on.PageReloaded(slots=(), fields={}), 1.0)
     before = encode_state(core.state)
     assert core.handle(on.Renewed(slot="tool", child=child, epoch=3, sent=0.5, term=TERM), 2.0) == []
     assert core.handle(on.Lose(slot="tool", child=child, epoch=3, reason="it has ended"), 2.0) == []
     assert encode_state(core.state) == before
+
+
+def test_the_lease_of_a_child_is_asked_for_when_it_is_due_and_again_until_it_ends() -> None:
+    core, child = core_with_a_child()
+    asked: list[float] = []
+    while (now := core.due) < TERM:
+        (effect,) = core.handle(on.Tick(unix=UNIX + now), now)
+        assert effect == RenewLease(slot="tool", child=child, epoch=3, sent=now)
+        asked.append(now)
+    assert asked[0] <= TERM / 2
+    assert len(asked) > 2
+    (gone,) = core.handle(on.Tick(unix=UNIX + TERM), TERM)
+    assert isinstance(gone, ChildGone)
+
+
+def test_a_stop_goes_on_to_the_children_of_a_robot_that_is_a_child_itself() -> None:
+    core, _ = core_with_a_child()
+    parent = Address("robot", "lever", "1")
+    core.handle(
+        on.ParentAsked(parent=parent, slot="arm", lineage=("lever",), term=5.0, unix=UNIX, key="p"), 1.0
+    )
+    effects = core.handle(on.StopAsked(reason="enough", order="o", within=1.0), 2.0)
+    assert {part for _, part in asked_parts(effects)} == {HARDWARE, "tool"}
 
 
 def test_a_stop_ends_every_command_of_an_enslaved_robot_also_beside_one_that_goes_on_by_itself() -> None:

@@ -213,4 +213,4 @@ class StopMachine(RuleBasedStateMachine):
 
 
 TestStopMachine = StopMachine.TestCase
-TestStopMachine.settings = settings(max_examples=120, stateful_step_count=15, deadline=None)
+TestStopMachine.settings = settings(max_examples=60, stateful_step_count=15, deadline=None)

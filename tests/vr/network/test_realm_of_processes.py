@@ -83,24 +83,6 @@ async def test_the_files_of_the_dead_are_removed_by_the_next_who_comes(
     assert list(folder.iterdir()) == []
 
 
-@pytest.mark.speed
-async def test_a_process_that_slept_is_whole_again_within_a_second(start: Start, join_realm: Enter) -> None:
-    """Who asks may find it silent in the moment in which it wakes, and asks again: that takes no time."""
-    process = await start("serve", "arm")
-    await process.ready()
-    transport = await join_realm()
-    await arrived(transport, "arm")
-    process.signal(signal.SIGSTOP)
-    await asyncio.sleep(HANGS + 0.5)
-    process.signal(signal.SIGCONT)
-    woken = time.perf_counter()
-    await arrived(transport, "arm")
-    answer = None
-    while answer != ([b"ack", b"hi"], None) and time.perf_counter() < woken + 60:
-        answer = await replies_of(transport.request("robot/arm/1", b"hi", timeout=60))
-    assert time.perf_counter() - woken < 1.0  # measured: at most 0.05 s, on a machine at load 5
-
-
 async def test_a_process_that_hangs_is_waited_for_as_long_as_it_may_still_begin(
     start: Start, join_realm: Enter
 ) -> None:
