@@ -1,6 +1,7 @@
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+import gc
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
 import pytest
@@ -14,3 +15,13 @@ async def stage(place: Path, tmp_path: Path) -> AsyncIterator[Stage]:
     del place  # the runtime folder
     async with staged(tmp_path) as stage:
         yield stage
+
+
+@pytest.fixture(autouse=True)
+def who_was_killed_is_collected() -> Iterator[None]:
+    """Have what ran in a killed process of a rehearsal end here, and not in the middle of another test.
+
+    Its greenlets end where they are collected; that is seldom, and may be anywhere.
+    """
+    yield
+    gc.collect()
