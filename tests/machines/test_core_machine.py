@@ -245,6 +245,12 @@ class CoreMachine(RuleBasedStateMachine):
             else:
                 self.waiting.append(call.key)
 
+    def at_work(self) -> list[str]:
+        """Return the calls that run; if there is none, one comes that reads."""
+        if not self.running + self.readers:
+            self.a_call_comes(reads=True, within=1000.0)
+        return self.running + self.readers
+
     @rule()
     def a_call_comes_from_one_who_has_no_right(self) -> None:
         right = self.right()
@@ -338,29 +344,26 @@ class CoreMachine(RuleBasedStateMachine):
         )
         assert key not in calls.live or calls.live[key].detached
 
-    @precondition(lambda self: self.running or self.readers)
     @rule(data=st.data(), path=st.sampled_from(["1", "2", "2/1", "!"]), value=st.integers(-9, 9))
     def a_step_is_taken(self, data: st.DataObject, path: str, value: int) -> None:
-        key = data.draw(st.sampled_from(self.running + self.readers))
+        key = data.draw(st.sampled_from(self.at_work()))
         step = on.StepResult("look", None, value)
         assert not self.handle(on.StepTaken(key=key, path=path, step=step))
         assert key not in self.core.state.calls.live or self.core.state.calls.live[key].steps[path] == step
 
-    @precondition(lambda self: self.running or self.readers)
     @rule(data=st.data())
     def its_steps_are_not_needed_any_more(self, data: st.DataObject) -> None:
-        key = data.draw(st.sampled_from(self.running + self.readers))
+        key = data.draw(st.sampled_from(self.at_work()))
         before = self.core.state.calls.live.get(key)
         lap = 0 if before is None else before.lap
         assert not self.handle(on.Checkpoint(key=key))
         call = self.core.state.calls.live.get(key)
         assert call is None or (call.steps, call.lap, call.fields) == ({}, lap + 1, self.core.state.fields)
 
-    @precondition(lambda self: self.running or self.readers)
     @rule(data=st.data(), answer=st.sampled_from(["done", "again", "abort"]))
     def a_command_asks_and_a_person_answers(self, data: st.DataObject, answer: str) -> None:
         self.handle(on.Tick(unix=UNIX + self.now))
-        key = data.draw(st.sampled_from(self.running + self.readers))
+        key = data.draw(st.sampled_from(self.at_work()))
         asks = key in self.core.state.calls.live
         self.handle(on.DoubtRaised(key=key, question="what now?"))
         reply = on.DoubtSettled(answer=answer, epoch=self.right(), principal=HOLDER)
