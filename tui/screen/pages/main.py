@@ -14,7 +14,7 @@ from textual.widgets import ContentSwitcher
 
 from robotree.tui.line.action import About, Scope, Where
 from robotree.tui.line.actions import ACTIONS, BY_VERB
-from robotree.tui.processes.layout import LEAST, MOST, Layout
+from robotree.tui.processes.layout import LEAST, MOST
 from robotree.tui.screen.operator_app import OperatorApp
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.place import NOWHERE, Place
@@ -283,9 +283,7 @@ class MainPage(Page):
         wanted = min(max(self.app.layout.layout.share + by, LEAST), MOST)
         if by:
             self.app.layout.change(share=wanted)
-        usual = wanted == Layout().share
-        below = self.query_one("#below").styles
-        below.height, below.max_height = f"{wanted}%", None if not usual else 18
+        self.query_one("#below").styles.height = f"{wanted}%"
         if by:
             self.draw()
 
