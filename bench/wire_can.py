@@ -3,8 +3,8 @@
     python bench/wire_can.py [ROUNDS]
 
 All ways take turns in one run, so that the ratios hold on a noisy machine. The links' round trips are those
-of `robotree.protocol.tools.measure.round_trips`; here the bus without link and event loop is added. Printed
-are medians; the ratios are to the bare echo of the same round.
+of `bench.wire.round_trips`; here the bus without link and event loop is added. Printed are medians; the
+ratios are to the bare echo of the same round.
 """
 
 from __future__ import annotations
@@ -13,10 +13,13 @@ import asyncio
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import can
 
-from robotree.protocol.tools.measure.round_trips import Way, compare
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from bench.wire.round_trips import Way, compare
 
 BUS_PAYLOAD = 60
 """[bytes] for the bus alone."""

@@ -3,16 +3,20 @@
     python bench/wire_codec.py [--rounds N] [--json]
 
 Both sides use fastcrc. Four telemetry messages: one of 40 bytes without an array, and our own joints, tool
-and heartbeat. What is done is in `robotree.protocol.tools.measure.codec`; `robotree wire bench codec` says
-whether the promises hold.
+and heartbeat. What is done is in `bench.wire.codec`; `python -m bench.wire codec` says whether the promises
+hold.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import sys
+from pathlib import Path
 
-from robotree.protocol.tools.measure import codec, reference
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from bench.wire import codec, reference
 
 
 def main() -> None:

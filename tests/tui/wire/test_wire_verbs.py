@@ -111,7 +111,6 @@ def test_what_cannot_be_done_is_told_in_one_sentence(say: Any, tmp_path: Path) -
         ("wire", "dialect", "out"): "wire dialect: --lang is missing",
         ("wire", "ping", "--connect", "tcp:1", "--count", "none"): "is no count",
         ("wire", "ping", "--connect", "tcp:1", "--by", "fax"): "there is ping and timesync",
-        ("wire", "bench", "luck"): "there is codec, trips",
         ("wire", "inject", "--listen", "tcp:0", "--connect", "tcp:1", "--loss", "2"): "is no share",
         ("wire", "decoed", "a"): "did you mean wire decode",
         ("wire",): "wire needs a second word: decode, record, replay, monitor, ping",

@@ -98,11 +98,4 @@ VERBS = (
             "wire key realm --of tcp:127.0.0.1:5760",
         ),
     ),
-    shell(
-        "wire bench [PART …]",
-        "Measure the speed of codec and links as ratios: codec, trips, noise, imports, clients.",
-        start="wire.bench:bench",
-        needs=("wire",),
-        examples=("wire bench", "wire bench codec trips"),
-    ),
 )

@@ -5,9 +5,9 @@ from __future__ import annotations
 import random
 from typing import NamedTuple
 
+from bench.wire.codec import messages
 from robotree.protocol import Parser
 from robotree.protocol.frame import encode
-from robotree.protocol.tools.measure.codec import messages
 
 BURST = 40
 """[bytes] of a noise burst."""

@@ -13,10 +13,10 @@ from collections.abc import Awaitable, Callable, Generator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from bench.wire import far as far_process
 from robotree.protocol import Endpoint, Frame
 from robotree.protocol.links.url import connect
 from robotree.protocol.messages import Ping
-from robotree.protocol.tools.measure import far as far_process
 
 if TYPE_CHECKING:
     from robotree.protocol.links.link import Link
@@ -83,7 +83,7 @@ def far(*urls: str) -> Generator[Far]:
     Yields:
         What is known of it.
     """
-    words = [sys.executable, "-m", far_process.__name__, *urls]
+    words = [sys.executable, far_process.__file__, *urls]
     with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         try:
             port, *addresses, crowd = _read(process)

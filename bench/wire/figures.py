@@ -53,9 +53,9 @@ CLIENTS = Promise("10 clients at 100 Hz", 20.0, at_least=False, unit="% of a cor
 
 def codec(rounds: int = 60) -> Iterable[Figure]:
     """Speed on a telemetry message of 40 bytes, and identity on all messages."""
+    from bench.wire import codec as contest
+    from bench.wire import reference
     from robotree.protocol.testing import check_codec
-    from robotree.protocol.tools.measure import codec as contest
-    from robotree.protocol.tools.measure import reference
 
     mavgen = reference.generate()
     for signed in (False, True):
@@ -77,7 +77,7 @@ def codec(rounds: int = 60) -> Iterable[Figure]:
 
 def round_trips(rounds: int = 500) -> Iterable[Figure]:
     """Round trips between two processes, one at a time; for comparison 50 of them back to back."""
-    from robotree.protocol.tools.measure.round_trips import compare
+    from bench.wire.round_trips import compare
 
     bare, tcp, fd, classic = asyncio.run(compare(rounds))
     _, tcp_50, fd_50, _ = asyncio.run(compare(rounds // 50, turn=50))
@@ -91,7 +91,7 @@ def round_trips(rounds: int = 500) -> Iterable[Figure]:
 
 def noise() -> Iterable[Figure]:
     """Bad streams."""
-    from robotree.protocol.tools.measure.recovery import chance_bytes, recovery
+    from bench.wire.recovery import chance_bytes, recovery
 
     saved = recovery()
     share = 100.0 * saved.found / saved.intact if not saved.invented else 0.0
@@ -112,7 +112,7 @@ def imports(times: int = 7) -> Iterable[Figure]:
 
 def clients() -> Iterable[Figure]:
     """The cost of many listeners."""
-    from robotree.protocol.tools.measure.round_trips import crowd
+    from bench.wire.round_trips import crowd
 
     cost = asyncio.run(crowd())
     yield Figure(CLIENTS, 100 * cost.share, f"4 messages each; {cost.complete:.1%} of them arrived")

@@ -1,4 +1,4 @@
-"""The other process of the round trips: `python -m robotree.protocol.tools.measure.far URL…`.
+"""The other process of the round trips: `python bench/wire/far.py URL…`.
 
 It echoes on a bare asyncio server, answers PING on a link at each URL, and sends telemetry to a crowd. It
 says where, as one line of JSON, and ends with its standard input.

@@ -1,4 +1,4 @@
-"""The measurements measure what they say; whether the promises hold here is for `wire bench` to tell."""
+"""The measurements measure what they say; whether the promises hold here `python -m bench.wire` tells."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from types import ModuleType
 
 import pytest
 
+from bench.wire import codec, reference
+from bench.wire.figures import CLIENTS, CODEC, FIGURES, Figure, Promise
+from bench.wire.recovery import chance_bytes, recovery
+from bench.wire.round_trips import compare
 from robotree.protocol.testing import check_codec
-from robotree.protocol.tools.measure import FIGURES, Figure, Promise, codec, reference
-from robotree.protocol.tools.measure.figures import CLIENTS, CODEC
-from robotree.protocol.tools.measure.recovery import chance_bytes, recovery
-from robotree.protocol.tools.measure.round_trips import compare
 
 
 @pytest.fixture(scope="module")
@@ -67,9 +67,9 @@ def test_both_sides_of_a_contest_do_the_same(mavgen: ModuleType) -> None:
         raw = [frame.raw for frame in frames]  # type: ignore[attr-defined]  # this contest hands out frames
         speaker = reference.speaker(mavgen, signed=False)
         assert len(raw) == codec.BATCH
-        for number, one in enumerate(raw):
+        for number, packed in enumerate(raw):
             speaker.seq = number
-            assert bytes(theirs.pack(speaker)) == one
+            assert bytes(theirs.pack(speaker)) == packed
 
 
 def test_the_reference_is_what_the_codec_is_compared_with(mavgen: ModuleType) -> None:

@@ -11,11 +11,11 @@ import time
 from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
+from bench.wire.reference import SECRET, speaker
 from robotree.protocol import Parser, encode
 from robotree.protocol.messages import Heartbeat, Joints, Message, Tool
 from robotree.protocol.messages.base import wire
 from robotree.protocol.signing import Key, Signer, SigningTime, StreamTable, Verifier
-from robotree.protocol.tools.measure.reference import SECRET, speaker
 
 if TYPE_CHECKING:
     from collections.abc import Callable
