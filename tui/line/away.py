@@ -89,17 +89,24 @@ def leave_stop(realm: str, confirmed: Collection[str], directories: Collection[s
     return sentences
 
 
-def take_stop_back(realm: str) -> None:
-    """Forget the stops that were left: everything is resumed. Blocks.
+def take_stop_back(realm: str, robot: str = "") -> None:
+    """Forget the stops that were left: everything is resumed, or one robot. Blocks.
+
+    Args:
+        realm: in which.
+        robot: name of the one that is; of its own stop only, if it lives in a process of its own.
 
     Raises:
         OSError: one cannot be forgotten.
     """
     from robotree.tui.processes.state_files import directory_folders, journal_folders
-    from robotree.vr.journal.kept import take_stop_back
+    from robotree.vr.journal.kept import APART, take_stop_back
     from robotree.vr.orders.run import STOP
 
     for folder in journal_folders(realm):
-        take_stop_back(folder)
+        if not robot or (folder.parent.name, folder.name) == (APART, robot):
+            take_stop_back(folder)
+    if robot:
+        return
     for folder in directory_folders(realm):
         (folder / STOP).unlink(missing_ok=True)

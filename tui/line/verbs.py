@@ -1093,8 +1093,7 @@ async def resume(realm_client: RealmClient, line: Line, _teller: Teller) -> Outc
         return Outcome(
             {"resumed": [], "released": [name]}, f"{name} is away: what was ordered may begin again"
         )
-    if name is None:
-        away.take_stop_back(realm_client.realm)
+    away.take_stop_back(realm_client.realm, name or "")
     return Outcome(
         {"resumed": sorted(confirmed)}, f"resumed: {', '.join(sorted(confirmed)) or 'there is no robot'}"
     )

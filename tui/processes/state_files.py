@@ -12,6 +12,7 @@ from urllib.parse import quote
 from robotree.files import opened, private_folder
 from robotree.tui.errors import StateInUse
 from robotree.tui.terminal import note
+from robotree.vr.journal.kept import APART, PAGE
 from robotree.vr.network import realms
 
 DEMOS = "demos"
@@ -115,13 +116,13 @@ def kept_hosts(realm: str) -> frozenset[str]:
 def journal_folders(realm: str) -> list[Path]:
     """Return the folders in which hosts keep robots, also those of a demo; looking makes nothing."""
     tops = (state_home() / DEMOS / realm / state_home().name / realm, state_home() / realm)
-    return sorted({path.parent for top in tops for path in _logs(top)}) if realm else []
+    return sorted({folder for top in tops for folder in _kept_in(top)}) if realm else []
 
 
-def _logs(top: Path) -> Iterator[Path]:
-    """Find the logs of hosts, and those of their robots in processes of their own."""
-    for pattern in ("hosts/*/*.log", "hosts/*/apart/*/*.log"):
-        yield from top.glob(pattern)
+def _kept_in(top: Path) -> Iterator[Path]:
+    """Find the folders of hosts, and those of their robots in processes of their own, which may be empty."""
+    yield from (path.parent for path in top.glob("hosts/*/*.log"))
+    yield from (path.with_suffix("") for path in top.glob(f"hosts/*/{APART}/*{PAGE}"))
 
 
 def history_folder(realm: str, robot: str) -> Path | None:

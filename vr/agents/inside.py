@@ -23,6 +23,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import msgspec
+from msgspec.structs import replace
 
 from robotree.files import private_folder
 from robotree.vr.agents.agent import RobotAgent
@@ -39,7 +40,7 @@ from robotree.vr.base.policy import Person, PolicyGate
 from robotree.vr.base.policy_reading import read_policy
 from robotree.vr.base.presence import Held, Presence
 from robotree.vr.base.principal import ITSELF, Credentials, Principal
-from robotree.vr.base.requests import Described, encode
+from robotree.vr.base.requests import Described, SafeStop, encode
 from robotree.vr.base.system import OS
 from robotree.vr.base.transport import ELSEWHERE, Occupied, OnReply
 from robotree.vr.bundle import Bundle
@@ -419,7 +420,10 @@ async def _arrived(
     assert begin.create is not None  # noqa: S101 # it comes with one
     loaded = await host.load(begin.create, begin.name, begin.asker)
     way.send(pipe.Loaded())
-    return await host.moves.take_in(loaded, await parcel)
+    came = await parcel
+    for stop in (order for order in begin.left if isinstance(order, SafeStop)):
+        came = replace(came, sent=replace(came.sent, stopped=stop.reason, order=stop.order))
+    return await host.moves.take_in(loaded, came)
 
 
 def _control(loop: asyncio.AbstractEventLoop, host: Host, way: RobotPipe, frame: pipe.Control) -> None:

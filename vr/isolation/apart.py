@@ -66,10 +66,9 @@ from robotree.vr.isolation import pipe
 from robotree.vr.isolation.given_up import GivenUpRobot
 from robotree.vr.isolation.judge import Judge, Misbehaved
 from robotree.vr.isolation.nursery import BOX, Nursery
+from robotree.vr.journal.kept import APART, PAGE, stop_left, take_stop_back
 from robotree.vr.network.permit_file import permits_beside
 
-APART = "apart"
-"""Name of the folder of all robots apart, in the folder of their host's journal."""
 LOOK = 0.25
 """[s] between two looks at who hangs."""
 SILENT = 10.0
@@ -169,8 +168,6 @@ class KeptApart(msgspec.Struct, frozen=True):
 _kept: msgspec.msgpack.Decoder[KeptApart] = msgspec.msgpack.Decoder(KeptApart)
 _OF_PERMITS = (b"permit", b"vouched")
 """In the envelope of each call that names a permit, or brings what might be taken for one."""
-_PAGE = ".page"
-"""Suffix of the file of a `KeptApart`."""
 
 
 class RobotApart:
@@ -285,7 +282,7 @@ class RobotApart:
             VrError: there is no robot; it says why.
         """
         if self.folder is not None and fresh:
-            shutil.rmtree(self.folder, ignore_errors=True)  # of one that was deleted while nobody looked
+            self._clear(self.folder)  # of one that was deleted while nobody looked
             private_folder(self.folder)
             self._write_page()
         self._for_good = fresh  # until it has been up once
@@ -299,7 +296,7 @@ class RobotApart:
             VrError: it cannot be; it says why.
         """
         assert self.folder is not None  # noqa: S101 # a host that keeps nothing takes none
-        shutil.rmtree(self.folder, ignore_errors=True)
+        self._clear(self.folder)
         private_folder(self.folder)
         self._for_good = self._expected = True  # until it has come
         self._keep(self._live(self.kept.create))
@@ -307,6 +304,11 @@ class RobotApart:
         await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
         if not self._loaded.done():
             self._up.result()
+
+    def _clear(self, folder: Path) -> None:
+        shutil.rmtree(folder, ignore_errors=True)
+        with contextlib.suppress(OSError):
+            take_stop_back(folder)
 
     @property
     def has_ended(self) -> bool:
@@ -358,7 +360,7 @@ class RobotApart:
     @property
     def _page_file(self) -> Path:
         assert self.folder is not None  # noqa: S101 # it is kept
-        return self.folder.with_name(f"{self.name}{_PAGE}")
+        return self.folder.with_name(f"{self.name}{PAGE}")
 
     def _write_page(self) -> None:
         """Keep what the robot is made of beside its folder, where its process cannot write."""
@@ -577,7 +579,7 @@ class RobotApart:
             self.on_lost(self._judge.identity)
         if (self._for_good or self.moved) and self.folder is not None:
             self._page_file.unlink(missing_ok=True)
-            shutil.rmtree(self.folder, ignore_errors=True)
+            self._clear(self.folder)
         self._ended.set()
         self._on_end(self)
 
@@ -1031,13 +1033,16 @@ class RobotsApart:
         """See `RobotApart.on_lost`."""
 
     def kept(self) -> list[KeptApart]:
-        """Return the robots that are kept in this host's folder; what cannot be read is left out."""
+        """Return the robots that are kept in this host's folder; what cannot be read is left out.
+
+        They begin with the stop that was left for them while the host was away.
+        """
         if self._setting.folder is None:
             return []
         found: list[KeptApart] = []
-        for path in sorted((self._setting.folder / APART).glob(f"*{_PAGE}")):
+        for path in sorted((self._setting.folder / APART).glob(f"*{PAGE}")):
             try:
-                found.append(_kept.decode(path.read_bytes()))
+                found.append(_stopped(path, _kept.decode(path.read_bytes())))
             except (OSError, msgspec.MsgspecError) as error:
                 _log.error("%s is not back: %s cannot be read: %s", path.stem, path, error)
         return found
@@ -1090,7 +1095,7 @@ class RobotsApart:
     def drop(self, kept: KeptApart) -> None:
         """Forget what was kept of a robot that has not come in the end."""
         if self._setting.folder is not None:
-            (self._setting.folder / APART / f"{kept.create.name}{_PAGE}").unlink(missing_ok=True)
+            (self._setting.folder / APART / f"{kept.create.name}{PAGE}").unlink(missing_ok=True)
 
     def _forget(self, robot: RobotApart) -> None:
         if self.robots.get(robot.name) is robot:
@@ -1101,6 +1106,21 @@ class RobotsApart:
         await asyncio.gather(*(robot.leave(returns=returns) for robot in list(self.robots.values())))
         if self._nursery is not None:
             self._nursery.close()
+
+
+def _stopped(page_file: Path, kept: KeptApart) -> KeptApart:
+    """Have a robot obey a stop that was left for it: what is kept of it says so from now on.
+
+    Raises:
+        OSError: that cannot be written, or the stop cannot be read.
+    """
+    folder = page_file.with_suffix("")
+    if reason := stop_left(folder):
+        stop = SafeStop(reason=f"{reason}, while its host was away")
+        kept = msgspec.structs.replace(kept, left=(*kept.left, stop))
+        replace(page_file, msgspec.msgpack.encode(kept))
+        take_stop_back(folder)
+    return kept
 
 
 def _settle(ended: asyncio.Future[int], code: int) -> None:

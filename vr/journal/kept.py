@@ -3,6 +3,9 @@
 Nothing is locked. A stop of everything concerns robots, too, whose host is away or hangs: it is left as a
 file beside the log, and whoever goes on with the log begins with it. If the log was written later, its host
 has been awake since and has obeyed the stop itself, so the file does not count any more.
+
+A robot in a process of its own has a folder of its own, in which its page may write, and writes its log while
+its host hangs. The stop for it lies beside that folder, and counts until the host has it or all is resumed.
 """
 
 from __future__ import annotations
@@ -21,6 +24,10 @@ from robotree.vr.journal.segments import OSDisk, frames_in
 
 STOP = "stop"
 """Name of the file of a stop, which holds its reason."""
+APART = "apart"
+"""Name of the folder of all robots in processes of their own, in the folder of their host's journal."""
+PAGE = ".page"
+"""Suffix of the file, beside the folder of such a robot, that says what it is made of."""
 
 
 class KeptAway(NamedTuple):
@@ -72,7 +79,7 @@ def leave_stop(folder: Path, confirmed: Collection[str], reason: str) -> tuple[s
     """Have the robots of a log begin stopped, if not all of them have confirmed a stop. Blocks.
 
     Args:
-        folder: of the journal of a host.
+        folder: of the journal of a host, or of a robot in a process of its own.
         confirmed: names of the robots that have confirmed it.
         reason: of the stop, for people.
 
@@ -82,6 +89,11 @@ def leave_stop(folder: Path, confirmed: Collection[str], reason: str) -> tuple[s
     Raises:
         OSError: the stop cannot be left.
     """
+    if folder.parent.name == APART:  # it may have come from another host, and have written nothing here
+        if folder.name in confirmed or not folder.with_name(f"{folder.name}{PAGE}").exists():
+            return ()
+        _write_stop(folder, reason)
+        return (folder.name,)
     newest = max(folder.glob("*.log"), default=None)
     if newest is None:
         return ()
@@ -96,9 +108,13 @@ def leave_stop(folder: Path, confirmed: Collection[str], reason: str) -> tuple[s
     return (f"the robots of {folder.name}",)
 
 
+def _stop_file(folder: Path) -> Path:
+    return folder.with_name(f"{folder.name}.{STOP}") if folder.parent.name == APART else folder / STOP
+
+
 def _write_stop(folder: Path, reason: str) -> None:
-    (folder / STOP).unlink(missing_ok=True)
-    descriptor = opened_own(folder / STOP, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
+    take_stop_back(folder)
+    descriptor = opened_own(_stop_file(folder), os.O_WRONLY | os.O_CREAT | os.O_EXCL)
     try:
         os.write(descriptor, reason.encode())
     finally:
@@ -106,7 +122,7 @@ def _write_stop(folder: Path, reason: str) -> None:
 
 
 def stop_left(folder: Path) -> str:
-    """Return the reason of a stop that was left since the log was written last; empty: none was. Blocks.
+    """Return the reason of a stop that was left and counts; empty: none was, or it does not. Blocks.
 
     To be asked before anything is written to the log.
 
@@ -114,7 +130,7 @@ def stop_left(folder: Path) -> str:
         OSError: it cannot be read.
     """
     try:
-        descriptor = opened_own(folder / STOP)
+        descriptor = opened_own(_stop_file(folder))
     except FileNotFoundError:
         return ""
     try:
@@ -122,6 +138,8 @@ def stop_left(folder: Path) -> str:
         reason = os.read(descriptor, 1000).decode(errors="replace")
     finally:
         os.close(descriptor)
+    if folder.parent.name == APART:
+        return reason or "protective stop"
     written = max((path.stat().st_mtime_ns for path in folder.glob("*.log")), default=0)
     return (reason or "protective stop") if left >= written else ""
 
@@ -132,4 +150,4 @@ def take_stop_back(folder: Path) -> None:
     Raises:
         OSError: it cannot be removed.
     """
-    (folder / STOP).unlink(missing_ok=True)
+    _stop_file(folder).unlink(missing_ok=True)

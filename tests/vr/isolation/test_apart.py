@@ -17,6 +17,7 @@ import pytest
 
 from robotree.vr.agents.host import Host
 from robotree.vr.agents.run import kept_by
+from robotree.vr.base.address import Address, everyone
 from robotree.vr.base.errors import (
     CommandFailed,
     DuplicateName,
@@ -37,6 +38,7 @@ from robotree.vr.isolation import apart, pipe
 from robotree.vr.isolation.apart import ApartSetting, RobotsApart
 from robotree.vr.isolation.nursery import BOX
 from robotree.vr.journal.journal import HostJournal
+from robotree.vr.journal.kept import leave_stop
 from robotree.vr.network.local import LocalTransport, join
 from robotree.vr.running.process import Process
 from robotree.vr.running.runner import runner_of
@@ -79,6 +81,11 @@ class Place:
         bundle = await asyncio.to_thread(Bundle.read, page)
         robot = await HostClient(self.operator, self.host.address).create(bundle, name, None, level)
         return RobotClient(self.operator, robot.address)
+
+    def robot(self, name: str = "guest") -> RobotClient:
+        address = Address.parse(self.operator.presence.keys(everyone("robot", name))[0])
+        assert address is not None
+        return RobotClient(self.operator, address)
 
     operator: LocalTransport
 
@@ -340,6 +347,31 @@ async def test_a_command_that_ignores_every_cancel_is_ended_with_its_process_and
     assert await guest.call("add", {"a": 2, "b": 2}) == 4
     said = await guest.read_log()
     assert any("defy went on after it was ended, so its process was ended" in line.text for line in said)
+
+
+async def test_a_stop_that_was_left_while_its_host_hung_holds_when_it_is_back(
+    place: Place, tmp_path: Path
+) -> None:
+    """It goes on, and writes its log, while its host hangs, and then both are killed."""
+    guest = await place.create()
+    folder = tmp_path / "h1" / "apart" / "guest"
+    assert leave_stop(folder, ["guest"], "halt") == ()
+    assert leave_stop(folder, [], "halt") == ("guest",)
+    assert await guest.call("add", {"a": 1, "b": 2}) == 3
+    await place.end()
+    await place.start()
+    assert (await guest.describe()).stop_reason == "halt, while its host was away"
+    await guest.resume()
+    await place.end()
+    await place.start()
+    assert not (await guest.describe()).stopped, "the stop is over"
+    assert leave_stop(folder, [], "halt") == ("guest",)
+    await guest.delete()
+    await until(lambda: leave_stop(folder, [], "halt") == ())  # there is nobody any more
+    await place.create()
+    await place.end()
+    await place.start()
+    assert not (await place.robot().describe()).stopped, "it was another one's"
 
 
 async def test_it_is_back_with_its_host_and_gone_when_it_is_deleted(place: Place) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
+import shutil
 import signal
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -20,6 +21,7 @@ from robotree.vr.bundle import Bundle
 from robotree.vr.exchange.asking import ask
 from robotree.vr.exchange.client import HostClient, RobotClient
 from robotree.vr.isolation import pipe
+from robotree.vr.journal.kept import leave_stop
 from robotree.vr.network.local import LocalTransport, join
 from robotree.vr.orders.service import DirectoryService
 from robotree.vr.orders.store import OrderStore
@@ -225,6 +227,31 @@ async def test_its_process_or_the_one_that_waits_for_it_is_killed_at_a_boundary_
     assert await realm.acts() == list(range(STEPS))
     assert struck == [boundary]
     await until(lambda: len(realm.where("tour")) == 1)
+
+
+async def test_a_stop_that_was_left_holds_a_robot_that_has_come_and_not_begun(
+    realm: Realm, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Its host ends before its process has the parcel, as a copy of its disk shows."""
+    call = await touring(realm)
+
+    def copy(place: str) -> None:
+        if place == "logged":
+            shutil.copytree(tmp_path / "h2", tmp_path / "kept" / "h2")
+
+    monkeypatch.setattr(realm.hosts["h2"].host.moves, "moment", copy)
+    await realm.migrate("tour", "h1", "h2")
+    assert await call == list(range(STEPS))
+    assert leave_stop(tmp_path / "kept" / "h2" / "apart" / "tour", [], "halt") == ("tour",)
+    elsewhere = Realm(tmp_path / "kept", tmp_path / "elsewhere")
+    elsewhere.operator = await join("test", root=elsewhere.root)
+    await elsewhere.start("h2")
+    tour = elsewhere.robot("tour")
+    assert (await tour.describe()).stop_reason == "halt, while its host was away"
+    with pytest.raises(VrError, match="halt"):
+        await tour.call("tour", {"steps": 1})
+    await elsewhere.operator.close()
+    await elsewhere.hosts["h2"].end()
 
 
 async def test_a_robot_apart_takes_an_order_once_wherever_it_is(realm: Realm, tmp_path: Path) -> None:
