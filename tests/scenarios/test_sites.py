@@ -110,6 +110,9 @@ def test_operators_of_two_sites_see_and_hear_each_other(
         assert found["silent_sites"] == []
         afar.types(f":say the cup is hot{ENTER}", sees="the cup is hot")
         here.shows(b"the cup is hot")
+        assert lab.say("say", "tea is ready")["heard"] == 2, "a shell leaves when all have heard it"
+        for person in people:
+            person.shows(b"tea is ready")
         plant.hub.running["hub"].send_signal(signal.SIGSTOP)
         try:
             wait_until(lambda: lab.say("who")["silent_sites"] == ["hall"], "a site that is silent is named")

@@ -59,8 +59,11 @@ def _wish(robot: RobotDescription) -> str:
 async def say(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """Say a line to all operators."""
     text = " ".join(line.many("TEXT"))
-    count = await realm_client.operators.say(text)
-    return Outcome({"said": text, "heard": count}, "" if count else "nobody else has the full screen open")
+    said = await realm_client.operators.say(text)
+    told = "" if said.heard else "nobody else has the full screen open"
+    if said.silent:
+        told = f"not confirmed by {', '.join(said.silent)}: a program that hangs, or an older robotree"
+    return Outcome({"said": text, "heard": said.heard, "silent": list(said.silent)}, told)
 
 
 async def control(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:

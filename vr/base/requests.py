@@ -1309,13 +1309,17 @@ class OperatorHere(_Message, frozen=True, kw_only=True):
     asks: bool = False
     """Whether all others shall say at once that they are there."""
     leaves: bool = False
+    heard: str = ""
+    """The line that it has just shown, `KEY/NUMBER` (`OperatorSays`): who says it may leave then."""
 
 
 class OperatorSays(_Message, frozen=True, kw_only=True):
-    """A line of an operator to all others, under the key of the program + `/says`."""
+    """A line of an operator to all others, under the key of the program + `/says`, until they have it."""
 
     person: str
     text: str
+    number: int = 0
+    """Among the lines of the program: one that comes again is not shown again. 0: nobody waits."""
 
 
 class StreamSample(_Message, frozen=True, kw_only=True):

@@ -5,6 +5,10 @@ others to say so at once. Nothing is kept anywhere: who vanishes is gone from al
 What a program says of the person it answers for itself; what counts, who has control of a robot, the robot
 knows.
 
+A line is said again until all who are here have confirmed it: a gateway believes a line while the program
+that says it is there, so a shell that left right behind its line, and was announced and withdrawn before it,
+would not be heard at another site.
+
 What is said crosses to the other sites of the realm by their gateways. A person at another site is named as
 robots name them, `anna@hall`; whether a site is heard at all, `silent` says.
 """
@@ -13,6 +17,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
 import os
 import time
 from collections.abc import Awaitable, Callable
@@ -39,7 +44,20 @@ ANSWER: Final = 0.4
 """[s] in which all who are awake have answered who asks who is here."""
 ANSWER_OF_SITES: Final = 1.5
 """[s] in which those at other sites have: their gateways must hear first that somebody asks."""
+CONFIRMING: Final = 5.0
+"""[s] that a line waits until all who are here have confirmed it; it is said again meanwhile."""
+LINES: Final = 256
+"""Lines that are remembered, so that none is shown twice."""
 _HERE, _SAYS = "caller/*/here", "caller/*/says"
+
+
+class LineSaid(NamedTuple):
+    """What became of a line."""
+
+    heard: int
+    """How many operators have confirmed that they show it."""
+    silent: tuple[str, ...]
+    """The persons who are here and have not."""
 
 
 class OperatorSeen(NamedTuple):
@@ -76,6 +94,12 @@ class Operators:
         self._key = ""
         self._registrations: list[Registration] = []
         self._task: asyncio.Task[None] | None = None
+        self._numbers = itertools.count(1)
+        self._lines: dict[tuple[str, int], None] = {}
+        """The last lines that were heard: key of the program, and number."""
+        self._unconfirmed: dict[str, set[str]] = {}
+        """The keys that have not confirmed a line of ours, by what they would confirm."""
+        self._confirmed = asyncio.Event()
         self.on_said: list[Callable[[str, str], object]] = []
         """Told of each line: who says it, and what."""
 
@@ -144,11 +168,28 @@ class Operators:
             if self._task is not None:
                 self._publish("here", self._me)
 
-    async def say(self, text: str) -> int:
-        """Say a line to all operators; returns how many others are here. Who is not here asks first."""
+    async def say(self, text: str) -> LineSaid:
+        """Say a line to all other operators, and wait until they have it. Who is not here asks first."""
         here = self.here() if self._task is not None else await self.ask()
-        self._publish("says", OperatorSays(person=self._me.person, text=bounded(text, LONGEST)))
-        return sum(each.key != self._key for each in here)
+        others = {each.key: each.person for each in here if each.key != self._key}
+        number, loop = next(self._numbers), asyncio.get_running_loop()
+        line = OperatorSays(person=self._me.person, text=bounded(text, LONGEST), number=number)
+        named, missing = f"{self._key}/{number}", set(others)
+        self._unconfirmed[named] = missing
+        self._publish("says", line)
+        try:
+            until = loop.time() + CONFIRMING
+            while missing and (left := until - loop.time()) > 0:
+                self._confirmed.clear()
+                try:
+                    async with asyncio.timeout(min(ANSWER, left)):
+                        await self._confirmed.wait()
+                except TimeoutError:
+                    self._publish("says", line)
+        finally:
+            del self._unconfirmed[named]
+        silent = tuple(sorted(others[key] for key in missing))
+        return LineSaid(len(others) - len(missing), silent)
 
     # -- inside -----------------------------------------------------------------------------------
 
@@ -192,11 +233,21 @@ class Operators:
                 robot=bounded(event.robot, 80),
             )
             self._heard[key] = said, asyncio.get_running_loop().time()
+        if event.heard in self._unconfirmed:
+            self._unconfirmed[event.heard].discard(key)
+            self._confirmed.set()
         if event.asks and self._task is not None:
             self._publish("here", self._me)
 
     def _take_said(self, topic: str, body: bytes) -> None:
         key, event = self._event(topic, body)
-        if key and isinstance(event, OperatorSays):
+        if not key or not isinstance(event, OperatorSays):
+            return
+        if event.number and self._task is not None:
+            self._publish("here", msgspec.structs.replace(self._me, heard=f"{key}/{event.number}"))
+        if not event.number or (key, event.number) not in self._lines:
+            self._lines[key, event.number] = None
+            while len(self._lines) > LINES:
+                del self._lines[next(iter(self._lines))]
             for listener in self.on_said:
                 listener(bounded(event.person, 80), bounded(event.text, LONGEST))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from robotree.vr.base.requests import OperatorHere, encode
 from robotree.vr.network.policy_file import put
 from robotree.vr.supervision.operators import Operators
 from tests.vr.policy.conftest import ME
@@ -47,6 +48,47 @@ async def test_who_is_at_another_site_is_seen_there_with_page_and_robot(sites: l
     await until(lambda: f"{ME}@hall" not in names(here))
     for each in (here, asks):
         await each.close()
+
+
+async def test_what_a_shell_says_is_heard_at_another_site_once_though_it_leaves_at_once(
+    sites: list[SiteOfTest],
+) -> None:
+    lab, hall, _ = sites
+    there = await operators_at(hall)
+    await there.open()
+    said: list[str] = []
+    there.on_said.append(lambda _person, line: said.append(line))
+    for number in range(5):
+        key = f"caller/shell-{number}"
+        presence = await lab.member.announce(key)
+
+        async def caller(key: str = key) -> str:
+            return key
+
+        shell = Operators(lab.member, caller)
+        assert await shell.say(f"line {number}") == (1, ())
+        await presence.close()
+        await shell.close()
+    assert said == [f"line {number}" for number in range(5)]
+    await there.close()
+
+
+async def test_who_does_not_confirm_a_line_is_named(
+    sites: list[SiteOfTest], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("robotree.vr.supervision.operators.CONFIRMING", 0.2)
+    lab, hall, _ = sites
+    here, key = await operators_at(lab), "caller/older"
+    await here.open()
+    await hall.member.announce(key)
+
+    def seen() -> bool:  # by one that knows of no lines to confirm
+        hall.member.publish(f"{key}/here", encode(OperatorHere(person=f"{ME}@pts/1")))
+        return f"{ME}@hall" in names(here)
+
+    await until(seen)
+    assert await here.say("lunch") == (0, (f"{ME}@hall",))
+    await here.close()
 
 
 async def test_a_site_that_is_not_heard_is_named(sites: list[SiteOfTest]) -> None:
