@@ -15,7 +15,7 @@ from robotree.vr.base.readable import quantity
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.errors import NoSuchRobot
-    from robotree.vr.base.order import KnownAgent, Order
+    from robotree.vr.base.order import KnownAgent, Order, OrderHold
     from robotree.vr.base.requests import OrderLeft
     from robotree.vr.supervision.orders import OrderBoard
     from robotree.vr.supervision.realm_client import RealmClient
@@ -200,10 +200,19 @@ def table(orders: Sequence[Order], holds: Sequence[Any] = ()) -> str:
         for each in orders
     ]
     lines = [wording.columns(rows) if orders else "no order is left"]
+    return "\n".join([*lines, *held(holds, HELD_BY)])
+
+
+def held(holds: Sequence[OrderHold], remedy: str) -> list[str]:
+    """Return a line for each robot that is held, however often it was stopped, and the remedy."""
+    of_robot: dict[str, list[OrderHold]] = {}
     for hold in holds:
-        what = hold.robot or "every robot that is away"
-        lines.append(f"{what} is held since {absence.clock(hold.at)} by {hold.by}: {HELD_BY}")
-    return "\n".join(lines)
+        of_robot.setdefault(hold.robot, []).append(hold)
+    return [
+        f"{robot or 'every robot that is away'} is held since {absence.clock(min(each.at for each in stops))}"
+        f" by {', '.join(dict.fromkeys(each.by for each in stops))}: {remedy}"
+        for robot, stops in of_robot.items()
+    ]
 
 
 def about(order: Order) -> str:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from textual.widgets import OptionList
+
 from robotree.tui.screen.pages.orders import OrdersPage
 from robotree.vr import Robot, command
 from robotree.vr.agents.agent import RobotAgent
@@ -43,6 +45,10 @@ async def test_orders_of_a_robot_that_is_away_are_shown_and_cancelled(
         await operator.until(lambda: "the-cart" in store.agents, "the directory knows it")
         await agent.close()
         await operator.until(lambda: operator.app.store.is_away("cart-7"), "it is away")
+        await operator.press("A")
+        await operator.sees("no order is left; :call ROBOT.COMMAND … --queue leaves one")
+        assert not operator.one(OptionList).display, "no empty box"
+        await operator.press("escape")
         await operator.sees("cart-7", "away since")
         left = await realm.realm_client.orders.leave("cart-7", "roll", {"x": 1.0})
         await operator.press("A")

@@ -16,7 +16,6 @@ from robotree.tui.line import ordering
 from robotree.tui.line.grammar import Line
 from robotree.tui.screen.pages.dialogs import Modal
 from robotree.tui.screen.widgets.marks import tint
-from robotree.tui.seen import absence
 from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
@@ -26,6 +25,8 @@ PERIOD = 1.0
 """[s] between two looks at the directories."""
 COLOURS = {"done": "success", "failed": "error", "in doubt": "error", "refused": "warning", "taken": "accent"}
 """Variable of the theme by the state of an order; of all others `muted`."""
+
+NONE = "no order is left; :call ROBOT.COMMAND … --queue leaves one for a robot that is away or busy"
 
 Answer = Literal["cancel", "confirm", ""]
 
@@ -65,16 +66,16 @@ class OrdersPage(Modal[None]):
             return
         orders = [each for each in board.orders if not each.seen]
         silent = f"{', '.join(board.silent)} does not answer" if board.silent else ""
-        self._show(orders, board.holds, silent or ("" if orders else "no order is left"))
+        self._show(orders, board.holds, silent or ("" if orders else NONE))
 
     def _show(self, orders: Sequence[Order], holds: Sequence[OrderHold], note: str) -> None:
-        held = [
-            f"{each.robot or 'every robot that is away'} is held by {each.by} since {absence.clock(each.at)}:"
-            f" {self.app.keymap.spelled('resume')} releases it"
-            for each in holds
-        ]
+        held = ordering.held(holds, f"{self.app.keymap.spelled('resume')} releases it")
         self.query_one("#orders-holds", Static).update("\n".join(held))
         self.query_one("#orders-note", Static).update(note)
+        choices = self.query_one(OptionList)
+        choices.display = bool(orders)
+        if orders and self.focused is None:
+            choices.focus()
         rows = [
             (each.key, each.state, each.at, each.asks, each.confirmed_by, each.cancelled_by)
             for each in orders
@@ -82,7 +83,6 @@ class OrdersPage(Modal[None]):
         if rows == self._shown:
             return
         self._shown, self._orders = list(rows), tuple(orders)
-        choices = self.query_one(OptionList)
         at = choices.highlighted
         choices.clear_options()
         choices.add_options([Option(self._row(each), id=each.key) for each in orders])
