@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 from rich.text import Span, Text
 
-from robotree.tui.screen.widgets.readings import TIE, broken
+from robotree.tui.screen.hanging import TIE, broken
 from robotree.tui.seen import instruments
 from robotree.tui.seen.instruments import BARS, HALF, bar, figure, groups, spark
 from robotree.vr.base.readable import DECIMALS, OTHER
@@ -116,6 +116,12 @@ def test_a_figure_stays_with_its_name_and_its_unit_where_a_line_ends() -> None:
     assert [line.plain for line in lines] == ["x 0.196 z 0.496 m", "twist 0.0 °"]
     assert lines[1].spans == [Span(0, 11, "bold")]
     assert [line.plain for line in broken(words, 40, Console())] == ["x 0.196 z 0.496 m  twist 0.0 °"]
+    sentence = Text("the robot would go 0.35 m, 0.9 s, and 3 robots would")
+    assert [line.plain for line in broken(sentence, 24, Console())] == [
+        "the robot would go",
+        "0.35 m, 0.9 s, and 3",
+        "robots would",
+    ]
 
 
 def test_a_gap_of_nothing_has_no_sign() -> None:

@@ -12,6 +12,24 @@ _COLUMNS = re.compile(r"^\s+|(?<=\S)\s{2,}(?=\S)")
 """The space before a line, or between two columns of a table."""
 LEAST = 24
 """Cells that the last column needs; where they are not there, the line begins anew on the left."""
+TIE = "\ue000"
+"""A space at which no line ends: a figure stays with its name and its unit."""
+_UNIT = re.compile(r"(?<=\d) (?=[^\W\d][^\s,;]{0,4}(?:[\s,;]|$))")
+"""The space between a figure and its unit: `0.9 s`, `35 N/mm`."""
+
+
+def broken(words: Text, room: int, console: Console) -> list[Text]:
+    """Return words in lines of at most `room` cells, as far as their ties allow; ties become spaces.
+
+    Between a figure and its unit there is a tie, whether it was written or not.
+    """
+    tied = words.copy()
+    tied.plain = _UNIT.sub(TIE, tied.plain)
+    lines = list(tied.wrap(console, room))
+    for line in lines:
+        line.rstrip()
+        line.plain = line.plain.replace(TIE, " ")
+    return lines
 
 
 def hanging(text: Text, width: int, console: Console) -> Text:
@@ -31,8 +49,7 @@ def hanging(text: Text, width: int, console: Console) -> Text:
             found.append(line)
             continue
         before, column = line.divide([start])
-        for number, part in enumerate(column.wrap(console, width - indent)):
-            part.rstrip()
+        for number, part in enumerate(broken(column, width - indent, console)):
             found.append(Text.assemble(" " * indent, part) if number else before + part)
     return Text("\n").join(found)
 

@@ -30,7 +30,10 @@ async def test_the_page_shows_line_and_calls_and_pauses_steps_and_continues(
     await realm.realm_client.enslave("mover", "arm", "arm-1")
     kept = [
         HistoryEvent(kind="accepted", unix=time.time(), robot="mover", key="k", command="move"),
-        HistoryEvent(kind="accepted", unix=time.time(), robot="arm-1", key="k/2", command="go_to", line=4),
+        HistoryEvent(
+            kind="accepted", unix=time.time(), robot="arm-1", key="k/2", command="go_to", line=4,
+            arguments=GOAL,
+        ),
     ]  # fmt: skip
 
     async def read_events(request: ReadEvents) -> dict[str, EventsRead]:
@@ -49,7 +52,7 @@ async def test_the_page_shows_line_and_calls_and_pauses_steps_and_continues(
         operator.app.choose("mover")
         await operator.press("z")
         await operator.at(WherePage)
-        await operator.sees("mover.move has run for", "▸ 2", "arm-1.go_to", "→   4", "time for each call")
+        await operator.sees("mover.move has run for", "▸ 2     arm-1.go_to", "→   4", "time for each call")
         await operator.press("b")
         moving = asyncio.create_task(realm.realm_client.call("mover", "move", GOAL))
         await operator.sees("mover.move is paused before step 1: arm.get_info()")

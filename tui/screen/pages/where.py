@@ -14,10 +14,11 @@ from textual.containers import Horizontal, VerticalScroll
 from robotree.tui.line import standing as words
 from robotree.tui.line.past import Known
 from robotree.tui.screen.bindings import bindings
+from robotree.tui.screen.hanging import broken
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.widgets.cached_text import CachedText, entitle
 from robotree.tui.screen.widgets.marks import tint
-from robotree.tui.seen.cells import seen
+from robotree.tui.seen.cells import seen, spaced
 from robotree.tui.seen.standing import ChildStep, Standing, times
 from robotree.vr.base.errors import VrError
 
@@ -117,7 +118,7 @@ class WherePage(Page):
         head = Text(no_wrap=True, overflow="ellipsis")
         if found is not None:
             style = tint(self.app, "warning" if found.held else "accent" if found.runs else "muted")
-            head.append(f" {seen(words.head(found, wall, self._known))}", style)
+            head.append(f" {spaced(words.head(found, wall, self._known))}", style)
         if self._note:
             head.append(
                 f"\n {seen(self._note)}" if head else f" {seen(self._note)}", tint(self.app, "warning")
@@ -133,7 +134,8 @@ class WherePage(Page):
             here = number == line
             text.append("\n" if number > 1 else "")
             text.append(f"{'→' if here else ' '}{number:>4}  ", tint(self.app, "accent" if here else "muted"))
-            text.append(_code(code)[:room], tint(self.app, "accent", bold=True) if here else "")
+            style = tint(self.app, "accent", bold=True) if here else ""
+            text.append(spaced(code.expandtabs(4))[:room], style)
         none = "no page: it is a proxy, or its host does not say" if self.found else ""
         self.query_one("#where-lines", CachedText).show(text if self.source else Text(none))
         entitle(box, "its page", f"line {line}" if line else "")
@@ -159,15 +161,10 @@ class WherePage(Page):
 
     def _step(self, step: ChildStep, wall: float) -> Text:
         colour = "accent" if step.open else "error" if step.error else "success"
-        written = seen_indented(words.step_words(step, wall, self._known))
-        return Text(written, tint(self.app, colour) if step.open or step.error else "")
-
-
-def seen_indented(text: str) -> str:
-    """Return a line without what steers a terminal; its indent stays."""
-    return " " * (len(text) - len(text.lstrip())) + seen(text)
-
-
-def _code(line: str) -> str:
-    """Return a line of a page as it is shown: tabs are four spaces."""
-    return seen_indented(line.expandtabs(4))
+        written = spaced(words.step_words(step, wall, self._known))
+        style, indent = tint(self.app, colour) if step.open or step.error else "", " " * (2 * step.depth + 2)
+        width = self.query_one("#where-steps").content_size.width or self.app.size.width
+        if len(indent) > width // 2:
+            indent = ""
+        first, *rest = broken(Text(written, style), max(width - len(indent), 1), self.app.console)
+        return Text("\n").join([first, *(Text.assemble(indent, line) for line in rest)])

@@ -12,6 +12,7 @@ from textual.timer import Timer
 
 from robotree.tui.processes.place_files import NamedPlace, coordinates_in_words, places_beside
 from robotree.tui.screen.foresight import Foreseen
+from robotree.tui.screen.hanging import broken
 from robotree.tui.screen.part import Part
 from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.cached_text import CachedText, entitle
@@ -107,7 +108,9 @@ class PlanPane(Part, Horizontal):
         else:
             robot = Text("no robot is selected: [ and ] choose one", muted)
         self.query_one("#plan-robot", CachedText).show(robot)
-        self.query_one("#plan-way", CachedText).show(self._way_text())
+        way = self.query_one("#plan-way", CachedText)
+        width = way.content_size.width or self.app.size.width
+        way.show(Text("\n").join(broken(self._way_text(), width, self.app.console)))
         listed = [f"@{one.name}  {one.at['x']:.2f}, {one.at['y']:.2f}" for one in places]
         key = self.app.keymap.spelled("places add")
         none = "none" if self.app.keyboard.refusal("places add") else f"none; {key} names a point"

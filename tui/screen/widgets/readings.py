@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from rich.cells import cell_len
-from rich.console import Console
 from rich.style import Style
 from rich.text import Text
 
+from robotree.tui.screen.hanging import TIE, broken
 from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.seen import instruments
@@ -41,17 +41,6 @@ BESIDE = 14
 """Cells for the middle of a bar, the figure and its unit."""
 LEAST = 8
 """Cells of words in a line, at least."""
-TIE = "\ue000"
-"""A space at which no line ends: a figure stays with its name and its unit."""
-
-
-def broken(words: Text, room: int, console: Console) -> list[Text]:
-    """Return words in lines of at most `room` cells, as far as their ties allow; ties become spaces."""
-    lines = list(words.wrap(console, room))
-    for line in lines:
-        line.rstrip()
-        line.plain = line.plain.replace(TIE, " ")
-    return lines
 
 
 @dataclass(frozen=True, slots=True)
