@@ -62,6 +62,7 @@ def sources(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (folder / "binary.py").write_bytes(b"\xff\xfe\x00")
     (folder / "notes [red].py").write_text(GOOD)
     (folder / "notes.txt").write_text("no source")
+    (folder / "a.panel.py").write_text("# the panel of a page is no robot")
     (folder / ".hidden.py").write_text(GOOD)
     monkeypatch.chdir(folder)
     monkeypatch.setattr("robotree.tui.screen.pages.new.places", lambda: [("this folder", folder)])

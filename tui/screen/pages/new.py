@@ -32,13 +32,14 @@ from robotree.vr.base.address import check_name
 from robotree.vr.base.description import CommandSpec
 from robotree.vr.base.errors import BadName
 from robotree.vr.bundle import LARGEST
+from robotree.vr.bundle.manifest import PROGRAM
 
 ANY_HOST, OWN_HOST = "*", "+"
 """Choices that are no host's name: any host, and a host for this robot alone."""
 
 
 class SourceTree(Part, DirectoryTree):
-    """Folders and Python files, without what nobody wants to run."""
+    """Folders and Python files, without what is no robot: a panel comes with the page beside it."""
 
     ICON_NODE = "▸ "
     ICON_NODE_EXPANDED = "▾ "
@@ -49,7 +50,8 @@ class SourceTree(Part, DirectoryTree):
         return [
             path
             for path in paths
-            if not path.name.startswith((".", "__")) and (path.suffix == ".py" or _is_folder(path))
+            if not path.name.startswith((".", "__"))
+            and ((path.suffix == ".py" and not path.name.endswith(PROGRAM)) or _is_folder(path))
         ]
 
     def _populate_node(self, node: TreeNode[DirEntry], content: Iterable[Path]) -> None:
