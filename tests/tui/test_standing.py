@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, cast
+
 from robotree.tui.line import standing as words
-from robotree.tui.line.past import chain_text, event_line
+from robotree.tui.line.past import chain_text, event_line, known_commands
 from robotree.tui.seen import wording
 from robotree.tui.seen.standing import standing, times
-from robotree.vr.base.description import CommandSpec, FieldSpec
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import CommandSpec, FieldSpec, RobotDescription, SlotSpec
 from robotree.vr.base.history_event import EventKind, HistoryEvent
 from robotree.vr.supervision.why import explain
+
+if TYPE_CHECKING:
+    from robotree.vr.supervision.realm_client import RealmClient
 
 
 def event(kind: EventKind, unix: float, robot: str, key: str, command: str, **more: object) -> HistoryEvent:
@@ -126,6 +133,28 @@ def test_the_past_has_the_units_of_robots_that_live_and_angles_are_in_degrees() 
     chain = explain(LOST.key, [("host h1", LOST)])
     assert chain is not None
     assert chain_text(chain, known).startswith("arm-1.go_to x=0.3 m y=0 m twist=45 °   on host h1")
+
+
+async def test_what_was_read_of_a_child_has_its_units() -> None:
+    robots = {
+        "mover": RobotDescription(
+            address=Address("robot", "mover", "1"), kinds=("MoveTo",), host="h1",
+            slots=(SlotSpec(name="arm", kind="Arm", child=Address("robot", "arm-1", "2")),),
+        ),
+        "arm-1": RobotDescription(
+            address=Address("robot", "arm-1", "2"), kinds=("Arm",), units={"x": "m", "twist": "rad"}
+        ),
+    }  # fmt: skip
+
+    async def describe(name: str) -> RobotDescription:
+        return robots[name]
+
+    realm_client = cast("RealmClient", SimpleNamespace(describe=describe))
+    value = {"x": 0.3, "twist": 1.5708, "age": 2.0}
+    read = event("observed", 10.0, "mover", "k/1", "", arguments="arm", value=value)
+    known = await known_commands(realm_client, ["mover"], [read])
+    assert event_line(read, known).endswith("arm = x 0.3 m, twist 90 °, age 2  [k/1]")
+    assert event_line(read, {}).endswith("arm = x 0.3, twist 1.571, age 2  [k/1]")
 
 
 def test_of_whom_nothing_is_kept_nothing_is_said() -> None:

@@ -69,7 +69,7 @@ async def history(realm_client: RealmClient, line: Line, teller: Teller) -> Outc
         return Outcome(plain(spans), printed or f"{len(spans)} spans are exported")
     if any(read.more for read in kept.answers.values()):
         teller.warn("there are older events; ask with --since, from a later time on")
-    known = await known_commands(realm_client, [name])
+    known = await known_commands(realm_client, [name], [event for _, event in events])
     text = "\n".join(event_line(event, known) for _, event in events)
     return Outcome([{"source": source, **plain(event)} for source, event in events], text)
 
@@ -96,7 +96,9 @@ async def why(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
     if chain is None:
         return Outcome({"place": place}, text)
     data = {"person": chain.person, **plain(chain)} | ({"place": place} if place else {})
-    known = await known_commands(realm_client, [name, *(link.call.robot for link in chain.links)])
+    observed = [event for link in chain.links for event in link.observed]
+    robots = [name, *(link.call.robot for link in chain.links)]
+    known = await known_commands(realm_client, robots, observed)
     return Outcome(data, "\n\n".join(filter(None, (chain_text(chain, known), text))))
 
 
@@ -265,21 +267,49 @@ def _since(text: str) -> float:
 # -- in words --------------------------------------------------------------------------------------
 
 
-async def known_commands(realm_client: RealmClient, robots: Iterable[str]) -> dict[str, CommandSpec]:
-    """Return the commands of those robots that answer: with them their arguments have units."""
+async def known_commands(
+    realm_client: RealmClient, robots: Iterable[str], observed: Iterable[HistoryEvent] = ()
+) -> dict[str, CommandSpec]:
+    """Return the commands of those robots that answer: with them their arguments have units.
+
+    What an event has `observed` has those of the child that is in its slot now, under `mover.arm`: no command
+    of a robot has the name of a slot.
+    """
+    from robotree.vr.base.address import parted
+    from robotree.vr.base.description import CommandSpec, FieldSpec
+
+    described = await _described(realm_client, robots)
+    known = {name: command for robot in described for name, command in commands_by_name(robot).items()}
+    slots = {(event.robot, str(event.arguments)) for event in observed if event.kind == "observed"}
+    held = {
+        f"{parted(robot.name)[1]}.{slot.name}": slot.child.name
+        for robot in described
+        for slot in robot.slots
+        if slot.child is not None and (parted(robot.name)[1], slot.name) in slots
+    }
+    units = {parted(child.name)[1]: child.units for child in await _described(realm_client, held.values())}
+    for place, child in held.items():
+        read = units.get(parted(child)[1], {}).items()
+        fields = tuple(FieldSpec(name=name, type="float", unit=unit) for name, unit in read)
+        known[place] = CommandSpec(name="readings", result=fields)
+    return known
+
+
+async def _described(realm_client: RealmClient, robots: Iterable[str]) -> list[RobotDescription]:
+    """Return the descriptions of those robots that answer."""
     import asyncio
 
     from robotree.vr.base.errors import VrError
 
     asked = [realm_client.describe(name) for name in sorted({one for one in robots if "/" not in one})]
-    known: dict[str, CommandSpec] = {}
+    found: list[RobotDescription] = []
     for robot in await asyncio.gather(*asked, return_exceptions=True):
         if isinstance(robot, VrError):
             continue
         if isinstance(robot, BaseException):
             raise robot
-        known |= commands_by_name(robot)
-    return known
+        found.append(robot)
+    return found
 
 
 def commands_by_name(robot: RobotDescription) -> dict[str, CommandSpec]:
@@ -313,11 +343,18 @@ def _said(event: HistoryEvent, known: Known) -> str:
         case "ended" | "answered":
             return f"{event.command}: {_outcome(event)}  [{event.key}]"
         case "observed":
-            return f"{event.arguments} = {wording.value(event.value)}  [{event.key}]"
+            return f"{_observed(event, known)}  [{event.key}]"
         case "lease":
             return f"{event.text}, epoch {event.epoch}"
         case _:
             return event.text
+
+
+def _observed(event: HistoryEvent, known: Known) -> str:
+    """Write what was read of a child: `arm = x 0.35 m, twist 90.0 °`."""
+    spec = known.get(f"{event.robot}.{event.arguments}")
+    rows = wording.result(spec.result if spec else (), event.value)
+    return f"{event.arguments} = {', '.join(f'{name} {text}'.lstrip() for name, text in rows) or '-'}"
 
 
 def _outcome(event: HistoryEvent) -> str:
@@ -360,9 +397,7 @@ def _link_lines(link: Link, over: Link | None, known: Known) -> list[str]:
     lease = f"  under epoch {call.epoch} of {call.caller}" if call.epoch else "  under no lease"
     lines.append(f"{lease}{page}")
     lines += [f"  {_at(one.unix)}: {one.text}" for one in link.back]
-    lines += [
-        f"  observed {_at(one.unix)}: {one.arguments} = {wording.value(one.value)}" for one in link.observed
-    ]
+    lines += [f"  observed {_at(one.unix)}: {_observed(one, known)}" for one in link.observed]
     if over is not None:
         line = f", line {call.line} of its page {over.call.page[:12]}" if call.line else ""
         lines.append(f"step {link.step} of {over.call.robot}.{over.call.command}{line}:")
