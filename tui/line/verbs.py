@@ -618,7 +618,8 @@ async def service(realm_client: RealmClient, line: Line, _teller: Teller) -> Out
             raise _keeps_away(away[one.name])
     brought = [f"{one.name} ({one.attributes.get('condition', '')})" for one in behaviours]
     with_them = f" with {', '.join(brought)}" if brought else ""
-    return _did(robot, f"{name} ({robot.kind}) runs on {robot.host}{with_them}")
+    lends = f"; it lends {', '.join(f'{name}-{role}' for role in robot.lends)}" if robot.lends else ""
+    return _did(robot, f"{name} ({robot.kind}) runs on {robot.host}{with_them}{lends}")
 
 
 def _keeps_away(robot: RobotDescription) -> ValueRefused:

@@ -293,6 +293,7 @@ class Publisher:
                 faults=self._hooks.faults,
                 kept=self._kept(state.fields),
                 streams=streams,
+                lends=tuple(self._lends()),
                 calls=dict(state.calls.counts),
                 identity=runtime.identity,
                 witness=runtime.robot.witness,
@@ -329,8 +330,7 @@ class Publisher:
 
         A service that lends roles stays listed, for those who play them find it there.
         """
-        robot = self._runtime.robot
-        roles = dict(robot.lends) if isinstance(robot, Service) else {}
+        roles = self._lends()
         if self._runtime.lease is not None and not roles:
             return None
         specs = self._runtime.look(self._runtime.specs)
@@ -341,6 +341,11 @@ class Publisher:
             revision=self._runtime.look(lambda state: state.moves) * REVISIONS,
             **self._identity(),
         )
+
+    def _lends(self) -> dict[str, str]:
+        """Return the texts of the roles that it lends, by their names in its page."""
+        robot = self._runtime.robot
+        return dict(robot.lends) if isinstance(robot, Service) else {}
 
     def _condition(self, state: RobotState) -> dict[str, Any]:
         """Return the fields that its description and its state share."""

@@ -340,6 +340,8 @@ class RobotDescription(_Agent, frozen=True, kw_only=True, omit_defaults=True):
     """Whether its code runs though nobody trusted has signed it (`--insecure-any-signer`)."""
     streams: tuple[StreamSpec, ...] = ()
     """What it sends to those who watch it, beside its readings."""
+    lends: tuple[str, ...] = ()
+    """Names in its page of the roles that it lends, as a service: robots play them as `SERVICE-ROLE`."""
 
     @property
     def away(self) -> float | None:

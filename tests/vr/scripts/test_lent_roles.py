@@ -186,7 +186,8 @@ def test_the_role_of_a_service_that_is_killed_goes_and_nothing_else_does(tmp_pat
         def offered(robot: str = "companion") -> bool:
             return "desk-clerk" in machine.say("show", robot)["attributes"]["roles"].split()
 
-        machine.say("service", str(tmp_path / "desk.py"), "desk", "on", "services")
+        told = machine.text("service", str(tmp_path / "desk.py"), "desk", "on", "services")
+        assert "it lends desk-clerk" in told, told
         wait_until(offered, "the role is offered")
         wait_until(lambda: offered("guarded"), "also to a robot that is kept apart")
         machine.say("role", "companion", "desk-clerk")
