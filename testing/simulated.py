@@ -79,6 +79,11 @@ class Simulated(Part):
         self._controller = kind.controller(self.world, 1, SILENCE)
         self._began = team.now
         self._advance()
+        self.start_proxy(path)
+
+    def start_proxy(self, path: str) -> None:
+        """Start the process of its proxy; again, if it was lost: the controller has gone on without it."""
+        team, name = self._team, self.name
 
         async def live(process: SimulatedProcess) -> None:
             robot = PROXIES[self.kind](

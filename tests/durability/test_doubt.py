@@ -1,265 +1,187 @@
-"""A step of which nobody knows: the controller is asked, then the page, then a person; none is repeated."""
+"""A step of which nobody knows: the controller is asked, then the page, then a person; none is repeated.
+
+All is rehearsed: the rover with its proxy and its controller, and the driver, whose process is killed when
+the rover has taken a step. Real processes of these kinds are killed in test_campaign.py.
+"""
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import AsyncIterator
-from pathlib import Path
-from typing import Any
+from typing import Literal
 
 import pytest
 
-from robotree.client.joining import joined
-from robotree.vr.base.errors import CommandInDoubt, EndedInDoubt
-from tests.durability.stage import HERE, PATIENCE, Program, Stage
-from tests.ports import free_port
+from robotree.testing import rehearse
+from robotree.testing.team import Going, Team
+from robotree.vr.base.errors import CommandCancelled, EndedInDoubt
+from tests.durability.drivers import Catcher, Driver, Verifier
+from tests.durability.rehearsed import Rover
 
-pytestmark = pytest.mark.e2e
-DRIVERS = HERE / "drivers.py"
 LEG = 0.1
+"""[m]"""
+AWAY = 4.0
+"""[s] that the driver is away; it takes half of it to drive a leg at most."""
 
 
-class Road(Stage):
-    """A rover with its controller and its proxy, and a host with a driver: processes that can be killed."""
+class Road:
+    """A driver on top of a rover."""
 
-    controller: Program
-    proxy: Program
-    driver: Program
+    def __init__(self, page: type[Driver] = Driver, **settings: str) -> None:
+        self.rover = Rover()
+        self.team: Team = rehearse(page, settings=settings, rover=self.rover)
 
-    async def build(self, page: str, kill: str = "", **settings: Any) -> None:
-        url = f"tcp:127.0.0.1:{free_port()}"
-        memory = self.folder / "controller.state"
-        words = ("-m", "robotree.tui")
-        self.controller = self.program(
-            "controller", *words, "sim", "rover", "--listen", url, "--open", "--state", memory
-        )
-        self.proxy = self.program("proxy", *words, "proxy", "rover", "rover-1", "--connect", url, "--open")
-        self.driver = self.host()
-        self.driver.environment = {"RETURNS": "120"}  # a busy machine starts three processes slowly
-        await self.controller.start()
-        await self.proxy.start()
-        await self.driver.start(KILL=kill, WORD="move")
-        await self.presence("host", self.driver.name)
-        await self.realm_client.create(str(DRIVERS), "driver", self.driver.name, page, settings=settings)
-        await self.presence("robot", "rover-1")
-        await self.online()
-        await self.realm_client.enslave("driver", "rover", "rover-1")
+    def lost(self, command: str = "drive", **arguments: int) -> Going:
+        """Have the driver lose the result of its first leg by its own end, and the controller forget it."""
+        self.team.crash(at=1, away=AWAY)
+        call = self.team.start(command, within=240.0, **arguments)
+        self.team.wait(AWAY / 2)
+        self.rover.restart_controller()
+        self.restart_proxy()
+        return call
 
-    async def online(self) -> None:
-        async with asyncio.timeout(PATIENCE):
-            while not (await self.realm_client.describe("rover-1")).online:  # noqa: ASYNC110 # of another process
-                await asyncio.sleep(0.02)
+    def restart_proxy(self) -> None:
+        self.team.lose("rover")
+        self.rover.start_proxy("rover")
 
-    async def where(self) -> float:
-        return float((await self.realm_client.describe("rover-1")).readings["x"])
-
-    async def at_rest(self, x: float) -> None:
-        """Wait until the rover has come to a place, and stands there."""
-        async with asyncio.timeout(PATIENCE):
-            while abs(await self.where() - x) > 0.003:  # noqa: ASYNC110 # of another process
-                await asyncio.sleep(0.05)
-        await asyncio.sleep(0.3)
-        assert await self.where() == pytest.approx(x, abs=0.005)
-
-    async def again(self, *programs: Program) -> None:
-        """Kill those that still run, and start all again, in this order."""
-        for program in programs:
-            if program.runs:
-                await program.kill()
-        for program in programs:
-            if program is self.driver:  # it may call the rover at once
-                await self.presence("robot", "rover-1")
-                await self.online()
-            await program.start()
-
-    async def question(self) -> str:
+    def question(self) -> str:
         """Wait until a person is asked; return the question."""
-        async with asyncio.timeout(PATIENCE):
-            while not (asks := (await self.realm_client.describe("driver")).asks):  # noqa: ASYNC110 # of another process
-                await asyncio.sleep(0.05)
-        return asks
+        self.team.wait_until(lambda: "" in self.team._agents and bool(self.team.describe().asks), 60.0)
+        return self.team.describe().asks
 
-    async def kept(self, name: str) -> Any:
-        return (await self.realm_client.describe("driver")).kept[name]
+    def decide(self, answer: Literal["done", "again", "abort"]) -> None:
+        self.team._do(lambda: self.team._client().decide(answer))
 
-    def call(self, command: str = "drive", **arguments: Any) -> asyncio.Task[Any]:
-        return asyncio.ensure_future(self.realm_client.call("driver", command, arguments, deadline=240.0))
-
-
-@pytest.fixture
-async def road(place: Path, tmp_path: Path) -> AsyncIterator[Road]:
-    """A realm of this test alone."""
-    del place  # the runtime folder
-    road = Road(tmp_path, "doubt")
-    try:
-        async with joined("doubt") as realm_client:
-            road.realm_client = realm_client
-            yield road
-    finally:
-        for program in reversed(road.programs):
-            if program.lives:
-                await program.kill()
+    def at_rest(self) -> float:
+        """Return where the rover has come to rest [m]."""
+        self.team.wait(2.0)
+        return round(self.rover.x, 2)
 
 
-async def lost(
-    road: Road, page: str, *, moment: str = "after send 1", command: str = "drive", **options: Any
-) -> asyncio.Task[Any]:
-    """Have a driver lose the result of its first leg, by its own end."""
-    await road.build(page, moment, **options)
-    call = road.call(command, **({"legs": 2} if command == "drive" else {}))
-    async with asyncio.timeout(PATIENCE):
-        await road.driver.process.wait()
-    if moment.startswith("after"):
-        await road.at_rest(LEG)
-    return call
+def test_the_controller_tells_a_new_proxy_that_it_was_done() -> None:
+    road = Road()
+    road.team.crash(at=1, away=AWAY)
+    call = road.team.start("drive", legs=2, within=240.0)
+    road.team.wait(AWAY / 2)
+    road.restart_proxy()
+    assert call.result() == 2
+    assert road.at_rest() == 2 * LEG
 
 
-async def test_the_controller_tells_a_new_proxy_that_it_was_done(road: Road) -> None:
-    call = await lost(road, "Driver")
-    await road.again(road.proxy, road.driver)
-    assert await call == 2
-    await road.at_rest(2 * LEG)
-    road.expect_silence()
-
-
-async def test_what_the_controller_never_got_is_done_once(road: Road) -> None:
-    call = await lost(road, "Driver", moment="before send 1")
-    await road.again(road.proxy, road.driver)
-    assert await call == 2
-    await road.at_rest(2 * LEG)
-    road.expect_silence()
-
-
-async def test_a_controller_that_was_started_again_does_not_know_so_a_person_is_asked(road: Road) -> None:
-    call = await lost(road, "Driver")
-    await road.again(road.controller, road.proxy, road.driver)
-    asked = await road.question()
-    assert asked.startswith("rover-1.move(x=0.1, y=0.0) may have been carried out or not")
-    assert "rover-1 reads x " in asked
+@pytest.mark.parametrize(
+    ("answer", "driven"),
+    [("done", LEG), ("again", 2 * LEG)],  # it began anew at 0, and has driven the second leg
+)
+def test_a_controller_that_was_started_again_does_not_know_so_a_person_is_asked(
+    answer: Literal["done", "again"], driven: float
+) -> None:
+    road = Road()
+    call = road.lost(legs=2)
+    asked = road.question()
+    assert asked.startswith("rover.move(x=0.1, y=0.0) may have been carried out or not")
+    assert "rover reads x " in asked
     assert "s ago" in asked
-    assert not call.done()
-    await road.realm_client.decide("driver", "done")
-    assert await call == 2
-    await road.at_rest(LEG)  # it began anew at 0, and has driven the second leg
-    assert not (await road.realm_client.describe("driver")).asks
-    road.expect_silence()
+    assert not call.done
+    road.decide(answer)
+    assert call.result() == 2
+    assert road.at_rest() == driven
+    assert not road.team.describe().asks
 
 
-async def test_a_person_has_it_done_again_once(road: Road) -> None:
-    call = await lost(road, "Driver")
-    await road.again(road.controller, road.proxy, road.driver)
-    await road.question()
-    await road.realm_client.decide("driver", "again")
-    assert await call == 2
-    await road.at_rest(2 * LEG)
-
-
-async def test_a_person_ends_it(road: Road) -> None:
-    call = await lost(road, "Driver")
-    await road.again(road.controller, road.proxy, road.driver)
-    await road.question()
-    await road.realm_client.decide("driver", "abort")
+def test_a_person_ends_it() -> None:
+    road = Road()
+    call = road.lost(legs=2)
+    road.question()
+    road.decide("abort")
     with pytest.raises(EndedInDoubt, match="a person has ended"):
-        await call
-    await road.at_rest(0.0)
+        call.result()
+    assert road.at_rest() == 0.0
 
 
-async def test_the_question_is_asked_again_after_another_crash_of_the_host(road: Road) -> None:
-    call = await lost(road, "Driver")
-    await road.again(road.controller, road.proxy, road.driver)
-    await road.question()
-    await road.again(road.driver)
-    await road.question()
-    await road.realm_client.decide("driver", "done")
-    assert await call == 2
-    await road.at_rest(LEG)
+def test_the_question_is_asked_again_after_another_crash_of_the_host() -> None:
+    road = Road()
+    call = road.lost(legs=2)
+    road.question()
+    road.team.crash()
+    road.question()
+    road.decide("done")
+    assert call.result() == 2
+    assert road.at_rest() == LEG
 
 
-async def test_what_is_done_again_is_known_after_another_crash(road: Road) -> None:
-    call = await lost(road, "Driver")
-    await road.again(road.controller, road.proxy, road.driver)
-    await road.question()
-    await road.realm_client.decide("driver", "again")
-    async with asyncio.timeout(PATIENCE):
-        while await road.where() < LEG / 3:  # noqa: ASYNC110 # of another process
-            await asyncio.sleep(0.01)
-    await road.again(road.driver)
-    assert await call == 2, "the proxy knows the second attempt"
-    await road.at_rest(2 * LEG)
+def test_what_is_done_again_is_known_after_another_crash() -> None:
+    road = Road()
+    call = road.lost(legs=2)
+    road.question()
+    road.decide("again")
+    road.team.wait_until(lambda: road.rover.x > LEG / 3)
+    road.team.crash()
+    assert call.result() == 2, "the proxy knows the second attempt"
+    assert road.at_rest() == 2 * LEG
 
 
 @pytest.mark.parametrize(("verdict", "driven"), [("done", LEG), ("not done", 2 * LEG)])
-async def test_the_page_verifies_and_nobody_is_asked(road: Road, verdict: str, driven: float) -> None:
-    call = await lost(road, "Verifier", verdict=verdict)
-    await road.again(road.controller, road.proxy, road.driver)
-    assert await call == 2
-    await road.at_rest(driven)
-    assert await road.kept("asked") == ["rover.move x=0.1 at 0.0"]
-    road.expect_silence()
+def test_the_page_verifies_and_nobody_is_asked(verdict: str, driven: float) -> None:
+    road = Road(Verifier, verdict=verdict)
+    assert road.lost(legs=2).result() == 2
+    assert road.at_rest() == driven
+    assert road.team.page.asked == ["rover.move x=0.1 at 0.0"]  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("verdict", ["unknown", "fails"])
-async def test_a_page_that_cannot_tell_leaves_it_to_a_person(road: Road, verdict: str) -> None:
-    call = await lost(road, "Verifier", verdict=verdict)
-    await road.again(road.controller, road.proxy, road.driver)
-    await road.question()
-    await road.realm_client.decide("driver", "done")
-    assert await call == 2
-    await road.at_rest(LEG)
+def test_a_page_that_cannot_tell_leaves_it_to_a_person(verdict: str) -> None:
+    road = Road(Verifier, verdict=verdict)
+    call = road.lost(legs=2)
+    road.question()
+    road.decide("done")
+    assert call.result() == 2
+    assert road.at_rest() == LEG
 
 
-async def test_a_page_that_catches_it_gets_it(road: Road) -> None:
-    call = await lost(road, "Catcher")
-    await road.again(road.controller, road.proxy, road.driver)
-    assert await call == 2
-    assert "rover-1.move may have been carried out or not" in await road.kept("caught")
-    await road.at_rest(LEG)
-    road.expect_silence()
+def test_a_page_that_catches_it_gets_it() -> None:
+    road = Road(Catcher)
+    assert road.lost(legs=2).result() == 2
+    assert "rover.move may have been carried out or not" in road.team.page.caught  # type: ignore[attr-defined]
+    assert road.at_rest() == LEG
 
 
-async def test_a_part_of_a_group_is_asked_about_too(road: Road) -> None:
-    call = await lost(road, "Driver", command="both")
-    await road.again(road.controller, road.proxy, road.driver)
-    await road.question()
-    await road.realm_client.decide("driver", "done")
-    assert await call == 2
+def test_a_part_of_a_group_is_asked_about_too() -> None:
+    road = Road()
+    call = road.lost("both")
+    road.question()
+    road.decide("done")
+    assert call.result() == 2
 
 
-async def test_without_a_crash_of_the_host_a_controller_that_restarts_leaves_it_in_doubt(road: Road) -> None:
-    await road.build("Driver")
-    call = road.call(legs=1)
-    async with asyncio.timeout(PATIENCE):
-        while await road.where() < LEG / 3:  # noqa: ASYNC110 # of another process
-            await asyncio.sleep(0.005)
-    await road.again(road.controller)
-    await road.question()
-    await road.realm_client.decide("driver", "again")
-    assert await call == 1
-    await road.at_rest(LEG)
+def test_without_a_crash_of_the_host_a_controller_that_restarts_leaves_it_in_doubt() -> None:
+    road = Road()
+    call = road.team.start("drive", legs=1, within=240.0)
+    road.team.wait_until(lambda: road.rover.x > LEG / 3)
+    road.rover.restart_controller()
+    road.question()
+    road.decide("again")
+    assert call.result() == 1
+    assert road.at_rest() == LEG
 
 
-async def test_a_cancelled_command_asks_no_longer(road: Road) -> None:
-    call = await lost(road, "Driver")
-    await road.again(road.controller, road.proxy, road.driver)
-    await road.question()
-    await road.realm_client.cancel("driver")
-    with pytest.raises(Exception, match="cancel"):
-        await asyncio.wait_for(call, PATIENCE)
-    assert not (await road.realm_client.describe("driver")).asks
-    assert issubclass(EndedInDoubt, CommandInDoubt)
+def test_a_cancelled_command_asks_no_longer() -> None:
+    road = Road()
+    call = road.lost(legs=2)
+    road.question()
+    road.team.cancel()
+    with pytest.raises(CommandCancelled):
+        call.result()
+    assert not road.team.describe().asks
 
 
-async def test_again_without_a_child_keeps_the_question(road: Road) -> None:
-    call = await lost(road, "Driver")
-    await road.again(road.controller, road.proxy, road.driver)
-    await road.question()
-    await road.realm_client.release("driver", "rover")
-    await road.realm_client.decide("driver", "again")
-    async with asyncio.timeout(PATIENCE):
-        while "nothing was done" not in await road.question():
-            assert not call.done()
-            await asyncio.sleep(0.05)
-    await road.realm_client.enslave("driver", "rover", "rover-1")
-    await road.realm_client.decide("driver", "again")
-    assert await call == 2
-    await road.at_rest(2 * LEG)
+def test_again_without_a_child_keeps_the_question() -> None:
+    road = Road()
+    call = road.lost(legs=2)
+    road.question()
+    road.team.release("rover")
+    road.decide("again")
+    road.team.wait_until(lambda: "nothing was done" in road.team.describe().asks, 60.0)
+    assert not call.done
+    team = road.team
+    team._do(lambda: team._client().enslave("rover", team._agents["rover"].address))
+    road.decide("again")
+    assert call.result() == 2
+    assert road.at_rest() == 2 * LEG

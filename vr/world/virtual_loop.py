@@ -26,7 +26,13 @@ _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
 
+MOST_BLOCKS = 100
+"""`finally` blocks of a task that are ended one after the other; a task may catch everything for ever."""
 _set_running_loop = events._set_running_loop  # noqa: SLF001 # asyncio offers no other way
+
+
+class _Dropped(BaseException):
+    """Ends what a task of a dropped loop waits for."""
 
 
 class _Handle(asyncio.Handle):
@@ -258,7 +264,8 @@ class VirtualLoop(base_events.BaseEventLoop):
     def drop(self) -> None:
         """Close the loop of a process that was ended from outside; its tasks never go on.
 
-        Each of them is closed, which runs its `finally` blocks up to their first `await`.
+        Each of them is ended, which runs its `finally` blocks, each up to its first `await`: what waits in an
+        asynchronous generator would else go on where that is collected, in the middle of anything.
         """
         self.set_exception_handler(lambda _loop, _context: None)
         previous = events._get_running_loop()  # noqa: SLF001 # asyncio offers no other way
@@ -269,8 +276,11 @@ class VirtualLoop(base_events.BaseEventLoop):
                 if task is not None and not task.done():
                     task._log_destroy_pending = False  # type: ignore[attr-defined] # noqa: SLF001 # asyncio offers no other way
                     coroutine: Any = task.get_coro()
-                    with contextlib.suppress(BaseException):
-                        coroutine.close()
+                    for _ in range(MOST_BLOCKS):  # `close` would leave an asynchronous generator as it is
+                        with contextlib.suppress(BaseException):
+                            coroutine.throw(_Dropped())
+                        if coroutine.cr_frame is None:
+                            break
         finally:
             _set_running_loop(previous)
         self._queue.clear()

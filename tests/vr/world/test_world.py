@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import gc
 import random
+import sys
 import weakref
+from collections.abc import AsyncGenerator
 
 import pytest
 
@@ -136,3 +139,39 @@ def test_a_world_that_has_ended_can_be_forgotten() -> None:
     forgotten = play()
     gc.collect()
     assert forgotten() is None
+
+
+def test_what_a_killed_process_had_opened_does_not_go_on_when_the_world_is_over(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Its `finally` blocks wait; collected later, they would ask a loop for that which is closed."""
+    left: list[object] = []
+    monkeypatch.setattr(sys, "unraisablehook", left.append)
+    ended: list[str] = []
+    kept: list[contextlib.AbstractAsyncContextManager[None]] = []
+
+    @contextlib.asynccontextmanager
+    async def opened() -> AsyncGenerator[None]:
+        try:
+            yield
+        finally:
+            try:
+                await asyncio.sleep(1.0)
+            finally:
+                ended.append("first")
+                await asyncio.sleep(1.0)
+
+    async def main(_: SimulatedProcess) -> None:
+        kept.append(opened())  # as a cycle of references would
+        async with kept[0]:
+            await asyncio.Event().wait()
+
+    with World(1) as world:
+        process = world.start("one", main)
+        world.runner.at(1.0, process.kill)
+        world.run(2.0)
+        assert ended == []
+    assert ended == ["first"]
+    kept.clear()
+    gc.collect()
+    assert left == []
