@@ -58,6 +58,8 @@ MOST_MEMORY = 64_000_000
 """[bytes] of one environment."""
 MOST_ORDERS = 64
 """For one happening."""
+MOST_CONVERSATIONS = 1000
+"""Conversations of which it is known that their rules named them by a number."""
 LONGEST_QUESTION = 400
 """Letters."""
 LONGEST_WAIT = 7 * 24 * 3600.0
@@ -122,6 +124,8 @@ class Engine:
         self._orders: list[ScriptOrder] = []
         self._error = ""
         self._numbers = 0
+        self._conversations: dict[str, Any] = {}
+        """What rules have named by a number, by its text, the oldest first."""
         self.happened = 0
         """Happenings so far."""
         self.fired = 0
@@ -195,7 +199,7 @@ class Engine:
             **{"from": into(happening.sender)},
             act=into(happening.act),
             args=[into(value) for value in happening.arguments[:LONGEST_LIST]],
-            conv=into(happening.conversation),
+            conv=self._conversations.get(happening.conversation, into(happening.conversation)),
             by=happening.reply_by,
         )
         number = self._memory.number(event)
@@ -434,7 +438,7 @@ class Engine:
 
     def _do(self, *values: Any) -> Any:
         self._numbers += 1
-        return self._do_as(f"act-{self._numbers}", *values)
+        return self._do_as(into(f"act-{self._numbers}"), *values)
 
     def _do_as(self, conversation: Any, partner: Any, act: Any, *values: Any) -> Any:
         if str(partner) not in self._slots:
@@ -450,25 +454,38 @@ class Engine:
                 plain.append(out(value))
         self._order(
             Do(
-                conversation=str(conversation),
+                conversation=self._spelled(conversation),
                 partner=str(partner),
                 act=str(act),
                 values=tuple(plain),
                 named=named,
             )
         )
-        return into(str(conversation))
+        return conversation
 
     def _ask(self, question: Any, *answers: Any) -> Any:
         self._numbers += 1
-        return self._ask_as(f"ask-{self._numbers}", question, *answers)
+        return self._ask_as(into(f"ask-{self._numbers}"), question, *answers)
 
     def _ask_as(self, conversation: Any, question: Any, *answers: Any) -> Any:
         asked, given = str(out(question)).strip(), tuple(_spoken(out(one)) for one in answers)
         if not asked or len(asked) > LONGEST_QUESTION:
             raise ScriptError(f"a question has 1 to {LONGEST_QUESTION} letters, and {asked[:40]!r} has not")
-        self._order(PersonAsked(conversation=str(conversation), question=asked, answers=given))
-        return into(str(conversation))
+        self._order(PersonAsked(conversation=self._spelled(conversation), question=asked, answers=given))
+        return conversation
+
+    def _spelled(self, conversation: Any) -> str:
+        """Return a conversation as others know it, by a text; what comes of it has the rule's value again.
+
+        Else a number would not be equal to what a rule compares it with, and no rule would hear of it.
+        """
+        text = str(conversation)
+        self._conversations.pop(text, None)
+        if isinstance(conversation, int | float):
+            self._conversations[text] = conversation
+            if len(self._conversations) > MOST_CONVERSATIONS:
+                del self._conversations[next(iter(self._conversations))]
+        return text
 
     def _reply(self, conversation: Any, performative: Any, *values: Any) -> None:
         self._order(
@@ -483,7 +500,7 @@ class Engine:
             raise ScriptError(
                 f"wait {name}: {seconds} is no time from 0 s to 7 days; write it as 5 s or 2 min"
             )
-        self._order(Wait(name=str(name), seconds=length, conversation=str(conversation)))
+        self._order(Wait(name=str(name), seconds=length, conversation=self._spelled(conversation)))
 
     def _cancel(self, what: Any) -> None:
         self._order(CancelAct(what=str(what)))

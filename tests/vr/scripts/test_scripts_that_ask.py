@@ -79,6 +79,38 @@ def test_a_table_of_tests_knows_questions_and_answers() -> None:
     assert "(let (who Anna) (in yes) (by operator))" in " ".join(played.engine.facts())
 
 
+NUMBERS = """
+script: foreman
+hears:
+  order: {number: number}
+facts:
+  open: {number: 0}
+rules:
+  - rule: ask
+    when: [order: {number: $n}]
+    then:
+      - remember: {open: {number: $n}}
+      - ask: "Shall order $n begin?"
+        as: $n
+      - wait: {name: silence, for: 1 min, conversation: $n}
+  - rule: hear
+    when: [answered: {answer: $a, conversation: $n}, open: {number: $n}]
+    then: [log: "order $n: $a"]
+  - rule: give-up
+    when: [timer: {name: silence, conversation: $n}, open: {number: $n}]
+    then: [cancel: $n, log: "nobody answers of order $n"]
+"""
+
+
+@pytest.mark.parametrize("number", ["7", "2.5"])
+def test_what_is_asked_under_a_number_is_heard_under_that_number(number: str) -> None:
+    """A conversation is a text on its way, and a number again for the rules."""
+    played = Rehearsal(read_yaml(NUMBERS, "foreman.yaml"))
+    assert played.play(f"order {number}").fault == ""
+    assert played.play(f"answered yes from Anna as {number}").fired == ("hear",)
+    assert played.play(f"timer silence as {number}").fired == ("give-up",)
+
+
 @pytest.mark.parametrize(
     ("action", "reason"),
     [
