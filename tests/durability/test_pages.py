@@ -15,7 +15,9 @@ from typing import Any
 
 import pytest
 
-from robotree.testing import Page, rehearse
+from robotree.examples.smooth_move import SmoothMove
+from robotree.sim.firmware.movement import Job, Movement
+from robotree.testing import Page, cell, rehearse
 from robotree.testing.team import Team
 from robotree.vr.base.errors import CommandCancelled, CommandInDoubt, NotConfirmed, VrError
 from tests.durability.pages import Helper, Patrol, Tourist
@@ -110,6 +112,35 @@ def test_a_setting_that_is_changed_in_the_middle_is_read_as_it_was() -> None:
     team.crash()
     assert call.result() == [0.0] * 3 + [0.5] * 5
     assert acts(team) == list(range(8))
+
+
+@pytest.mark.parametrize("after", [0.0, 0.1, 0.18, 0.24])
+@pytest.mark.parametrize("at", [1, 3, 6])
+def test_points_that_an_arm_passes_with_a_blend_are_each_begun_once(
+    at: int, after: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The kill comes when the arm is sent to a point, on the way, when it passes, or is looked at.
+
+    Nobody sends it to the next point for a second, so it comes to stand at the one that it has only to pass.
+    """
+    begun: list[object] = []
+    begin = Movement.begin
+
+    def count(self: Movement, job: Job, *rest: Any) -> Any:
+        begun.append(job.key)
+        return begin(self, job, *rest)
+
+    monkeypatch.setattr(Movement, "begin", count)
+    arm = cell("arm")
+    with rehearse(SmoothMove, arm=arm) as team:
+        team.crash(at=at, after=after)
+        y = float(arm.world.arm.state().position[1])
+        assert team.call("sweep", steps=6, length=0.06, within=60.0) > 1.0
+        assert "is started again" in team.story()
+        sent = [step for step in team.steps if step.command == "go_to"]
+        assert [round(step.arguments["y"] - y, 3) for step in sent] == [0.01, 0.02, 0.03, 0.04, 0.05, 0.06]
+        assert len({step.key for step in sent}) == len(set(begun)) == len(begun) == 6, "by the firmware, too"
+        assert arm.world.arm.state().position[1] == pytest.approx(y + 0.06, abs=0.004)
 
 
 def test_an_order_to_the_parent_is_obeyed_when_it_is_back() -> None:
