@@ -64,8 +64,10 @@ from robotree.vr.network.readers import Readers
 from robotree.vr.network.rendezvous import Rendezvous
 from robotree.vr.orders.ledger import LedgerEntry
 from robotree.vr.running.child_call import ChildCall
+from robotree.vr.running.frame import Frame
 from robotree.vr.running.replay import Replay
 from robotree.vr.running.robot_runtime import RobotRuntime
+from robotree.vr.scripts.happening import PersonAsked
 from robotree.vr.scripts.run import ScriptRun
 from robotree.vr.sites.gateway import Gateway
 from robotree.vr.sites.site import Site
@@ -249,6 +251,19 @@ async def _as_if_new(self: OrderTaker, entry: LedgerEntry) -> bool:
     return await self._begin(entry.order)
 
 
+_ask_people, _keep_step = ScriptRun._ask, Frame.keep_step
+
+
+def _asked_before(self: ScriptRun, question: PersonAsked) -> None:
+    if self.is_current:
+        _ask_people(self, question)
+
+
+def _untold(self: Frame, path: str, step: on.StepResult) -> None:
+    if step.kind != on.RECEIVED:
+        _keep_step(self, path, step)
+
+
 SAFEGUARDS = {
     "a robot moves for its operator alone": (Safeguard(RobotControl, "expect", lambda *_: None),),
     "an attended command ends without a key": (Safeguard(robotree.vr.core.machine, "ATTENTION", 1e9),),
@@ -263,6 +278,8 @@ SAFEGUARDS = {
         Safeguard(OrderTaker, "_confirmed", _taken_in_silence),
     ),
     "the first answer to a question counts": (Safeguard(ScriptRun, "_take_answer", lambda *_: True),),
+    "a question that was put before a crash waits after it": (Safeguard(ScriptRun, "_ask", _asked_before),),
+    "what a script was told it knows after a crash": (Safeguard(Frame, "keep_step", _untold),),
     "what one of a group refuses is not the others' matter": (
         Safeguard(robotree.tui.line.groups, "_one", _of_all_or_none),
     ),

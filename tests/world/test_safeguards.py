@@ -34,6 +34,8 @@ CAUGHT = {
     "an order that may have begun does not begin again": ("orders", 1),
     "a stop holds a robot that is away": ("orders", 7),
     "the first answer to a question counts": ("groups", 3),
+    "a question that was put before a crash waits after it": ("groups", 0),
+    "what a script was told it knows after a crash": ("groups", 0),
     "what one of a group refuses is not the others' matter": ("groups", 0),
     "a stop also names who of a group does not answer": ("groups", 4),
     "a request tells another machine its age": ("sites", 10),
