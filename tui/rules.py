@@ -54,12 +54,18 @@ def check(line: Line, _realm: str) -> int:
     """Check a script."""
     from robotree.vr.scripts.engine import Engine
     from robotree.vr.scripts.joins import loose
+    from robotree.vr.scripts.known import mistyped
 
     program = _program(line.text("FILE"))
     Engine(program)  # CLIPS takes each rule
     rules, kinds = len(program.rules), len(program.templates)
     counted = f"{rules} rule{'s' * (rules != 1)}, {kinds} kind{'s' * (kinds != 1)} of facts"
     advice = [
+        f"{line.text('FILE')}: {partner.name} is of kind {partner.kind}, which does not come with"
+        f" robotree{near}"
+        for partner, near in mistyped(program, known_kinds())
+    ]
+    advice += [
         f"{line.text('FILE')}:{one.mark.line}: rule {one.rule} joins {' with '.join(one.kinds)} without a "
         "shared variable: the numbers of these facts are multiplied"
         for one in map(loose, program.rules)

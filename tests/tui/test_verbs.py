@@ -120,6 +120,11 @@ async def test_ls_tells_real_and_simulated_robots_apart_as_the_screen_does(
     assert re.split(r" {2,}", row)[1] == kind
 
 
+async def test_who_is_no_script_explains_no_rule(realm: Realm) -> None:
+    with pytest.raises(ValueRefused, match="arm-1 is no script; it is of kind Arm"):
+        await do(realm, "rules explain arm-1 greet")
+
+
 GROUP = """
 from robotree.vr import Children, VirtualRobot, command
 

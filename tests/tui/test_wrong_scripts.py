@@ -147,6 +147,25 @@ def test_what_a_partner_needs_or_may_have_learned_is_let_through(
     assert main(["rules", "check", str(path)]) == exit_codes.DONE, capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("kind", "advice"),
+    [
+        ("Companoin", "kind Companoin, which does not come with robotree; do you mean 'Companion'?"),
+        ("Sieve", ""),
+    ],
+)
+def test_a_kind_that_a_page_may_bring_is_let_through_with_the_nearest_name(
+    kind: str, advice: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "s.yaml"
+    text = HEAD.replace("Companion", kind).replace("CONDITION", "start").replace("slowly", "5")
+    path.write_text(text.replace("ACTION", "log: hello"))
+    assert main(["rules", "check", str(path)]) == exit_codes.DONE, capsys.readouterr().err
+    said = capsys.readouterr().out
+    assert advice in said
+    assert ("do you mean" in said) == bool(advice)
+
+
 @pytest.mark.parametrize(("condition", "says"), MEETS.items())
 def test_conditions_of_clips_are_refused_for_the_same_mistakes(
     condition: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

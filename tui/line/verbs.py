@@ -1119,6 +1119,9 @@ async def _released(realm_client: RealmClient, line: Line) -> bool:
 async def explain(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """Tell why a rule of a running script fired, or why it does not; without a rule: its facts and agenda."""
     name, rule = line.text("WHAT"), line.text("RULE")
+    robot = await realm_client.describe(name)
+    if not {"why", "facts"} <= {command.name for command in robot.commands}:
+        raise ValueRefused("WHAT", f"{name} is no script; it is of kind {robot.kind}")
     text = str(await realm_client.call(name, "why" if rule else "facts", {"rule": rule} if rule else {}))
     return Outcome({"script": name, "rule": rule, "explanation": text.splitlines()}, text)
 

@@ -16,7 +16,7 @@ from robotree.vr.base.errors import BadArgument, BrokenScript
 from robotree.vr.base.written import Mark, Word, value_of
 from robotree.vr.scripts.expression import Atom, Form, Node, plain, value
 from robotree.vr.scripts.happening import nearest
-from robotree.vr.scripts.program import CHOICE, MESSAGE, PARTNER, READING, ROLE, Program, literal
+from robotree.vr.scripts.program import CHOICE, MESSAGE, PARTNER, READING, ROLE, Partner, Program, literal
 from robotree.vr.scripts.roles.profile import shipped
 from robotree.vr.scripts.trial import CHANGES, Trial, happening, words_of
 
@@ -37,6 +37,12 @@ def check_known(program: Program, kinds: KnownKinds, streams: KnownStreams = Map
     """
     for rule in program.rules:
         _Known(program, kinds, rule.mark, streams).check(rule.form)
+
+
+def mistyped(program: Program, kinds: Collection[str]) -> list[tuple[Partner, str]]:
+    """Return the partners whose kind is nearly that of a known one, and a hint; a page may bring the kind."""
+    unknown = (partner for partner in program.partners if partner.kind and partner.kind not in kinds)
+    return [(partner, near) for partner in unknown if (near := nearest(partner.kind, kinds))]
 
 
 def check_trials(program: Program, trials: Iterable[Trial], kinds: KnownKinds) -> None:
