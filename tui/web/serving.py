@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gzip
 import http
 import logging
 import math
 import secrets
 import ssl
-from collections.abc import AsyncGenerator
+from collections.abc import AsyncGenerator, Iterable
 from pathlib import Path
 
 from websockets.asyncio.server import Server, ServerConnection, serve
@@ -96,14 +97,16 @@ class Reception:
         found = self._assets.get(path)
         if found is None:
             return connection.respond(http.HTTPStatus.NOT_FOUND, "there is no such page; open /\n")
-        return self._page(found)
+        return self._page(found, packed=_takes_gzip(request.headers.get_all("Accept-Encoding")))
 
     @staticmethod
-    def _page(asset: Asset) -> Response:
+    def _page(asset: Asset, *, packed: bool) -> Response:
+        body = asset.packed if packed else gzip.decompress(asset.packed)
         headers = Headers({
             "Content-Type": f"{asset.kind}; charset=utf-8",
-            "Content-Encoding": "gzip",
-            "Content-Length": str(len(asset.packed)),
+            **({"Content-Encoding": "gzip"} if packed else {}),
+            "Content-Length": str(len(body)),
+            "Vary": "Accept-Encoding",
             "Content-Security-Policy": POLICY,
             "Cross-Origin-Opener-Policy": "same-origin",
             "Cross-Origin-Resource-Policy": "same-origin",
@@ -112,7 +115,7 @@ class Reception:
             "Cache-Control": "no-cache",
             "Connection": "close",
         })  # fmt: skip
-        return Response(http.HTTPStatus.OK, "OK", headers, asset.packed)
+        return Response(http.HTTPStatus.OK, "OK", headers, body)
 
     # -- tabs --------------------------------------------------------------------------------------
 
@@ -269,6 +272,15 @@ async def web(line: Line, realm: str) -> int:
         _tell(shown, door, realm, readonly=readonly)
         await asyncio.get_running_loop().create_future()
     return exit_codes.DONE
+
+
+def _takes_gzip(headers: Iterable[str]) -> bool:
+    """Return whether `Accept-Encoding` offers gzip: RFC 9110, section 12.5.3; a weight of 0 refuses it."""
+    for each in ",".join(headers).split(","):
+        name, _, weight = (part.strip().lower() for part in each.partition(";"))
+        if name == "gzip":
+            return weight.removeprefix("q=").strip("0.") != "" or not weight
+    return False
 
 
 def line_host(host: str) -> str:

@@ -124,6 +124,11 @@ async def test_who_knows_another_name_comes_from_elsewhere_or_has_no_token_gets_
     page = await port.raw("GET / HTTP/1.1\nHost: localhost\n\n")
     assert "default-src 'none'" in page
     assert "frame-ancestors 'none'" in page
+    assert "<!doctype html>" in page.lower(), "what comes is packed only for who takes it so"
+    assert "Content-Encoding" not in page
+    for offered, packed in {"br, gzip": True, "gzip;q=0.5": True, "gzip;q=0": False, "br": False}.items():
+        page = await port.raw(f"GET / HTTP/1.1\nHost: localhost\nAccept-Encoding: {offered}\n\n")
+        assert ("Content-Encoding: gzip" in page) == packed, offered
     for origin in ("http://evil.example", "null", f"http://127.0.0.1:{port.number + 1}"):
         with pytest.raises(InvalidStatus) as refused:  # also with the token: it is not even asked for
             async with port.connect(origin):
