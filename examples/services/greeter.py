@@ -29,6 +29,7 @@ class Greeter(Service):
     companion = Watch("Companion", "who is listened to", optional=True)
     counted = Stream(int, "words so far")
     behaviours: ClassVar = {"greet": GREET}
+    lends: ClassVar = {"porter": "role: porter\ninherits: butler\nwords: {Welcome: Welcome to our house}\n"}
     words: int = state(0)
 
     @command

@@ -19,6 +19,8 @@ from tests.vr.scripts.stage import Companion
 from tests.vr.scripts.test_chosen_partners import Listed
 from tests.waiting import until, wait_until
 
+GREETER = Path(__file__).parents[3] / "examples/services/greeter.py"
+
 CLERK = "role: clerk\ninherits: butler\nwords: {Welcome: Your number please}\n"
 CHIEF = "role: chief\ninherits: clerk\nmanner: {voice: deep}\n"
 HASTY = "role: hasty\nlimits: {speed: 2.0}\n"
@@ -96,6 +98,15 @@ async def test_a_service_that_is_led_by_its_behaviour_still_lends_to_its_partner
     await until(lambda: script.condition == "active", "it leads")
     await listed.call("leader", "guest")
     await until(lambda: robot.done == ["say Your number please [deep]"], "it says so in its role")
+
+
+async def test_the_simplest_service_lends_a_role(listed: Listed) -> None:
+    robot = Companion("c1")
+    await listed.start(robot)
+    await listed.start(Bundle.read(GREETER).create("greeter"))
+    await until(lambda: "greeter-porter" in knows(robot), "it is offered")
+    await listed.call("c1", "play", role="greeter-porter")
+    assert await listed.call("c1", "say", text="Welcome") == "Welcome to our house"
 
 
 async def test_no_role_is_taken_from_its_owner_by_its_name(listed: Listed) -> None:
