@@ -33,6 +33,11 @@ def test_free_robots_are_roots_and_empty_slots_are_shown() -> None:
     ]
 
 
+def test_who_is_not_moved_by_people_alone_is_marked() -> None:
+    moved = [replace(robot("a"), placement="auto"), replace(robot("b"), placement="advise", advised="h2")]
+    assert drawing(forest(moved)) == "a (Thing)  placement auto\nb (Thing)  placement advise: better on h2"
+
+
 def test_a_child_that_does_not_answer_keeps_its_place() -> None:
     assert "arm: ghost (does not answer)" in drawing(forest([robot("mover", arm="ghost")]))
 

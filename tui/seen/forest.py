@@ -133,7 +133,8 @@ def label(branch: Branch) -> str:
         kind = wording.inserted(branch.robot.kind, branch.robot.attributes)
         flows = [f"{one.name} {traffic}" for one in branch.robot.streams if (traffic := wording.traffic(one))]
         sends = f"  sends {', '.join(flows)}" if flows else ""
-        return f"{place}{branch.robot.name} {kind}{shown}{link}{_at(branch)}{sends}"
+        moved = _moved(branch.robot)
+        return f"{place}{branch.robot.name} {kind}{shown}{link}{_at(branch)}{moved}{sends}"
     if branch.slot and branch.slot.watched:
         return f"{place}watches {branch.slot.watched.name}"
     if branch.name:
@@ -143,6 +144,14 @@ def label(branch: Branch) -> str:
     wants = f"takes {branch.slot.kind}{', optional' if branch.slot.optional else ''}" if branch.slot else ""
     lost = branch.back or (branch.slot.lost if branch.slot else "")
     return f"{place}empty ({wants}{lost and '; '}{lost})"
+
+
+def _moved(robot: RobotDescription) -> str:
+    """Return the mark of one that people alone do not move: `  placement auto`."""
+    if robot.placement == "manual":
+        return ""
+    better = f": better on {robot.advised}" if robot.advised else ""
+    return f"  placement {robot.placement}{better}"
 
 
 def _at(branch: Branch) -> str:
