@@ -17,6 +17,7 @@ from robotree.tui.wire.security import realm_key
 from robotree.vr.base import extras
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import BondSpec, RobotDescription, SlotSpec
+from robotree.vr.base.errors import RobotAway
 from robotree.vr.base.requests import HostDescribed
 from robotree.vr.network.realms import runtime_directory, sealed
 from robotree.vr.network.rendezvous import Rendezvous
@@ -167,6 +168,16 @@ def test_why_a_robot_is_not_listed_is_said() -> None:
     assert "runs, answers and is listed" in said["arm-2"]
     assert "no lookup service lists it" in said["arm-3"]
     assert "did you mean arm-" in said["arm-4"]
+
+
+def test_the_host_that_keeps_a_robot_is_named_with_the_command_that_brings_it_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    away = RobotAway(name="tele", host="h1", since="5 s", goes_on="")
+    monkeypatch.setattr(agents.away, "explained", lambda _realm, _error: away)
+    (finding,) = agents.missed("tele", "x", {}, set(), [])
+    assert finding.result == "tele is kept by host h1, which wrote last 5 s ago"
+    assert finding.remedy == "robotree host h1"
 
 
 def test_how_a_robot_is_comes_with_what_to_do() -> None:

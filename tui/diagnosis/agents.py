@@ -10,7 +10,9 @@ from robotree.client.joining import joined
 from robotree.tui.diagnosis import meeting, sites
 from robotree.tui.diagnosis.finding import Finding
 from robotree.tui.diagnosis.permits import permits
+from robotree.tui.line import away
 from robotree.tui.seen import status
+from robotree.vr.base.errors import NoSuchRobot, RobotAway
 
 if TYPE_CHECKING:
     from robotree.vr.base.description import RobotDescription
@@ -124,6 +126,10 @@ def missed(
         yield Finding("robot", "bad", f"{result} and does not answer", wake)
     elif elsewhere := meeting.whereabouts(name, realm):
         yield elsewhere
+    elif isinstance(kept := away.explained(realm, NoSuchRobot(name=name)), RobotAway):
+        host, since = kept.data["host"], kept.data["since"]
+        result = f"{name} is kept by host {host}, which wrote last {since} ago"
+        yield Finding("robot", "bad", result, f"robotree host {host}")
     else:
         near = difflib.get_close_matches(name, robots, n=2)
         meant = f"did you mean {' or '.join(near)}? Else " if near else ""
