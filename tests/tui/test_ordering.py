@@ -6,7 +6,10 @@ import pytest
 
 from robotree.tui.errors import ValueRefused
 from robotree.tui.line import manual, ordering
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import RobotDescription
 from robotree.vr.base.errors import SeveralRobots
+from robotree.vr.base.order import KnownAgent
 
 parse = manual.shell().parse
 
@@ -35,6 +38,17 @@ async def test_the_advice_of_the_error_can_be_typed() -> None:
     with pytest.raises(SeveralRobots):
         await ordering.leave(client, parse(f"call r1.move x=1 --queue {advice}".split()), None)  # type: ignore[arg-type]
     assert client.orders.asked == ["", "ab12"]
+
+
+def test_the_stop_of_a_robot_that_is_away_is_the_one_that_it_was_last_in() -> None:
+    robot = RobotDescription(
+        address=Address("robot", "tele", "1"), kinds=("Thing",), stopped=True, stop_reason="anna's stop"
+    )
+    known = KnownAgent(name="tele", identity="ab", robot=robot, described=50.0, seen=60.0)
+    rows = ordering.known_portrait(known, 100.0).splitlines()
+    state, stopped = (next(row for row in rows if word in row) for word in ("state ", "anna's stop"))
+    assert stopped.startswith("was stopped  ")
+    assert state.index("away since") == stopped.index("anna's"), "in one column"
 
 
 @pytest.mark.parametrize("text", ["soon", "25:00", "12:x", "1 week", "-5min"])

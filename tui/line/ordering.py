@@ -316,11 +316,9 @@ def known_portrait(known: KnownAgent, now: float) -> str:
     """Describe a robot that is away: what is remembered of it, with its age."""
     if known.robot is None:
         return f"{known.name} is {absence.how(known, now)}"
-    text = wording.portrait(known.robot)
-    lines = text.splitlines()
-    lines = [f"state  {absence.how(known, now)}" if one.startswith("state  ") else one for one in lines]
     said = absence.age(known.described, now)
-    blocks = [f"{known.name} is {absence.how(known, now)}; this is what it said {said}:", "\n".join(lines)]
+    text = wording.portrait(known.robot, absence.how(known, now))
+    blocks = [f"{known.name} is {absence.how(known, now)}; this is what it said {said}:", text]
     if known.readings:
         rows = [
             (f"  {name}", quantity(value, known.robot.units.get(name, "")))

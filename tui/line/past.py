@@ -235,7 +235,10 @@ def _nothing(since: str, kept: _Kept) -> str:
         return f" since {since}"
     if kept.notes:
         return f": {'; '.join(kept.notes)}"
-    return "; is the name right? A host keeps what its robots did until it is started with --forget"
+    return (
+        "; is the name right? Else it has carried nothing out, or only what reads; a host, or who commands"
+        " it, keeps what it did until it is started with --forget"
+    )
 
 
 def _since(text: str) -> float:

@@ -213,8 +213,13 @@ APART = {
 """The levels of isolation, for people."""
 
 
-def portrait(robot: RobotDescription) -> str:
-    """Describe one robot in full."""
+def portrait(robot: RobotDescription, absence: str = "") -> str:
+    """Describe one robot in full.
+
+    Args:
+        robot: as it describes itself.
+        absence: how it is absent; its stop may have been resumed since then.
+    """
     facts = [
         ("name", robot.name),
         ("kinds", " < ".join(robot.kinds)),
@@ -224,8 +229,8 @@ def portrait(robot: RobotDescription) -> str:
         ("placed", robot.placed),
         ("advice", robot.advice),
         ("isolated", APART.get(robot.isolation, "")),
-        ("state", status.text(robot)),
-        ("stopped", robot.stop_reason),
+        ("state", absence or status.text(robot)),
+        ("was stopped" if absence else "stopped", robot.stop_reason),
         ("paused", robot.paused and f"by {robot.paused}"),
         ("drill", robot.drill),
         ("abandoned", _abandoned(robot)),
