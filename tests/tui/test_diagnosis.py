@@ -6,6 +6,7 @@ import json
 import os
 import socket
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from packaging.specifiers import SpecifierSet
@@ -174,7 +175,7 @@ def test_the_host_that_keeps_a_robot_is_named_with_the_command_that_brings_it_ba
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     away = RobotAway(name="tele", host="h1", since="5 s", goes_on="")
-    monkeypatch.setattr(agents.away, "explained", lambda _realm, _error: away)
+    monkeypatch.setattr(agents.away, "explained", Mock(return_value=away))
     (finding,) = agents.missed("tele", "x", {}, set(), [])
     assert finding.result == "tele is kept by host h1, which wrote last 5 s ago"
     assert finding.remedy == "robotree host h1"
