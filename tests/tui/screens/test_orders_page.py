@@ -46,7 +46,7 @@ async def test_orders_of_a_robot_that_is_away_are_shown_and_cancelled(
         await agent.close()
         await operator.until(lambda: operator.app.store.is_away("cart-7"), "it is away")
         await operator.press("A")
-        await operator.sees("no order is left; :call ROBOT.COMMAND … --queue leaves one")
+        await operator.sees("no order is left; :call ROBOT.COMMAND --queue leaves one")
         assert not operator.one(OptionList).display, "no empty box"
         await operator.press("escape")
         await operator.sees("cart-7", "away since")

@@ -70,7 +70,9 @@ async def test_who_may_only_look_sees_no_key_that_pauses(realm: Realm, operate: 
         operator.app.choose("arm-1")
         await operator.press("z")
         page = await operator.at(WherePage)
-        await operator.sees("arm-1 has carried nothing out yet")
+        await operator.sees(
+            "arm-1 has carried nothing out yet", "no page: it is a proxy", "no call of a child"
+        )
         assert not page.check_action("verb", ("pause",))
         await operator.press("b")
         assert not operator.app.store.descriptions["arm-1"].paused

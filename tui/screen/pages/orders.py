@@ -15,7 +15,7 @@ from textual.widgets.option_list import Option
 from robotree.tui.line import ordering
 from robotree.tui.line.grammar import Line
 from robotree.tui.screen.pages.dialogs import Modal
-from robotree.tui.screen.widgets.marks import tint
+from robotree.tui.screen.widgets.marks import DIM, tint
 from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 PERIOD = 1.0
 """[s] between two looks at the directories."""
 COLOURS = {"done": "success", "failed": "error", "in doubt": "error", "refused": "warning", "taken": "accent"}
-"""Variable of the theme by the state of an order; of all others `muted`."""
+"""Variable of the theme by the state of an order; all others are dim."""
 
-NONE = "no order is left; :call ROBOT.COMMAND … --queue leaves one for a robot that is away or busy"
+NONE = "no order is left; :call ROBOT.COMMAND --queue leaves one"
 
 Answer = Literal["cancel", "confirm", ""]
 
@@ -90,9 +90,9 @@ class OrdersPage(Modal[None]):
             choices.highlighted = min(at or 0, len(orders) - 1)
 
     def _row(self, order: Order) -> Text:
-        state = tint(self.app, COLOURS.get(order.shown, "muted"))
+        state = tint(self.app, COLOURS[order.shown]) if order.shown in COLOURS else DIM
         return Text.assemble(
-            (f"{order.ticket}  ", tint(self.app, "muted")),
+            (f"{order.ticket}  ", DIM),
             (f"{order.robot}.{order.command}  ", "bold"),
             (f"{order.shown}  ", state),
             f"{order.who}  {ordering.about(order)}",

@@ -30,7 +30,7 @@ from robotree.tui.screen.widgets.choice import Choice
 from robotree.tui.screen.widgets.field_row import FieldRow
 from robotree.tui.screen.widgets.flash import FlashLine
 from robotree.tui.screen.widgets.key_line import KeyLine
-from robotree.tui.screen.widgets.marks import tint
+from robotree.tui.screen.widgets.marks import DIM, tint
 from robotree.tui.seen import absence
 from robotree.tui.seen.asked import questions_of
 from robotree.tui.seen.behaviours import SCRIPT, START, Behaviour, titles
@@ -225,12 +225,10 @@ class UserPage(PlainPage):
         colour: str = "muted",
         dim: bool = False,
     ) -> UserRow:
-        muted = tint(self.app, "muted")
-        text = Text.assemble((f"{sign} ", tint(self.app, colour)), (title, muted if dim else "bold"))
+        style = DIM if colour == "muted" else tint(self.app, colour)
+        text = Text.assemble((f"{sign} ", style), (title, DIM if dim else "bold"))
         if about:
-            text.append(
-                f"\n  {about}" if title else about, muted if colour == "muted" else tint(self.app, colour)
-            )
+            text.append(f"\n  {about}" if title else about, style)
         return UserRow(id_, text, opened)
 
     def _questions(self, known: dict[tuple[str, str], str]) -> Iterator[UserRow]:

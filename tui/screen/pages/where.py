@@ -48,7 +48,7 @@ class WherePage(Page):
         self._note = "its host is asked …"
         self._asked = -PERIOD
         """[s] when the hosts were asked last."""
-        self._asking = False
+        self._asking = self._answered = False
         self._seen: tuple[str, str, str] = ("", "", "")
         """What its state said then: what runs, what waits, who has paused it."""
         self._line = 0
@@ -100,15 +100,15 @@ class WherePage(Page):
     async def _ask(self) -> None:
         try:
             found, notes, self._known = await words.find(self.app.realm_client, self.robot)
-            if found is not None and (found.page != self._page or not self.source):
+            if not self.source or (found is not None and found.page != self._page):
                 self.source = await words.page_of(self.app.realm_client, self.robot)
-                self._page = found.page
+                self._page = found.page if found else ""
             nothing = f"{self.robot} has carried nothing out yet, or only what reads"
             self.found, self._note = found, "; ".join(notes) or ("" if found else nothing)
         except VrError as error:
             self._note = str(error)
         finally:
-            self._asking = False
+            self._asking, self._answered = False, True
         self._draw_found()
 
     # -- drawing -----------------------------------------------------------------------------------
@@ -136,8 +136,10 @@ class WherePage(Page):
             text.append(f"{'→' if here else ' '}{number:>4}  ", tint(self.app, "accent" if here else "muted"))
             style = tint(self.app, "accent", bold=True) if here else ""
             text.append(spaced(code.expandtabs(4))[:room], style)
-        none = "no page: it is a proxy, or its host does not say" if self.found else ""
-        self.query_one("#where-lines", CachedText).show(text if self.source else Text(none))
+        none = "no page: it is a proxy, or its host does not say" if self._answered else ""
+        self.query_one("#where-lines", CachedText).show(
+            text if self.source else Text(none, tint(self.app, "muted"))
+        )
         entitle(box, "its page", f"line {line}" if line else "")
         if line and line != self._line:
             self._line = line
@@ -148,7 +150,7 @@ class WherePage(Page):
         for step in found.steps if found else ():
             text.append_text(self._step(step, wall))
             text.append("\n")
-        if found and not found.steps:
+        if self._answered and not (found and found.steps):
             text.append(f"{words.NO_CALLS}\n", tint(self.app, "muted"))
         if found and (totals := times(found, wall)):
             text.append("\ntime for each call\n", tint(self.app, "muted"))

@@ -44,6 +44,8 @@ WEIGHTS: Mapping[Weight, tuple[str, str]] = {
 
 FADE = 0.45
 """How far muted text goes from the foreground towards the background."""
+DIM = Style(dim=True)
+"""Of muted text in a list: halfway to the background of its line, also where that is the chosen one's."""
 
 _styles: dict[tuple[str, str, bool], Style] = {}
 """By theme, variable and weight: to make one costs more than to draw with it."""
