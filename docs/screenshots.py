@@ -314,6 +314,7 @@ async def tidy(realm_client: RealmClient) -> None:
     for robot in await realm_client.tree():
         if robot.stopped:
             await realm_client.resume(None)
+            await realm_client.orders.release("")
             break
     await realm_client.cancel("lever")
     alarms_of(REALM).change(lambda alarms: alarms.clear())

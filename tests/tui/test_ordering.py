@@ -6,10 +6,11 @@ import pytest
 
 from robotree.tui.errors import ValueRefused
 from robotree.tui.line import manual, ordering
+from robotree.tui.seen import absence
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import RobotDescription
 from robotree.vr.base.errors import SeveralRobots
-from robotree.vr.base.order import KnownAgent
+from robotree.vr.base.order import KnownAgent, OrderHold
 
 parse = manual.shell().parse
 
@@ -28,6 +29,19 @@ class Orders:
 class Client:
     def __init__(self) -> None:
         self.orders = Orders()
+
+
+def test_a_robot_that_was_stopped_again_and_again_has_one_line() -> None:
+    holds = [
+        OrderHold(id="1", by="anna", at=20.0),
+        OrderHold(id="2", by="ben", at=10.0),
+        OrderHold(id="3", by="anna", at=30.0),
+        OrderHold(id="4", by="anna", at=30.0, identity="i", robot="rover-1"),
+    ]
+    assert ordering.held(holds, "R releases it") == [
+        f"every robot that is away is held since {absence.clock(10.0)} by anna, ben: R releases it",
+        f"rover-1 is held since {absence.clock(30.0)} by anna: R releases it",
+    ]
 
 
 async def test_the_advice_of_the_error_can_be_typed() -> None:

@@ -14,14 +14,14 @@ LEAST = 24
 """Cells that the last column needs; where they are not there, the line begins anew on the left."""
 TIE = "\ue000"
 """A space at which no line ends: a figure stays with its name and its unit."""
-_UNIT = re.compile(r"(?<=\d) (?=[^\W\d][^\s,;]{0,4}(?:[\s,;]|$))")
-"""The space between a figure and its unit: `0.9 s`, `35 N/mm`."""
+_UNIT = re.compile(r"(?<=\d) (?=[^\W\d][^\s,;]{0,4}(?:[\s,;]|$))|(?<=\bline) (?=\d)")
+"""The space between a figure and its unit, `0.9 s`, `35 N/mm`, and before the number of a line."""
 
 
 def broken(words: Text, room: int, console: Console) -> list[Text]:
     """Return words in lines of at most `room` cells, as far as their ties allow; ties become spaces.
 
-    Between a figure and its unit there is a tie, whether it was written or not.
+    Between a figure and its unit there is one, whether it was written or not.
     """
     tied = words.copy()
     tied.plain = _UNIT.sub(TIE, tied.plain)

@@ -159,6 +159,17 @@ async def test_how_to_resume_and_which_page_is_in_front_are_read_in_40_columns(
         await operator.sees("arm-1 / panel")
 
 
+async def test_in_40_columns_robots_stand_below_the_slots_and_both_are_read(
+    realm: Realm, operate: Operate
+) -> None:
+    await realm.create("move_to.py", "mover")
+    async with operate(realm.realm_client, size=(40, 20)) as operator:
+        await operator.until(lambda: "mover" in operator.app.store.descriptions)
+        operator.app.ask_for("enslave", Place("mover"))
+        await operator.at(EnslaveDialog)
+        await operator.sees("mover.arm  takes Arm", "arm-1  Arm")
+
+
 async def test_a_state_beside_a_scrollbar_is_cut_with_a_sign(realm: Realm, operate: Operate) -> None:
     async with operate(realm.realm_client, size=(40, 20)) as operator:
         await operator.sees("arm-1")

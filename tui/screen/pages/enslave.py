@@ -58,8 +58,14 @@ def openings(store: Store, name: str) -> list[Opening]:
     return own or [*below, *others]
 
 
+NARROW = [(0, "-slim"), (60, "-wide")]
+"""[cells] from which on the robots stand beside the slots, not below them."""
+
+
 class EnslaveDialog(Modal[Line | None]):
     """Choose a slot, choose a robot for it."""
+
+    HORIZONTAL_BREAKPOINTS = NARROW
 
     def __init__(self, store: Store, places: Sequence[Opening], child: str = "") -> None:
         """Offer these slots; `child` is the robot that was pointed at."""
