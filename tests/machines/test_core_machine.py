@@ -24,6 +24,7 @@ from robotree.vr.base.errors import (
     NotConfirmed,
     NothingAsked,
     NotInControl,
+    NotItsChild,
     NotPaused,
     SlotEmpty,
     SlotHeld,
@@ -425,7 +426,7 @@ class CoreMachine(RuleBasedStateMachine):
         by=st.sampled_from(["itself", "right", "wrong", "none"]),
     )
     def all_are_cancelled(self, *, but_readers: bool, final: bool, by: str) -> None:
-        """Who has no right and no lease either ends only what goes on without its caller."""
+        """Who has no right and no lease ends only what goes on without its caller; a robot ends nothing."""
         self.handle(on.Tick(unix=UNIX + self.now))
         live = self.core.state.calls.live
         epoch = {"itself": None, "none": None, "right": self.right(), "wrong": self.wrong()}[by]
@@ -433,9 +434,11 @@ class CoreMachine(RuleBasedStateMachine):
             reason="enough",
             but_readers=but_readers,
             epoch=epoch,
-            principal=ITSELF if by == "itself" else HOLDER,
+            principal=ITSELF if by == "itself" else HOLDER if epoch is not None else person("anna"),
             final=final,
         )
+        with pytest.raises((NotInControl, NotItsChild)):
+            self.handle(msgspec.structs.replace(order, epoch=None, principal=HOLDER))
         lease = self.core.state.lease.current
         away = lease is not None and lease.away
         alone = by == "none" and self.right() is not None and not away

@@ -62,6 +62,11 @@ class Principal(msgspec.Struct, frozen=True, omit_defaults=True):
         return f"{self.user}@{self.site or self.terminal}" if self.terminal else ""
 
     @property
+    def is_robot(self) -> bool:
+        """Whether a robot asks, for no person."""
+        return not self.terminal and self.agent.startswith("robot/")
+
+    @property
     def assistant(self) -> str:
         """Name of the assistant who asks, for whom the process of `user` answers; empty: none asks."""
         return self.terminal[len(ASSISTANTS) + 1 :] if self.terminal.startswith(f"{ASSISTANTS}/") else ""

@@ -29,6 +29,7 @@ from robotree.vr.base.errors import (
     NotConfirmed,
     NotFree,
     NothingAsked,
+    NotItsChild,
     NotPaused,
     StillRunning,
     Stopped,
@@ -188,7 +189,9 @@ class Calls(msgspec.Struct, kw_only=True):
 
     # -- coming -----------------------------------------------------------------------------------
 
-    def known(self, robot: str, key: str, command: str, sent: dict[str, Any]) -> AcceptedCall | Ended | None:
+    def known(
+        self, robot: str, key: str, command: str, sent: dict[str, Any], by: str = ""
+    ) -> AcceptedCall | Ended | None:
         """Return the call of a key that came before, live or ended; None when the key is new.
 
         Raises:
@@ -197,8 +200,9 @@ class Calls(msgspec.Struct, kw_only=True):
         """
         call = self.live.get(key) or self.ended.get(key)
         if call is None:
-            if key in self.cancelled:
-                raise CommandCancelled(robot=robot, command=command, reason=self.cancelled[key])
+            reason = self.cancelled.get(key) or self.cancelled.get(f"{by} {key}")
+            if reason is not None:
+                raise CommandCancelled(robot=robot, command=command, reason=reason)
             return None
         if (call.command, call.sent) != (command, sent):
             raise KeyReused(robot=robot, key=key, command=call.command)
@@ -269,10 +273,10 @@ class Calls(msgspec.Struct, kw_only=True):
             self.running = ""
         return ""
 
-    def refuse(self, key: str, reason: str) -> None:
-        """Note that a call which has not come must not begin."""
+    def refuse(self, key: str, reason: str, by: str = "") -> None:
+        """Note that a call which has not come must not begin; `by`: if it comes from this agent."""
         if key not in self.ended:
-            self.cancelled[key] = reason
+            self.cancelled[f"{by} {key}" if by else key] = reason
             while len(self.cancelled) > MOST_KEPT:
                 del self.cancelled[next(iter(self.cancelled))]
 
@@ -427,7 +431,7 @@ class RobotCore:
         self.state.lease.check(asked.epoch, now, event.principal)
         if asked.source and calls.late(asked.source, asked.number):
             raise CommandCancelled(robot=name, command=asked.command, reason="its caller has given it up")
-        known = calls.known(name, asked.key, asked.command, asked.arguments)
+        known = calls.known(name, asked.key, asked.command, asked.arguments, event.principal.agent)
         if isinstance(known, Ended):
             return [Settled(key=asked.key, reply=known.reply)]
         if known is not None:
@@ -559,7 +563,8 @@ class RobotCore:
     def _cancel(self, event: on.CancelAsked, now: float) -> Effects:
         call = self._call_of(event, now)
         if call is None:
-            self.state.calls.refuse(event.key, event.reason)
+            by = event.principal.agent if self._without_lease(event) else ""
+            self.state.calls.refuse(event.key, event.reason, by)
             return []
         cause = CommandCancelled(robot=self.name, command=call.command, reason=event.reason)
         return self._end(call, cause, now, final=event.final)
@@ -588,12 +593,29 @@ class RobotCore:
 
         Raises:
             LeaseError: it is somebody else who asks.
+            NotItsChild: a robot asks that does not command this one, for the call of another one.
         """
         call = self.state.calls.live.get(event.key)
         if event.principal != ITSELF and (call is None or call.principal != event.principal):
             ends = isinstance(event, on.CancelAsked)
             self.state.lease.check(event.epoch, now, event.principal, ends=ends)
+            if self._without_lease(event) and call is not None:
+                self._expect_caller(call, event)
         return call
+
+    @staticmethod
+    def _without_lease(event: on.CancelAsked | on.DetachAsked | on.CancelAll) -> bool:
+        """Whether a robot asks that says no lease: an operator needs none where nobody commands the robot."""
+        return event.epoch is None and event.principal.is_robot
+
+    def _expect_caller(
+        self, call: AcceptedCall | None, event: on.CancelAsked | on.DetachAsked | on.CancelAll
+    ) -> None:
+        """Refuse a robot that is not the caller of a call; None: of all calls."""
+        asker = event.principal
+        if call is None or (call.principal.user, call.principal.agent) != (asker.user, asker.agent):
+            name = asker.agent.split("/")[1]
+            raise NotItsChild(robot=name, child=self.name, what="the end of a call of others")
 
     def _end(
         self,
@@ -618,6 +640,8 @@ class RobotCore:
         alone = detached and free and event.principal != ITSELF
         if event.principal != ITSELF and not alone:
             self.state.lease.check(event.epoch, now, event.principal, ends=True)
+        if self._without_lease(event):
+            self._expect_caller(None, event)
         effects: Effects = []
         for call in reversed(list(self.state.calls.live.values())):
             if (alone and not call.detached) or (event.but_readers and call.reads):

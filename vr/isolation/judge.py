@@ -6,7 +6,8 @@ Whatever else it tries is no mistake of an author, so it ends the process.
 
 It commands its children alone: those that somebody has put under it, or that a slot of its page chooses. What
 it may call of other robots the permissions of its page say, if it has any; without, nothing. Of those it may
-end its own calls, and neither those of others nor pause them.
+end its own calls, and neither those of others nor pause them. A child it commands under its lease: once it is
+released, the robot that is asked refuses.
 """
 
 from __future__ import annotations
@@ -197,7 +198,7 @@ class Judge:
         request, address = read_envelope(body).request, Address.parse(key)
         if address is None or address.role != "robot":
             return False
-        own = address.name in self.children
+        own = address.name in self.children and getattr(request, "epoch", 0) is not None
         if isinstance(request, Resume) and own:
             self._expect_handed_down(request)
         if own:
@@ -216,6 +217,8 @@ class Judge:
 
     def _note_called(self, key: str, name: str) -> None:
         """Take note of a call of a robot that is no child: that one it may end, and nothing else of it."""
+        if not key:
+            return  # in a cancel that means all of its calls
         self._called.pop(key, None)
         self._called[key] = name
         if len(self._called) > MOST_CALLED:

@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 import asyncio
+from contextlib import nullcontext
 from typing import Any
 
 import pytest
 
 from robotree.vr import Child, Robot, VirtualRobot, command
 from robotree.vr.base.address import Address
-from robotree.vr.base.errors import NotAllowed, NotInControl, StaleEpoch, VrError
+from robotree.vr.base.errors import (
+    CommandCancelled,
+    NotAllowed,
+    NotInControl,
+    NotItsChild,
+    StaleEpoch,
+    VrError,
+)
 from robotree.vr.base.principal import ITSELF, SCRIPT, Credentials, Principal, principal_of, this_process
 from robotree.vr.base.requests import (
+    Call,
     Cancel,
     Describe,
     Detach,
@@ -24,8 +33,10 @@ from robotree.vr.base.requests import (
     SafeStop,
 )
 from robotree.vr.core import events as on
-from robotree.vr.core.bonds import GrantedLease
+from robotree.vr.core.bonds import GrantedLease, Slots
 from robotree.vr.core.events import CoreEvent
+from robotree.vr.core.machine import Calls, RobotCore, RobotState
+from robotree.vr.core.stop import Stop
 from robotree.vr.exchange.asking import ask
 from robotree.vr.exchange.authority import authorise
 from robotree.vr.exchange.client import RobotClient
@@ -88,6 +99,45 @@ async def test_a_lease_belongs_to_its_holder_and_not_to_who_knows_its_number(rea
     assert rover.description().bond.parent == parent
     assert (rover.description().epoch, rover.description().stops) == (epoch, state)
     moving.cancel()
+
+
+async def test_a_robot_ends_its_own_calls_alone_where_nobody_commands(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    live = rover.runtime.core.state.calls.live
+    guest = RobotClient(realm.operator, rover.address, sender="robot/guest/1")
+    moving = asyncio.create_task(realm.client(rover).call("move", {"x": 30}))
+    await realm.until(lambda: rover.description().busy == "move")
+    (key,) = live
+    detach = ask(realm.operator, rover.address.key, Detach(key=key), Done, timeout=5, sender="robot/guest/1")
+    for theft in (guest.cancel(key), guest.cancel(), detach):
+        with pytest.raises(NotItsChild, match="guest may not ask rover for the end of a call of others"):
+            await theft
+    assert rover.description().busy == "move"
+    await realm.client(rover).cancel()
+    with pytest.raises(CommandCancelled):
+        await moving
+
+    own = asyncio.create_task(guest.call("move", {"x": 30}))
+    await realm.until(lambda: rover.description().busy == "move")
+    await guest.cancel(next(iter(live)))
+    with pytest.raises(CommandCancelled):
+        await own
+
+
+def test_a_robot_refuses_no_call_of_others_before_it_has_come() -> None:
+    guest = Principal("user", 2, "robot/guest/1")
+    state = RobotState(
+        address=Address("robot", "rover", "1"), home="h", lease=GrantedLease.free("rover", unix=1.0),
+        slots=Slots("rover"), calls=Calls(), stop=Stop(),
+    )  # fmt: skip
+    core = RobotCore(state)
+    core.handle(on.CancelAsked(key="ben/1", reason="guest wants it", principal=guest), 1.0)
+    for asker, begins in ((guest, False), (Principal("user", 3, "robot/ben/1"), True)):
+        call = Call(key="ben/1", command="move", deadline=9.0)
+        event = on.Invoke(call=call, arguments={}, deadline_at=9.0, principal=asker)
+        with nullcontext() if begins else pytest.raises(CommandCancelled):
+            core.handle(event, 2.0)
+    assert [*state.calls.live] == ["ben/1"]
 
 
 async def test_nobody_goes_on_as_another_incarnation_of_a_parent_that_is_there(realm: Any) -> None:

@@ -43,6 +43,7 @@ from robotree.vr.lookup.service import NEWS_PATTERN
 OWN = Address("robot", "guest", "1")
 OTHER = Address("robot", "arm", "2")
 CALL = Call(key="guest/1", command="move", deadline=1.0)
+UNDER_LEASE = Call(key="guest/1", command="move", deadline=1.0, epoch=3)
 
 
 @pytest.fixture
@@ -173,9 +174,11 @@ def test_it_commands_its_children_alone(judge: Judge) -> None:
     assert not judge.expect_child(OTHER.key, body(SafeStop(reason="it slips")))
     assert not judge.note_asked(body(CALL))
     assert judge.note_asked(body(Enslave(slot="arm", child=OTHER)))
-    for request in (petition(OWN), CALL):
+    for request in (petition(OWN), UNDER_LEASE):
         judge.expect_child(OTHER.key, body(request))
-    judge.expect_child(Address("robot", "arm", "3").key, body(CALL))  # its next incarnation
+    judge.expect_child(Address("robot", "arm", "3").key, body(UNDER_LEASE))  # its next incarnation
+    with pytest.raises(NotItsChild):  # it may be released: the robot that is asked knows the lease
+        judge.expect_child(OTHER.key, body(CALL))
     assert judge.children == {"arm"}
 
 
@@ -198,8 +201,13 @@ def test_of_robots_that_are_no_children_it_ends_its_own_calls_and_pauses_nothing
     for request in (*others, Pause()):
         with pytest.raises(NotItsChild):
             judge.expect_child(OTHER.key, body(request))
+    if permissions is not None:  # in a cancel no key means all
+        judge.expect_child(OTHER.key, body(Call(key="", command="move", deadline=1.0)))
+        with pytest.raises(NotItsChild):
+            judge.expect_child(OTHER.key, body(Cancel()))
     judge.note_asked(body(Enslave(slot="arm", child=OTHER)))
-    for request in (*others, Pause(), TakeStep(), Continue()):
+    leased = (msgspec.structs.replace(request, epoch=3) for request in (*others, TakeStep()))
+    for request in (*leased, Pause(), Continue()):
         judge.expect_child(OTHER.key, body(request))
 
 
@@ -266,7 +274,7 @@ def test_a_slot_that_chooses_takes_its_kind_and_no_other(judge: Judge) -> None:
         judge.expect_child(OTHER.key, body(petition(OWN)))
     judge.chooses = {"arm": "Arm"}
     assert judge.expect_child(OTHER.key, body(petition(OWN)))
-    judge.expect_child(OTHER.key, body(CALL))
+    judge.expect_child(OTHER.key, body(UNDER_LEASE))
 
 
 def test_what_a_slot_is_asked_to_choose_and_what_a_manifest_permits_it_may() -> None:
