@@ -54,22 +54,21 @@ def leave_stop(realm: str, confirmed: Collection[str], directories: Collection[s
     """
     from robotree.tui.processes.state_files import directory_folders, journal_folders
     from robotree.vr.base.errors import NotConfirmed
-    from robotree.vr.journal.kept import leave_stop
+    from robotree.vr.journal.kept import APART, leave_stop
     from robotree.vr.network.lean_stop import REASON
     from robotree.vr.orders.run import leave_stop as leave_to_directory
 
     sentences: list[str] = []
     untold: list[list[str]] = []
     for folder in journal_folders(realm):
+        host = folder.parent.parent.name if folder.parent.name == APART else folder.name
         try:
             missed = leave_stop(folder, confirmed, REASON)
         except OSError as error:
-            untold.append(
-                [f"host {folder.name}", f"it is away, and {folder} cannot be written: {error.strerror}"]
-            )
+            untold.append([f"host {host}", f"it is away, and {folder} cannot be written: {error.strerror}"])
         else:
             if missed:
-                sentences.append(f"{', '.join(missed)} will be stopped when host {folder.name} is back")
+                sentences.append(f"{', '.join(missed)} will be stopped when host {host} is back")
     for folder in directory_folders(realm):
         if folder.name in directories:
             continue

@@ -15,6 +15,7 @@ from typing import Any
 
 import pytest
 
+from robotree.tui.line import away
 from robotree.vr.agents.host import Host
 from robotree.vr.agents.run import kept_by
 from robotree.vr.base.address import Address, everyone
@@ -38,7 +39,7 @@ from robotree.vr.isolation import apart, pipe
 from robotree.vr.isolation.apart import ApartSetting, RobotsApart
 from robotree.vr.isolation.nursery import BOX
 from robotree.vr.journal.journal import HostJournal
-from robotree.vr.journal.kept import leave_stop
+from robotree.vr.journal.kept import leave_stop, stop_left
 from robotree.vr.network.local import LocalTransport, join
 from robotree.vr.running.process import Process
 from robotree.vr.running.runner import runner_of
@@ -372,6 +373,22 @@ async def test_a_stop_that_was_left_while_its_host_hung_holds_when_it_is_back(
     await place.end()
     await place.start()
     assert not (await place.robot().describe()).stopped, "it was another one's"
+
+
+def test_a_stop_of_everything_is_left_for_each_robot_apart_and_says_at_which_host(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    folder = tmp_path / "robotree" / "test" / "hosts" / "h1" / "apart"
+    folder.mkdir(parents=True, mode=0o700)
+    for name in ("guest", "other"):
+        (folder / f"{name}.page").write_bytes(b"")
+    assert away.leave_stop("test", ["other"], []) == ["guest will be stopped when host h1 is back"]
+    assert stop_left(folder / "guest")
+    away.take_stop_back("test", "other")
+    assert stop_left(folder / "guest"), "it is another one that is resumed"
+    away.take_stop_back("test", "guest")
+    assert not stop_left(folder / "guest")
 
 
 async def test_it_is_back_with_its_host_and_gone_when_it_is_deleted(place: Place) -> None:
