@@ -16,6 +16,7 @@ from robotree.tui.seen.alarms import Alarm, acknowledged, judged
 from robotree.tui.seen.plotting import Canvas, Curve, Frame
 from robotree.tui.seen.series import Series, Ticked, sparkline
 from robotree.tui.seen.store import Store
+from robotree.vr.base.readable import figure, finest
 from robotree.vr.base.requests import State
 
 FORCE = Alarm(robot="arm-1", reading="fz", sign=">", limit=20.0, unit="N", by="anna@pts/3")
@@ -147,6 +148,16 @@ def test_no_values_and_no_size_break_a_plot(
     plotting.over_time(canvas, [curve], Frame(shift, shift + 20.0, low, high), (3.0,))
     plotting.against(canvas, values, values, Frame(low, high, low, high))
     assert [len(line) for line in drawn(canvas)] == [width] * height
+
+
+@pytest.mark.parametrize("unit", ["N", "m", "rad", "count"])
+def test_noise_below_the_shown_digits_does_not_fill_a_plot(unit: str) -> None:
+    noise = Curve([0.0, 1.0], [-2e-7, 3e-7])
+    low, high = plotting.range_of([noise], least=4 * finest(unit))
+    assert high - low == pytest.approx(4 * finest(unit))
+    assert len({figure(low + share * (high - low), unit)[0] for share in (0.0, 0.5, 1.0)}) == 3
+    wide = Curve([0.0, 1.0], [0.0, 1000.0])
+    assert plotting.range_of([wide], least=4 * finest(unit)) == plotting.range_of([wide])
 
 
 def test_two_readings_are_put_together_by_what_held_at_the_time() -> None:

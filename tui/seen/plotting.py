@@ -37,8 +37,14 @@ class Frame:
     high: float
 
 
-def range_of(curves: Sequence[Curve], *marks: float) -> tuple[float, float]:
-    """Return from where to where values are shown: all of them, and the marks, with a margin."""
+def range_of(curves: Sequence[Curve], *marks: float, least: float = 0.0) -> tuple[float, float]:
+    """Return from where to where values are shown: all of them, and the marks, with a margin.
+
+    Args:
+        curves: whose values are shown.
+        marks: further values.
+        least: the least range: what differs by less is noise.
+    """
     found = [value for curve in curves for value in curve.values]
     found += marks
     if not found:
@@ -47,7 +53,7 @@ def range_of(curves: Sequence[Curve], *marks: float) -> tuple[float, float]:
     if high - low <= FLAT * max(abs(low), abs(high), 1.0):
         room = max(abs(high), 1.0) * MARGIN
         return low - room, high + room
-    room = (high - low) * MARGIN
+    room = max((high - low) * MARGIN, (least - (high - low)) / 2)
     return low - room, high + room
 
 

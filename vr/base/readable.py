@@ -76,6 +76,13 @@ def figure(value: float, unit: str) -> tuple[str, str]:
     return _fixed(value, DECIMALS.get(unit, OTHER)), "" if unit == "count" else shown
 
 
+def finest(unit: str) -> float:
+    """Return the least difference, in `unit`, that `figure` shows; 0: the unit has no decimals of its own."""
+    if unit not in DECIMALS:
+        return 0.0
+    return 10.0 ** -DECIMALS[unit] / converted(1.0, unit)[0]
+
+
 def apart(value: float, limit: float, unit: str) -> tuple[str, str]:
     """Write a reading beside a limit: the limit as it was entered, the reading as fine, or finer."""
     shown, bound = converted(value, unit)[0], entered(limit, unit)

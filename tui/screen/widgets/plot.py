@@ -19,10 +19,12 @@ from robotree.tui.seen import plotting
 from robotree.tui.seen.cells import seen
 from robotree.tui.seen.plotting import Canvas, Curve, Frame
 from robotree.tui.seen.series import Reading, Series, named
-from robotree.vr.base.readable import IN_DEGREES, figure
+from robotree.vr.base.readable import IN_DEGREES, figure, finest
 
 AXIS = 9
 """Cells for the numbers beside a plot."""
+STEPS = 4
+"""Of the last digit that a unit shows, in the least range of an axis: its three numbers differ."""
 COLOURS = ("muted", "accent", "error")
 """Variables of the theme: of nothing, of the curve, of a threshold."""
 
@@ -74,7 +76,9 @@ class Plot(Part, Widget):
             self._reading, self._range = reading, None
         self._asked = asked
         curve = Curve(*series.between(end - window, end))
-        self._range = plotting.steady(self._range, plotting.range_of([curve], *limits))
+        self._range = plotting.steady(
+            self._range, plotting.range_of([curve], *limits, least=STEPS * finest(unit))
+        )
         low, high = self._range
         canvas = Canvas(width, height)
         if curve.values:
@@ -92,8 +96,8 @@ class Plot(Part, Widget):
         xs, ys = plotting.together(
             Curve(*across[1].between(end - window, end)), Curve(*up[1].between(end - window, end))
         )
-        left, right = plotting.range_of([Curve(xs, xs)])
-        low, high = plotting.range_of([Curve(ys, ys)])
+        left, right = plotting.range_of([Curve(xs, xs)], least=STEPS * finest(across[2]))
+        low, high = plotting.range_of([Curve(ys, ys)], least=STEPS * finest(up[2]))
         canvas = Canvas(width, height)
         if xs:
             plotting.against(canvas, xs, ys, Frame(left, right, low, high))
