@@ -30,7 +30,7 @@ from robotree.vr.base.own_class import OwnClass
 from robotree.vr.base.plain import to_plain
 from robotree.vr.base.requests import Raised
 from robotree.vr.base.units import shorten
-from robotree.vr.running.page_trace import PageLine, page_lines, trace_of
+from robotree.vr.running.page_trace import PageLine, is_of_page, page_lines, trace_of
 
 _INSTALLED = tuple({sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")})
 """Folders of Python and of its packages: their classes belong to no page."""
@@ -131,7 +131,12 @@ def raised(robot: str, context: CommandContext, error: BaseException, *, source:
     if known is None:
         where = f" ({lines[-1].place})" if lines else ""
         known = CommandFailed(robot=robot, command=context.command, detail=words_of(error) + where)
-    elif isinstance(known, (BadArgument, NoSuchCommand)) and lines and not known.trace:
+    elif (
+        isinstance(known, (BadArgument, NoSuchCommand))
+        and lines
+        and not known.trace
+        and _raised_by_a_call(error, source)
+    ):
         known = _refused_by_a_child(known, lines[-1])
     if isinstance(known, Failed):
         known.data["values"] = {name: travelling(value) for name, value in known.data["values"].items()}
@@ -145,6 +150,16 @@ def raised(robot: str, context: CommandContext, error: BaseException, *, source:
 
 def _is_the_authors(error: CommandError) -> bool:
     return "" in (error.data.get("robot"), error.data.get("command"))
+
+
+def _raised_by_a_call(error: BaseException, source: str) -> bool:
+    """Return whether robotree raised it below the page, as for a child; else the page refuses its caller."""
+    step, below = error.__traceback__, False
+    while step is not None:
+        ours = str(step.tb_frame.f_globals.get("__name__", "")).startswith("robotree.vr.")
+        below = not is_of_page(step.tb_frame, source) and (below or ours)
+        step = step.tb_next
+    return below
 
 
 def _refused_by_a_child(error: BadArgument | NoSuchCommand, line: PageLine) -> VrError:

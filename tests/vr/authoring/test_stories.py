@@ -228,6 +228,28 @@ def test_an_arm_that_fails_by_a_cancel_of_its_own_does_not_end_the_page() -> Non
         assert team.call("go") == "somebody has cancelled the arm"
 
 
+class Choosy(VirtualRobot):
+    """Refuses, or has the arm refuse."""
+
+    arm = Child("Arm")
+
+    @command
+    def take(self, x: float) -> None:
+        """Take what is near."""
+        if x > 1.0:
+            raise BadArgument(command="take", parameter="x", reason="is too far")
+        self.arm.go_to(x=x, y=0, z=-9.0, twist=0)
+
+
+def test_only_what_a_child_refuses_names_the_line_of_the_page() -> None:
+    with rehearse(Choosy, arm=Fake(Arm)) as team:
+        with pytest.raises(BadArgument) as own:
+            team.call("take", x=2.0)
+        assert str(own.value).endswith("is too far")
+        with pytest.raises(BadArgument, match=r"\(test_stories\.py, line \d+\)$"):
+            team.call("take", x=0.3)
+
+
 # -- pages on pages --------------------------------------------------------------------------------
 
 
