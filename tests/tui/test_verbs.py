@@ -234,6 +234,27 @@ async def test_ls_and_tree_show_who_hangs_and_the_exit_code_tells(realm: Realm) 
     realm.network.thaw(realm.members["rover-1"])
 
 
+async def test_of_who_hangs_the_list_shows_what_was_last_known(realm: Realm) -> None:
+    store = OrderStore(None)
+    directory = DirectoryService(realm.network.join("directory-1"), "directory-1", store)
+    await directory.start()
+    await do(realm, f"create '{EXAMPLES / 'move_to.py'}' as mover on host-1")
+    await until(lambda: "mover" in {each.name for each in store.agents.values()}, "it is remembered")
+    realm.network.lease = 0.2
+    realm.network.freeze(realm.members["host-1"])
+    await until(lambda: len(realm.realm_client.directory.present("robot")) == 2, "it is silent")
+
+    async def mover() -> list[str]:
+        return next(row.split() for row in (await do(realm, "ls")).text.splitlines() if "mover" in row)
+
+    assert (await mover())[1] == "MoveTo"
+    assert "host-1" in await mover()
+    await directory.close()
+    assert (await mover())[1] == "?"
+    assert "host-1" in await mover(), "the host that hangs with it"
+    realm.network.thaw(realm.members["host-1"])
+
+
 async def test_show_tells_readings_without_waiting_for_the_next_state(
     realm: Realm, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -118,7 +118,11 @@ async def ls(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     unheard, incomplete = _unheard(realm_client, answering, hanging)
     states = {name: status.text(robot, answering.get, hanging) for name, robot in answering.items()} | unheard
     known = {one.name for one in found}
-    found = [*found, *(_unknown(name) for name in hanging if name not in known)]
+    unseen = [name for name in hanging if name not in known]
+    if unseen:
+        remembered = {each.name: each for each in await realm_client.orders.known(brief=True)}
+        hosts = {one.where: name for name, one in _agents_of("host", await realm_client.hanging()).items()}
+        found = [*found, *(_last_known(name, hanging[name][0], remembered, hosts) for name in unseen)]
     away = await absent_robots(realm_client, {*states, *(one.name for one in found)})
     states |= await absent_states(realm_client, away)
     found = [*found, *(_listing_of(each) for each in away)]
@@ -303,6 +307,17 @@ def _unknown(name: str) -> Listing:
     from robotree.vr.base.description import Listing
 
     return Listing(address=Address("robot", name, ""), kinds=("?",))
+
+
+def _last_known(
+    name: str, where: str, remembered: Mapping[str, KnownAgent], hosts: Mapping[str, str]
+) -> Listing:
+    """Return a listing of one that hangs: as directories remember it, or in the host that hangs there."""
+    import msgspec
+
+    if name in remembered:
+        return _listing_of(remembered[name])
+    return msgspec.structs.replace(_unknown(name), host=hosts.get(where, ""))
 
 
 MUTE = "does not answer"
