@@ -219,10 +219,10 @@ class SomeFailed(SupervisorError):
     """Some members of a group have not done what all were told to do; the others have."""
 
     def __init__(self, verb: str, group: str, count: int, failed: Sequence[tuple[str, str]]) -> None:
-        """Keep name and reason of each that has not; the reasons stand in the answer itself."""
+        """Keep name and reason of each that has not."""
         self.failed = tuple(failed)
-        names = ", ".join(name for name, _ in failed)
-        super().__init__(f"{verb}: {len(failed)} of {count} robots of group {group} did not do it: {names}")
+        reasons = "; ".join(f"{name}: {reason}" for name, reason in failed)
+        super().__init__(f"{verb}: {len(failed)} of {count} robots of group {group} did not do it: {reasons}")
 
 
 class NotInstalled(SupervisorError):

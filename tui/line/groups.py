@@ -99,7 +99,7 @@ async def _one(
 
 def _told(result: Outcome | Exception) -> tuple[str, str]:
     if isinstance(result, Exception):
-        return "FAILED", sentence(result)
+        return "FAILED", ""  # why is told once, at the end: `SomeFailed`
     lines = (" ".join(line.split()) for line in result.text.splitlines())
     return ("in doubt" if result.doubt else "done"), ", ".join(filter(None, lines))
 
