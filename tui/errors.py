@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
+from typing import Any
 
 EVERYWHERE = "robotree stop --everywhere"
 """The line that stops all robots of all realms of this user."""
@@ -152,6 +153,9 @@ class BadRecordedRealm(SessionError):
 
 class BadComposition(SupervisorError):
     """Steps that cannot be meant, or cannot be read; one sentence."""
+
+    step: Any = None
+    """The innermost step that cannot be meant; None: it is none of the steps."""
 
 
 class ValueRefused(SupervisorError, ValueError):

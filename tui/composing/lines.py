@@ -160,6 +160,17 @@ def read_lines(text: str, name: str = "") -> Composition:
     return reading.composition()
 
 
+def number_of(text: str, step: ComposedStep) -> int:
+    """Return the number of the first line at which a step begins in a composition; 0: it is at none."""
+    rows = text.splitlines()
+    begin = next((number for number, row in enumerate(rows, 1) if row.strip() == "do"), len(rows))
+    for number, row in enumerate(rows[begin:], begin + 1):
+        read = read_line(row) if row.strip() else None
+        if read is not None and line_of(read) == line_of(step):
+            return number
+    return 0
+
+
 def read_steps(rows: Sequence[StepLine]) -> tuple[ComposedStep, ...]:
     """Read steps from their lines.
 

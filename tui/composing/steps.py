@@ -299,7 +299,14 @@ class _Meaning:
     def block(self, steps: Sequence[ComposedStep], depth: int = 1) -> tuple[ComposedStep, ...]:
         if depth > DEEPEST and steps:
             raise BadComposition(f"steps lie more than {DEEPEST} deep in each other; make fewer of them")
-        return tuple(self._step(step, depth) for step in steps)
+        return tuple(self._named(step, depth) for step in steps)
+
+    def _named(self, step: ComposedStep, depth: int) -> ComposedStep:
+        try:
+            return self._step(step, depth)
+        except BadComposition as error:
+            error.step = error.step or step
+            raise
 
     def _step(self, step: ComposedStep, depth: int) -> ComposedStep:  # noqa: C901, PLR0911 # one for each step
         self._count += 1

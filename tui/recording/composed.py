@@ -18,7 +18,7 @@ import msgspec
 from robotree.files import text
 from robotree.tui.composing.demonstration import TOLERANCE, Shown, composed
 from robotree.tui.composing.gathering import Felt, Gathered, gathered, shown_robot
-from robotree.tui.composing.lines import LARGEST, read_lines
+from robotree.tui.composing.lines import LARGEST, number_of, read_lines
 from robotree.tui.composing.steps import Composition
 from robotree.tui.composing.writing import (
     STEPS,
@@ -72,7 +72,11 @@ async def compose(realm_client: RealmClient | None, line: Line, teller: Teller) 
     made, robots = await asyncio.to_thread(_composition, line, name, source, living, teller)
     made = msgspec.structs.replace(made, name=name)
     origin = f"Made by `robotree compose {name} --from {Path(source).name}`."
-    ready = await asyncio.to_thread(prepared, made, robots, origin)
+    try:
+        ready = await asyncio.to_thread(prepared, made, robots, origin)
+    except BadComposition as error:
+        number = number_of(_text(source), error.step) if error.step and source.endswith(STEPS) else 0
+        raise BadComposition(f"{source}{f', line {number}' * (number > 0)}: {error}") from None
     if _is_own(source, name):  # the steps stay as they are written
         files = {file: text for file, text in ready.files.items() if file != f"{name}{STEPS}"}
         ready = msgspec.structs.replace(ready, files=files)

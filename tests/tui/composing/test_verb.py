@@ -121,6 +121,23 @@ def test_a_name_or_tolerance_that_cannot_be_meant_is_refused(here: Path, words: 
     assert [path.name for path in here.iterdir() if path.is_file()] == ["cup.mcap"]
 
 
+@pytest.mark.parametrize(
+    ("steps", "told"),
+    [
+        ("  arm.hold\n  arm.goto x=0.3", "wrong.steps, line 5: arm.goto: Arm has no such command"),
+        ("  arm.hold\n\n  repeat 2\n    arm.goto", "wrong.steps, line 7: arm.goto: Arm has no such command"),
+        ("  arm.hold\n  part a", "wrong.steps, line 5: there is no step in `part a`"),
+        ("  wait 5", "wrong.steps: no step calls a robot"),
+    ],
+)
+def test_a_step_that_cannot_be_meant_is_told_with_its_line(
+    here: Path, steps: str, told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (here / "wrong.steps").write_text(f"robot cup\nslot arm Arm\ndo\n{steps}\n")
+    assert main(["compose", "cup", "--from", "wrong.steps", "--untried"]) == REFUSED
+    assert told in capsys.readouterr().err
+
+
 async def test_a_session_line_composes_what_another_session_asks(realm: Realm, here: Path) -> None:
     (here / "wave.session").write_text("call arm-1.go_to x=0.3 y=0 z='20 cm' twist=0\ncall arm-1.hold\n")
     script = read("compose waving --from wave.session --untried\n", "it.session")
