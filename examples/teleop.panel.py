@@ -1,8 +1,8 @@
 """The panel of TeleOp: an arm by hand, with the keys of the supervisor's own tele-operation page.
 
 The arrows move the gripper in the plane, page up and page down lift and lower it, `,` and `.` turn it, `+`
-and `-` choose the step, `o` and `c` work the fingers, `h` halts. Presses add up to a target that is never far
-ahead of the arm (`robotree.tui.screen.jog`); one movement runs at a time.
+and `-` choose the step, `o` and `O` open and close the fingers, `h` halts. Presses add up to a target
+that is never far ahead of the arm (`robotree.tui.screen.jog`); one movement runs at a time.
 """
 
 from math import degrees
@@ -45,7 +45,7 @@ class HandDrive(RobotPanel, can_focus=True):
         ("plus", "resize(1)", "larger step"),
         ("minus", "resize(-1)", "smaller step"),
         ("o", "grip('open')", "open"),
-        ("c", "grip('close')", "close"),
+        ("O", "grip('close')", "close"),
         ("h", "halt", "halt"),
     ]
 
@@ -59,7 +59,7 @@ class HandDrive(RobotPanel, can_focus=True):
                         button = Button(Text(label), id=f"pad-{key}", compact=True)
                         button.can_focus = False
                         yield button
-                yield Static("+ - step   o c fingers   h halt")
+                yield Static("+ - step   o O fingers   h halt")
             yield PanelCamera("cell.wrist")
 
     def on_mount(self) -> None:
