@@ -99,7 +99,8 @@ class Lines:
                 self._told = entry.at
                 weight = {"error": "Attention: ", "warning": "Warning: "}.get(entry.weight, "")
                 found.append(f"{weight}{one_line(entry.text)}")
-        present = {name: self._how(name, now) for name in sorted(self.store.known, key=natural)}
+        known = [name for name in sorted(self.store.known, key=natural) if self.store.is_explained(name, now)]
+        present = {name: self._how(name, now) for name in known}
         for name, how in present.items():
             key = COUNTING.sub("", how)
             if self._said.get(name) != key:

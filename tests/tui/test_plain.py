@@ -58,6 +58,18 @@ async def test_each_change_is_one_line_and_what_stays_is_said_once(lines: tuple[
     assert not DRAWN.search(said())
 
 
+async def test_nothing_is_said_of_a_robot_before_it_has_said_how_it_is(
+    lines: tuple[Lines, SAID], realm: Realm
+) -> None:
+    plain, _ = lines
+    fresh = Lines(realm.realm_client, "shop", readonly=False)
+    fresh.store.take_lists(list(plain.store.robots.values()), [], 1.0)
+    assert {"arm-1", "rover-1"} <= fresh.store.known
+    assert not [line for line in fresh.changes(2.0) if "free" in line]
+    fresh.store.take_descriptions(plain.store.descriptions.values(), 2.0)
+    assert "arm-1: free" in fresh.changes(3.0)
+
+
 async def test_what_takes_away_asks_first_and_only_yes_does_it(lines: tuple[Lines, SAID]) -> None:
     plain, said = lines
     plain.take("create examples/move_to.py as mover")

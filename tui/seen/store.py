@@ -802,6 +802,10 @@ class Store:
         condition = self._condition_of(name)
         return status.status_of(condition, self._lacks(name)) if condition else "free"
 
+    def is_explained(self, name: str, now: float) -> bool:
+        """Whether how a robot is has been heard, or why it is not; before that it seems free."""
+        return self._condition_of(name) is not None or self._away(name, now) is not None
+
     def answers(self, name: str, now: float) -> bool:
         """Whether a robot is there to be commanded: it neither hangs nor has gone; of a group, if one is."""
         if group := self.group(name):
