@@ -8,8 +8,8 @@ that a caller on the far side of the network catches the same class with the sam
                       NoSuchSite · SiteAway · NoSuchRobot · NoSuchHost · NoHost · HostReserved · NotIsolated
                       NotApart · CannotMove · NotDrained · NoSuchView · BadGroup · NoSuchGroup · GroupEmpty
       CommandError    NoSuchCommand · NoSettings · BadArgument · CommandFailed (Failed) · CommandCancelled
-                      ChildCancelled · ChildTimeout · DeadlineExceeded · Busy · UnderWay
-                      CommandInDoubt (EndedInDoubt)
+                      ChildCancelled · ChildTimeout · DeadlineExceeded (NotBegun) · Busy
+                      UnderWay · CommandInDoubt (EndedInDoubt)
                       Stopped · StillRunning · KeyReused
       LeaseError      LeaseDenied · NotFree · StaleEpoch · Retracted · CycleOfBonds · NotInControl
                       NotAllowed · Denied
@@ -484,6 +484,15 @@ class DeadlineExceeded(CommandError):
 
     sentence = (
         "{robot}.{command} was not done within its deadline; allow it more time or look at what blocks it"
+    )
+
+
+class NotBegun(DeadlineExceeded):
+    """The time that the caller gave was over before its turn came."""
+
+    sentence = (
+        "{robot}.{command} did not begin within {limit:g} s: {other} was under way; allow it more time, or "
+        "end that with `robotree cancel {robot}`"
     )
 
 

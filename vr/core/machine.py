@@ -26,6 +26,7 @@ from robotree.vr.base.errors import (
     DeadlineExceeded,
     KeyReused,
     NobodyAttends,
+    NotBegun,
     NotConfirmed,
     NotFree,
     NothingAsked,
@@ -617,6 +618,14 @@ class RobotCore:
             name = asker.agent.split("/")[1]
             raise NotItsChild(robot=name, child=self.name, what="the end of a call of others")
 
+    def _late(self, call: AcceptedCall) -> DeadlineExceeded:
+        """Return why a call ends whose time is over."""
+        if call.running:
+            return DeadlineExceeded(robot=self.name, command=call.command)
+        other = self.state.calls.command_of(self.state.calls.running) or "another command"
+        limit = round(call.deadline_at - call.came, 1)
+        return NotBegun(robot=self.name, command=call.command, limit=limit, other=other)
+
     def _end(
         self,
         call: AcceptedCall,
@@ -687,7 +696,7 @@ class RobotCore:
         effects += self._keep_bonds(now)
         for call in list(self.state.calls.live.values()):
             if call.deadline_at <= now and call.key in self.state.calls.live:
-                effects += self._end(call, DeadlineExceeded(robot=self.name, command=call.command), now)
+                effects += self._end(call, self._late(call), now)
             elif call.attended_until <= now and not call.final:
                 cause = CommandCancelled(robot=self.name, command=call.command, reason=UNATTENDED)
                 effects += self._end(call, cause, now, final=True)

@@ -20,6 +20,7 @@ from robotree.vr.base.errors import (
     Garbled,
     KeyReused,
     NoSuchCommand,
+    NotBegun,
     NotVirtual,
 )
 from robotree.vr.base.requests import DescribeHost, Raised, decode_reply
@@ -164,9 +165,19 @@ async def test_what_is_not_done_in_time_is_cancelled(realm: Any) -> None:
     with pytest.raises(DeadlineExceeded):
         await realm.client(rover).call("move", {"x": 10}, deadline=3.5)
     assert loop.time() - began == pytest.approx(3.5, abs=0.1)
-    with pytest.raises(DeadlineExceeded):  # it waited too long
+    with pytest.raises(DeadlineExceeded):
         await realm.client(rover).call("move", {"x": 9}, deadline=1.0)
     await asyncio.gather(waiting, return_exceptions=True)
+
+
+async def test_what_waited_until_its_time_was_over_says_that_it_never_began(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    ahead = asyncio.create_task(realm.client(rover).call("move", {"x": 10}, deadline=9.0))
+    await realm.until(lambda: rover.description().busy == "move")
+    with pytest.raises(NotBegun, match=r"rover\.move did not begin within 1 s: move was under way"):
+        await realm.client(rover).call("move", {"x": 9}, deadline=1.0)
+    await realm.client(rover).cancel()
+    await asyncio.gather(ahead, return_exceptions=True)
 
 
 @pytest.mark.parametrize("deadline", [0.0, -1.0, math.nan, math.inf])
