@@ -353,6 +353,41 @@ async def test_resume_names_all_whose_stop_is_released_the_enslaved_too(realm: R
     assert outcome.data == {"resumed": ["arm-1", "mover", "rover-1"]}
 
 
+async def test_resume_names_only_those_that_were_stopped(realm: Realm) -> None:
+    await do(realm, "stop rover-1")
+    assert (await do(realm, "resume")).text == "resumed: rover-1"
+    assert (await do(realm, "resume")).text == "no robot was stopped"
+    assert (await do(realm, "resume arm-1")).text == "arm-1 was not stopped"
+
+
+async def test_resume_of_a_robot_that_never_was_is_refused_while_a_stop_of_all_holds_those_that_are_away(
+    realm: Realm,
+) -> None:
+    store = OrderStore(None)
+    directory = DirectoryService(realm.network.join("directory-1"), "directory-1", store)
+    await directory.start()
+    away = RobotDescription(address=Address("robot", "rover-2", "1"), kinds=("Rover", "Robot"))
+    store.put(agents=[KnownAgent(name="rover-2", identity="a", robot=away)])
+    await until(lambda: bool(realm.realm_client.orders.directories), "the directory is seen")
+    await do(realm, "stop")
+    with pytest.raises(NoSuchRobot, match="no robot named 'ghost'"):
+        await do(realm, "resume ghost")
+    assert (await do(realm, "resume rover-2")).text == "rover-2 is away: what was ordered may begin again"
+    await directory.close()
+
+
+async def test_cancel_says_that_nothing_ran(realm: Realm) -> None:
+    outcome = await do(realm, "cancel arm-1")
+    assert outcome.text == "arm-1: it carried nothing out"
+
+
+@pytest.mark.parametrize("verb", ["release mover", "enslave mover arm-1"])
+async def test_a_place_without_a_slot_is_told_which_slots_there_are(realm: Realm, verb: str) -> None:
+    await realm.create("move_to.py", "mover")
+    with pytest.raises(ValueRefused, match=r"'mover' names no slot; its slots are mover\.arm"):
+        await do(realm, verb)
+
+
 async def test_cancel_ends_what_runs(realm: Realm) -> None:
     realm.arm.pace = 1.0
     running = asyncio.create_task(do(realm, "call arm-1.go_to x=0.3 y=0 z=0.3 twist=0"))

@@ -655,9 +655,26 @@ def _own_host(realm_client: RealmClient, robot: str, host: str) -> AbstractAsync
     return own_host(realm_client.realm, robot)
 
 
+async def _place(realm_client: RealmClient, line: Line) -> tuple[str, str]:
+    """Return the parent and the slot of a line; where the slot is missing, name those that there are."""
+    from robotree.vr.base.errors import AddressError
+
+    place = line.text("PARENT.SLOT")
+    try:
+        return values.dotted(place, "PARENT.SLOT")
+    except ValueRefused as error:
+        try:
+            parent = await realm_client.describe(place.rstrip("."))
+        except AddressError:
+            raise error from None
+        slots = ", ".join(f"{parent.name}.{slot.name}" for slot in parent.slots)
+        reason = f"its slots are {slots}" if slots else f"{parent.name} has no slots"
+        raise ValueRefused("PARENT.SLOT", f"{place!r} names no slot; {reason}") from None
+
+
 async def enslave(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
     """Put a robot on top of one or several others; where one refuses, those before it stay enslaved."""
-    parent, slot = values.dotted(line.text("PARENT.SLOT"), "PARENT.SLOT")
+    parent, slot = await _place(realm_client, line)
     children = line.many("CHILD")
     if children[0] == checking.WHERE:
         return _why(await realm_client.choose(parent, slot, " ".join(children[1:])), slot)
@@ -701,7 +718,7 @@ def _expect_group(parent: RobotDescription, slot: str) -> None:
 
 async def release(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """Let a child go."""
-    parent, slot = values.dotted(line.text("PARENT.SLOT"), "PARENT.SLOT")
+    parent, slot = await _place(realm_client, line)
     return _did(await realm_client.release(parent, slot), f"{parent}.{slot} is empty")
 
 
@@ -967,8 +984,10 @@ async def _limit(realm_client: RealmClient, robot: str, command: str) -> float:
 
 async def cancel(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """End the commands of a robot."""
-    await realm_client.cancel(line.text("NAME"))
-    return Outcome({"cancelled": line.text("NAME")}, f"the commands of {line.text('NAME')} are cancelled")
+    name = line.text("NAME")
+    note = await realm_client.cancel(name)
+    text = f"{name}: {note}" if note else f"the commands of {name} are cancelled"
+    return Outcome({"cancelled": name, "note": note}, text)
 
 
 async def pause(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
@@ -1097,22 +1116,37 @@ def stopped(names: Sequence[str], held: Sequence[str] = ()) -> Outcome:
 
 async def resume(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """Resume after a protective stop; what was ordered may begin again."""
-    from robotree.vr.base.errors import NoSuchRobot
+    from robotree.vr.base.errors import NoSuchRobot, RobotAway
 
     name = line.text("NAME") or None
     released = await _released(realm_client, line)
     try:
         confirmed = await realm_client.resume(name, given=line.given)
-    except NoSuchRobot:
-        if not released:
+    except NoSuchRobot as error:
+        remembered = isinstance(error, RobotAway) or await _is_remembered(realm_client, line.text("NAME"))
+        if not (released and remembered):
             raise
         return Outcome(
             {"resumed": [], "released": [name]}, f"{name} is away: what was ordered may begin again"
         )
     away.take_stop_back(realm_client.realm, name or "")
-    return Outcome(
-        {"resumed": sorted(confirmed)}, f"resumed: {', '.join(sorted(confirmed)) or 'there is no robot'}"
-    )
+    if not confirmed:
+        there = realm_client.directory.present("robot")
+        nobody = f"{name or 'no robot'} was {'not ' if name else ''}stopped" if there else "there is no robot"
+        return Outcome({"resumed": []}, nobody)
+    return Outcome({"resumed": sorted(confirmed)}, f"resumed: {', '.join(sorted(confirmed))}")
+
+
+async def _is_remembered(realm_client: RealmClient, name: str) -> bool:
+    """Whether a directory knows a robot that is not here: a stop of all holds also names that never were."""
+    from robotree.vr.base.errors import NoDirectory
+
+    try:
+        board = await realm_client.orders.board(robot=name)
+        known = await realm_client.orders.known(name)
+    except NoDirectory:
+        return False
+    return bool(board.orders) or any(each.role == "robot" for each in known)
 
 
 async def _released(realm_client: RealmClient, line: Line) -> bool:
@@ -1167,7 +1201,7 @@ async def _way_down(realm_client: RealmClient, name: str) -> tuple[str, str]:
 
     robot = await realm_client.describe(name)
     if robot.command("play") is None:
-        raise NoRoles(robot=name, reason=f"a {robot.kind} plays none")
+        raise NoRoles(robot=name, reason=f"no {robot.kind} plays one")
     path: list[str] = []
     while robot.bond is not None:
         path.insert(0, robot.bond.slot)

@@ -276,7 +276,8 @@ class OutsideCalls:
             )
         else:
             order = on.CancelAll(reason=reason, epoch=request.epoch, principal=asker)
-        self._order(order, incoming)
+        idle = not request.key and not self._runtime.look(lambda state: state.calls.live)
+        self._order(order, incoming, "it carried nothing out" if idle else "")
 
     def _detach(self, received: Received, incoming: Incoming) -> None:
         request = received.request
@@ -292,10 +293,10 @@ class OutsideCalls:
         at = received.asked - age
         self._order(on.Attended(key=request.key, at=at, principal=received.principal), incoming)
 
-    def _order(self, order: CoreEvent, incoming: Incoming) -> None:
+    def _order(self, order: CoreEvent, incoming: Incoming, note: str = "") -> None:
         self._expect_open()
         self._runtime.post(order)
-        incoming.end(encode(Done()))
+        incoming.end(encode(Done(note=note)))
 
     def _refuse(self, error: Exception, end: End) -> None:
         end(encode(refusal(error, self._runtime.robot.name)))

@@ -234,9 +234,9 @@ class RobotClient:
         self._cancels.add(task)
         task.add_done_callback(self._cancels.discard)
 
-    async def cancel(self, key: str = "", *, epoch: int | None = None, reason: str = "") -> None:
-        """End the command of a key, or all of them."""
-        await self._ask(Cancel(key=key, epoch=epoch, reason=reason), Done, urgent=True)
+    async def cancel(self, key: str = "", *, epoch: int | None = None, reason: str = "") -> str:
+        """End the command of a key, or all of them; returns a note for people: that there was none."""
+        return (await self._ask(Cancel(key=key, epoch=epoch, reason=reason), Done, urgent=True)).note
 
     def press(self, key: str) -> None:
         """Say that somebody at a key attends a call of this caller, without waiting for an answer."""

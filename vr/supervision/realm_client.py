@@ -700,9 +700,9 @@ class RealmClient:
         """
         await self._ask(name, lambda robot: robot.tell(command, arguments, deadline=deadline, caller=CALLER))
 
-    async def cancel(self, name: str) -> None:
-        """End all commands of a robot."""
-        await self._ask(name, lambda robot: robot.cancel(reason="the operator ended it"))
+    async def cancel(self, name: str) -> str:
+        """End all commands of a robot; see `RobotClient.cancel`."""
+        return await self._ask(name, lambda robot: robot.cancel(reason="the operator ended it"))
 
     async def pause(self, name: str) -> str:
         """Have a virtual robot, and those below it, wait before each step; see `RobotClient.pause`."""
@@ -850,7 +850,7 @@ class RealmClient:
                 None: now.
 
         Returns:
-            The names of the robots that have confirmed it.
+            The names of the robots that have confirmed it, without those that were in no stop.
 
         Raises:
             NoSuchRobot: there is none of this name.

@@ -66,7 +66,7 @@ class Releases:
             given: [s] on the event loop's clock, when a person gave it; None: now.
 
         Returns:
-            The names of those that have confirmed it.
+            The names of those that have confirmed it, without those that were in no stop.
 
         Raises:
             NoSuchRobot: there is none of this name.
@@ -92,7 +92,9 @@ class Releases:
             if name is not None and not (asked or late or silent):
                 await self._directory.resolve(name)  # it says why not
                 raise NoSuchRobot(name=name)
-            return await self._judge(pattern, confirmations, asked, silent)
+            confirmed = await self._judge(pattern, confirmations, asked, silent)
+            free = {self._shown(address) for address, look in looks.items() if _is_free(look)}
+            return [each for each in confirmed if each not in free]
         finally:
             for look in looks.values():
                 look.cancel()
@@ -154,6 +156,12 @@ class Releases:
             if address.key not in missed and not above:
                 confirmations.take(name, answer)
         return confirmations.settle()
+
+
+def _is_free(look: asyncio.Future[RobotDescription]) -> bool:
+    """Whether a robot has said that it was in no stop."""
+    said = look.done() and not look.cancelled() and look.exception() is None
+    return said and not look.result().stopped
 
 
 async def _seen(address: Address, looks: Looks) -> dict[str, int]:

@@ -329,7 +329,7 @@ def forward(robot: VirtualRobot, role: str, at: str, *, act: str = "play", argum
     slot, _, rest = at.partition(".")
     child = robot.child_slots.require(slot).description
     if child.command(act) is None:
-        raise NoRoles(robot=child.name, reason=f"a {child.kind} plays none")
+        raise NoRoles(robot=child.name, reason=f"no {child.kind} plays one")
     given = {argument: role, **({"at": rest} if rest else {})}
     return str(ChildCommand(robot, slot, act)(**given))
 
