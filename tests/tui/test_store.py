@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import msgspec
 import pytest
 
 from robotree.tui.seen import rows
@@ -11,7 +12,7 @@ from robotree.tui.seen.store import FLASH, SILENCE, Store
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import BondSpec, CommandSpec, Listing, RobotDescription, SlotSpec
 from robotree.vr.base.presence import Held
-from robotree.vr.base.requests import Level, LoggedLine, State
+from robotree.vr.base.requests import HostDescribed, Level, LoggedLine, State
 
 
 def address(name: str, incarnation: str = "1") -> Address:
@@ -306,3 +307,17 @@ def test_the_log_has_what_became_of_the_commands_of_people_whoever_they_are(stor
 def test_what_a_parent_asks_is_part_of_the_parents_command(store: Store) -> None:
     store.take_line("arm-1", entry("failed", "arm-1.go_to failed", "mover"), 1.0)
     assert texts(store) == []
+
+
+def test_a_robot_moves_only_to_hosts_that_say_that_they_take_it(store: Store) -> None:
+    host = HostDescribed(address=Address("host", "h1", "1"), keeps=True)
+    store.take_hosts(
+        [
+            host,
+            msgspec.structs.replace(host, address=Address("host", "forgetful", "1"), keeps=False),
+            msgspec.structs.replace(host, address=Address("host", "own", "1"), alone="mover"),
+            msgspec.structs.replace(host, address=Address("host", "stand-in", "1"), stands_by="h1"),
+        ]
+    )
+    assert store.hosts == ("forgetful", "h1", "own")
+    assert store.taking_hosts == ("h1",)

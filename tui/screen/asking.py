@@ -478,11 +478,11 @@ def _role(app: OperatorApp, place: Place) -> None:
 
 
 def _migrate(app: OperatorApp, _place: Place, robot: RobotDescription) -> None:
-    others = [name for name in app.store.hosts if name != robot.host]
+    others = [name for name in app.store.taking_hosts if name != robot.host]
     if not robot.host:
         app.tell(f"{robot.name} is a proxy, and stays where its controller is", "warning")
     elif not others:
-        app.tell("there is no other host; `robotree host NAME` starts one", "warning")
+        app.tell("no other host takes robots; `robotree host NAME` starts one that does", "warning")
     else:
         app.push_screen(HostDialog(robot.name, robot.host, others), _performed(app))
 

@@ -25,7 +25,7 @@ from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.pages.user import UserPage
 from robotree.tui.screen.place import NOWHERE, Place
 from robotree.tui.seen import absence
-from robotree.tui.seen.behaviours import Behaviour, How, Known
+from robotree.tui.seen.behaviours import Behaviour, How, Known, yet
 from robotree.tui.seen.errand import Errand
 from robotree.vr.base.errors import VrError
 
@@ -124,7 +124,9 @@ class UserApp(Supervisor, inherit_bindings=False):
                 return "away", self.store.away[name].words
             words = self.store.doing(name, now)
             status = self.store.status(name, now)
-            known: dict[str, How] = {"free": "now", "busy": "busy", "needs": "now"}
+            if status == "needs":
+                return "unable", yet(self.store.lacks(name)) or words
+            known: dict[str, How] = {"free": "now", "busy": "busy"}
             return known.get(status, "unable"), words
 
         def refusal(right: str, robot: RobotDescription, command: str) -> str:

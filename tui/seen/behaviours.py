@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 from robotree.tui.seen import wording
 
 if TYPE_CHECKING:  # help must not wait for the agents
-    from robotree.vr.base.description import CommandSpec, RobotDescription
+    from robotree.vr.base.description import CommandSpec, Lack, RobotDescription
 
 SCRIPT = "Script"
 """Kind of robots that are led by rules."""
@@ -201,6 +201,16 @@ def _begun_large(title: str) -> str:
 def _words(name: str) -> str:
     """Return the name of a command as words."""
     return name.replace("_", " ").capitalize()
+
+
+def yet(lacks: Iterable[Lack]) -> str:
+    """Write for a user which children a robot must still get: `it has no arm yet`; empty: none."""
+    found = list[str]()
+    for lack in lacks:
+        above, _, slot = lack.slot.rpartition(".")
+        if not lack.was:
+            found.append(f"{above or 'it'} has no {slot} yet")
+    return "; ".join(found)
 
 
 def titles(found: Sequence[Behaviour]) -> dict[tuple[str, str], str]:

@@ -281,7 +281,7 @@ class Feed:
             await self._tell_of_the_missed()
             self.store.take_processes(self.realm_client.held())
             hosts = await self.realm_client.hosts()
-            self.store.take_hosts([host.address.name for host in hosts if not host.stands_by])
+            self.store.take_hosts(hosts)
             self._tell_of_trouble({host.address.name: host.trouble for host in hosts})
             self.store.take_services(self.realm_client.services, self.clock(), stale=self.realm_client.stale)
             await self._take_away()

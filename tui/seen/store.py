@@ -23,7 +23,7 @@ from robotree.vr.base.description import Lack, Listing, RobotDescription
 from robotree.vr.base.presence import Held
 from robotree.vr.base.principal import is_person
 from robotree.vr.base.readable import apart
-from robotree.vr.base.requests import STOPPED, Level, LoggedLine, State
+from robotree.vr.base.requests import STOPPED, HostDescribed, Level, LoggedLine, State
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.tui.seen.alarms import Alarm
@@ -173,6 +173,8 @@ class Store:
     """All robots that answered at the last look, enslaved ones too."""
     services: tuple[str, ...] = ()
     hosts: tuple[str, ...] = ()
+    taking_hosts: tuple[str, ...] = ()
+    """Those of them to which robots can move."""
     servers: frozenset[Address] | None = None
     """Hosts and lookup services that live, hanging ones too; None: nobody has looked yet."""
     processes: dict[str, str] = field(default_factory=dict[str, str])
@@ -527,9 +529,11 @@ class Store:
                 return below
         return ""
 
-    def take_hosts(self, hosts: Iterable[str]) -> None:
-        """Take which hosts live."""
-        self.hosts = tuple(sorted(hosts))
+    def take_hosts(self, hosts: Iterable[HostDescribed]) -> None:
+        """Take which hosts live; one that stands by is none yet."""
+        working = sorted((host for host in hosts if not host.stands_by), key=lambda host: host.address.name)
+        self.hosts = tuple(host.address.name for host in working)
+        self.taking_hosts = tuple(host.address.name for host in working if host.takes_robots)
         self.revision += 1
 
     def take_state(self, name: str, state: State, now: float) -> None:
@@ -800,7 +804,7 @@ class Store:
         if away := self._away(name, now):
             return away[0]
         condition = self._condition_of(name)
-        return status.status_of(condition, self._lacks(name)) if condition else "free"
+        return status.status_of(condition, self.lacks(name)) if condition else "free"
 
     def is_explained(self, name: str, now: float) -> bool:
         """Whether how a robot is has been heard, or why it is not; before that it seems free."""
@@ -826,7 +830,7 @@ class Store:
         condition, heard = self._condition_of(name), self._heard.get(name)
         if condition is None:
             return "free"
-        calm = status.status_of(condition, self._lacks(name))
+        calm = status.status_of(condition, self.lacks(name))
         if condition.bond is not None and calm == "enslaved":
             return f"under {self.by(name)}"
         if condition.operator and calm == "free" and not condition.advised:
@@ -834,7 +838,7 @@ class Store:
             return "you have control" if mine else f"{condition.operator} has control"
         seconds, note = (now - heard.since, heard.state.note) if heard else (0.0, "")
         return status.doing(
-            condition, self.progress(name), lacks=self._lacks(name), seconds=seconds, note=note
+            condition, self.progress(name), lacks=self.lacks(name), seconds=seconds, note=note
         )
 
     def denied(self, name: str) -> str:
@@ -878,7 +882,8 @@ class Store:
         """Whether the readings of a robot are old: it is offline, silent, hangs or has gone."""
         return self.status(name, now) in OLD
 
-    def _lacks(self, name: str) -> list[Lack]:
+    def lacks(self, name: str) -> list[Lack]:
+        """Return the children that a robot must have before it can be used; see `status.lacks_of`."""
         robot = self.described(name)
         if robot is None or not robot.slots:
             return []

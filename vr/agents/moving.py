@@ -17,7 +17,6 @@ import msgspec
 from msgspec.structs import replace
 
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.agents.placing import takes_robots
 from robotree.vr.agents.unfit import unfit_reasons
 from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.address import Address, everyone, parted
@@ -329,7 +328,7 @@ class Moves:
         return {
             one.address.name: len(one.robots)
             for one in found
-            if isinstance(one, HostDescribed) and takes_robots(one)
+            if isinstance(one, HostDescribed) and one.takes_robots
         }
 
     def find_out(self, agent: RobotAgent, out: MovedOut) -> None:

@@ -19,7 +19,7 @@ from robotree.vr.base.address import Address, everyone
 from robotree.vr.base.description import HostLoad
 from robotree.vr.base.errors import TransportError, VrError
 from robotree.vr.base.places import Places
-from robotree.vr.base.requests import HostDescribed, Reply
+from robotree.vr.base.requests import Reply
 from robotree.vr.base.transport import Transport
 from robotree.vr.core.placement import (
     HostSeen,
@@ -179,7 +179,7 @@ class PlaceFinder:
         return [
             HostSeen(_whole_name(places, one.address), one.address.key, one.ways, one.load)
             for one in found
-            if one.load is not None and takes_robots(one)
+            if one.load is not None and one.takes_robots
         ]
 
     async def _follow(
@@ -203,11 +203,6 @@ class PlaceFinder:
             robot.end_move(one, str(error))
             if (watch := self._watches.get(key)) is not None:
                 watch.refused(one.target, _now())
-
-
-def takes_robots(host: HostDescribed) -> bool:
-    """Whether robots can move to a host, as it says of itself."""
-    return host.keeps and not (host.stands_by or host.alone or host.trouble)
 
 
 def _whole_name(places: Places, host: Address) -> str:

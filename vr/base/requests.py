@@ -928,6 +928,11 @@ class HostDescribed(_Message, frozen=True, kw_only=True):
     ways: dict[str, float] = {}
     """[s] Round trips to the other hosts, and to those for whom it was asked, by key, as far as known."""
 
+    @property
+    def takes_robots(self) -> bool:
+        """Whether robots can move to it, as it says of itself."""
+        return self.keeps and not (self.stands_by or self.alone or self.trouble)
+
 
 class SiteSeen(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Another site, as the gateway of this machine knows it."""

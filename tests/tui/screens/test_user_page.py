@@ -229,3 +229,21 @@ async def test_a_script_is_written_checked_and_made(
 
 def test_the_template_of_a_script_is_a_script_also_where_nobody_is() -> None:
     assert checked_script(template("mine", []), "mine.yaml") == 2
+
+
+async def test_what_a_robot_without_its_arm_does_cannot_be_begun_and_says_so(
+    realm: Realm, operate: Operate
+) -> None:
+    await realm.create("move_to.py", "mover")
+    async with operate(realm.realm_client, size=SIZE, kind=UserApp) as operator:
+        await operator.until(lambda: bool(operator.app.behaviours()), "there is something")
+
+        def of_mover() -> list[tuple[bool, str]]:
+            found = operator.app.behaviours()
+            return [(one.doers[0].begins, one.state) for one in found if one.robot.name == "mover"]
+
+        await operator.until(lambda: bool(of_mover()), "the mover is listed")
+        assert all(not begins and "it has no arm yet" in state for begins, state in of_mover())
+        await operator.sees("✗")
+        await realm.realm_client.enslave("mover", "arm", "arm-1")
+        await operator.until(lambda: any(begins for begins, _ in of_mover()), "it can now")
