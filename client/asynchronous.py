@@ -264,7 +264,7 @@ class AsyncRealm:
         return await self.realm_client.stop(robot)
 
     async def resume(self, robot: str | None = None) -> Sequence[str]:
-        """Release the protective stop of one robot, or of all. Returns those that have confirmed it."""
+        """Release the protective stop of one robot, or of all. Returns those that were in one."""
         return await self.realm_client.resume(robot)
 
     # -- for robots -------------------------------------------------------------------------------

@@ -271,7 +271,7 @@ class Realm:
         return self.wait_for(self.behind.stop(robot))
 
     def resume(self, robot: str | None = None) -> Sequence[str]:
-        """Release the protective stop of one robot, or of all. Returns those that have confirmed it."""
+        """Release the protective stop of one robot, or of all. Returns those that were in one."""
         return self.wait_for(self.behind.resume(robot))
 
 

@@ -207,12 +207,16 @@ async def beside_the_screen(
     hint: str,
     farewell: str = FAREWELL,
     readonly: bool = False,
+    restarts: Callable[[str], bool] = lambda _: True,
 ) -> int:
-    """Show the full screen, and let something happen beside it until it is left; returns the exit code."""
+    """Show the full screen, and let something happen beside it until it is left; returns the exit code.
+
+    `restarts` says of a name whether the demo starts that process again.
+    """
     from robotree.tui.screen.supervise import supervise
     from robotree.tui.seen.store import Store
 
-    store, realm = Store(restarter="the demo"), realm_client.realm
+    store, realm = Store(restarter="the demo", restarts=restarts), realm_client.realm
 
     def tell(text: str, weight: Weight = "plain") -> None:
         store.tell(text, weight, time.monotonic())
@@ -273,7 +277,7 @@ async def demo(  # noqa: PLR0913 # one for each option of the line
             await cast(crew, wire=wire, speedup=speedup, file=story.file, goals=story.goals)
             if headless:
                 return await story.play(realm, folder, readonly=readonly)
-            return await _supervise(story, realm, readonly=readonly)
+            return await _supervise(story, realm, crew.starts_again, readonly=readonly)
 
 
 @contextmanager
@@ -404,10 +408,12 @@ class Cell:
 CELL = Cell()
 
 
-async def _supervise(story: Story, realm: str, *, readonly: bool) -> int:
+async def _supervise(story: Story, realm: str, restarts: Callable[[str], bool], *, readonly: bool) -> int:
     async with joined(realm) as realm_client:
         hint = "" if readonly else await story.open(realm_client)
-        return await beside_the_screen(realm_client, story.accompany, hint=hint, readonly=readonly)
+        return await beside_the_screen(
+            realm_client, story.accompany, hint=hint, readonly=readonly, restarts=restarts
+        )
 
 
 async def _play(realm: str, folder: Path, *, readonly: bool) -> int:

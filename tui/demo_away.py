@@ -146,6 +146,7 @@ async def away(*, headless: bool, realm: str = "", readonly: bool = False, key: 
                     farewell="The demo ends with this screen.",
                     hint="the rover is switched off soon, and orders wait for it: A shows them",
                     readonly=readonly,
+                    restarts=crew.starts_again,
                 )
 
 

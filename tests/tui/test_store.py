@@ -70,6 +70,17 @@ def test_who_starts_a_process_again_is_named(store: Store) -> None:
     assert store.absent["arm-1"].remedy == "its process has gone: the demo starts it again"
 
 
+def test_what_lives_in_a_host_that_nobody_starts_again_is_brought_back_by_a_person(store: Store) -> None:
+    """A host that was started by hand beside the demo."""
+    store.restarter, store.restarts = "the demo", {"host-1"}.__contains__
+    for name, host in (("mine", "h2"), ("of-demo", "host-1")):
+        store.take_lists([msgspec.structs.replace(listing(name), host=host)], [], 2.0)
+        store.take_lists([], [], 3.0)
+        store.departed(address(name), 4.0, left=False)
+    assert store.absent["mine"].remedy == "its process has gone: `robotree host h2` brings it back"
+    assert store.absent["of-demo"].remedy == "its process has gone: the demo starts it again"
+
+
 def test_a_robot_whose_listing_expires_stays_in_sight_until_it_is_known_why(store: Store) -> None:
     """Its process hangs: it answers no more, then its listing expires, and only then is it said to hang."""
     store.take_descriptions([], 1.5)

@@ -30,6 +30,7 @@ if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.description import FieldSpec, Listing, RobotDescription
     from robotree.vr.base.order import KnownAgent
     from robotree.vr.base.presence import Held
+    from robotree.vr.base.errors import NoSuchRobot
     from robotree.vr.base.requests import HostDescribed, Level, LoggedLine, Reloaded, SpaceDescribed, State
     from robotree.vr.exchange.attendance import Attendance
     from robotree.vr.supervision.realm_client import Elsewhere, RealmClient
@@ -1116,15 +1117,14 @@ def stopped(names: Sequence[str], held: Sequence[str] = ()) -> Outcome:
 
 async def resume(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """Resume after a protective stop; what was ordered may begin again."""
-    from robotree.vr.base.errors import NoSuchRobot, RobotAway
+    from robotree.vr.base.errors import NoSuchRobot
 
     name = line.text("NAME") or None
     released = await _released(realm_client, line)
     try:
         confirmed = await realm_client.resume(name, given=line.given)
     except NoSuchRobot as error:
-        remembered = isinstance(error, RobotAway) or await _is_remembered(realm_client, line.text("NAME"))
-        if not (released and remembered):
+        if not (released and await _is_remembered(realm_client, error)):
             raise
         return Outcome(
             {"resumed": [], "released": [name]}, f"{name} is away: what was ordered may begin again"
@@ -1137,10 +1137,15 @@ async def resume(realm_client: RealmClient, line: Line, _teller: Teller) -> Outc
     return Outcome({"resumed": sorted(confirmed)}, f"resumed: {', '.join(sorted(confirmed))}")
 
 
-async def _is_remembered(realm_client: RealmClient, name: str) -> bool:
-    """Whether a directory knows a robot that is not here: a stop of all holds also names that never were."""
+async def _is_remembered(realm_client: RealmClient, error: NoSuchRobot) -> bool:
+    """Whether a directory or a host's journal knows a robot; a stop of all also holds what never was."""
+    import asyncio
+
     from robotree.vr.base.errors import NoDirectory
 
+    if await asyncio.to_thread(away.explained, realm_client.realm, error) is not error:
+        return True
+    name = str(error.data["name"])
     try:
         board = await realm_client.orders.board(robot=name)
         known = await realm_client.orders.known(name)

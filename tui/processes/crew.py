@@ -165,6 +165,8 @@ class Crew:
             self._environment[POLICY_HOME] = str(state_home())
         self.restarts = restarts
         self.members: list[Member] = []
+        self._started = set[str]()
+        """The words that name the members: their roles and names."""
         self._watches: set[asyncio.Task[None]] = set()
         self._numbers = itertools.count()
 
@@ -176,10 +178,15 @@ class Crew:
         """
         member = await self._spawn(words)
         await member.ready()
+        self._started.update(words[:3])
         watch = asyncio.create_task(self._watch(member), name=f"watches {' '.join(words[:3])}")
         self._watches.add(watch)
         watch.add_done_callback(self._watches.discard)
         return member
+
+    def starts_again(self, name: str) -> bool:
+        """Whether the member of this name is started again when it crashes; of others: False."""
+        return self.restarts and name in self._started
 
     async def _spawn(self, words: Sequence[str]) -> Member:
         log = self._open_log(words)

@@ -166,6 +166,8 @@ class Store:
     """The person who sits here, `anna@pts/3`."""
     restarter: str = ""
     """The program that starts crashed processes again, for people; empty: a person does."""
+    restarts: Callable[[str], bool] = field(default=lambda _: True)
+    """Returns of the name of a host, or of a robot without one, whether that program starts it again."""
     robots: dict[str, Listing] = field(default_factory=dict[str, Listing])
     """Free robots by name: those that are listed, or that are known while no lookup service lists any."""
     views: dict[str, Listing] = field(default_factory=dict[str, Listing])
@@ -394,11 +396,13 @@ class Store:
         else:
             self.tell(f"{what}: its process has gone", "error", now, address.name)
         if address.role == "robot":
-            again = f"{self.restarter} starts it again" if self.restarter else "start it again"
+            host = who.host if who else ""
+            if self.restarter and self.restarts(host or address.name):
+                again = f"{self.restarter} starts it again"
+            else:
+                again = f"`robotree host {host}` brings it back" if host else "start it again"
             remedy = hangs.remedy if hangs else f"its process has gone: {again}"
-            self.absent[address.name] = Absent(
-                address, kind, who.host if who else "", now, pid, remedy, attributes
-            )
+            self.absent[address.name] = Absent(address, kind, host, now, pid, remedy, attributes)
             self.family += 1
 
     def dismiss(self, name: str) -> Absent | None:
