@@ -46,6 +46,7 @@ from robotree.vr.bundle.loader import (
     within,
 )
 from robotree.vr.bundle.manifest import PANEL
+from robotree.vr.bundle.syntax import parse
 
 if TYPE_CHECKING:
     from robotree.vr.bundle.file import BundleFile
@@ -81,7 +82,8 @@ class Bundle(msgspec.Struct, frozen=True):
 
         Raises:
             NoSuchFile: it cannot be read, is no ordinary file, is too large, or is no text.
-            BrokenSource: what lies beside it and belongs to it cannot be used.
+            BrokenSource: what lies beside it and belongs to it cannot be used; or it is neither Python nor named
+                as a script or bundle.
             BadBundle: it is a bundle that breaks a rule.
         """
         try:
@@ -91,6 +93,8 @@ class Bundle(msgspec.Struct, frozen=True):
 
                 return cls.of_file(BundleFile.read(file), str(path), wanted)
             source = text(file, LARGEST)
+            if not (is_script(str(path)) or file.suffix.lower() == ".py"):
+                _expect_python(source, str(path))
             files = {} if is_script(str(path)) else beside(file, source)
             return cls(source, str(path), wanted, files)
         except (OSError, RuntimeError) as error:  # RuntimeError: nobody has the home that ~NAME means
@@ -331,6 +335,14 @@ def _thawed(
     except (TypeError, ValueError, RecursionError, msgspec.MsgspecError) as error:
         raise BrokenSource(path=path, reason=f"thaw returns what cannot be kept: {error}") from None
     return plain
+
+
+def _expect_python(source: str, path: str) -> None:
+    """Refuse a file of another kind in words, not with what Python finds wrong in it."""
+    try:
+        parse(source)
+    except (SyntaxError, ValueError):
+        raise BrokenSource(path=path, reason="it is no Python page, script or bundle") from None
 
 
 def is_script(path: str) -> bool:

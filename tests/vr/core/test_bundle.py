@@ -136,6 +136,14 @@ def test_type_hints_and_dataclasses_of_a_bundle_work() -> None:
     assert [field.name for field in spec.result] == ["x"]
 
 
+def test_a_file_of_another_kind_is_called_none_of_ours_not_python_with_a_mistake(tmp_path: Path) -> None:
+    (tmp_path / "README.md").write_text("# Cell 007\n\nStart it with 007.\n")
+    with pytest.raises(
+        BrokenSource, match=r"README\.md cannot be loaded: it is no Python page, script or bundle"
+    ):
+        Bundle.read(tmp_path / "README.md")
+
+
 @pytest.mark.parametrize(
     ("source", "wanted", "sentence"),
     [
