@@ -376,6 +376,37 @@ async def test_resume_of_a_robot_that_never_was_is_refused_while_a_stop_of_all_h
     await directory.close()
 
 
+USES = """
+import time
+from pathlib import Path
+
+from robotree.vr import Child, VirtualRobot, command
+
+class Holder(VirtualRobot):
+    arm = Child("Arm")
+
+    @command
+    def watch_it(self) -> None:
+        Path(__file__).with_name("runs").touch()
+        while True:
+            time.sleep(0.01)
+"""
+
+
+async def test_a_release_says_which_command_may_be_using_the_child(realm: Realm, tmp_path: Path) -> None:
+    (tmp_path / "holder.py").write_text(USES)
+    await do(realm, f"create '{tmp_path / 'holder.py'}' as holder")
+    await do(realm, "enslave holder.arm arm-1")
+    running = asyncio.create_task(do(realm, "call holder.watch_it"))
+    await until((tmp_path / "runs").exists, "it runs")
+    said = (await do(realm, "release holder.arm")).text
+    assert said == "holder.arm is empty; holder.watch_it may be using it: `robotree cancel holder` ends that"
+    await do(realm, "cancel holder")
+    await asyncio.gather(running, return_exceptions=True)
+    await do(realm, "enslave holder.arm arm-1")
+    assert (await do(realm, "release holder.arm")).text == "holder.arm is empty"
+
+
 async def test_cancel_says_that_nothing_ran(realm: Realm) -> None:
     outcome = await do(realm, "cancel arm-1")
     assert outcome.text == "arm-1: it carried nothing out"

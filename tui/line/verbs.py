@@ -28,9 +28,9 @@ if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.tui.seen.store import Weight
     from robotree.vr.base.address import Role
     from robotree.vr.base.description import FieldSpec, Listing, RobotDescription
+    from robotree.vr.base.errors import NoSuchRobot
     from robotree.vr.base.order import KnownAgent
     from robotree.vr.base.presence import Held
-    from robotree.vr.base.errors import NoSuchRobot
     from robotree.vr.base.requests import HostDescribed, Level, LoggedLine, Reloaded, SpaceDescribed, State
     from robotree.vr.exchange.attendance import Attendance
     from robotree.vr.supervision.realm_client import Elsewhere, RealmClient
@@ -720,7 +720,11 @@ def _expect_group(parent: RobotDescription, slot: str) -> None:
 async def release(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """Let a child go."""
     parent, slot = await _place(realm_client, line)
-    return _did(await realm_client.release(parent, slot), f"{parent}.{slot} is empty")
+    robot = await realm_client.release(parent, slot)
+    text = f"{parent}.{slot} is empty"
+    if robot.name == parent and robot.busy:  # it asks a person then, or waits until its time is over
+        text += f"; {parent}.{robot.busy} may be using it: `robotree cancel {parent}` ends that"
+    return _did(robot, text)
 
 
 async def delete(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
