@@ -82,8 +82,7 @@ class Bundle(msgspec.Struct, frozen=True):
 
         Raises:
             NoSuchFile: it cannot be read, is no ordinary file, is too large, or is no text.
-            BrokenSource: what lies beside it and belongs to it cannot be used; or it is neither Python nor named
-                as a script or bundle.
+            BrokenSource: what lies beside it and belongs to it cannot be used; or it is of another kind.
             BadBundle: it is a bundle that breaks a rule.
         """
         try:
