@@ -59,7 +59,9 @@ def carry_out(trial: Trial) -> dict[str, Any]:
             team.call(trial.command, within=WITHIN, **trial.arguments)
             told["ok"] = True
         except VrError as error:
-            told["error"] = str(error)
+            page = Path(trial.page.partition(":")[0]).name
+            steps = [row.strip() for row in error.trace if row.startswith(f"  {page}, line ")]
+            told["error"] = f"{error}{f' ({steps[-1]})' if steps else ''}"
         told["seconds"] = round(team.now - began, 2)
         if things:
             team.wait(SETTLES)

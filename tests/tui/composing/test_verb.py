@@ -177,13 +177,15 @@ def test_the_twin_carries_the_cup_carries_it_again_and_misses_one_that_is_not_th
     assert again.thing == pytest.approx((0.3, -0.3, 0.02), abs=0.005)
     missed = tried(ready, {"from_y": -0.1}, {"arm": (0.3, -0.2)})
     assert not missed.ok
-    assert "nothing is there" in missed.told
+    assert "nothing is there (cup.py, line " in missed.told
 
 
 def test_what_fails_in_the_twin_is_not_written(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (here / "far.steps").write_text("robot far\nslot arm Arm\ndo\n  arm.go_to x=0.65 y=0.65 z=0.8 twist=0\n")
     assert main(["compose", "far", "--from", "far.steps"]) != 0
-    assert "nothing was written: tried in a twin of the cell: it failed" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "nothing was written: tried in a twin of the cell: it failed" in said
+    assert "self.arm.go_to(x=0.65, y=0.65, z=0.8, twist=0.0))" in said, "the step is named"
     assert not (here / "far.py").exists()
     assert "far" not in sys.modules
 
