@@ -2,8 +2,8 @@
 
 A service lists its roles (`Listing.roles`), so what ends the listing ends the loan: its end, the death of its
 process, a lease of the lookup that ran out. A robot knows them as SERVICE-ROLE; the name of a service is its
-own in the realm, so none can lend under the name of another one. Only services of the same user and the same
-site lend: what stands in a role is said and done by the robot.
+own in the realm, and that of a role has no `-`, so none can lend under the name of another one. Only services
+of the same user and the same site lend: what stands in a role is said and done by the robot.
 """
 
 from __future__ import annotations
@@ -80,7 +80,8 @@ class LentRoles:
             return
         before = robot.attributes
         try:
-            said = robot.lend(self._offered(directory))
+            offered, said = self._offered(directory)
+            said += robot.lend(offered)
         except VrError as error:  # it has just left for another host, where its next agent looks
             _log.debug("%s: %s", self._runtime.name, error)
             return
@@ -91,17 +92,21 @@ class LentRoles:
         if robot.attributes != before:
             self._runtime.changed()
 
-    def _offered(self, directory: Directory) -> dict[str, Profile]:
-        """Return the roles of the services that are listed, by the names by which robots know them."""
+    def _offered(self, directory: Directory) -> tuple[dict[str, Profile], list[str]]:
+        """Return the roles of the services that are listed, by the names by which robots know them.
+
+        Returns:
+            The roles, and a sentence for each service whose roles cannot be lent, whatever it has published.
+        """
         from robotree.vr.scripts.roles.profile import lent_by
 
-        user, offered = user_of(self._runtime.key), dict[str, "Profile"]()
+        user, offered, refused = user_of(self._runtime.key), dict[str, "Profile"](), list[str]()
         for listing in directory.find(_SERVICES):
             key = listing.address.key
             if not listing.roles or user_of(key) != user or directory.places.site_of(key):
                 continue
             try:
                 offered |= lent_by(listing.address.plain_name, listing.roles)
-            except VrError as error:
-                _log.warning("%s: a role of %s: %s", self._runtime.name, listing.name, error)
-        return offered
+            except (VrError, TypeError) as error:
+                refused.append(f"it does not take the roles of {listing.name}: {error}")
+        return offered, refused

@@ -23,7 +23,7 @@ from robotree.vr.agents.hooks import Hooks
 from robotree.vr.agents.shared import ROUND, Shared
 from robotree.vr.agents.streams import Streams
 from robotree.vr.author.fields import StateField
-from robotree.vr.author.service import Service
+from robotree.vr.author.service import Service, expect_lendable
 from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.description import BondSpec, Listing, RobotDescription, SlotSpec
 from robotree.vr.base.errors import TransportError, VrError
@@ -81,6 +81,8 @@ class Publisher:
             streams: what it sends to those who watch it.
         """
         self._streams = streams
+        self._refused = ""
+        """What was logged last of the roles that it cannot lend."""
         self._runtime, self._hooks, self._transport = runtime, hooks, transport
         self._registrar, self._host = registrar, shared.host
         self._isolation: Isolation = shared.isolation
@@ -265,7 +267,7 @@ class Publisher:
         runtime.look_at_robot()
         now, streams = runtime.process.runner.now(), self._streams.specs()
         flows = runtime.traffic.flows(now)
-        placement = runtime.placement
+        placement, lends = runtime.placement, tuple(self._lends())
 
         def describe(state: RobotState) -> RobotDescription:
             bond = None
@@ -293,7 +295,7 @@ class Publisher:
                 faults=self._hooks.faults,
                 kept=self._kept(state.fields),
                 streams=streams,
-                lends=tuple(self._lends()),
+                lends=lends,
                 calls=dict(state.calls.counts),
                 identity=runtime.identity,
                 witness=runtime.robot.witness,
@@ -343,9 +345,21 @@ class Publisher:
         )
 
     def _lends(self) -> dict[str, str]:
-        """Return the texts of the roles that it lends, by their names in its page."""
+        """Return the texts of the roles that it lends, by their names in its page.
+
+        They are looked at here, too, for a page may set others while it runs; it lends none then.
+        """
         robot = self._runtime.robot
-        return dict(robot.lends) if isinstance(robot, Service) else {}
+        if not isinstance(robot, Service):
+            return {}
+        before, self._refused = self._refused, ""
+        try:
+            return expect_lendable(f"{type(robot).__name__}.lends", robot.lends)
+        except TypeError as error:
+            self._refused = f"it lends no roles: {error}"
+            if self._refused != before:
+                self._runtime.log.say("warning", self._refused)
+            return {}
 
     def _condition(self, state: RobotState) -> dict[str, Any]:
         """Return the fields that its description and its state share."""

@@ -43,20 +43,39 @@ class Service(VirtualRobot):
         """
         super().__init_subclass__()
         _expect_texts(f"{cls.__name__}.behaviours", cls.behaviours, "script", "greet")
-        _expect_texts(f"{cls.__name__}.lends", cls.lends, "role", "clerk")
-        if sum(map(len, cls.lends.values())) > LARGEST_ROLES:
-            raise TypeError(f"{cls.__name__}.lends has more than {LARGEST_ROLES} characters")
+        expect_lendable(f"{cls.__name__}.lends", cls.lends)
 
 
-def _expect_texts(where: str, given: Any, noun: str, example: str) -> None:
-    """Refuse what gives no texts by name.
+def expect_lendable(where: str, given: Any) -> dict[str, str]:
+    """Return a copy of the roles that a service lends, texts by name, if they can be lent.
+
+    A name has no `-`, so that `desk-a-b` is a role of `desk-a`, and never one of `desk`.
+
+    Args:
+        where: they come from, for people.
+        given: they may be anything.
+
+    Raises:
+        TypeError: they cannot; says why.
+    """
+    roles = _expect_texts(where, given, "role", "clerk")
+    for name in roles:
+        if "-" in name:
+            raise TypeError(f"{where}: {name!r} has a '-', which parts a service from its role; leave it out")
+    if sum(map(len, roles.values())) > LARGEST_ROLES:
+        raise TypeError(f"{where} has more than {LARGEST_ROLES} characters")
+    return roles
+
+
+def _expect_texts(where: str, given: Any, noun: str, example: str) -> dict[str, str]:
+    """Return a copy of texts by name; refuse what gives none.
 
     Raises:
         TypeError: says what is wrong.
     """
     if not isinstance(given, Mapping):
         raise TypeError(f'{where} gives a {noun} by name: write {{"{example}": """…"""}}')
-    texts = cast("Mapping[object, object]", given)
+    texts = dict(cast("Mapping[object, object]", given))
     if len(texts) > MOST:
         raise TypeError(f"{where} has more than {MOST}")
     for name, text in texts.items():
@@ -66,3 +85,4 @@ def _expect_texts(where: str, given: Any, noun: str, example: str) -> None:
             check_name(name)
         except BadName as error:
             raise TypeError(f"{where}: {error}") from None
+    return cast("dict[str, str]", texts)

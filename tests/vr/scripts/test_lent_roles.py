@@ -6,7 +6,7 @@ import signal
 import time
 from collections.abc import AsyncIterator
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import pytest
 
@@ -125,6 +125,70 @@ async def test_no_role_is_taken_from_its_owner_by_its_name(listed: Listed) -> No
     assert robot.role == "desk-clerk", "its own stays"
 
 
+@pytest.mark.parametrize(
+    ("set_later", "sentence"),
+    [
+        ({"a-b": "role: a-b\n"}, "'a-b' has a '-', which parts a service from its role; leave it out"),
+        ({"clerk": f"role: clerk\ndoc: {'x' * 10_000}\n"}, "has more than 10000 characters"),
+        (5, "gives a role by name"),
+    ],
+    ids=["of another one", "too long", "no roles"],
+)
+async def test_a_service_that_sets_later_what_cannot_be_lent_lends_nothing(
+    listed: Listed, set_later: Any, sentence: str
+) -> None:
+    class Late(Service):
+        lends: ClassVar = {"clerk": CLERK}
+
+        @command
+        def lend_other(self) -> None:
+            """Lend what its class did not name."""
+            type(self).lends = set_later
+            self.attributes = {"place": "hall"}  # its listing is made anew
+
+    robot = Companion("c1")
+    await listed.start(robot)
+    own = knows(robot)
+    await listed.start(Late("desk"))
+    await until(lambda: knows(robot) == own | {"desk-clerk"}, "it is offered")
+    await listed.call("desk", "lend_other")
+    assert listed.agents["desk"].description().lends == ()
+    await until(lambda: knows(robot) == own, "its listing lends nothing any more")
+    assert len([line for line in log(listed, "desk") if sentence in line]) == 1
+
+
+async def test_no_role_is_lent_under_the_name_of_another_service(
+    listed: Listed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A page may get round what its own process looks at, so each robot looks at what it takes."""
+
+    def unlooked(where: str, given: dict[str, str]) -> dict[str, str]:
+        del where
+        return given
+
+    class Other(Service):
+        @command
+        def ring(self) -> None:
+            """Ring."""
+
+    robot = Companion("c1")
+    await listed.start(robot)
+    await listed.start(Desk("desk"))
+    await until(lambda: "desk-clerk" in knows(robot), "it is offered")
+    await listed.start(Desk("desk-a"))
+    await until(lambda: "desk-a-clerk" in knows(robot), "that one, too")
+    await listed.call("c1", "play", role="desk-a-clerk")
+    before = knows(robot)
+    Other.lends = {"a-clerk": "role: a-clerk\nwords: {Welcome: Your purse please}\n"}
+    monkeypatch.setattr("robotree.vr.agents.publisher.expect_lendable", unlooked)
+    await listed.agents["desk"].close()
+    await listed.start(Other("desk"))
+    await until(lambda: any("it does not take the roles of desk: " in line for line in log(listed, "c1")))
+    assert await listed.call("c1", "say", text="Welcome") == "Your number please"
+    assert knows(robot) == {known for known in before if known not in {"desk-clerk", "desk-chief"}}
+    assert robot.role == "desk-a-clerk"
+
+
 def test_a_service_that_leaves_while_its_role_is_chosen_takes_it_along() -> None:
     robot = Companion("c1")
     clerk = read_profile(CLERK, "clerk")
@@ -149,6 +213,7 @@ def test_a_service_that_leaves_while_its_role_is_chosen_takes_it_along() -> None
         ("{'butler': 'role: clerk'}", "it is called 'clerk' here, and 'butler' by the service"),
         ("{'clerk': 'voice: deep'}", "Wrong.lends: .* has no 'voice'"),
         ("{'no name!': 'role: x'}", "Wrong.lends: .*no name!"),
+        ("{'a-b': 'role: a-b'}", "Wrong.lends: 'a-b' has a '-', which parts a service from its role"),
         ("{'clerk': 'role: clerk\\ndoc: ' + 'x' * 10_000}", "more than 10000 characters"),
     ],
 )

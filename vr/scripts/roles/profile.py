@@ -18,6 +18,7 @@ from importlib.resources import files
 
 import msgspec
 
+from robotree.vr.author.service import expect_lendable
 from robotree.vr.base.written import Entries, Mark, Scalar, Word, entries, read, value_of, word
 
 KEYS = ("role", "inherits", "doc", "manner", "acts", "words", "limits")
@@ -133,9 +134,10 @@ def lent_by(service: str, roles: Mapping[str, str]) -> dict[str, Profile]:
 
     Raises:
         BrokenScript: one cannot be used, or calls itself otherwise.
+        TypeError: they cannot be lent; see `expect_lendable`.
     """
     found: dict[str, Profile] = {}
-    for name, text in roles.items():
+    for name, text in expect_lendable(f"{service}.lends", roles).items():
         profile, known = read_profile(text, f"{service}-{name}"), f"{service}-{name}"
         if profile.name != name:
             raise profile.mark.error(f"it is called {profile.name!r} here, and {name!r} by the service")
