@@ -128,13 +128,8 @@ class Line:
     def at(self, time: float) -> Reference:
         """The reference `time` [s] after the start."""
         (share,), (speed,), _ = self._walk.at_time(time)
-        pose, velocity = self._start + share * self._way, speed * self._way
-        if self._brakes:
-            pose = pose + self._first
-            for each in self._brakes:
-                moved, rate = each.at(time)
-                pose, velocity = pose + moved, velocity + rate
-        return Reference(pose, velocity)
+        way = Reference(self._start + share * self._way, speed * self._way)
+        return _braked(way, self._first, self._brakes, time) if self._brakes else way
 
 
 class _Brake:
@@ -170,6 +165,22 @@ def _brakes(velocity: Vector, limits: Limits) -> list[_Brake]:
     return [_Brake(velocity, each, limits) for each in axes if velocity[each].any()]
 
 
+def _braked(way: Reference, first: Vector, brakes: Sequence[_Brake], time: float) -> Reference:
+    """The sum of the new way and what is left of the old velocity.
+
+    Args:
+        way: where the new one is, and how fast.
+        first: (n,) from where the new one begins to where the braking does.
+        brakes: of the old velocity.
+        time: [s] after the start of both.
+    """
+    pose, velocity = way.pose + first, way.velocity
+    for each in brakes:
+        moved, rate = each.at(time)
+        pose, velocity = pose + moved, velocity + rate
+    return Reference(pose, velocity)
+
+
 def _shared(velocity: Vector, way: Vector) -> float:
     """The share of the acceleration that braking and beginning may each have; at a turn back both add up."""
     speed, length = float(np.linalg.norm(velocity)), float(np.linalg.norm(way))
@@ -189,17 +200,20 @@ def _trajectory(wish: ruckig.InputParameter, limits: Limits) -> ruckig.Trajector
 class Arc:
     """A path about the arm's base: straight in (radius, azimuth, height, twist) instead of (x, y, z, twist).
 
-    It leads around the base where a straight line would fold the elbow.
+    It leads around the base where a straight line would fold the elbow. From a motion the old velocity is
+    braked along its straight line, and the arc begins where that ends: kept as a turn about the base, the
+    tool would grow faster with its radius.
     """
 
     def __init__(self, start: Reference, goal: Vector, limits: Limits) -> None:
-        x, y, z, twist = start.pose
-        vx, vy, vz, spin = start.velocity
+        self._brakes = list[_Brake]()
+        if start.velocity.any():
+            limits = limits.times(0.5)  # for each of both: the arc turns, so they may add up
+            self._brakes = _brakes(start.velocity, limits)
+        x, y, z, twist = sum((each.way for each in self._brakes), start.pose)
+        self._first = start.pose - np.array((x, y, z, twist))
         radius = max(math.hypot(x, y), 1e-6)
-        begin = Reference(
-            np.array((radius, math.atan2(y, x), z, twist)),
-            np.array(((x * vx + y * vy) / radius, (x * vy - y * vx) / radius**2, vz, spin)),
-        )
+        begin = Reference(np.array((radius, math.atan2(y, x), z, twist)), np.zeros(4))
         end = np.array((math.hypot(goal[0], goal[1]), math.atan2(goal[1], goal[0]), goal[2], goal[3]))
         widest = max(radius, float(end[0]))
         self._line = Line(
@@ -217,7 +231,7 @@ class Arc:
     @property
     def duration(self) -> float:
         """How long it takes [s]."""
-        return self._line.duration
+        return max(self._line.duration, *(each.duration for each in self._brakes), 0.0)
 
     @property
     def goal(self) -> Vector:
@@ -229,10 +243,11 @@ class Arc:
         (radius, azimuth, z, twist), (outward, turning, vz, spin) = self._line.at(time)
         c, s = math.cos(azimuth), math.sin(azimuth)
         along = radius * turning
-        return Reference(
+        way = Reference(
             np.array((radius * c, radius * s, z, twist)),
             np.array((outward * c - along * s, outward * s + along * c, vz, spin)),
         )
+        return _braked(way, self._first, self._brakes, time) if self._brakes else way
 
 
 def _azimuth(limits: Sequence[float], radius: float) -> tuple[float, ...]:

@@ -111,6 +111,13 @@ def test_a_move_flows_into_the_next_within_the_speed(arm: Watched, to: tuple[flo
     assert arm.far_from(arm.away(*to)) < REACHED
 
 
+@pytest.mark.parametrize("blend", [0.0, BLEND])
+def test_on_a_long_way_the_tool_makes_up_for_what_its_spring_was_late(arm: Watched, blend: float) -> None:
+    for y in (-0.2, 0.2, -0.2):
+        arm.pass_by((0.4, y, 0.4), speed=TOP_SPEED, blend=blend)
+    assert TOP_SPEED < max(arm.speeds) < 1.1 * TOP_SPEED
+
+
 def test_a_chain_of_small_steps_is_one_motion(arm: Watched) -> None:
     points = [arm.away(y=0.004 * step) for step in range(1, 16)]
     began = arm.operator.now

@@ -74,11 +74,12 @@ def test_a_line_from_rest_is_straight_and_keeps_its_speed(start: Vector, goal: V
         assert (np.abs(setpoint.velocity) <= np.array(LIMITS.velocity) + 1e-6).all()
 
 
+@pytest.mark.parametrize("shape", [Line, Arc])
 @given(start=poses(), goal=poses(), velocity=velocities() | st.just(np.zeros(4)))
 def test_the_tool_is_never_faster_than_its_limit_or_its_start(
-    start: Vector, goal: Vector, velocity: Vector
+    shape: type[Line | Arc], start: Vector, goal: Vector, velocity: Vector
 ) -> None:
-    path = Line(Reference(start, velocity), goal, LIMITS)
+    path = shape(Reference(start, velocity), goal, LIMITS)
     fastest = max(LIMITS.velocity[0], float(np.linalg.norm(velocity[:3])))
     turning = max(LIMITS.velocity[3], abs(float(velocity[3])))
     for setpoint in samples(path):
