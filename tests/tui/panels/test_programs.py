@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import io
 import os
+import runpy
 from collections.abc import AsyncIterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -212,3 +213,10 @@ async def test_the_programs_of_the_examples_are_shown(shown: list[Shown], path: 
     shown.append(panel := Shown(page.files[path.name].decode(), agent.description()))
     await until(lambda: bool(panel.up) and len(panel.text.split()) > 5)
     assert not panel.ended
+
+
+def test_the_panel_of_the_arm_has_the_keys_of_tele_operation_for_the_fingers() -> None:
+    panel = runpy.run_path(str(EXAMPLES / "teleop.panel.py"))["HandDrive"]
+    keys = {key: action for key, action, _ in panel.BINDINGS}
+    assert (keys["o"], keys["O"]) == ("grip('open')", "grip('close')")
+    assert "c" not in keys, "on every other page it cancels"
