@@ -112,3 +112,16 @@ class Action(NamedTuple):
     def verb(self) -> str:
         """The lower-case words with which the usage begins."""
         return grammar.verb(self.usage)
+
+
+_SPELLED = {
+    "left_parenthesis": "(", "right_parenthesis": ")",
+    "question_mark": "?", "slash": "/", "colon": ":", "comma": ",", "full_stop": ".",
+    "escape": "esc", "enter": "⏎", "up": "↑", "down": "↓", "left": "←", "right": "→",
+    "greater_than_sign": ">", "pageup": "pgup", "pagedown": "pgdn",
+}  # fmt: skip
+
+
+def spell(key: str) -> str:
+    """Return a key, as Textual names it, as it is printed on keyboards."""
+    return _SPELLED.get(key, key)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import textwrap
 from typing import Any
 
-from robotree.tui.line.action import Action, Where
+from robotree.tui.line.action import Action, Where, spell
 from robotree.tui.line.actions import ACTIONS, BY_VERB
-from robotree.tui.line.page_keys import spell
 from robotree.tui.line.surface import Surface
 
 EVERYWHERE = {"json": "", "realm": "NAME", "readonly": "", "calm": "", "plain": "", "help": "", "version": ""}

@@ -410,16 +410,3 @@ def page_keys(page: str) -> tuple[PageKey, ...]:
 
 
 KEYS_BY_ID: Mapping[str, PageKey] = {key.id: key for key in PAGE_KEYS}
-
-
-_SPELLED = {
-    "left_parenthesis": "(", "right_parenthesis": ")",
-    "question_mark": "?", "slash": "/", "colon": ":", "comma": ",", "full_stop": ".",
-    "escape": "esc", "enter": "⏎", "up": "↑", "down": "↓", "left": "←", "right": "→",
-    "greater_than_sign": ">", "pageup": "pgup", "pagedown": "pgdn",
-}  # fmt: skip
-
-
-def spell(key: str) -> str:
-    """Return a key, as Textual names it, as it is printed on keyboards."""
-    return _SPELLED.get(key, key)

@@ -8,10 +8,9 @@ from typing import NamedTuple
 
 from robotree.tui.errors import BadLine, NotHere, UnknownVerb
 from robotree.tui.line import checking, grammar
-from robotree.tui.line.action import Action, Where
+from robotree.tui.line.action import Action, Where, spell
 from robotree.tui.line.actions import ACTIONS, BY_VERB
 from robotree.tui.line.grammar import Line, Shape
-from robotree.tui.line.page_keys import spell
 
 _NAMES = {
     Where.SHELL: "in a shell",

@@ -12,7 +12,6 @@ from urllib.parse import quote
 from robotree.files import opened, private_folder
 from robotree.tui.errors import StateInUse
 from robotree.tui.terminal import note
-from robotree.vr.journal.kept import APART, PAGE
 from robotree.vr.network import realms
 
 DEMOS = "demos"
@@ -121,6 +120,8 @@ def journal_folders(realm: str) -> list[Path]:
 
 def _kept_in(top: Path) -> Iterator[Path]:
     """Find the folders of hosts, and those of their robots in processes of their own, which may be empty."""
+    from robotree.vr.journal.kept import APART, PAGE
+
     yield from (path.parent for path in top.glob("hosts/*/*.log"))
     yield from (path.with_suffix("") for path in top.glob(f"hosts/*/{APART}/*{PAGE}"))
 

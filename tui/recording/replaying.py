@@ -17,9 +17,9 @@ from textual.screen import Screen
 
 from robotree.tui import exit_codes
 from robotree.tui.errors import BadRecordedRealm, NeedsTerminal, ValueRefused
+from robotree.tui.line.action import spell
 from robotree.tui.line.actions import BY_VERB
 from robotree.tui.line.grammar import Line
-from robotree.tui.line.page_keys import spell
 from robotree.tui.processes.to_the_end import to_the_end
 from robotree.tui.recording.comparing import Beside
 from robotree.tui.recording.exports import opened, within

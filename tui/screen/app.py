@@ -18,10 +18,9 @@ from textual.screen import Screen
 
 from robotree.tui.errors import SupervisorError, UnknownVerb
 from robotree.tui.line import grammar
-from robotree.tui.line.action import Scope, Where
+from robotree.tui.line.action import Scope, Where, spell
 from robotree.tui.line.actions import ACTIONS, BY_VERB, shapes
 from robotree.tui.line.grammar import Line
-from robotree.tui.line.page_keys import spell
 from robotree.tui.screen import asking
 from robotree.tui.screen.driver import outliving
 from robotree.tui.screen.jog import bounds

@@ -22,8 +22,9 @@ from textual.errors import NoWidget
 from textual.events import Event, Key, MouseDown, MouseUp, Paste
 from textual.widgets import Input, TextArea
 
+from robotree.tui.line.action import spell
 from robotree.tui.line.actions import ACTIONS, BY_VERB
-from robotree.tui.line.page_keys import page_keys, spell
+from robotree.tui.line.page_keys import page_keys
 from robotree.tui.screen.keymap import Keymap
 from robotree.tui.screen.keys_in_order import STOPPING, KeysInOrder
 

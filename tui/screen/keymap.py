@@ -28,9 +28,9 @@ from textual.keys import KEY_NAME_REPLACEMENTS, Keys
 
 from robotree import files
 from robotree.tui.errors import BadKeymap
-from robotree.tui.line.action import Scope, Where
+from robotree.tui.line.action import Scope, Where, spell
 from robotree.tui.line.actions import ACTIONS, BY_VERB
-from robotree.tui.line.page_keys import PAGE_KEYS, spell
+from robotree.tui.line.page_keys import PAGE_KEYS
 
 VARIABLE = "ROBOTREE_KEYS"
 """Names another file."""

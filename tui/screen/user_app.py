@@ -15,8 +15,8 @@ from textual.binding import Binding, BindingType
 
 from robotree.tui.errors import SupervisorError
 from robotree.tui.line import ordering, taken
+from robotree.tui.line.action import spell
 from robotree.tui.line.actions import BY_VERB
-from robotree.tui.line.page_keys import spell
 from robotree.tui.line.verbs import SCRIPT_LIMIT
 from robotree.tui.screen import asking
 from robotree.tui.screen.app import Supervisor, program_keys

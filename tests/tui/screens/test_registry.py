@@ -9,9 +9,9 @@ from textual.binding import Binding
 from textual.screen import Screen
 from textual.widgets import Button, Input
 
-from robotree.tui.line.action import About, Scope, Where
+from robotree.tui.line.action import About, Scope, Where, spell
 from robotree.tui.line.actions import ACTIONS
-from robotree.tui.line.page_keys import PAGE_KEYS, page_keys, spell
+from robotree.tui.line.page_keys import PAGE_KEYS, page_keys
 from robotree.tui.screen.app import Supervisor
 from robotree.tui.screen.asking import ASK, DANGERS
 from robotree.tui.screen.pages.compose import ComposePage

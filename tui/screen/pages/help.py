@@ -7,9 +7,9 @@ from collections.abc import Iterable
 from rich.text import Text
 from textual.binding import Binding
 
-from robotree.tui.line.action import Action, Scope
+from robotree.tui.line.action import Action, Scope, spell
 from robotree.tui.line.actions import ACTIONS, BY_VERB
-from robotree.tui.line.page_keys import PAGES, page_keys, spell
+from robotree.tui.line.page_keys import PAGES, page_keys
 from robotree.tui.screen.keymap import Keymap
 from robotree.tui.screen.operator_app import OperatorApp
 from robotree.tui.screen.pages.main import MainPage

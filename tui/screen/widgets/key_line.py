@@ -12,8 +12,8 @@ from textual.widget import Widget
 from textual.widgets import Footer, Input, TextArea
 from textual.widgets._footer import FooterKey
 
+from robotree.tui.line.action import spell
 from robotree.tui.line.actions import BY_VERB
-from robotree.tui.line.page_keys import spell
 from robotree.tui.screen.keymap import default_keys
 from robotree.tui.screen.part import Part
 from robotree.tui.words import say

@@ -7,8 +7,8 @@ import math
 from rich.cells import cell_len
 from rich.text import Text
 
+from robotree.tui.line.action import spell
 from robotree.tui.line.actions import BY_VERB
-from robotree.tui.line.page_keys import spell
 from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.marks import STATUSES, block, tint, tint_on_panel
 from robotree.tui.seen.cells import clip, seen

@@ -20,7 +20,7 @@ class Team(VirtualRobot):
         self.arm.grip.start(action="open", widht=0.02)
 
 # Written below: what a host says (when it refuses the page), and what `robotree check` finds.
-# check: line 17: arm.go_to needs z: it takes: x, y, z, twist, speed
+# check: line 17: arm.go_to needs z: it takes: x, y, z, twist, speed, blend
 # check: line 18: arm.go_to: z: kg cannot be turned into m; give it in m
 # check: line 19: arm.grip: action: 'shut' is not one of open, close, width
 # check: line 20: arm.grip has no parameter 'widht': did you mean width?
