@@ -6,11 +6,11 @@ give loads and stops to groups, ring at the script's door, and answer its questi
 healed.
 
 The laws of groups: an order has one answer of each member; each member carries it out once at most, nobody
-else does, and an answer that says done is true; a member to whom nothing happens carries it out, and is
-stopped by a stop, whatever happens to others; a stop names each member that is seen, also one that does not
-answer. The laws of questions: each that was put has one end, an answer or its time limit, whatever happens to
-the script; whoever was told that his answer counts is the one whose answer it was, and whoever was refused is
-not.
+else does, and an answer that says done is true; a member without a fault of its own carries the order out,
+and is stopped by a stop, whatever happens to others; a stop names each member that is seen, also one that
+does not answer. The laws of questions: each that was put has one end, an answer or its time limit, whatever
+happens to the script; the answer that the script gets is that of the person whose answer was accepted, and
+never one of a person whose answer was refused.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ SIGNS: dict[str, Sign] = {"alarm above": ">", "alarm below": "<"}
 
 
 async def alarm(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
-    """Raise an alarm when a reading is `above` or `below` a limit, as the second word of the verb says."""
+    """Raise an alarm when a reading is above or below a limit; the second word of the verb says which."""
     robot, reading = values.dotted(line.text("ROBOT.READING"), "ROBOT.READING")
     described = await realm_client.describe(robot)
     if reading not in described.readings:

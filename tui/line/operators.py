@@ -60,14 +60,14 @@ async def say(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome
     """Say a line to all operators."""
     text = " ".join(line.many("TEXT"))
     said = await realm_client.operators.say(text)
-    told = "" if said.heard else "nobody else has the full screen open"
+    warning = "" if said.heard else "nobody else has the full screen open"
     if said.silent:
-        told = f"not confirmed by {', '.join(said.silent)}: a program that hangs, or an older robotree"
-    return Outcome({"said": text, "heard": said.heard, "silent": list(said.silent)}, told)
+        warning = f"not confirmed by {', '.join(said.silent)}: a program that hangs, or an older robotree"
+    return Outcome({"said": text, "heard": said.heard, "silent": list(said.silent)}, warning)
 
 
 async def control(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
-    """Get, ask for, offer, take or leave control of a robot: what the second word of the verb says."""
+    """Get, ask for, offer, take or leave control of a robot; the second word of the verb says which."""
     what = cast('Literal["get", "ask", "offer", "take", "leave"]', line.verb.removeprefix("control "))
     name, person = line.text("NAME"), line.text("PERSON")
     within = values.duration(line.text("--for")) if line.text("--for") else 0.0

@@ -304,7 +304,7 @@ async def _described(realm_client: RealmClient, robots: Iterable[str]) -> list[R
 
     from robotree.vr.base.errors import VrError
 
-    asked = [realm_client.describe(name) for name in sorted({one for one in robots if "/" not in one})]
+    asked = [realm_client.describe(name) for name in sorted({name for name in robots if "/" not in name})]
     found: list[RobotDescription] = []
     for robot in await asyncio.gather(*asked, return_exceptions=True):
         if isinstance(robot, VrError):
@@ -399,8 +399,8 @@ def _link_lines(link: Link, over: Link | None, known: Known) -> list[str]:
     page = f", page {call.page[:12]}" if call.page else ""
     lease = f"  under epoch {call.epoch} of {call.caller}" if call.epoch else "  under no lease"
     lines.append(f"{lease}{page}")
-    lines += [f"  {_at(one.unix)}: {one.text}" for one in link.back]
-    lines += [f"  observed {_at(one.unix)}: {_observed(one, known)}" for one in link.observed]
+    lines += [f"  {_at(event.unix)}: {event.text}" for event in link.back]
+    lines += [f"  observed {_at(event.unix)}: {_observed(event, known)}" for event in link.observed]
     if over is not None:
         line = f", line {call.line} of its page {over.call.page[:12]}" if call.line else ""
         lines.append(f"step {link.step} of {over.call.robot}.{over.call.command}{line}:")

@@ -614,34 +614,34 @@ async def service(realm_client: RealmClient, line: Line, _teller: Teller) -> Out
     settings = values.assignments(line.many("PARAMETER=VALUE"))
     away = {each.name: each.robot for each in await absent_robots(realm_client, ()) if each.robot}
     if name in away and "Service" not in away[name].kinds:
-        raise _keeps_away(away[name])
+        raise _name_is_kept(away[name])
     async with AsyncExitStack() as stack:
         if not host:
             host = await stack.enter_async_context(_own_host(realm_client, name, ""))
         robot = await realm_client.create(path, name, host=host, wanted=wanted, settings=settings)
         if "Service" not in robot.kinds:
             await realm_client.delete(name)
-            told = f"{robot.kind} is no Service: `robotree create` makes a virtual robot of it"
-            raise ValueRefused("FILE", told)
+            reason = f"{robot.kind} is no Service: `robotree create` makes a virtual robot of it"
+            raise ValueRefused("FILE", reason)
     behaviours = [
-        one
-        for one in await realm_client.tree()
-        if one.name.startswith(f"{name}-") and one.host == robot.host and "Script" in one.kinds
+        script
+        for script in await realm_client.tree()
+        if script.name.startswith(f"{name}-") and script.host == robot.host and "Script" in script.kinds
     ]
-    for one in behaviours:
-        if one.name in away and "Script" not in away[one.name].kinds:
+    for script in behaviours:
+        if script.name in away and "Script" not in away[script.name].kinds:
             await realm_client.delete(name)
-            raise _keeps_away(away[one.name])
-    brought = [f"{one.name} ({one.attributes.get('condition', '')})" for one in behaviours]
+            raise _name_is_kept(away[script.name])
+    brought = [f"{script.name} ({script.attributes.get('condition', '')})" for script in behaviours]
     with_them = f" with {', '.join(brought)}" if brought else ""
     lends = f"; it lends {', '.join(f'{name}-{role}' for role in robot.lends)}" if robot.lends else ""
     return _did(robot, f"{name} ({robot.kind}) runs on {robot.host}{with_them}{lends}")
 
 
-def _keeps_away(robot: RobotDescription) -> ValueRefused:
+def _name_is_kept(robot: RobotDescription) -> ValueRefused:
     """Return why a service cannot have a name, or bring a behaviour along: a robot has it that is away."""
-    told = f"{robot.name} is a {robot.kind} that is away and could not come back; choose another name"
-    return ValueRefused("NAME", told)
+    reason = f"{robot.name} is a {robot.kind} that is away and could not come back; choose another name"
+    return ValueRefused("NAME", reason)
 
 
 def _own_host(realm_client: RealmClient, robot: str, host: str) -> AbstractAsyncContextManager[str]:

@@ -60,11 +60,8 @@ class Apart:
 def carried_out(node: DOMNode | None, event: Event | None = None) -> str:
     """Return what the form around a widget is carrying out; empty: nothing, or it takes this event."""
     around = [] if node is None else node.ancestors_with_self
-    forms = (
-        []
-        if any(isinstance(one, Apart) for one in around)
-        else [one for one in around if isinstance(one, Form)]
-    )
+    apart = any(isinstance(widget, Apart) for widget in around)
+    forms = [] if apart else [widget for widget in around if isinstance(widget, Form)]
     busy = [form for form in forms if form.carrying and not (event and form.lets(node, event))]
     return next((form.carrying for form in busy), "")
 
