@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import logging
 import random
 from collections.abc import Sequence
 from itertools import islice
 
 from robotree.vr.agents.children import ChildKeeper
-from robotree.vr.agents.shared import Shared
+from robotree.vr.agents.shared import DirectoryTask, Shared
 from robotree.vr.base.address import Address
 from robotree.vr.base.chance import bits
 from robotree.vr.base.description import SlotSpec, Template
@@ -47,8 +46,6 @@ FREE = "free"
 LEADS = "start"
 """The command of a script that leads its partners."""
 
-_log = logging.getLogger(__name__)
-
 
 class Choosing:
     """Chooses the children of one virtual robot. Lives on the event loop."""
@@ -62,27 +59,24 @@ class Choosing:
         self._chance = random.Random(bits(64)).random  # a tie-break, no secret
         self._released: set[str] = set()
         """Slots of which a person has released the child."""
-        self._task: asyncio.Task[None] | None = None
-        self._wake = asyncio.Event()
+        failed = f"{runtime.name} chooses nobody any more"
+        self._task = DirectoryTask(shared, transport, self._look, failed=failed)
         self._led = False
         self._said: dict[str, str] = {}
         """Why a slot is empty, as it was logged."""
 
     def begin(self) -> None:
         """Fill the slots from now on, if any wants that."""
-        if self._task is None and self._runtime.look(_chooses):
-            self._task = asyncio.ensure_future(self._fill_always())
+        if self._runtime.look(_chooses):
+            self._task.begin()
 
     async def close(self) -> None:
         """Choose nobody any more."""
-        task, self._task = self._task, None
-        if task is not None:
-            task.cancel()
-            await asyncio.wait([task])
+        await self._task.close()
 
     def wake(self) -> None:
         """Look again: a slot is empty, or somebody may be free."""
-        self._wake.set()
+        self._task.wake()
 
     def released(self, slot: str) -> None:
         """Take note that a person has released the child in a slot, or all of a group."""
@@ -105,24 +99,6 @@ class Choosing:
             raise NobodyFits(robot=self._runtime.name, slot=slot, reason=why)
 
     # -- by itself --------------------------------------------------------------------------------
-
-    async def _fill_always(self) -> None:
-        try:
-            async with self._shared.directory(self._transport) as directory:
-                unwatch = directory.on_change(lambda _: self.wake())
-                try:
-                    while True:
-                        self._wake.clear()
-                        pause = await self._look(directory)
-                        with contextlib.suppress(TimeoutError):
-                            async with asyncio.timeout(pause):
-                                await self._wake.wait()
-                finally:
-                    unwatch()
-        except TransportClosed:
-            return
-        except Exception:  # noqa: BLE001 # the outermost handler of this task
-            _log.exception("%s chooses nobody any more", self._runtime.name)
 
     async def _look(self, directory: Directory) -> float | None:
         """Fill what is empty; return after how many seconds to look again, None: after the next change."""

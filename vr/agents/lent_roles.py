@@ -8,14 +8,13 @@ of the same user and the same site lend: what stands in a role is said and done 
 
 from __future__ import annotations
 
-import asyncio
 import logging
 from typing import TYPE_CHECKING
 
-from robotree.vr.agents.shared import Shared
+from robotree.vr.agents.shared import DirectoryTask, Shared
 from robotree.vr.base.address import user_of
 from robotree.vr.base.description import Template
-from robotree.vr.base.errors import TransportClosed, VrError
+from robotree.vr.base.errors import VrError
 from robotree.vr.base.transport import Transport
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.lookup.union import Change
@@ -28,51 +27,32 @@ _SERVICES = Template(role="robot", kind="Service")
 _log = logging.getLogger(__name__)
 
 
+def _is_of_a_service(change: Change) -> bool:
+    return change.listing is not None and _SERVICES.matches(change.listing)
+
+
 class LentRoles:
     """Has one robot know the roles of the services that are here. Lives on the event loop."""
 
     def __init__(self, runtime: RobotRuntime, transport: Transport, shared: Shared) -> None:
         """Look at nothing yet."""
-        self._runtime, self._transport, self._shared = runtime, transport, shared
-        self._task: asyncio.Task[None] | None = None
-        self._wake = asyncio.Event()
+        self._runtime = runtime
+        failed = f"{runtime.name} is lent no more roles"
+        self._task = DirectoryTask(shared, transport, self._look, concerns=_is_of_a_service, failed=failed)
         self._said: list[str] = []
         """What was logged at the last look."""
 
     def begin(self) -> None:
         """Look from now on, if the robot plays roles; look again: it has another page."""
-        self._wake.set()
-        if self._task is None and "RolePlayer" in self._runtime.robot.kinds():
-            self._task = asyncio.ensure_future(self._follow())
+        self._task.wake()
+        if "RolePlayer" in self._runtime.robot.kinds():
+            self._task.begin()
 
     async def close(self) -> None:
         """Look no more."""
-        task, self._task = self._task, None
-        if task is not None:
-            task.cancel()
-            await asyncio.wait([task])
+        await self._task.close()
 
-    async def _follow(self) -> None:
-        try:
-            async with self._shared.directory(self._transport) as directory:
-                unwatch = directory.on_change(self._changed)
-                try:
-                    while True:
-                        self._wake.clear()
-                        self._look(directory)
-                        await self._wake.wait()
-                finally:
-                    unwatch()
-        except TransportClosed:
-            return
-        except Exception:  # noqa: BLE001 # the outermost handler of this task
-            _log.exception("%s is lent no more roles", self._runtime.name)
-
-    def _changed(self, change: Change) -> None:
-        if change.listing is not None and _SERVICES.matches(change.listing):
-            self._wake.set()
-
-    def _look(self, directory: Directory) -> None:
+    async def _look(self, directory: Directory) -> None:
         from robotree.vr.scripts.roles.player import RolePlayer  # loaded already where one is
 
         robot = self._runtime.robot

@@ -1,15 +1,20 @@
-"""Things that the agents of one process share: its name, and one timer for repeated work."""
+"""What the agents of a process share: its name, a timer for repeated work, and one view of who is listed."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncGenerator, Callable
+import logging
+from collections.abc import AsyncGenerator, Awaitable, Callable
 
+from robotree.vr.base.errors import TransportClosed
 from robotree.vr.base.permissions import Isolation
 from robotree.vr.base.presence import Undo
 from robotree.vr.base.transport import Transport
 from robotree.vr.lookup.directory import Directory
+from robotree.vr.lookup.union import Change
+
+_log = logging.getLogger(__name__)
 
 ROUND = 1.0
 """[s] between two calls of the same action."""
@@ -84,3 +89,68 @@ class Shared:
             if not self._viewers and self._directory is directory:
                 self._directory = None
                 await directory.close()
+
+
+class DirectoryTask:
+    """Looks at who is listed, again and again: after a change, when it is woken, or after a pause."""
+
+    def __init__(
+        self,
+        shared: Shared,
+        transport: Transport,
+        look: Callable[[Directory], Awaitable[float | None]],
+        *,
+        concerns: Callable[[Change], bool] = lambda _: True,
+        failed: str,
+    ) -> None:
+        """Look at nothing yet.
+
+        Args:
+            shared: has the view of who is listed.
+            transport: by which it is asked for.
+            look: is called for each look; returns after how many seconds to look again, None: after a change.
+            concerns: whether to look after a change.
+            failed: sentence for the log of the process if a look raises.
+        """
+        self._shared, self._transport, self._look = shared, transport, look
+        self._concerns, self._failed = concerns, failed
+        self._task: asyncio.Task[None] | None = None
+        self._wake = asyncio.Event()
+
+    def begin(self) -> None:
+        """Look from now on; twice is once."""
+        if self._task is None:
+            self._task = asyncio.ensure_future(self._follow())
+
+    async def close(self) -> None:
+        """Look no more."""
+        task, self._task = self._task, None
+        if task is not None:
+            task.cancel()
+            await asyncio.wait([task])
+
+    def wake(self) -> None:
+        """Look again."""
+        self._wake.set()
+
+    def _changed(self, change: Change) -> None:
+        if self._concerns(change):
+            self.wake()
+
+    async def _follow(self) -> None:
+        try:
+            async with self._shared.directory(self._transport) as directory:
+                unwatch = directory.on_change(self._changed)
+                try:
+                    while True:
+                        self._wake.clear()
+                        pause = await self._look(directory)
+                        with contextlib.suppress(TimeoutError):
+                            async with asyncio.timeout(pause):
+                                await self._wake.wait()
+                finally:
+                    unwatch()
+        except TransportClosed:
+            return
+        except Exception:  # noqa: BLE001 # the outermost handler of this task
+            _log.exception("%s", self._failed)
