@@ -140,7 +140,7 @@ async def measure_alone(server: StdioServerParameters) -> None:
 
     async def asked(method: str, **given: Any) -> dict[str, Any]:
         go.write(json.dumps({"jsonrpc": "2.0", "id": 1, "method": method, "params": given}).encode() + b"\n")
-        return json.loads(await come.readline())["result"]  # type: ignore[no-any-return]
+        return json.loads(await come.readline())["result"]  # type: ignore[no-any-return] # JSON
 
     def worked() -> float:
         fields = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()

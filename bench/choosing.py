@@ -85,7 +85,7 @@ async def at_once(choosers: int) -> tuple[float, float]:
     guides = [RobotAgent(Guide(f"g{number}"), network.join(f"g{number}")) for number in range(choosers)]
     began = time.perf_counter()
     await asyncio.gather(*(guide.start() for guide in guides))
-    while not all(guide.runtime.look(lambda state: state.slots.bonds()) for guide in guides):  # noqa: ASYNC110
+    while not all(guide.runtime.look(lambda state: state.slots.bonds()) for guide in guides):  # noqa: ASYNC110 # a state, which wakes nobody
         await asyncio.sleep(0.001)
     took = time.perf_counter() - began
     for guide in guides:
