@@ -60,7 +60,7 @@ class Ears(Service):
         end, count = self.now() + seconds, 0
         while (left := end - self.now()) > 0:
             try:
-                sound = self.mouth.sound.next(min(left, 5.0))
+                sound = next(self.mouth.sound(within=min(left, 5.0)))
             except TimeoutError:
                 continue
             count += 1

@@ -137,7 +137,7 @@ class Information(Service):
         end, before = self.now() + seconds, len(self.facts)
         while (left := end - self.now()) > 0:
             try:
-                seen = self.eyes.seen.next(min(left, 5.0))
+                seen = next(self.eyes.seen(within=min(left, 5.0)))
             except TimeoutError:
                 continue
             others = [each for each in self.facts if (each.subject, each.relation) != (seen.what, "in")]

@@ -28,7 +28,7 @@ from robotree.vr.base.arguments import named_arguments
 from robotree.vr.base.description import LARGEST_GROUP, CommandSpec, FieldSpec, SlotSpec
 from robotree.vr.base.errors import BadArgument
 from robotree.vr.base.plain import READY
-from robotree.vr.base.units import Unit, convert, seconds
+from robotree.vr.base.units import Unit, convert
 
 if TYPE_CHECKING:
     from robotree.vr.core.bonds import Bond, Slot, Slots
@@ -530,11 +530,8 @@ class ChildCommand:
         spec = self._robot.child_slots.require(self._slot).description.command(self._command)
         if spec is not None and WITHIN in spec.by_name:
             return None
-        given = arguments.pop(WITHIN)
-        if given is None:
-            return None
         try:
-            return CallLimit(seconds(given), given if isinstance(given, str) else f"{given:g} s")
+            return CallLimit.of(arguments.pop(WITHIN))
         except (TypeError, ValueError) as error:
             label = f"{self._slot}.{self._command}"
             raise BadArgument(command=label, parameter=WITHIN, reason=str(error)) from None

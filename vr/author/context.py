@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, TypeVar
 import msgspec
 
 from robotree.vr.base.requests import AnyRequest, Level, Reply, State
+from robotree.vr.base.units import seconds as seconds_of
 
 T = TypeVar("T")
 
@@ -53,11 +54,22 @@ class StepInDoubt(NamedTuple):
 
 
 class CallLimit(NamedTuple):
-    """The time that one call of a child may take."""
+    """The time that one call of a child, or one wait, may take."""
 
     seconds: float
     text: str
     """As its author wrote it, for people."""
+
+    @classmethod
+    def of(cls, given: float | str | None) -> CallLimit | None:
+        """Read what an author gave, [s] or text with a unit; None: no limit.
+
+        Raises:
+            TypeError, ValueError: it is no time.
+        """
+        if given is None:
+            return None
+        return cls(seconds_of(given), given if isinstance(given, str) else f"{given:g} s")
 
 
 if TYPE_CHECKING:

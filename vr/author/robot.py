@@ -10,7 +10,6 @@ from typing import Any, ClassVar, Protocol
 from robotree.vr.author.context import CallLimit, CommandContext, StepInDoubt, running
 from robotree.vr.author.together import Race, Together
 from robotree.vr.base.address import check_name
-from robotree.vr.base.units import seconds as seconds_of
 
 
 class StreamOutlet(Protocol):
@@ -138,10 +137,7 @@ class Robot:
             SlotEmpty: a child was lost meanwhile.
             RuntimeError: the condition calls a command, or has read no readings of a child.
         """
-        limit = None
-        if within is not None:
-            limit = CallLimit(seconds_of(within), within if isinstance(within, str) else f"{within:g} s")
-        running().wait_until(condition, limit)
+        running().wait_until(condition, CallLimit.of(within))
 
     def now(self) -> float:
         """Return the time [s] on a monotonic clock."""

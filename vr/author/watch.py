@@ -28,7 +28,6 @@ from robotree.vr.author.kind import Kind
 from robotree.vr.author.readings import Readings
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import SlotSpec
-from robotree.vr.base.units import seconds
 
 
 class Watch(Slotted):
@@ -105,15 +104,20 @@ class StreamReader:
         """Made by access to the robot's attribute."""
         self._robot, self._slot, self._stream = robot, slot, stream
 
-    def __call__(self, *values: Any, hz: float | None = None, **arguments: Any) -> Iterator[Any]:
+    def __call__(
+        self, *values: Any, hz: float | None = None, within: float | str | None = None, **arguments: Any
+    ) -> Iterator[Any]:
         """Yield each value that was not read yet, in order. Ends only by an error.
 
         Args:
             *values: there are none: it is no command.
             hz: [1/s] how many are yielded at most, then the newest one each time; None: all of them.
+            within: [s], or text with a unit: for how long each value is waited for; None: until the deadline
+                of the command. Values that come between two calls are not lost, as they are with `next`.
             **arguments: there are no others.
 
         Raises:
+            TimeoutError: none came in time.
             SlotEmpty: nobody is watched any more.
             ValueError: `hz` is not above 0.
             TypeError: something was given as to a command.
@@ -125,13 +129,13 @@ class StreamReader:
             )
         if hz is not None and not hz > 0.0:
             raise ValueError(f"{self._stream}(hz={hz!r}): give a rate above 0, such as 5")
-        return self._each(0.0 if hz is None else 1.0 / hz)
+        return self._each(0.0 if hz is None else 1.0 / hz, CallLimit.of(within))
 
-    def _each(self, period: float) -> Iterator[Any]:
+    def _each(self, period: float, limit: CallLimit | None) -> Iterator[Any]:
         which: WhichValue = "newest" if period else "each"
         at = 0.0
         while True:
-            value = running().next_sample(self._slot, self._stream, which, at=at)
+            value = running().next_sample(self._slot, self._stream, which, at=at, limit=limit)
             at = running().now() + period
             yield readable(value)
 
@@ -141,7 +145,7 @@ class StreamReader:
         return readable(running().next_sample(self._slot, self._stream, "latest"))
 
     def next(self, within: float | str | None = None) -> Any:
-        """Wait for the next value.
+        """Wait for a value that comes from now on.
 
         Args:
             within: [s], or text with a unit; None: until the deadline of the command.
@@ -150,10 +154,7 @@ class StreamReader:
             TimeoutError: none came in time.
             SlotEmpty: nobody is watched any more.
         """
-        limit = None
-        if within is not None:
-            limit = CallLimit(seconds(within), within if isinstance(within, str) else f"{within:g} s")
-        return readable(running().next_sample(self._slot, self._stream, "next", limit=limit))
+        return readable(running().next_sample(self._slot, self._stream, "next", limit=CallLimit.of(within)))
 
     def __getattr__(self, name: str) -> Any:
         raise AttributeError(

@@ -86,6 +86,16 @@ class Listener(VirtualRobot):
             return felt
 
     @command
+    def hear_slowly(self, pause: float, within: str) -> list[str]:
+        heard: list[str] = []
+        try:
+            while True:
+                heard.append(next(self.robot.words(within=within)))
+                self.sleep(pause)
+        except TimeoutError:
+            return heard
+
+    @command
     def battery(self) -> float:
         return self.robot.readings.battery
 
@@ -127,6 +137,17 @@ async def test_many_watch_a_robot_beside_its_commander(realm: Realm) -> None:
     await realm.client(boss).call("order", {"texts": ["a", "b", "c"]})
     assert await asyncio.gather(*hearing) == [["a", "b", "c"], ["a", "b", "c"]]
     assert await realm.client(one).call("battery", {}) == 0.5
+
+
+async def test_what_comes_while_a_listener_works_is_kept_for_its_next_look(realm: Realm) -> None:
+    reporter, listener = await realm.start(Reporter("reporter")), await realm.start(Listener("listener"))
+    await realm.client(listener).enslave("robot", reporter.address)
+    hearing = asyncio.ensure_future(
+        realm.client(listener).call("hear_slowly", {"pause": 0.2, "within": "300 ms"})
+    )
+    await until(lambda: _listeners(reporter, "words") == 1, "it listens")
+    await realm.client(reporter).call("say", {"texts": ["a", "b", "c"], "pause": 0.05})
+    assert await hearing == ["a", "b", "c"]
 
 
 async def test_nothing_is_sent_while_nobody_listens(realm: Realm) -> None:
