@@ -12,6 +12,7 @@ import tomllib
 from collections.abc import Iterator
 from importlib.metadata import packages_distributions, requires
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 from packaging.requirements import Requirement
@@ -25,6 +26,7 @@ ROOMS = ("assistants", "client", "files", "kinds", "protocol", "sim", "vr", "pro
 MAPPED = (*ROOMS, "examples")
 NOT_IN_A_ROOM = {"robotree"}  # its one file is front/__init__.py
 SOURCES = sorted(path for room in ROOMS for path in (ROOT / room).rglob("*.py"))
+SERVICES = sorted((ROOT / "examples" / "services").glob("*.py"))
 SERIALISERS = {"pickle", "cloudpickle", "dill", "marshal", "shelve"}
 WHERE_EXTRAS_ARE_USED = {
     "pictures": ("client/",),
@@ -51,43 +53,70 @@ IMPURE = {"asyncio", "random", "serial", "socket", "sqlite3", "subprocess", "thr
 PROMISE = re.compile(r"\bPure\b[.:,]")
 
 
-def imported(path: Path) -> set[str]:
-    """Top-level names of the modules that a file imports anywhere."""
-    names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            names |= {alias.name.partition(".")[0] for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            names.add(node.module.partition(".")[0])
-    return names
+class Source(NamedTuple):
+    """What the rules ask of one file."""
+
+    path: str
+    """Below the root of the project."""
+    module: ast.Module
+    """Without what is in its functions."""
+    imported: set[str]
+    """Top-level names of the modules that it imports anywhere."""
+    called: set[str]
+    """Names of the functions that it calls by a plain name."""
+    long: list[str]
+    """Names of functions of 60 lines or more."""
+    reads_a_core: bool
+    """Whether it takes the core of a robot, and does not only make one: `Process.core(state)`."""
+
+    @classmethod
+    def of(cls, path: str, text: str) -> Source:
+        """Read a file once for all rules."""
+        module = ast.parse(text)
+        imported, called, made = set[str](), set[str](), set[int]()
+        functions: list[ast.FunctionDef | ast.AsyncFunctionDef] = []
+        cores: list[ast.Attribute] = []
+        for node in ast.walk(module):
+            match node:
+                case ast.Import(names=names):
+                    imported |= {alias.name.partition(".")[0] for alias in names}
+                case ast.ImportFrom(module=str(name)):
+                    imported.add(name.partition(".")[0])
+                case ast.Call(func=func):
+                    made.add(id(func))
+                    if isinstance(func, ast.Name):
+                        called.add(func.id)
+                case ast.Attribute(attr="core" | "_core", ctx=ast.Load()):
+                    cores.append(node)
+                case ast.FunctionDef() | ast.AsyncFunctionDef():
+                    functions.append(node)
+        long = [node.name for node in functions if (node.end_lineno or 0) - node.lineno >= 60]
+        reads_a_core = any(id(node) not in made for node in cores)
+        for function in functions:
+            del function.body[1:]  # a docstring stays; all others would fill the memory
+        return cls(path, module, imported, called, long, reads_a_core)
+
+
+@pytest.fixture(scope="module")
+def sources() -> list[Source]:
+    """All files of the rooms."""
+    return [Source.of(relative(path), path.read_text()) for path in SOURCES]
 
 
 def relative(path: Path) -> str:
     return str(path.relative_to(ROOT))
 
 
-def promises_purity(path: Path) -> bool:
-    """Whether a module's docstring says that it does no input or output and reads no clock."""
-    return PROMISE.search(ast.get_docstring(ast.parse(path.read_text())) or "") is not None
+def _forbidden(source: Source) -> set[str]:
+    return {"eval"} if source.path.startswith("vr/bundle/") else {"eval", "exec"}
 
 
-def called(path: Path) -> set[str]:
-    """Names of the functions that a file calls by a plain name."""
-    return {
-        node.func.id
-        for node in ast.walk(ast.parse(path.read_text()))
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
-    }
-
-
-def _forbidden(path: Path) -> set[str]:
-    return {"eval"} if relative(path).startswith("vr/bundle/") else {"eval", "exec"}
-
-
-def test_modules_that_say_pure_import_nothing_that_waits_speaks_or_tells_the_time() -> None:
-    pure = [path for path in SOURCES if promises_purity(path)]
+def test_modules_that_say_pure_import_nothing_that_waits_speaks_or_tells_the_time(
+    sources: list[Source],
+) -> None:
+    pure = [source for source in sources if PROMISE.search(ast.get_docstring(source.module) or "")]
     assert len(pure) > 50
-    assert not [relative(path) for path in pure if imported(path) & IMPURE]
+    assert not [source.path for source in pure if source.imported & IMPURE]
 
 
 def test_setuptools_is_told_of_every_subpackage() -> None:
@@ -100,7 +129,7 @@ def test_setuptools_is_told_of_every_subpackage() -> None:
     assert set(project["tool"]["setuptools"]["packages"]) == found | NOT_IN_A_ROOM
 
 
-def test_each_extra_brings_the_modules_that_its_part_of_the_sources_imports() -> None:
+def test_each_extra_brings_the_modules_that_its_part_of_the_sources_imports(sources: list[Source]) -> None:
     """And the core brings all that is imported elsewhere."""
     brought_by = packages_distributions()
     core = {
@@ -108,9 +137,10 @@ def test_each_extra_brings_the_modules_that_its_part_of_the_sources_imports() ->
     }
     ours = {*sys.stdlib_module_names, *core, "robotree", "typing_extensions"}  # the last for type checkers
     used: dict[str, set[str]] = {extra: set() for extra in ("", *MODULES)}
-    for path in (*SOURCES, *(ROOT / "examples" / "services").glob("*.py")):
-        extra = next((e for e, at in WHERE_EXTRAS_ARE_USED.items() if relative(path).startswith(at)), "")
-        used[extra] |= imported(path) - ours
+    services = [Source.of(relative(path), path.read_text()) for path in SERVICES]
+    for source in (*sources, *services):
+        extra = next((e for e, at in WHERE_EXTRAS_ARE_USED.items() if source.path.startswith(at)), "")
+        used[extra] |= source.imported - ours
     assert not used.pop("")
     assert used == {extra: set(modules) for extra, modules in MODULES.items()}
     for extra, modules in MODULES.items():
@@ -144,12 +174,12 @@ def test_a_verb_needs_extras_that_there_are() -> None:
     assert {extra for action in ACTIONS for extra in action.needs} <= set(MODULES)
 
 
-def test_no_type_of_agents_and_proxies_is_called_like_another() -> None:
+def test_no_type_of_agents_and_proxies_is_called_like_another(sources: list[Source]) -> None:
     found: dict[str, list[str]] = {}
-    for path in SOURCES:
-        if relative(path).startswith(("vr/", "proxy/")):
-            for name in types_in(ast.parse(path.read_text())):
-                found.setdefault(name, []).append(relative(path))
+    for source in sources:
+        if source.path.startswith(("vr/", "proxy/")):
+            for name in types_in(source.module):
+                found.setdefault(name, []).append(source.path)
     assert found
     assert not {name: places for name, places in found.items() if len(places) > 1}
 
@@ -184,12 +214,12 @@ def public_methods(kind: ast.ClassDef) -> dict[str, bool]:
     return found
 
 
-def test_a_method_has_a_docstring_unless_what_it_implements_has_one() -> None:
+def test_a_method_has_a_docstring_unless_what_it_implements_has_one(sources: list[Source]) -> None:
     """Ruff's D102 would have each implementation say `See` and a name."""
     kinds = [
-        (relative(path), node)
-        for path in SOURCES
-        for node in ast.parse(path.read_text()).body
+        (source.path, node)
+        for source in sources
+        for node in source.module.body
         if isinstance(node, ast.ClassDef)
     ]
     implemented = {name for _, kind in kinds for name in base_names(kind)}
@@ -208,41 +238,23 @@ def test_a_method_has_a_docstring_unless_what_it_implements_has_one() -> None:
     ]
 
 
-def test_functions_fit_on_a_screen() -> None:
-    long = [
-        f"{relative(path)}: {node.name}"
-        for path in SOURCES
-        for node in ast.walk(ast.parse(path.read_text()))
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
-        and node.end_lineno
-        and node.end_lineno - node.lineno >= 60
-    ]
-    assert not long
+def test_functions_fit_on_a_screen(sources: list[Source]) -> None:
+    assert not {source.path: source.long for source in sources if source.long}
 
 
-def test_no_source_imports_a_serialiser_that_runs_code() -> None:
-    assert not [relative(path) for path in SOURCES if imported(path) & SERIALISERS]
+def test_no_source_imports_a_serialiser_that_runs_code(sources: list[Source]) -> None:
+    assert not [source.path for source in sources if source.imported & SERIALISERS]
 
 
-def test_no_source_is_evaluated_outside_the_bundle_loader() -> None:
-    guilty = [relative(path) for path in SOURCES if called(path) & _forbidden(path)]
-    assert not guilty
+def test_no_source_is_evaluated_outside_the_bundle_loader(sources: list[Source]) -> None:
+    assert not [source.path for source in sources if source.called & _forbidden(source)]
 
 
-def reads_a_core(source: str) -> bool:
-    """Whether a file takes the core of a robot, and does not only make one: `Process.core(state)`."""
-    nodes = list(ast.walk(ast.parse(source)))
-    made = {id(node.func) for node in nodes if isinstance(node, ast.Call)}
-    taken = (node for node in nodes if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Load))
-    return any(node.attr in {"core", "_core"} and id(node) not in made for node in taken)
-
-
-def test_the_state_of_a_robot_is_read_under_its_lock() -> None:
+def test_the_state_of_a_robot_is_read_under_its_lock(sources: list[Source]) -> None:
     """Others ask `RobotRuntime.look`, which holds the lock, and get values."""
-    readers = {relative(path) for path in SOURCES if reads_a_core(path.read_text())}
-    assert readers == {"vr/running/robot_runtime.py"}
-    assert reads_a_core("machine = agent.runtime.core")
-    assert not reads_a_core("made = process.core(state)")
+    assert [source.path for source in sources if source.reads_a_core] == ["vr/running/robot_runtime.py"]
+    assert Source.of("", "machine = agent.runtime.core").reads_a_core
+    assert not Source.of("", "made = process.core(state)").reads_a_core
 
 
 @pytest.mark.parametrize("room", ROOMS)
